@@ -1,0 +1,41 @@
+"""Bayesian GOH parameters and mounting stretches from planar biaxial tests of soft tissue.
+
+The names below are imported on first use, so that ``import biaxbayes`` stays cheap.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+try:
+    __version__ = version("biaxbayes")
+except PackageNotFoundError:  # running from a source tree that was never installed
+    __version__ = "0+unknown"
+
+_EXPORTS = {
+    "GOH": "biaxbayes.mechanics.goh",
+    "Specimen": "biaxbayes.specimens.specimen",
+    "Protocol": "biaxbayes.specimens.specimen",
+    "read_specimen": "biaxbayes.specimens.specimen_file",
+    "write_specimen": "biaxbayes.specimens.specimen_file",
+    "fit": "biaxbayes.inference.fit",
+    "Posterior": "biaxbayes.inference.posterior",
+    "sample": "biaxbayes.output.run",
+    "open_run": "biaxbayes.output.run",
+}
+
+__all__ = ["__version__", *_EXPORTS]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _EXPORTS:
+        raise AttributeError(f"module 'biaxbayes' has no attribute {name!r}")
+    value = getattr(import_module(_EXPORTS[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,78 @@
+"""The exceptions that a user can meet.
+
+BiaxbayesError
+|-- InputError        a file, an option or a prior that cannot be used (exit 2)
+|   `-- TaredSpecimen the mounting force was zeroed; prestretch cannot be inferred (exit 2)
+|-- RunError          a run folder that is damaged, locked or of another problem (exit 2)
+`-- NotConverged      ran, but the result cannot be trusted (exit 3)
+"""
+
+from __future__ import annotations
+
+__all__ = ["BiaxbayesError", "InputError", "NotConverged", "RunError", "TaredSpecimen"]
+
+
+class BiaxbayesError(Exception):
+    """Base of all errors meant for the user: one line, and the exit code to end with."""
+
+    exit_code = 2
+
+
+class InputError(BiaxbayesError):
+    """Something the user gave cannot be used.
+
+    Parameters
+    ----------
+    problem : str
+        What is wrong.
+    file, row, column : optional
+        Where. Rows are counted as an editor counts lines, from 1.
+    remedy : str, optional
+        What to do about it.
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        file: object = None,
+        row: int | None = None,
+        column: str | None = None,
+        remedy: str | None = None,
+    ) -> None:
+        self.problem = problem
+        self.file = file
+        self.row = row
+        self.column = column
+        self.remedy = remedy
+        where = [] if file is None else [str(file)]
+        if row is not None:
+            where.append(f"row {row}")
+        if column is not None:
+            where.append(f"column {column}")
+        text = ", ".join(where) + ": " + problem if where else problem
+        if remedy:
+            text += f"; {remedy}"
+        super().__init__(_one_line(text))
+
+
+class TaredSpecimen(InputError):
+    """The force at the mounted state is zero: the load cell was tared after mounting."""
+
+
+class RunError(BiaxbayesError):
+    """A run folder cannot be read, written or continued."""
+
+    def __init__(self, problem: str) -> None:
+        super().__init__(_one_line(problem))
+
+
+class NotConverged(BiaxbayesError):
+    """The computation ended without a result that can be trusted."""
+
+    exit_code = 3
+
+
+def _one_line(text: str) -> str:
+    """Text from a file may hold line breaks and control characters; a message may not."""
+    return "".join(ch if ch.isprintable() else " " for ch in text)

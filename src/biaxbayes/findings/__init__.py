@@ -1,0 +1,1 @@
+"""What the posterior says: identifiability, profiles, bands, comparisons, designs."""

@@ -1,0 +1,1 @@
+"""The statistical model, the fits and the sampler."""

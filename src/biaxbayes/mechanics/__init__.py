@@ -1,0 +1,1 @@
+"""Mechanics of the planar biaxial test: no files, no priors, no plots."""

@@ -1,0 +1,177 @@
+"""The mounted state: the stretch at which the material balances the mounting force.
+
+    unloaded dimensions:  P_k(theta, lm) = p0_k,  that is  s_k(theta, lm) - p0_k lm_k = 0
+    mounted dimensions:   s_k(theta, lm) = p0_k
+
+with p0_k the mounting force over the section that the file's dimensions give. Both are solved
+by Newton's method in log stretch, where the Jacobian is the symmetric Hessian of the energy
+(less the work of the dead load for unloaded dimensions). A solution counts only where that
+Jacobian is positive definite, which is where the balance is stable and locally unique.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from biaxbayes.mechanics.goh import (
+    GOH,
+    cauchy_stress_by_parameter,
+    fibre_factor,
+    fibre_factor_slope,
+    fibre_strain,
+    stress_component,
+    stress_jacobian,
+)
+
+__all__ = ["BRACKET", "MountedState", "mounted_state"]
+
+BRACKET = (0.5, 2.0)
+"""Mounting stretches are looked for between these; outside there is no root."""
+
+LOG_LOW, LOG_HIGH = float(np.log(BRACKET[0])), float(np.log(BRACKET[1]))
+MAX_STEPS = 40
+MAX_STEP = 0.1  # in log stretch; keeps the exponential from overflowing on the way
+TOLERANCE = 1e-13  # of the log stretch; Newton's last step is quadratically smaller still
+
+
+@register_jitable
+def balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted, x, y):
+    """Residual (2) and Jacobian (3) of the force balance at log stretches (x, y)."""
+    lx, ly = np.exp(x), np.exp(y)
+    ax, ay = lx * lx, ly * ly
+    az = 1.0 / (ax * ay)
+    E = fibre_strain(Hx, Hy, Hz, ax, ay, az)
+    growth = np.exp(k2 * E * E)
+    e = fibre_factor(k1, E, growth, fibre_switch)
+    slope = fibre_factor_slope(k1, k2, E, growth, fibre_switch)
+    jxx, jxy, jyy = stress_jacobian(C1, Hx, Hy, Hz, e, slope, ax, ay, az)
+    rx = stress_component(C1, Hx, Hz, e, ax, az)
+    ry = stress_component(C1, Hy, Hz, e, ay, az)
+    if mounted:
+        return rx - px, ry - py, jxx, jxy, jyy
+    # d(p0 lm)/d ln lm = p0 lm
+    return rx - px * lx, ry - py * ly, jxx - px * lx, jxy, jyy - py * ly
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def solve_balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted):
+    """Newton's method from the unloaded state.
+
+    Returns
+    -------
+    ok : bool
+        Whether a stable root inside the bracket was found.
+    x, y : float
+        Log mounting stretches.
+    jxx, jxy, jyy : float
+        Jacobian of the balance by the log stretches, at the root.
+    """
+    x = y = 0.0
+    for _ in range(MAX_STEPS):
+        rx, ry, jxx, jxy, jyy = balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted, x, y)
+        det = jxx * jyy - jxy * jxy
+        if not (np.isfinite(det) and np.isfinite(rx) and np.isfinite(ry)):
+            return False, x, y, jxx, jxy, jyy
+        if det > 0.0 and jxx > 0.0:
+            dx = -(jyy * rx - jxy * ry) / det
+            dy = -(jxx * ry - jxy * rx) / det
+        else:
+            # Not convex here (a soft fibre in compression, a large dead load): go downhill.
+            scale = 1.0 / (abs(jxx) + abs(jxy) + abs(jyy) + 1e-300)
+            dx, dy = -rx * scale, -ry * scale
+        size = max(abs(dx), abs(dy))
+        if size > MAX_STEP:
+            dx *= MAX_STEP / size
+            dy *= MAX_STEP / size
+        x += dx
+        y += dy
+        if not (LOG_LOW < x < LOG_HIGH and LOG_LOW < y < LOG_HIGH):
+            return False, x, y, jxx, jxy, jyy
+        if size < 1e-7:
+            # The error of the next step is below size^2: one more Jacobian and done.
+            rx, ry, jxx, jxy, jyy = balance(
+                C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted, x, y
+            )
+            det = jxx * jyy - jxy * jxy
+            stable = det > 0.0 and jxx > 0.0 and np.isfinite(det)
+            return stable, x, y, jxx, jxy, jyy
+    return False, x, y, jxx, jxy, jyy
+
+
+@dataclass(frozen=True)
+class MountedState:
+    """Root of the force balance at the mounted state and its implicit derivatives.
+
+    Attributes
+    ----------
+    found : bool
+        False when no stable root exists inside :data:`BRACKET`; the rest is then NaN.
+    stretch : ndarray, shape (2,)
+        Mounting stretches (lm_x, lm_y).
+    by_parameter : ndarray, shape (2, 5)
+        d lm / d (C1, k1, k2, alpha, kappa), alpha in radians.
+    by_reading : ndarray, shape (2, 2)
+        d lm / d p0, per kPa.
+    log_determinant : float
+        ln |det d p0 / d lm|, the change of variables from p0 to lm.
+    """
+
+    found: bool
+    stretch: np.ndarray
+    by_parameter: np.ndarray
+    by_reading: np.ndarray
+    log_determinant: float
+
+
+def mounted_state(
+    material: GOH, reading_x_kPa: float, reading_y_kPa: float, *, geometry: str = "unloaded"
+) -> MountedState:
+    """Mounting stretches that balance a mounting force.
+
+    Parameters
+    ----------
+    material : GOH
+    reading_x_kPa, reading_y_kPa : float
+        Mounting force over the section in the stated geometry: a first Piola-Kirchhoff stress
+        for ``unloaded``, a Cauchy stress for ``mounted`` dimensions.
+    geometry : {"unloaded", "mounted"}
+        The state that the specimen's dimensions refer to.
+
+    Returns
+    -------
+    MountedState
+    """
+    mounted = geometry == "mounted"
+    C1, k1, k2, alpha, kappa = material.theta
+    H = material.structure_tensor()
+    ok, x, y, jxx, jxy, jyy = solve_balance(
+        C1, k1, k2, *H, float(material.fibre_switch), reading_x_kPa, reading_y_kPa, mounted
+    )
+    if not ok:
+        return MountedState(
+            False, np.full(2, np.nan), np.full((2, 5), np.nan), np.full((2, 2), np.nan), np.nan
+        )
+    lm = np.exp([x, y])
+    inverse = np.array([[jyy, -jxy], [-jxy, jxx]]) / (jxx * jyy - jxy * jxy)
+    ds = cauchy_stress_by_parameter(
+        C1, k1, k2, alpha, kappa, lm[0], lm[1], fibre_switch=material.fibre_switch
+    )
+    # Implicit function theorem: J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
+    by_parameter = lm[:, None] * (-inverse @ ds)
+    load = np.eye(2) if mounted else np.diag(lm)
+    by_reading = lm[:, None] * (inverse @ load)
+    return MountedState(
+        True, lm, by_parameter, by_reading, log_change_of_variables(x, y, jxx, jxy, jyy, mounted)
+    )
+
+
+@register_jitable
+def log_change_of_variables(x, y, jxx, jxy, jyy, mounted):
+    """ln |det d p0 / d lm| from the Jacobian of the balance in log stretch."""
+    # unloaded: dP_i/dlm_j = J_ij / (lm_i lm_j);  mounted: ds_i/dlm_j = J_ij / lm_j
+    power = 1.0 if mounted else 2.0
+    return np.log(jxx * jyy - jxy * jxy) - power * (x + y)

@@ -1,0 +1,1 @@
+"""What the user gets back: run folders, tables, figures, reports, material cards."""

@@ -1,0 +1,1 @@
+"""Specimens: what was tested and what was measured; CSV files in, frozen objects out."""
