@@ -124,5 +124,6 @@ def smooth_misfit(
     covariance = np.exp(-0.5 * ((s[:, None] - s[None, :]) / length) ** 2)
     # The kernel is of low numerical rank; the eigendecomposition is stable where Cholesky is not.
     values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.clip(values, 0.0, None))
+    # The symmetric root, V sqrt(D) V^T, does not depend on the library's choice of signs.
+    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
     return relative_sd * root @ rng.standard_normal(stretch.size)
