@@ -1,0 +1,132 @@
+"""What a deterministic fit found."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from biaxbayes.inference.readings import Readings
+from biaxbayes.inference.starting_points import LOWER, UPPER
+from biaxbayes.inference.stress_response import material_at, stress_response
+from biaxbayes.mechanics.goh import GOH, PARAMETERS
+from biaxbayes.mechanics.mounting import BRACKET
+
+__all__ = ["FitResult", "fit_result"]
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A deterministic fit.
+
+    Attributes
+    ----------
+    method : str
+        ``standard``, ``zeroed``, ``fip``, ``linden`` or ``constrained``.
+    material : GOH
+    mounting_stretch : ndarray, shape (m, 2)
+        One row, or one a protocol.
+    mounting_load : ndarray, shape (m, 2)
+        What the model carries at the mounted state, in the specimen's unit.
+    r2, rmse_kPa : float
+        Of the Cauchy stress against the data at the fit's own mounting stretch, all rows, both
+        directions pooled with one mean. R2 is NaN where the data do not vary.
+    iterations : int
+        Accepted steps; for ``fip`` the alternations.
+    converged : bool
+    at_bound : tuple of str
+        Unknowns that ended on a bound.
+    residuals : tuple of ndarray, shape (n_p, 2)
+        Measured minus model load in the specimen's unit, the rows after those at rest.
+    """
+
+    method: str
+    material: GOH
+    mounting_stretch: np.ndarray
+    mounting_load: np.ndarray
+    r2: float
+    rmse_kPa: float
+    iterations: int
+    converged: bool
+    at_bound: tuple[str, ...]
+    residuals: tuple[np.ndarray, ...]
+
+    def record(self) -> dict[str, object]:
+        """The fit as plain values; mounting stretches are lists where each protocol has one."""
+        stretch_x, stretch_y = (
+            [float(v) for v in column] if len(column) > 1 else float(column[0])
+            for column in self.mounting_stretch.T
+        )
+        return {
+            "method": self.method,
+            "C1_kPa": self.material.C1_kPa,
+            "k1_kPa": self.material.k1_kPa,
+            "k2": self.material.k2,
+            "alpha_deg": self.material.alpha_deg,
+            "kappa": self.material.kappa,
+            "mounting_stretch_x": stretch_x,
+            "mounting_stretch_y": stretch_y,
+            "r2": self.r2 if math.isfinite(self.r2) else None,
+            "rmse_kPa": self.rmse_kPa if math.isfinite(self.rmse_kPa) else None,
+            "iterations": self.iterations,
+            "converged": self.converged,
+            "at_bound": list(self.at_bound),
+        }
+
+
+def fit_result(
+    method: str,
+    data: Readings,
+    point: np.ndarray,
+    mounting_stretch: np.ndarray,
+    free: np.ndarray,
+    *,
+    iterations: int,
+    converged: bool,
+    fibre_switch: bool,
+) -> FitResult:
+    """Judge a point (C1, k1, k2, t, kappa) with mounting stretches (2, m) against the data."""
+    lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
+    lmr = lm[:, data.group]
+    area = data.area[:, None]
+    with np.errstate(all="ignore"):
+        model = stress_response(point, data.stretch * lmr, fibre_switch=fibre_switch).stress
+        rest = stress_response(point, lm, fibre_switch=fibre_switch).stress
+        shrink = 1.0 if data.mounted else lmr
+        # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
+        measured = data.load * data.stretch * shrink / area
+        load = model * area / (data.stretch * shrink)
+        mounting_load = rest * area / (1.0 if data.mounted else lm)
+        miss = measured - model
+        total = float(((measured - measured.mean()) ** 2).sum())
+        r2 = 1.0 - float((miss**2).sum()) / total if total > 0.0 else math.nan
+        rmse = float(np.sqrt((miss**2).mean()))
+    residuals = tuple((data.load - load)[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
+    return FitResult(
+        method=method,
+        material=material_at(point, fibre_switch=fibre_switch),
+        mounting_stretch=lm.T.copy(),
+        mounting_load=mounting_load.T.copy(),
+        r2=r2,
+        rmse_kPa=rmse,
+        iterations=iterations,
+        converged=bool(converged and np.isfinite(rmse)),
+        at_bound=_at_bound(point, free, lm, method),
+        residuals=residuals,
+    )
+
+
+def _at_bound(point: np.ndarray, free: np.ndarray, lm: np.ndarray, method: str) -> tuple[str, ...]:
+    names = [
+        PARAMETERS[i]
+        for i in free
+        if point[i] <= LOWER[i] + 1e-9 * UPPER[i] * (i > 2) or point[i] >= UPPER[i] * (1.0 - 1e-9)
+    ]
+    if method == "linden":
+        names += [
+            f"mounting_stretch_{axis}"
+            for axis, row in zip("xy", lm, strict=True)
+            if (row <= BRACKET[0]).any() or (row >= BRACKET[1]).any()
+        ]
+    return tuple(names)
