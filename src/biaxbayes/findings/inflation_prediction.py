@@ -1,0 +1,157 @@
+"""What the posterior predicts for the inflation of a tube made of the specimen's tissue."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError
+from biaxbayes.findings.material_draws import parameters, piola_noise
+from biaxbayes.findings.percentile_bands import (
+    BANDS,
+    band_columns,
+    credible_columns,
+    known_percentiles,
+    tails,
+)
+from biaxbayes.findings.prediction import prediction_mounting, prediction_range
+from biaxbayes.mechanics.inflation import (
+    MMHG_PER_KPA,
+    Tube,
+    inflation_axial_force,
+    inflation_pressure,
+    inflation_stretch,
+)
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["predict_diameter", "predict_pressure"]
+
+
+def predict_pressure(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    tube: Tube,
+    circumferential_stretch: np.ndarray,
+    *,
+    probability: float = 0.9,
+    fibre_switch: bool = False,
+) -> pd.DataFrame:
+    """Pressure and reduced axial force of a tube at stated diameters, with bands.
+
+    The predictive band carries the residual of the biaxial test, as a stress of the wall, into
+    the pressure; the noise of a pressure sensor is not in it.
+
+    Parameters
+    ----------
+    draws, specimen, probability, fibre_switch
+        As in :func:`biaxbayes.findings.prediction.predict_stress`.
+    tube : Tube
+    circumferential_stretch : ndarray, shape (m,)
+        Total stretches of the mid surface.
+
+    Returns
+    -------
+    DataFrame
+        ``circumferential_stretch``, ``mid_diameter_mm``, ``outer_diameter_mm``, bands of
+        ``pressure_kPa``, median and credible band of ``axial_force_mN``, ``extrapolation``.
+
+    Raises
+    ------
+    InputError
+        If a stretch is not positive or a pressure overflows.
+    """
+    stretch = np.atleast_1d(np.asarray(circumferential_stretch, dtype=float))
+    if not (np.isfinite(stretch).all() and (stretch > 0.0).all()):
+        raise InputError("circumferential stretches must be positive numbers")
+    theta = parameters(draws)
+    with np.errstate(over="ignore", invalid="ignore"):
+        p = inflation_pressure(*theta, tube, stretch, fibre_switch=fibre_switch)
+        force = inflation_axial_force(*theta, tube, stretch, fibre_switch=fibre_switch)
+    if not (np.isfinite(p).all() and np.isfinite(force).all()):
+        raise InputError(
+            "the pressure of some draws overflows",
+            remedy="end at a smaller circumferential stretch",
+        )
+    # p = P_t H / (R lt la): what a residual of the stress does to the pressure
+    lever = tube.thickness_mm / (tube.mid_radius_mm * stretch * tube.axial_stretch)
+    lm = prediction_mounting(draws, None)
+    axis = "xy".index(tube.circumferential)
+    noise = piola_noise(draws, specimen, axis, p / lever, lm) * lever
+    tested = prediction_range(draws, specimen, None, "total")
+    return pd.DataFrame(
+        {
+            "circumferential_stretch": stretch,
+            "mid_diameter_mm": tube.mid_diameter_mm(stretch),
+            "outer_diameter_mm": tube.outer_diameter_mm(stretch),
+            **band_columns("pressure_kPa", p, noise, probability),
+            **credible_columns("axial_force_mN", force, probability),
+            "extrapolation": tested.extrapolation(*tube.stretches(stretch)),
+        }
+    )
+
+
+def predict_diameter(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    tube: Tube,
+    pressure_kPa: np.ndarray,
+    *,
+    probability: float = 0.9,
+    fibre_switch: bool = False,
+    seed: int = 0,
+) -> pd.DataFrame:
+    """Diameter of a tube at stated pressures, with bands.
+
+    Parameters
+    ----------
+    draws, specimen, tube, probability, fibre_switch
+        As in :func:`predict_pressure`.
+    pressure_kPa : ndarray, shape (m,)
+    seed : int
+        Of the residuals behind the predictive band: one offset of the wall's stress a draw.
+
+    Returns
+    -------
+    DataFrame
+        ``pressure_kPa``, ``pressure_mmHg``, bands of ``circumferential_stretch`` and of
+        ``outer_diameter_mm``, ``share_without_equilibrium`` (draws that have no state inside
+        stretches of 0.5 to 2; they are left out of the bands), ``extrapolation`` (of the
+        median).
+    """
+    pressure = np.atleast_1d(np.asarray(pressure_kPa, dtype=float))
+    if not np.isfinite(pressure).all():
+        raise InputError("pressures must be numbers, in kPa")
+    levels = tails(probability)
+    C1, k1, k2, alpha, kappa = (v[:, 0] for v in parameters(draws))
+    theta = C1, k1, k2, alpha, kappa
+    model = inflation_stretch(*theta, tube, pressure, fibre_switch=fibre_switch)
+    # P_t = p R lt la / H at the model's state
+    piola = np.nan_to_num(
+        pressure * model * tube.mid_radius_mm * tube.axial_stretch / tube.thickness_mm
+    )
+    axis = "xy".index(tube.circumferential)
+    noise = piola_noise(draws, specimen, axis, piola, prediction_mounting(draws, None))
+    unit = np.random.default_rng(seed).standard_normal((len(draws), 1))
+    offsets = np.broadcast_to(noise * unit, model.shape)
+    new = np.column_stack(
+        [
+            inflation_stretch(
+                *theta, tube, [p], fibre_switch=fibre_switch, piola_offset_kPa=offset
+            )[:, 0]
+            for p, offset in zip(pressure, offsets.T, strict=True)
+        ]
+    )
+    columns: dict[str, np.ndarray] = {
+        "pressure_kPa": pressure,
+        "pressure_mmHg": pressure * MMHG_PER_KPA,
+    }
+    for name, of_model, of_new in (
+        ("circumferential_stretch", model, new),
+        ("outer_diameter_mm", tube.outer_diameter_mm(model), tube.outer_diameter_mm(new)),
+    ):
+        values = (*known_percentiles(of_model, (0.5, *levels)), *known_percentiles(of_new, levels))
+        columns |= {f"{name}_{band}": v for band, v in zip(BANDS, values, strict=True)}
+    columns["share_without_equilibrium"] = np.isnan(model).mean(axis=0)
+    states = tube.stretches(columns["circumferential_stretch_median"])
+    tested = prediction_range(draws, specimen, None, "total")
+    return pd.DataFrame({**columns, "extrapolation": tested.extrapolation(*states)})

@@ -1,0 +1,250 @@
+"""Predicted bands against quadrature, sampling and the data that made them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import norm
+
+from biaxbayes.errors import InputError
+from biaxbayes.findings.covered_stretches import BELOW, BEYOND, INSIDE, OFF_PATH, covered_stretches
+from biaxbayes.findings.inflation_prediction import predict_diameter, predict_pressure
+from biaxbayes.findings.material_draws import mounting_labels, piola_noise
+from biaxbayes.findings.percentile_bands import mixture_percentiles
+from biaxbayes.findings.prediction import predict_stress, stretch_path
+from biaxbayes.mechanics.inflation import Tube, inflation_pressure
+from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.mechanics.virtual import virtual_test
+from biaxbayes.specimens.specimen import Protocol, Specimen
+
+MEDIA = MATERIALS["weisbecker-media"].material
+
+
+def specimen(ratios=((1.0, 1.0),), lm=(1.01, 1.02), geometry="unloaded") -> Specimen:
+    protocols = []
+    for ratio in ratios:
+        v = virtual_test(MEDIA, mounting_stretch=lm, measured_stretch=1.2, ratio=ratio)
+        name = f"{ratio[0]:g}:{ratio[1]:g}"
+        protocols.append(Protocol(name, v.measured_x, v.measured_y, v.force_x_N, v.force_y_N))
+    return Specimen(
+        "media", tuple(protocols), "force", geometry, 20.0, 20.0, 0.88, load_noise=0.001
+    )
+
+
+def draws(n=500, *, spread=0.1, noise=0.02, seed=1) -> pd.DataFrame:
+    rng = np.random.default_rng(seed)
+    return pd.DataFrame(
+        {
+            "C1": 14.0 * np.exp(spread * rng.standard_normal(n)),
+            "k1": 140.0 * np.exp(spread * rng.standard_normal(n)),
+            "k2": 11.9 * np.exp(spread * rng.standard_normal(n)),
+            "alpha": np.clip(38.4 + 20 * spread * rng.standard_normal(n), 0, 90),
+            "kappa": np.clip(0.21 + 0.1 * spread * rng.standard_normal(n), 0, 1 / 3),
+            "mounting_stretch_x": 1.01 + 0.01 * spread * rng.standard_normal(n),
+            "mounting_stretch_y": 1.02 + 0.01 * spread * rng.standard_normal(n),
+            "noise_sd": np.full(n, noise),
+        }
+    )
+
+
+# --- percentiles ---
+
+
+def test_mixture_percentile_of_one_normal_is_the_normal_percentile():
+    mean, sd = np.full((7, 3), 2.0), np.full((7, 1), 0.5)
+    for level in (0.05, 0.5, 0.975):
+        (q,) = mixture_percentiles(mean, sd, (level,))
+        np.testing.assert_allclose(q, norm.ppf(level, 2.0, 0.5), rtol=1e-10)
+
+
+def test_mixture_percentile_has_the_stated_mass():
+    rng = np.random.default_rng(0)
+    mean, sd = rng.normal(size=(300, 4)), rng.uniform(0.1, 2.0, size=(300, 4))
+    for level, q in zip((0.05, 0.95), mixture_percentiles(mean, sd, (0.05, 0.95)), strict=True):
+        np.testing.assert_allclose(norm.cdf(q, mean, sd).mean(axis=0), level, atol=1e-9)
+
+
+def test_without_noise_a_mixture_percentile_is_that_of_the_draws():
+    model = np.random.default_rng(2).normal(size=(1001, 5))
+    for level in (0.05, 0.9):
+        (q,) = mixture_percentiles(model, np.zeros((1001, 1)), (level,))
+        expected = np.quantile(model, level, axis=0, method="inverted_cdf")
+        np.testing.assert_allclose(q, expected, atol=1e-10)
+
+
+# --- stress ---
+
+
+def test_one_certain_draw_predicts_the_model():
+    one = draws(1, spread=0.0)
+    path = stretch_path(1.2, ratio=(1.0, 0.5), points=9)
+    for stress, law in (("cauchy", MEDIA.cauchy), ("piola", MEDIA.piola)):
+        table = predict_stress(one, specimen(), path, stress=stress)
+        for name, expected in zip("xy", law(path[:, 0], path[:, 1]), strict=True):
+            np.testing.assert_allclose(table[f"{stress}_{name}_kPa_median"], expected, rtol=1e-12)
+
+
+def test_measured_stretches_are_multiplied_by_each_draws_mounting_stretch():
+    one = draws(1, spread=0.0)
+    path = stretch_path(1.2, points=5)
+    table = predict_stress(one, specimen(), path, reference="measured", stress="piola")
+    expected = MEDIA.piola(path[:, 0] * 1.01, path[:, 1] * 1.02)[0]
+    np.testing.assert_allclose(table["piola_x_kPa_median"], expected, rtol=1e-12)
+    np.testing.assert_allclose(table["total_stretch_y"], path[:, 1] * 1.02)
+    assert (table["extrapolation"] == INSIDE).all()
+
+
+def test_predictive_band_is_the_reading_noise_over_the_section():
+    """0.02 N over 20 mm * 0.88 mm is 1.13636 kPa; 90 % of a normal is +-1.64485 sd."""
+    table = predict_stress(draws(1, spread=0.0), specimen(), [[1.1, 1.1]], stress="piola")
+    width = table["piola_x_kPa_predictive_high"] - table["piola_x_kPa_median"]
+    assert width[0] == pytest.approx(1.6448536 * 1.1363636, rel=1e-6)
+    # Cauchy stress is Piola stress times the total stretch, and so is its noise.
+    table = predict_stress(draws(1, spread=0.0), specimen(), [[1.1, 1.1]])
+    width = table["cauchy_x_kPa_predictive_high"] - table["cauchy_x_kPa_median"]
+    assert width[0] == pytest.approx(1.1 * 1.6448536 * 1.1363636, rel=1e-6)
+
+
+def test_noise_follows_geometry_growth_and_measured_dimensions():
+    frame = draws(2, spread=0.0)
+    lm = np.array([[1.01, 1.02]] * 2)
+    plain = piola_noise(frame, specimen(), 1, np.ones((2, 3)), lm)
+    mounted = piola_noise(frame, specimen(geometry="mounted"), 1, np.ones((2, 3)), lm)
+    np.testing.assert_allclose(mounted, plain / 1.02)
+    frame["edge_x"], frame["thickness"] = 1.1, 0.9
+    np.testing.assert_allclose(
+        piola_noise(frame, specimen(), 1, np.ones((2, 3)), lm), plain / (1.1 * 0.9)
+    )
+    frame["noise_growth"] = 0.1
+    grown = piola_noise(frame, specimen(), 1, np.full((2, 3), 50.0), lm)
+    np.testing.assert_allclose(grown, np.hypot(plain / (1.1 * 0.9), 5.0) * np.ones((2, 3)))
+
+
+def test_blocks_do_not_change_the_answer(monkeypatch):
+    path = stretch_path(1.2, points=23)
+    whole = predict_stress(draws(50), specimen(), path)
+    monkeypatch.setattr("biaxbayes.findings.prediction.BLOCK", 170)
+    pd.testing.assert_frame_equal(whole, predict_stress(draws(50), specimen(), path))
+
+
+def test_protocols_with_their_own_mounted_state_must_be_named():
+    frame = draws(20)
+    for name in ("1:1", "1:0.5"):
+        for axis in "xy":
+            frame[f"mounting_stretch_{axis}[{name}]"] = frame[f"mounting_stretch_{axis}"]
+    frame = frame.drop(columns=["mounting_stretch_x", "mounting_stretch_y"])
+    assert mounting_labels(frame) == ("1:1", "1:0.5")
+    sample = specimen(((1.0, 1.0), (1.0, 0.5)))
+    path = stretch_path(1.15, points=4)
+    with pytest.raises(InputError, match=r"name the protocol: 1:1, 1:0\.5"):
+        predict_stress(frame, sample, path, reference="measured")
+    with pytest.raises(InputError, match="no protocol 'other'"):
+        predict_stress(frame, sample, path, reference="measured", protocol="other")
+    named = predict_stress(frame, sample, path, reference="measured", protocol="1:0.5")
+    shared = predict_stress(draws(20), sample, path, reference="measured")
+    pd.testing.assert_frame_equal(named, shared)
+
+
+@pytest.mark.parametrize(
+    ("path", "options", "message"),
+    [
+        ([[1.0, -1.0]], {}, "positive"),
+        ([[1.0, np.nan]], {}, "positive"),
+        ([1.0, 1.1], {}, "in every row"),
+        ([[1.1, 1.1]], {"probability": 1.0}, "between 0 and 1"),
+        ([[1.1, 1.1]], {"stress": "kirchhoff"}, "cauchy or piola"),
+        ([[40.0, 40.0]], {}, "overflows"),
+    ],
+)
+def test_wrong_questions_are_named(path, options, message):
+    with pytest.raises(InputError, match=message):
+        predict_stress(draws(3), specimen(), path, **options)
+
+
+def test_a_ratio_leads_with_its_larger_share():
+    path = stretch_path(1.3, ratio=(0.5, 1.0), points=3)
+    np.testing.assert_allclose(path, [[1.0, 1.0], [1.075, 1.15], [1.15, 1.3]])
+    with pytest.raises(InputError, match="moves nothing"):
+        stretch_path(1.3, ratio=(0.0, 0.0))
+
+
+# --- what was tested ---
+
+
+def test_extrapolation_is_marked_row_by_row():
+    sample = specimen(((1.0, 1.0), (1.0, 0.5)))
+    region = covered_stretches(sample)
+    states = [(1.1, 1.1), (1.15, 1.1), (1.2, 1.2), (1.21, 1.2), (0.99, 1.0), (1.02, 1.18)]
+    wanted = [INSIDE, INSIDE, INSIDE, BEYOND, BELOW, OFF_PATH]
+    assert list(region.extrapolation(*np.transpose(states))) == wanted
+    assert list(region.extrapolation([np.nan], [1.1])) == [BEYOND]
+
+
+def test_a_single_protocol_is_a_line_not_an_area():
+    region = covered_stretches(specimen())
+    assert len(region.hull) == 2
+    assert list(region.extrapolation([1.1, 1.1], [1.1, 1.0])) == [INSIDE, OFF_PATH]
+
+
+def test_total_stretches_below_the_mounted_state_are_marked():
+    table = predict_stress(draws(50), specimen(), stretch_path(1.3, points=7))
+    assert table["extrapolation"].tolist() == [BELOW, *[INSIDE] * 4, *[BEYOND] * 2]
+
+
+# --- tubes ---
+
+
+def test_pressure_and_diameter_tables_are_inverses_of_each_other():
+    tube = Tube(9.0, 1.2, 1.05)
+    frame = draws(400)
+    at = predict_diameter(frame, specimen(), tube, [4.0, 13.3])
+    for _, row in at.iterrows():
+        back = predict_pressure(
+            frame, specimen(), tube, [row["circumferential_stretch_credible_low"]]
+        )
+        # The stiffest 5 % of the draws are the narrowest 5 %.
+        assert back["pressure_kPa_credible_high"][0] == pytest.approx(row["pressure_kPa"], rel=2e-3)
+    assert (at["share_without_equilibrium"] == 0.0).all()
+
+
+def test_pressure_bands_are_those_of_the_draws():
+    tube = Tube(9.0, 1.2, 1.05, "y")
+    frame = draws(300, noise=0.0)
+    table = predict_pressure(frame, specimen(), tube, [1.1])
+    each = [
+        inflation_pressure(r.C1, r.k1, r.k2, np.radians(r.alpha), r.kappa, tube, 1.1)
+        for r in frame.itertuples()
+    ]
+    assert table["pressure_kPa_median"][0] == pytest.approx(np.median(each))
+    assert table["pressure_kPa_credible_low"][0] == pytest.approx(np.quantile(each, 0.05))
+
+
+def test_the_residual_of_the_stress_widens_pressure_and_diameter():
+    tube = Tube(9.0, 1.2)
+    sample = specimen()
+    certain = draws(2000, spread=0.0)
+    p = predict_pressure(certain, sample, tube, [1.15])
+    # p = P_t H / (R lt la), so sd_p = 1.13636 * 1.2 / (9 * 1.15) kPa
+    half = p["pressure_kPa_predictive_high"] - p["pressure_kPa_median"]
+    assert half[0] == pytest.approx(1.6448536 * 1.1363636 * 1.2 / (9.0 * 1.15), rel=1e-6)
+    d = predict_diameter(certain, sample, tube, p["pressure_kPa_median"], seed=5)
+    assert d["circumferential_stretch_median"][0] == pytest.approx(1.15, rel=1e-9)
+    assert d["outer_diameter_mm_predictive_low"][0] < d["outer_diameter_mm_credible_low"][0]
+    # Where the pressure band's upper edge meets the pressure, the diameter band has its lower one.
+    low = d["circumferential_stretch_predictive_low"][0]
+    edge = predict_pressure(certain, sample, tube, [low])["pressure_kPa_predictive_high"][0]
+    assert edge == pytest.approx(p["pressure_kPa_median"][0], rel=0.02)  # 2000 residuals
+    again = predict_diameter(certain, sample, tube, p["pressure_kPa_median"], seed=5)
+    pd.testing.assert_frame_equal(d, again)
+
+
+def test_draws_without_a_state_are_counted_and_left_out():
+    frame = draws(10, spread=0.0)
+    frame.loc[:3, "k1"] = 0.0
+    frame.loc[:3, "C1"] = 1.0
+    table = predict_diameter(frame, specimen(), Tube(9.0, 1.2), [15.0, 1e6])
+    assert table["share_without_equilibrium"].tolist() == pytest.approx([0.4, 0.4])
+    assert np.isfinite(table["outer_diameter_mm_median"]).all()
+    soft = frame.iloc[:3]
+    table = predict_diameter(soft, specimen(), Tube(9.0, 1.2), [15.0])
+    assert np.isnan(table["outer_diameter_mm_median"][0])
+    assert table["extrapolation"][0] == BEYOND
