@@ -1,114 +1,42 @@
-"""A virtual specimen: what a biaxial machine would have recorded of a known material.
+"""Virtual specimens: homogeneous ones in closed form, hooked ones in finite elements.
 
-The readings go into a :class:`Specimen`; what no machine knows (material, mounting stretch,
-true mounting force) goes into a separate :class:`Truth`, which is written to a file of its own.
+A homogeneous specimen is what the model says, plus the errors of the machine. A hooked specimen is
+what five hooks an edge make of a known material: its stress is not uniform, and a record that
+divides the force by the nominal section is off by an amount that no noise explains.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Protocol as StructuralType
+from dataclasses import asdict
 
 import numpy as np
 
 from biaxbayes.mechanics.goh import GOH
-from biaxbayes.mechanics.virtual import smooth_misfit, virtual_test
-from biaxbayes.specimens.specimen import Protocol, Specimen
-from biaxbayes.specimens.text_file import atomic_write_text
+from biaxbayes.mechanics.grips import Hooks
+from biaxbayes.mechanics.sheet import Sheet
+from biaxbayes.mechanics.sheet_tester import GAUGE, SheetTester
+from biaxbayes.mechanics.virtual import virtual_test
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.virtual_record import (
+    Dimensions,
+    Machine,
+    Truth,
+    record_tests,
+    write_truth,
+)
 
-__all__ = ["Dimensions", "Machine", "Truth", "record_tests", "virtual_specimen", "write_truth"]
+__all__ = [
+    "Dimensions",
+    "Machine",
+    "Truth",
+    "hooked_specimen",
+    "virtual_specimen",
+    "write_truth",
+]
 
-MISFIT_LENGTH = 0.25
-
-
-class Curves(StructuralType):
-    """Error-free curves of one protocol, of a closed-form or of a finite-element test."""
-
-    @property
-    def measured_x(self) -> np.ndarray: ...
-    @property
-    def measured_y(self) -> np.ndarray: ...
-    @property
-    def force_x_N(self) -> np.ndarray: ...
-    @property
-    def force_y_N(self) -> np.ndarray: ...
-
-
-@dataclass(frozen=True)
-class Dimensions:
-    """Nominal dimensions of the unloaded specimen, mm."""
-
-    edge_x_mm: float = 20.0
-    edge_y_mm: float = 20.0
-    thickness_mm: float = 1.0
-
-    def mounted(self, mounting_stretch: Sequence[float]) -> Dimensions:
-        """Dimensions of the same specimen in the mounted state; the volume is kept."""
-        lx, ly = mounting_stretch
-        return Dimensions(self.edge_x_mm * lx, self.edge_y_mm * ly, self.thickness_mm / (lx * ly))
-
-    def section_mm2(self) -> np.ndarray:
-        """Sections (x, y) that the forces act on: edge of the other direction x thickness."""
-        return np.array([self.edge_y_mm, self.edge_x_mm]) * self.thickness_mm
-
-
-@dataclass(frozen=True)
-class Machine:
-    """Errors of the virtual machine and the form of its record.
-
-    Attributes
-    ----------
-    noise_N : float
-        Standard deviation of every force reading, the mounting reading included.
-    misfit : float
-        Standard deviation of the smooth model error relative to the local true force, a
-        squared-exponential process along the path, independent in x and y and between
-        protocols. It multiplies the true force of every row, the mounted state included.
-    misfit_length : float
-        Its correlation length as a share of the path.
-    stress_pair : {"force", "piola", "cauchy"}
-        What the record holds. Stresses are computed as a lab does: force over the section in
-        ``geometry``; "cauchy" is multiplied by the measured stretch.
-    geometry : {"unloaded", "mounted"}
-        The state whose dimensions the record states.
-    """
-
-    noise_N: float = 0.0
-    misfit: float = 0.0
-    misfit_length: float = MISFIT_LENGTH
-    stress_pair: str = "force"
-    geometry: str = "unloaded"
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What a fit must find, and how the readings were disturbed.
-
-    ``mounting_force_x, _y`` is the force of the material at the true mounting stretch, in
-    ``unit`` (that of the record: N, or kPa over the section of the record's geometry);
-    ``disturbed_mounting_force_*`` is the same with the smooth misfit of the first row, and
-    before the noise. One pair a protocol, since the misfit differs.
-    """
-
-    specimen: str
-    material: dict[str, float | bool]
-    mounting_stretch_x: float
-    mounting_stretch_y: float
-    unit: str
-    mounting_force_x: float
-    mounting_force_y: float
-    disturbed_mounting_force: dict[str, tuple[float, float]]
-    unloaded_dimensions: dict[str, float]
-    load_noise_N: float
-    misfit: float
-    misfit_length: float
-    seed: int | None
-    source: str
+Stretch = float | tuple[float, float]
 
 
 def virtual_specimen(
@@ -116,8 +44,8 @@ def virtual_specimen(
     *,
     name: str,
     mounting_stretch: tuple[float, float],
-    total_stretch: float | tuple[float, float] | None = None,
-    measured_stretch: float | tuple[float, float] | None = None,
+    total_stretch: Stretch | None = None,
+    measured_stretch: Stretch | None = None,
     ratios: Sequence[tuple[float, float]] = ((1.0, 1.0),),
     increments: int = 100,
     dimensions: Dimensions | None = None,
@@ -162,22 +90,16 @@ def virtual_specimen(
         If the stretches or ratios do not define a test.
     """
     dimensions = dimensions or Dimensions()
-    tests = {}
-    for ratio in ratios:
-        largest = max(ratio)
-        if not (largest > 0.0 and min(ratio) >= 0.0 and math.isfinite(largest)):
-            raise ValueError("a ratio needs two numbers, not negative and not both zero")
-        tests[f"{ratio[0]:g}:{ratio[1]:g}"] = virtual_test(
+    tests = {
+        label: virtual_test(
             material,
             mounting_stretch=mounting_stretch,
-            total_stretch=total_stretch,
-            measured_stretch=measured_stretch,
-            ratio=(ratio[0] / largest, ratio[1] / largest),
+            measured_stretch=top,
             increments=increments,
             **asdict(dimensions),
         )
-    if len(tests) < len(ratios):
-        raise ValueError("a ratio is given twice")
+        for label, top in _tops(mounting_stretch, total_stretch, measured_stretch, ratios).items()
+    }
     return record_tests(
         tests,
         material,
@@ -191,118 +113,95 @@ def virtual_specimen(
     )
 
 
-def record_tests(
-    tests: Mapping[str, Curves],
+def hooked_specimen(
     material: GOH,
     *,
     name: str,
     mounting_stretch: tuple[float, float],
-    dimensions: Dimensions,
+    total_stretch: Stretch | None = None,
+    measured_stretch: Stretch | None = None,
+    ratios: Sequence[tuple[float, float]] = ((1.0, 1.0),),
+    increments: int = 100,
+    dimensions: Dimensions | None = None,
     machine: Machine | None = None,
     seed: int,
     labels: Mapping[str, str] | None = None,
     source: str = "",
+    hooks: Hooks | None = None,
+    elements: int = 20,
 ) -> tuple[Specimen, Truth]:
-    """Record error-free tests (closed form or finite elements) with a machine's errors.
+    """Test a specimen held by hooks, in finite elements (needs scikit-fem).
+
+    Stretches, the mounting stretch included, are those of the central region, which four markers
+    report; the carriages are driven so that the markers reach them (strain control). The force is
+    the sum over the hooks of an edge. The record states the nominal dimensions, so a stress
+    taken from it is the force over the nominal section.
 
     Parameters
     ----------
-    tests : mapping of protocol name to curves
-        Objects with ``measured_x, measured_y, force_x_N, force_y_N``, such as
-        :class:`biaxbayes.mechanics.virtual.VirtualTest`. The first row is the mounted state.
-    material, name, mounting_stretch, dimensions, machine, seed, labels, source
+    hooks : Hooks, optional
+        Five hooks an edge by default.
+    elements : int
+        Elements along an edge.
+    material, name, mounting_stretch, total_stretch, measured_stretch, ratios, increments, \
+dimensions, machine, seed, labels, source
         As in :func:`virtual_specimen`.
 
     Returns
     -------
     Specimen, Truth
+
+    Raises
+    ------
+    ValueError
+        If the stretches or ratios do not define a test, or the hooks do not fit.
+    InputError
+        If scikit-fem is not installed.
+    NotConverged
+        If no equilibrium is found, however small the increments.
     """
-    machine = machine or Machine()
-    rng = np.random.default_rng(seed)
-    stated = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
-    # N per unit of the record: 1 for forces, section in mm^2 times 1e-3 (kPa mm^2) for stresses.
-    divisor = np.ones(2) if machine.stress_pair == "force" else stated.section_mm2() * 1e-3
-    # One header value stands for both directions; sections differ by the mounting stretch only.
-    noise = machine.noise_N / float(np.sqrt(divisor.prod()))
-    protocols, disturbed = [], {}
-    for label, test in tests.items():
-        # Twelve digits: neither 1.0020000000000002 in the file nor an error that matters.
-        stretch = np.round(np.column_stack([test.measured_x, test.measured_y]), 12)
-        true_force = np.column_stack([test.force_x_N, test.force_y_N])
-        force, readings = _disturb(true_force, machine, rng)
-        load = readings / divisor
-        if machine.stress_pair == "cauchy":
-            load = load * stretch
-        load = _as_written(load, noise)
-        shown = label if len(tests) > 1 else "1"
-        protocols.append(Protocol(shown, *stretch.T, *load.T))
-        disturbed[shown] = _pair(force[0] / divisor)
-    labels = labels or {}
-    specimen = Specimen(
-        name,
-        tuple(protocols),
-        machine.stress_pair,
-        machine.geometry,
-        **asdict(stated),
-        load_noise=noise or None,
-        layer=labels.get("layer"),
-        axis_x=labels.get("axis_x"),
-        axis_y=labels.get("axis_y"),
-    )
-    # f0_k = A0_k P_k(theta, lm)
-    mounting = np.array(material.piola(*mounting_stretch)) * dimensions.section_mm2() * 1e-3
-    force_x, force_y = _pair(mounting / divisor)
-    truth = Truth(
-        specimen=name,
-        material=asdict(material),
-        mounting_stretch_x=mounting_stretch[0],
-        mounting_stretch_y=mounting_stretch[1],
-        unit=specimen.unit,
-        mounting_force_x=force_x,
-        mounting_force_y=force_y,
-        disturbed_mounting_force=disturbed,
-        unloaded_dimensions=asdict(dimensions),
-        load_noise_N=machine.noise_N,
-        misfit=machine.misfit,
-        misfit_length=machine.misfit_length,
+    dimensions, hooks = dimensions or Dimensions(), hooks or Hooks()
+    tops = _tops(mounting_stretch, total_stretch, measured_stretch, ratios)
+    sheet = Sheet(dimensions.edge_x_mm, dimensions.edge_y_mm, elements=elements)
+    tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
+    mounted = tester.mount(mounting_stretch)
+    return record_tests(
+        {
+            label: tester.stretch_to(mounted, top, increments=increments)
+            for label, top in tops.items()
+        },
+        material,
+        name=name,
+        mounting_stretch=mounting_stretch,
+        dimensions=dimensions,
+        machine=machine,
         seed=seed,
+        labels=labels,
         source=source,
+        grips={"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE},
     )
-    return specimen, truth
 
 
-def write_truth(truths: Sequence[Truth], path: str | os.PathLike) -> None:
-    """Write truths as JSON, one object a specimen under its name.
-
-    Parameters
-    ----------
-    truths : sequence of Truth
-    path : path-like
-        The file appears under its name only when it is complete.
-    """
-    text = json.dumps({truth.specimen: asdict(truth) for truth in truths}, indent=2)
-    atomic_write_text(Path(path), text + "\n")
-
-
-def _disturb(
-    force: np.ndarray, machine: Machine, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Forces with smooth misfit, and the same as read by the load cells; shape (n, 2)."""
-    path = np.arange(len(force), dtype=float)
-    # Drawn in any case, so that the noise of a seed does not depend on the misfit.
-    misfit = [smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)]
-    noise = rng.standard_normal(force.shape)
-    # f_j = f_true_j (1 + misfit_j)
-    disturbed = force * (1.0 + machine.misfit * np.column_stack(misfit))
-    return disturbed, disturbed + machine.noise_N * noise
-
-
-def _as_written(load: np.ndarray, noise: float) -> np.ndarray:
-    """Readings to a thousandth of their noise, as a machine writes them; all digits without."""
-    if noise == 0.0:
-        return load
-    return np.round(load, 3 + math.ceil(-math.log10(noise)))
-
-
-def _pair(values: np.ndarray) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
+def _tops(
+    mounting_stretch: Sequence[float],
+    total_stretch: Stretch | None,
+    measured_stretch: Stretch | None,
+    ratios: Sequence[tuple[float, float]],
+) -> dict[str, tuple[float, float]]:
+    """Largest measured stretch (x, y) of every protocol, by its label such as ``1:0.5``."""
+    if (total_stretch is None) == (measured_stretch is None):
+        raise ValueError("give one of total_stretch and measured_stretch")
+    if total_stretch is None:
+        top = np.ones(2) * np.asarray(measured_stretch, dtype=float)
+    else:
+        top = np.ones(2) * np.asarray(total_stretch, dtype=float) / np.asarray(mounting_stretch)
+    out = {}
+    for x, y in ratios:
+        if not (max(x, y) > 0.0 and min(x, y) >= 0.0 and math.isfinite(x + y)):
+            raise ValueError("a ratio needs two numbers, not negative and not both zero")
+        share = np.array([x, y]) / max(x, y)
+        end = 1.0 + share * (top - 1.0)
+        out[f"{x:g}:{y:g}"] = (float(end[0]), float(end[1]))
+    if not out or len(out) < len(ratios):
+        raise ValueError("give each ratio once")
+    return out
