@@ -8,7 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-__all__ = ["Protocol", "Specimen", "STRESS_PAIRS"]
+from biaxbayes.specimens.protocol import Protocol
+
+__all__ = ["STRESS_PAIRS", "Protocol", "Specimen"]
 
 STRESS_PAIRS = {
     "force": ("force_x_N", "force_y_N"),
@@ -16,71 +18,6 @@ STRESS_PAIRS = {
     "cauchy": ("cauchy_x_kPa", "cauchy_y_kPa"),
 }
 """Columns of the stress pair a file may hold."""
-
-REST_FRACTION = 0.25
-"""Rows count as at rest while they stay within this share of the mean increment."""
-
-
-def _frozen(values) -> np.ndarray:
-    out = np.array(values, dtype=float)
-    out.setflags(write=False)
-    return out
-
-
-@dataclass(frozen=True, eq=False)
-class Protocol:
-    """One loading path, as recorded.
-
-    Attributes
-    ----------
-    name : str
-    stretch_x, stretch_y : ndarray, shape (n,)
-        Measured stretches, relative to the mounted state.
-    load_x, load_y : ndarray, shape (n,)
-        The stress pair as the file holds it: N, or kPa (Piola or Cauchy).
-    time_s : ndarray, shape (n,), or None
-    rest_rows : int
-        Leading rows recorded at the mounted state, at least one.
-    """
-
-    name: str
-    stretch_x: np.ndarray
-    stretch_y: np.ndarray
-    load_x: np.ndarray
-    load_y: np.ndarray
-    time_s: np.ndarray | None = None
-    rest_rows: int = 1
-
-    def __post_init__(self) -> None:
-        for key in ("stretch_x", "stretch_y", "load_x", "load_y", "time_s"):
-            value = getattr(self, key)
-            if value is not None:
-                object.__setattr__(self, key, _frozen(value))
-        if not 1 <= self.rest_rows <= self.stretch_x.size:
-            raise ValueError("rest_rows must lie between 1 and the number of rows")
-
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
-        return self.stretch_x.size
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Protocol):
-            return NotImplemented
-        return (
-            self.name == other.name
-            and self.rest_rows == other.rest_rows
-            and all(
-                (a is None) == (b is None) and (a is None or np.array_equal(a, b))
-                for a, b in (
-                    (self.stretch_x, other.stretch_x),
-                    (self.stretch_y, other.stretch_y),
-                    (self.load_x, other.load_x),
-                    (self.load_y, other.load_y),
-                    (self.time_s, other.time_s),
-                )
-            )
-        )
 
 
 @dataclass(frozen=True)
@@ -135,6 +72,8 @@ class Specimen:
             self.thickness_mm,
         ):
             raise ValueError("a force specimen needs edge_x_mm, edge_y_mm and thickness_mm")
+        if len({p.time_s is None for p in self.protocols}) > 1:
+            raise ValueError("either every protocol has time_s or none")
 
     def __reduce__(self):
         # MappingProxyType does not pickle; workers need specimens.
@@ -284,23 +223,3 @@ class Specimen:
 
 def _rebuild(fields: dict) -> Specimen:
     return Specimen(**fields)
-
-
-def rest_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
-    """Number of leading rows at rest.
-
-    A row is at rest while both stretches stay within a quarter of the mean increment of the
-    path, or within three times the stretch reading's own scatter (second differences), of the
-    first row.
-    """
-    n = stretch_x.size
-    if n < 3:
-        return 1
-    still = np.ones(n, dtype=bool)
-    for stretch in (stretch_x, stretch_y):
-        increment = np.abs(stretch - stretch[0]).max() / (n - 1)
-        scatter = 1.4826 * float(np.median(np.abs(np.diff(stretch, 2)))) / np.sqrt(6.0)
-        still &= np.abs(stretch - stretch[0]) <= max(REST_FRACTION * increment, 3.0 * scatter)
-    moving = np.flatnonzero(~still)
-    # A record that never moves has one mounting row; the readers refuse it elsewhere.
-    return int(moving[0]) if moving.size else 1

@@ -1,0 +1,211 @@
+"""The header of a specimen file: ``# key: value`` lines above the table."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.cell import number_in
+
+__all__ = ["KNOWN_KEYS", "METADATA_KEYS", "Header", "measured_stretch", "read_header"]
+
+TEXT_KEYS = ("specimen", "layer", "axis_x", "axis_y", "geometry", "source", "cycle", "branch")
+MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
+NUMBER_RANGES = {
+    "edge_x_mm": (0.01, 10_000.0),
+    "edge_y_mm": (0.01, 10_000.0),
+    "thickness_mm": (1e-4, 1_000.0),
+    "load_noise_N": (1e-15, 1e9),
+    "load_noise_kPa": (1e-15, 1e9),
+    "edge_sd_mm": (1e-9, 1_000.0),
+    "thickness_sd_mm": (1e-9, 1_000.0),
+    "load_offset_sd_N": (1e-15, 1e9),
+    "load_offset_sd_kPa": (1e-15, 1e9),
+    "stress_limit_kPa": (1.0, 1e9),
+    "largest_shear": (0.0, 10.0),
+    "largest_shear_angle_deg": (0.0, 90.0),
+}
+"""Numbers, and the range outside of which the unit or the value must be wrong."""
+METADATA_KEYS = (
+    *MEASURED_STRETCH_KEYS,
+    "edge_sd_mm",
+    "thickness_sd_mm",
+    "load_offset_sd_N",
+    "load_offset_sd_kPa",
+    "stress_limit_kPa",
+    "largest_shear",
+    "largest_shear_angle_deg",
+    "source",
+    "cycle",
+    "branch",
+)
+"""Keys that a specimen keeps as they are, in ``metadata``."""
+KNOWN_KEYS = (*TEXT_KEYS, *NUMBER_RANGES, *MEASURED_STRETCH_KEYS, "rest_rows")
+GEOMETRIES = ("unloaded", "mounted")
+
+
+@dataclass(frozen=True)
+class Header:
+    """Values by key, and the line of the file that each stands in."""
+
+    values: Mapping[str, float | str]
+    rows: Mapping[str, int]
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
+
+    def number(self, key: str) -> float | None:
+        """A number, None where the file has no such key."""
+        value = self.values.get(key)
+        return None if value is None else float(value)
+
+    def text(self, key: str) -> str | None:
+        """A text, None where the file has no such key or leaves it empty."""
+        return str(self.values.get(key) or "") or None
+
+    @property
+    def rest_rows(self) -> tuple[int, ...] | None:
+        """Leading rows at rest as the file states them: one for all protocols, or one each."""
+        value = self.values.get("rest_rows")
+        return None if value is None else tuple(int(part) for part in str(value).split(","))
+
+
+def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
+    """Header of a file, and the index of the line with the column names.
+
+    Raises
+    ------
+    InputError
+        For an unknown or repeated key, a value that cannot be, or a file without a table.
+    """
+    values: dict[str, float | str] = {}
+    rows: dict[str, int] = {}
+    for index, line in enumerate(lines):
+        stripped = _as_written(line)
+        if not stripped:
+            continue
+        if not stripped.startswith("#"):
+            return Header(values, rows), index
+        key, colon, value = stripped.lstrip("#").partition(":")
+        if not colon:
+            continue  # a plain comment
+        key, value = key.strip(), " ".join(value.split())
+        _check_key(key, values, index + 1, path)
+        if value:
+            values[key] = _value(key, value, index + 1, path)
+            rows[key] = index + 1
+    raise InputError(
+        "the file has no table",
+        file=path,
+        remedy="give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows",
+    )
+
+
+def _as_written(line: str) -> str:
+    """A header line as it was before a spreadsheet quoted it and padded it with separators."""
+    stripped = line.strip()
+    if stripped.startswith('"#'):
+        stripped = next(csv.reader([stripped]))[0].strip()
+    return stripped.rstrip(",").rstrip() if stripped.endswith(",,") else stripped
+
+
+def _check_key(key: str, values: Mapping[str, object], row: int, path: Path) -> None:
+    if key in values:
+        raise InputError(f"header key {key!r} appears twice", file=path, row=row, remedy="keep one")
+    if key in KNOWN_KEYS:
+        return
+    close = difflib.get_close_matches(key[:60], KNOWN_KEYS, n=1, cutoff=0.75)
+    hint = f"did you mean {close[0]}? " if close else ""
+    raise InputError(
+        f"unknown header key {key[:60]!r}",
+        file=path,
+        row=row,
+        remedy=f"{hint}known keys are {', '.join(KNOWN_KEYS)}; drop the colon for a plain comment",
+    )
+
+
+def _value(key: str, value: str, row: int, path: Path) -> float | str:
+    if key in NUMBER_RANGES:
+        return _number(key, value, row, path)
+    if key in MEASURED_STRETCH_KEYS:
+        measured_stretch(value, path, row)
+    if key == "geometry" and value not in GEOMETRIES:
+        raise InputError(
+            f"geometry must be 'unloaded' or 'mounted', not {value[:40]!r}",
+            file=path,
+            row=row,
+            remedy="say in which state the dimensions were measured",
+        )
+    if key == "rest_rows" and not re.fullmatch(r"[1-9]\d{0,8}(\s*,\s*[1-9]\d{0,8})*", value):
+        raise InputError(
+            f"rest_rows must be a whole number from 1, not {value[:40]!r}",
+            file=path,
+            row=row,
+            remedy="give one for all protocols, or one each, separated by commas",
+        )
+    return value
+
+
+def _number(key: str, value: str, row: int, path: Path) -> float:
+    low, high = NUMBER_RANGES[key]
+    try:
+        number = number_in(value)
+    except ValueError:
+        number = None
+    if number is None or number < 0.0 or (number == 0.0 and low > 0.0):
+        kind = "a positive number" if low > 0.0 else "a number from 0"
+        raise InputError(
+            f"{key} must be {kind}, not {value[:40]!r}",
+            file=path,
+            row=row,
+            remedy="leave the line out where it is not known"
+            if number == 0.0
+            else "write it with a decimal point and without unit, as in '# thickness_mm: 1.35'",
+        )
+    if not low <= number <= high:
+        raise InputError(
+            f"{key} of {number:g} cannot be",
+            file=path,
+            row=row,
+            remedy=f"give it in {key.rsplit('_', 1)[1]}, between {low:g} and {high:g}",
+        )
+    return number
+
+
+def measured_stretch(text: str, path: object = None, row: int | None = None) -> tuple[float, float]:
+    """Mean and standard deviation from text such as ``1.03 +- 0.01``.
+
+    Parameters
+    ----------
+    text : str
+        Value, ``+-`` or ``±``, standard deviation.
+    path, row : optional
+        For the message.
+
+    Returns
+    -------
+    float, float
+
+    Raises
+    ------
+    InputError
+        If the text reads otherwise, or a number is not positive.
+    """
+    parts = text.replace("±", "+-").split("+-")
+    try:
+        mean, sd = (number_in(part) for part in parts)
+    except ValueError:
+        mean = sd = 0.0
+    if not (0.2 < mean < 5.0 and 0.0 < sd < 5.0):
+        raise InputError(
+            f"a mounting stretch known from an image reads like '1.03 +- 0.01', not {text[:40]!r}",
+            file=path,
+            row=row,
+            remedy="give value and standard deviation",
+        )
+    return mean, sd
