@@ -109,6 +109,7 @@ def alternate(
         )
         lm, point, cost = new_lm, new_point, found.cost
         settled = found_root and found.converged and change <= tolerance
-        if settled or not np.isfinite(cost):
+        # Nothing changes any more, settled or stuck at a material that balances no root
+        if change <= tolerance or not np.isfinite(cost):
             break
     return Alternation(point, lm, cost, count, settled)

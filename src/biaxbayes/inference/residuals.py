@@ -190,13 +190,13 @@ def mounting_roots(
     fibre_switch : bool
     """
     C1, k1, k2, t, kappa = (float(v) for v in point)
-    H = structure_tensor(np.arccos(np.sqrt(t)), kappa)
+    Hx, Hy, Hz = structure_tensor(np.arccos(np.sqrt(t)), kappa)
     groups = load.shape[1]
     lm, inverse = np.full((2, groups), np.nan), np.full((groups, 2, 2), np.nan)
     for g in range(groups):
         px, py = load[:, g] / data.area
         ok, x, y, jxx, jxy, jyy = solve_balance(
-            C1, k1, k2, *H, float(fibre_switch), px, py, data.mounted
+            C1, k1, k2, Hx, Hy, Hz, float(fibre_switch), px, py, data.mounted
         )
         if ok:
             lm[:, g] = np.exp(x), np.exp(y)

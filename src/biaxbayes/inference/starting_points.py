@@ -20,6 +20,7 @@ UPPER = np.array([1e5, 1e6, 1e4, 1.0, 1.0 / 3.0])
 
 ROWS = 24  # of each protocol, enough to rank starting points
 CANDIDATES = 512
+MATRIX_SHARE = 0.01  # of the peak stress: least C1 to start from where prestretch is inferred
 
 
 def screened_points(
@@ -85,6 +86,9 @@ def screened_points(
             if 1 in free
             else np.full(k2.shape, point[1])
         )
+    if with_mounting and 0 in free:
+        # Without a matrix the mounted state is next to unbounded, and a descent gets lost there.
+        C1 = np.maximum(C1, MATRIX_SHARE * float(np.abs(load / data.area[:, None]).max()))
     points = np.column_stack([np.clip(C1, 0.0, UPPER[0]), k1, k2, t[:, 0], kappa[:, 0]])
     cost = np.where(np.isfinite(cost) & np.isfinite(points).all(axis=1), cost, np.inf)
     marks = np.column_stack([0.3 * log_peak, t[:, 0], 3.0 * kappa[:, 0]])
@@ -155,7 +159,7 @@ def _spread_out(cost, marks, count) -> np.ndarray:
     for distance in (0.25, 0.1, 0.0):
         for i in order:
             if len(chosen) == count:
-                return np.array(chosen)
+                return np.array(chosen, dtype=int)
             near = [j for j in chosen if np.abs(marks[i] - marks[j]).max() < distance]
             if i not in chosen and not near:
                 chosen.append(int(i))
