@@ -163,9 +163,10 @@ def _table(specimen: Specimen, fits: list[FitResult], fixed: dict[str, float]) -
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(specimen.name), box=box.SIMPLE_HEAD, title_justify="left")
-    table.add_column("")
-    table.add_column("unit")
+    table = Table(
+        title=Text(specimen.name), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
+    )
+    table.add_column("", no_wrap=True)
     for found in fits:
         table.add_column(found.method, justify="right", no_wrap=True)
     records = [found.record() for found in fits]
@@ -179,8 +180,8 @@ def _table(specimen: Specimen, fits: list[FitResult], fixed: dict[str, float]) -
             if key.startswith("mounting") and found.method in ("standard", "zeroed"):
                 shown = ["-"]
             cells.append("\n".join(shown) + mark)
-        table.add_row(label, unit, *cells)
-    table.add_row("converged", "", *("yes" if found.converged else "NO" for found in fits))
+        table.add_row(f"{label} {unit}".rstrip(), *cells)
+    table.add_row("converged", *("yes" if found.converged else "NO" for found in fits))
     return table
 
 

@@ -77,12 +77,21 @@ def descend(
     -------
     Descent
     """
-    x = np.clip(start, lower, upper)
-    r = problem.residual(x)
-    cost = float(r @ r)
+    with np.errstate(all="ignore"):
+        return _descend(problem, np.clip(start, lower, upper), lower, upper, steps, tolerance)
+
+
+def _descend(
+    problem: Problem,
+    x: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    steps: int,
+    tolerance: float,
+) -> Descent:
+    r, cost, J = _evaluate(problem, x)
     if not np.isfinite(cost):
         return Descent(x, np.inf, 0, False)
-    J = problem.jacobian(x)
     column = np.zeros(x.size)
     damping, growth, accepted = 1e-3, 2.0, 0
     for _ in range(steps):
@@ -97,12 +106,10 @@ def descend(
         if predicted <= tolerance * cost and damping <= 1.0:
             return Descent(x, cost, accepted, True)
         candidate = x + step
-        trial = problem.residual(candidate)
-        new = float(trial @ trial)
+        trial, new, slope = _evaluate(problem, candidate)
         gain = (cost - new) / predicted if np.isfinite(new) and predicted > 0.0 else -1.0
         if gain > 1e-4:
-            x, r, cost = candidate, trial, new
-            J = problem.jacobian(x)
+            x, r, cost, J = candidate, trial, new, slope
             accepted += 1
             # Nielsen's rule: trust more the better the linear model predicted
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-15)
@@ -114,6 +121,16 @@ def descend(
                 # No step however small lowers the cost: at the floor of rounding.
                 return Descent(x, cost, accepted, _stationary(J, gradient, free, cost, 1e-6))
     return Descent(x, cost, accepted, False)
+
+
+def _evaluate(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Residual, its sum of squares and its Jacobian; the sum is infinite if any is not finite."""
+    r, J = problem.residual(x), problem.jacobian(x)
+    cost = float(r @ r)
+    # The squares of the columns must be finite too, or no step can be solved for
+    if not (np.isfinite(cost) and np.isfinite(np.einsum("ij,ij->j", J, J)).all()):
+        cost = np.inf
+    return r, cost, J
 
 
 def _step(
