@@ -1,0 +1,228 @@
+"""Posterior draws to a folder of material cards, each checked after it was written."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes import __version__
+from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.findings.material_draws import fibre_strains, material, protocol_mounting
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.output.cards import abaqus, febio
+from biaxbayes.output.cards.card import Card, exportable, safe_label
+from biaxbayes.output.cards.selfcheck import relative_deviation
+from biaxbayes.output.cards.units import unit_system
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.text_file import atomic_write_text
+
+__all__ = ["AGREEMENT", "MANIFEST", "PROGRAMS", "export_cards"]
+
+Writer = Callable[[Card, str], str]
+Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard]
+
+PROGRAMS: dict[str, tuple[Writer, Reader, str]] = {
+    "abaqus": (abaqus.write_abaqus, abaqus.read_abaqus, abaqus.SUFFIX),
+    "febio": (febio.write_febio, febio.read_febio, febio.SUFFIX),
+}
+"""Writer, reader and file ending of each program."""
+
+AGREEMENT = 1e-8
+"""Largest relative deviation of a card's stress from the draw's."""
+
+MANIFEST = "manifest.csv"
+BULK_RATIO = 1000.0  # FEBio's material is nearly incompressible, never exactly
+STATES = 100
+CARD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*-\d{4,}\.(inp|feb)")
+
+
+def export_cards(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    rows: Sequence[int],
+    out: Path,
+    *,
+    program: str,
+    units: str = "kPa-mm",
+    bulk_ratio: float | None = None,
+    fibre_switch: bool = False,
+    origin: str = "posterior draw",
+    replace: bool = False,
+) -> pd.DataFrame:
+    """Write one material card a draw, a manifest, and check every card.
+
+    Parameters
+    ----------
+    draws : DataFrame
+        Posterior draws.
+    specimen : Specimen
+        Its states of stretch are those of the checks.
+    rows : sequence of int
+        Positions of the draws to write; each gets the same weight.
+    out : Path
+        Folder, made if it is missing.
+    program : {"abaqus", "febio"}
+    units : str
+        One of :data:`biaxbayes.output.cards.units.UNIT_SYSTEMS`.
+    bulk_ratio : float, optional
+        Bulk modulus over the larger of the matrix's shear modulus and the largest stress in the
+        tested range; the change of volume at that stress is about its inverse. Default:
+        incompressible for Abaqus, 1000 for FEBio.
+    fibre_switch : bool
+        Whether the run was fitted with the fibre switch.
+    origin : str
+        What the draws are, for the header.
+    replace : bool
+        Remove the cards of an earlier export in the same folder.
+
+    Returns
+    -------
+    DataFrame
+        The manifest: card, file, draw, weight, parameters, smallest fibre strain, what the fibre
+        switch changes, deviation found by the check.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, the folder holds an earlier export, or a material cannot be
+        written.
+    BiaxbayesError
+        If a card fails its check.
+    """
+    if program not in PROGRAMS:
+        raise InputError(f"no export to {program[:40]!r}", remedy=f"choose {', '.join(PROGRAMS)}")
+    if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:
+        raise InputError(f"a bulk ratio of {bulk_ratio:g} is not a positive number")
+    if bulk_ratio is None and program == "febio":
+        bulk_ratio = BULK_RATIO
+    system = unit_system(units)
+    _prepare(out, replace=replace)
+    stem, digits = safe_label(specimen.name), max(4, len(str(len(draws))))
+    records = []
+    for row in rows:
+        draw = draws.iloc[[int(row)]]
+        fitted = material(draw.iloc[0], fibre_switch=fibre_switch)
+        states = _states(draw, specimen)
+        written, notes = exportable(fitted)
+        fibres = _fibres(draw, fitted, states)
+        card = Card(
+            f"{stem}_{row:0{digits}d}",
+            written,
+            system,
+            _bulk_modulus(fitted, states, bulk_ratio),
+            specimen.name,
+            f"{origin}; row {row} of {len(draws)} draws, weight {1.0 / len(rows):.6g}",
+            (*notes, *fibres.notes),
+        )
+        file = f"{stem}-{row:0{digits}d}{PROGRAMS[program][2]}"
+        deviation = _write_and_check(card, out / file, program, fitted, states)
+        records.append(
+            {
+                "card": card.label,
+                "file": file,
+                "draw": int(row),
+                "weight": 1.0 / len(rows),
+                "C1_kPa": written.C1_kPa,
+                "k1_kPa": written.k1_kPa,
+                "k2": written.k2,
+                "alpha_deg": written.alpha_deg,
+                "kappa": written.kappa,
+                "bulk_modulus_kPa": np.nan if card.bulk_kPa is None else card.bulk_kPa,
+                "program": program,
+                "units": system.name,
+                "smallest_fibre_strain": fibres.smallest,
+                "switch_changes_stress_kPa": fibres.change_kPa,
+                "check_relative_deviation": deviation,
+            }
+        )
+    manifest = pd.DataFrame(records)
+    atomic_write_text(out / MANIFEST, manifest.to_csv(index=False, lineterminator="\n"))
+    return manifest
+
+
+def _bulk_modulus(fitted: GOH, states: np.ndarray, ratio: float | None) -> float | None:
+    """Bulk modulus in kPa, from the stiffness and the stress that the material meets."""
+    if ratio is None:
+        return None
+    peak = float(np.abs(fitted.cauchy(*states.T)).max())
+    return ratio * max(2.0 * fitted.C1_kPa, peak)
+
+
+def _write_and_check(
+    card: Card, path: Path, program: str, fitted: GOH, states: np.ndarray
+) -> float:
+    """Write a card, read the file back and compare its stress with the draw's."""
+    write, read, _ = PROGRAMS[program]
+    atomic_write_text(path, write(card, __version__))
+    # What counts is the file, not what was meant to be in it. In the incompressible limit the
+    # volumetric term vanishes; evaluating it would only add its rounding, K times 1e-16.
+    found = read(path.read_text(encoding="utf-8"))
+    deviation = relative_deviation(found.isochoric_energy, card.units.per_kPa, fitted, *states.T)
+    if not deviation <= AGREEMENT:
+        path.unlink()
+        raise BiaxbayesError(
+            f"{path.name}: its stress differs from the draw's by {deviation:.1e} of itself"
+        )
+    return deviation
+
+
+@dataclass(frozen=True)
+class _Fibres:
+    smallest: float
+    change_kPa: float
+    notes: tuple[str, ...]
+
+
+def _fibres(draw: pd.DataFrame, fitted: GOH, states: np.ndarray) -> _Fibres:
+    """What the programs' fibre switch does to this draw in the tested states."""
+    E = fibre_strains(draw, *states.T)[0]
+    smallest = float(E.min())
+    switch = (
+        "Fibre switch: fibres carry no load at E < 0 in this program and in the fit alike."
+        if fitted.fibre_switch
+        else "Fibre switch: this program drops the fibre term at E < 0; the fit does not "
+        "(Eq. 5 of its paper has no switch)."
+    )
+    if smallest >= 0.0 or fitted.fibre_switch:
+        where = "Over the tested states E >= 0, so the two agree there." if smallest >= 0.0 else ""
+        return _Fibres(smallest, 0.0, (f"{switch} {where}".strip(),))
+    switched = dataclasses.replace(fitted, fibre_switch=True)
+    change = float(np.abs(np.subtract(switched.cauchy(*states.T), fitted.cauchy(*states.T))).max())
+    note = (
+        f"WARNING: E falls to {smallest:.3g} in the tested states, where the switch changes the "
+        f"stress by up to {change:.3g} kPa; sample with --fibre-switch for a consistent material."
+    )
+    return _Fibres(smallest, change, (switch, note))
+
+
+def _states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
+    """Total stretches (m, 2) of the tested states for one draw."""
+    out = []
+    for protocol in specimen.protocols:
+        index = np.unique(np.linspace(0, protocol.rows - 1, STATES).round().astype(int))
+        measured = np.column_stack([protocol.stretch_x, protocol.stretch_y])[index]
+        out.append(measured * protocol_mounting(draw, protocol))
+    return np.vstack(out)
+
+
+def _prepare(out: Path, *, replace: bool) -> None:
+    """Make the folder; an earlier export in it is removed or refused, never mixed with."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        old = [path for path in out.iterdir() if CARD_NAME.fullmatch(path.name)]
+        if (old or (out / MANIFEST).exists()) and not replace:
+            raise InputError(
+                "holds the cards of an earlier export",
+                file=out,
+                remedy="name another folder with --out, or remove them with --replace",
+            )
+        for path in (*old, out / MANIFEST):
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", file=out) from None

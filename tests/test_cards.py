@@ -1,0 +1,404 @@
+"""Exported material cards against hand calculation, the paper's tables and the draws."""
+
+import dataclasses
+import re
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.findings.representative_draws import (
+    common_states,
+    median_draw,
+    most_probable_draw,
+    random_draws,
+)
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.mechanics.virtual import virtual_test
+from biaxbayes.output.cards import export
+from biaxbayes.output.cards.abaqus import read_abaqus, write_abaqus
+from biaxbayes.output.cards.card import Card, exportable, plain_text, safe_label
+from biaxbayes.output.cards.export import MANIFEST, export_cards
+from biaxbayes.output.cards.febio import read_febio, write_febio
+from biaxbayes.output.cards.selfcheck import biaxial_stress, relative_deviation
+from biaxbayes.output.cards.units import UNIT_SYSTEMS
+from biaxbayes.specimens.specimen import Protocol, Specimen
+
+MEDIA = MATERIALS["weisbecker-media"].material
+WRITE = {"abaqus": write_abaqus, "febio": write_febio}
+READ = {"abaqus": read_abaqus, "febio": read_febio}
+PER_KPA = {"kPa-mm": 1.0, "MPa-mm": 1e-3, "Pa-m": 1e3}
+
+
+def card(material: GOH = MEDIA, units: str = "kPa-mm", bulk: float | None = 1e5, **more) -> Card:
+    return Card("media", material, UNIT_SYSTEMS[units], bulk, **more)
+
+
+def stress(program: str, made: Card, x, y) -> np.ndarray:
+    """Stress of a card from its text, in the card's unit."""
+    return np.array(biaxial_stress(READ[program](WRITE[program](made, "1.0")).energy, x, y))
+
+
+def specimen(name="media", material=MEDIA, ratios=((1.0, 1.0),), lm=(1.01, 1.02)) -> Specimen:
+    protocols = []
+    for ratio in ratios:
+        v = virtual_test(material, mounting_stretch=lm, measured_stretch=1.18, ratio=ratio)
+        label = f"{ratio[0]:g}:{ratio[1]:g}"
+        protocols.append(Protocol(label, v.measured_x, v.measured_y, v.force_x_N, v.force_y_N))
+    return Specimen(name, tuple(protocols), "force", "unloaded", 20.0, 20.0, 0.88)
+
+
+def draws(n: int, seed=0) -> pd.DataFrame:
+    """As scattered as a posterior can be: from soft to stiff, aligned to isotropic."""
+    rng = np.random.default_rng(seed)
+    return pd.DataFrame(
+        {
+            "C1": np.exp(rng.uniform(np.log(0.1), np.log(80.0), n)),
+            "k1": np.exp(rng.uniform(np.log(0.1), np.log(300.0), n)),
+            "k2": np.exp(rng.uniform(np.log(0.01), np.log(150.0), n)),
+            "alpha": rng.uniform(0.0, 90.0, n),
+            "kappa": rng.uniform(0.0, 1.0 / 3.0, n),
+            "mounting_stretch_x": rng.uniform(1.0, 1.03, n),
+            "mounting_stretch_y": rng.uniform(1.0, 1.03, n),
+            "noise_sd": np.full(n, 0.01),
+            "lp": rng.normal(size=n),
+        }
+    )
+
+
+# --- hand calculation, per program ---
+#
+# Media of Table 1 (C1 14 kPa, k1 140 kPa, k2 11.9, alpha 38.4 deg, kappa 0.21), stretch 1.2 both
+# ways, so C = diag(1.44, 1.44, 0.4822530864), I1 = 3.3622530864 and I4 = 1.44 in both families:
+#   E  = 0.21 * 0.3622530864 + 0.37 * 0.44                  = 0.2388731481
+#   exp(11.9 E^2) = exp(0.6790185328)                       = 1.9719413863
+#   e = 4 k1 E exp = 560 * 0.2388731481 * 1.9719413863      = 263.7845543
+#   cos^2 38.4 deg = 0.6141754351: Hx = 0.4372449110, Hy = 0.3527550890, Hz = 0.21
+#   s_x = (28 + Hx e) 1.44 - (28 + 0.21 e) 0.4822530864     = 166.18999502 kPa
+#   s_y = the same with Hy                                  = 134.09655659 kPa
+HAND = (166.18999502225, 134.09655659152)
+
+
+@pytest.mark.parametrize("units", UNIT_SYSTEMS)
+@pytest.mark.parametrize("program", WRITE)
+def test_media_of_table_1_at_stretch_1_2(program, units):
+    got = stress(program, card(units=units), 1.2, 1.2)[:, 0]
+    np.testing.assert_allclose(got, np.array(HAND) * PER_KPA[units], rtol=1e-11)
+
+
+def test_abaqus_data_line_holds_C10_D_k1_k2_kappa():
+    lines = write_abaqus(card(units="MPa-mm", bulk=None), "1.0").splitlines()
+    keyword = lines.index("*ANISOTROPIC HYPERELASTIC, HOLZAPFEL, LOCAL DIRECTIONS=2")
+    numbers = [float(v) for v in lines[keyword + 1].split(",")]
+    assert numbers == [0.014, 0.0, 0.14, 11.9, 0.21]  # C10 = C1, MPa; incompressible
+    first = next(i for i, line in enumerate(lines) if line.startswith("*ORIENTATION"))
+    assert lines[first].endswith("LOCAL DIRECTIONS=2")
+    # cos and sin of 38.4 degrees
+    assert lines[first + 3].startswith("7.83693457") and "6.21147780" in lines[first + 3]
+    assert "-6.21147780" in lines[first + 4]
+
+
+def test_abaqus_D_is_two_over_the_bulk_modulus():
+    found = read_abaqus(write_abaqus(card(units="Pa-m", bulk=5e4), "1.0"))
+    assert pytest.approx(2.0 / 5e7, rel=1e-12) == found.D
+
+
+def test_febio_c_is_twice_C1_and_gamma_is_in_degrees():
+    root = ElementTree.fromstring(write_febio(card(units="MPa-mm", bulk=5e4), "1.0"))
+    node = root.find("Material/material")
+    assert root.tag == "febio_spec"
+    assert node.get("type") == "Holzapfel-Gasser-Ogden"
+    values = {child.tag: float(child.text) for child in node if child.tag != "mat_axis"}
+    assert values == pytest.approx(
+        {"c": 0.028, "k1": 0.14, "k2": 11.9, "gamma": 38.4, "kappa": 0.21, "k": 50.0}
+    )
+    assert (node.findtext("mat_axis/a"), node.findtext("mat_axis/d")) == ("1,0,0", "0,1,0")
+
+
+def test_febio_without_a_bulk_modulus_is_refused():
+    with pytest.raises(InputError, match="bulk"):
+        write_febio(card(bulk=None), "1.0")
+
+
+@pytest.mark.parametrize("program", WRITE)
+@pytest.mark.parametrize(
+    ("row", "r2"),
+    [
+        ((10.3, 43.9, 4.93, 41.45, 0.0), 0.981),  # kappa = 0
+        ((14.3, 41.1, 5.57, 41.16, 0.0), 0.916),
+        ((18.4, 38.3, 6.3, 40.84, 0.0), 0.781),
+        ((22.7, 35.6, 7.12, 40.48, 0.0), 0.537),
+        ((14.4, 183.7, 15.11, 38.41, 0.214), 0.701),
+    ],
+)
+def test_table_4_follows_from_the_cards(program, row, r2):
+    """R2 of the printed parameters against the media's true stress, both from cards."""
+    mounting = {0.981: 1.005, 0.916: 1.01, 0.781: 1.015}.get(r2, 1.02)
+    path = np.linspace(mounting, 1.2, 101)
+    truth = stress(program, card(), path, path)
+    fitted = stress(program, card(GOH(*row)), path, path)
+    found = 1.0 - ((truth - fitted) ** 2).sum() / ((truth - truth.mean()) ** 2).sum()
+    assert abs(found - r2) < 1e-3
+
+
+# --- the check ---
+
+
+@pytest.mark.parametrize("units", UNIT_SYSTEMS)
+@pytest.mark.parametrize("program", WRITE)
+def test_two_hundred_draws_agree_with_the_closed_form(program, units, tmp_path):
+    frame = draws(200)
+    sample = specimen(ratios=((1.0, 1.0), (1.0, 0.4)))
+    manifest = export_cards(frame, sample, range(200), tmp_path, program=program, units=units)
+    assert len(manifest) == 200
+    assert manifest["check_relative_deviation"].max() < 1e-8
+    assert manifest["weight"].sum() == pytest.approx(1.0)
+    # Not only by the module's own word: ten cards against the public stress.
+    path = np.linspace(1.02, 1.15, 7)
+    for row in range(0, 200, 20):
+        text = (tmp_path / manifest["file"][row]).read_text()
+        got = np.array(biaxial_stress(READ[program](text).energy, path, path[::-1]))
+        C1, k1, k2, alpha, kappa = frame.iloc[row, :5]
+        expected = GOH(C1, k1, k2, alpha, kappa, fibre_switch=True).cauchy(path, path[::-1])
+        np.testing.assert_allclose(got / PER_KPA[units], expected, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("program", WRITE)
+@pytest.mark.parametrize(
+    ("pattern", "change"), [("k1", 1.001), ("k2", 1.001), ("kappa", 0.999), ("angle", 1.001)]
+)
+def test_the_check_sees_a_wrong_number(program, pattern, change):
+    wrong = {
+        "k1": dataclasses.replace(MEDIA, k1_kPa=140.0 * change),
+        "k2": dataclasses.replace(MEDIA, k2=11.9 * change),
+        "kappa": dataclasses.replace(MEDIA, kappa=0.21 * change),
+        "angle": dataclasses.replace(MEDIA, alpha_deg=38.4 * change),
+    }[pattern]
+    found = READ[program](WRITE[program](card(wrong), "1.0"))
+    path = np.linspace(1.0, 1.2, 9)
+    assert relative_deviation(found.energy, 1.0, MEDIA, path, path) > 1e-5
+
+
+def test_a_card_that_fails_its_check_is_removed(tmp_path, monkeypatch):
+    def careless(made: Card, version: str) -> str:
+        return write_abaqus(
+            dataclasses.replace(made, material=dataclasses.replace(MEDIA, k1_kPa=99.0)), version
+        )
+
+    monkeypatch.setitem(export.PROGRAMS, "abaqus", (careless, read_abaqus, ".inp"))
+    with pytest.raises(BiaxbayesError, match="differs from the draw's"):
+        export_cards(draws(3), specimen(), [0], tmp_path, program="abaqus")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_card_with_one_family_turned_needs_shear():
+    text = write_abaqus(card(), "1.0").replace(", -6.2", ", -5.2")
+    with pytest.raises(ArithmeticError, match="shear"):
+        biaxial_stress(read_abaqus(text).energy, 1.1, 1.2)
+
+
+def test_orientation_of_the_geometry_is_honoured():
+    """Axes swapped: what was stress in x is stress in y."""
+    text = write_abaqus(card(), "1.0").replace("1., 0., 0., 0., 1., 0.", "0., 1., 0., -1., 0., 0.")
+    x, y = biaxial_stress(read_abaqus(text).energy, 1.2, 1.2)
+    assert (y[0], x[0]) == pytest.approx(HAND, rel=1e-11)
+    text = write_febio(card(), "1.0").replace("1,0,0", "0,2,0").replace("0,1,0", "-1,1,0", 1)
+    x, y = biaxial_stress(read_febio(text).energy, 1.2, 1.2)
+    assert (y[0], x[0]) == pytest.approx(HAND, rel=1e-11)
+
+
+def test_bulk_modulus_limits_the_change_of_volume(tmp_path):
+    """Free thickness instead of the incompressible limit, ratio 1000: J - 1 is about p / K."""
+    frame = draws(1).assign(C1=14.0, k1=140.0, k2=11.9, alpha=38.4, kappa=0.21)
+    manifest = export_cards(frame, specimen(), [0], tmp_path, program="febio")
+    energy = read_febio((tmp_path / manifest["file"][0]).read_text()).energy
+    lz, h = 1.0 / (1.18 * 1.18), 1e-30
+    for _ in range(40):  # Newton for s_zz = 0, slope by differences of complex steps
+        slopes = []
+        for z in (lz, lz * (1.0 + 1e-7)):
+            F = np.diag([1.18, 1.18, z]).astype(complex)[None]
+            F[0, 2, 2] += 1j * h
+            slopes.append(energy(F)[0].imag / h)
+        lz -= slopes[0] / ((slopes[1] - slopes[0]) / (lz * 1e-7))
+    assert abs(1.18 * 1.18 * lz - 1.0) < 2e-3
+    assert abs(1.18 * 1.18 * lz - 1.0) > 1e-5
+
+
+# --- edges of the parameters ---
+
+
+@pytest.mark.parametrize("program", WRITE)
+@pytest.mark.parametrize("edge", [{"k2": 0.0}, {"kappa": 0.0}, {"kappa": 1 / 3}, {"alpha": 90.0}])
+def test_edges_are_exported_and_pass_the_check(program, edge, tmp_path):
+    frame = draws(1).assign(C1=5.0, k1=20.0, k2=2.0, alpha=40.0, kappa=0.1).assign(**edge)
+    manifest = export_cards(frame, specimen(), [0], tmp_path, program=program)
+    assert manifest["check_relative_deviation"][0] < 1e-8
+    text = (tmp_path / manifest["file"][0]).read_text()
+    assert ("k2 = 0 is written as 1e-09" in text) == ("k2" in edge)
+    assert READ[program](text).kappa <= 1.0 / 3.0
+
+
+def test_no_matrix_is_refused_by_name():
+    with pytest.raises(InputError, match="C1 is zero"):
+        exportable(GOH(0.0, 10.0, 1.0, 40.0, 0.1))
+
+
+def test_negative_fibre_strain_is_a_warning_in_card_and_manifest(tmp_path):
+    """Fibres along y, test mostly along x: E < 0, where fit and program differ."""
+    frame = draws(1).assign(C1=5.0, k1=50.0, k2=2.0, alpha=90.0, kappa=0.0)
+    sample = specimen(ratios=((1.0, 0.0),), lm=(1.0, 0.95))
+    frame = frame.assign(mounting_stretch_x=1.0, mounting_stretch_y=0.95)
+    plain = export_cards(frame, sample, [0], tmp_path / "a", program="abaqus")
+    E = 0.95**2 - 1.0
+    assert plain["smallest_fibre_strain"][0] == pytest.approx(E)
+    # s_y loses 4 k1 E exp(k2 E^2) ly^2; s_x loses nothing (kappa = 0, fibres along y)
+    lost = 4.0 * 50.0 * abs(E) * np.exp(2.0 * E**2) * 0.95**2
+    assert plain["switch_changes_stress_kPa"][0] == pytest.approx(lost)
+    text = (tmp_path / "a" / plain["file"][0]).read_text()
+    assert "WARNING: E falls to -0.0975" in text
+    assert plain["check_relative_deviation"][0] < 1e-8
+    switched = export_cards(frame, sample, [0], tmp_path / "b", program="abaqus", fibre_switch=True)
+    assert switched["switch_changes_stress_kPa"][0] == 0.0
+    assert "WARNING" not in (tmp_path / "b" / switched["file"][0]).read_text()
+
+
+# --- hostile text, files ---
+
+HOSTILE = [
+    "x\n*MATERIAL, NAME=EVIL\n*ELASTIC\n1.,0.",
+    "--><material/><!--",
+    "a--->b",
+    "../../etc/passwd",
+    "größe 1 µm — ✓",
+    "\x00\x1b[31m\u2028*STEP",
+    "a" * 5000,
+    "",
+    "'\"<>&;,=*$(rm)",
+    "CON",
+    "-",
+]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("program", WRITE)
+def test_hostile_names_stay_inside_a_comment(program, name, tmp_path):
+    manifest = export_cards(draws(2), specimen(name), [1], tmp_path, program=program, origin=name)
+    file = tmp_path / manifest["file"][0]
+    assert file.parent == tmp_path and re.fullmatch(r"[A-Za-z0-9_]+-\d{4}\.\w+", file.name)
+    text = file.read_text(encoding="ascii")
+    assert "\r" not in text and "\0" not in text
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 256
+    if program == "abaqus":
+        keywords = [line.split(",")[0] for line in lines if re.match(r"\*[^*]", line)]
+        assert keywords == ["*ORIENTATION", "*MATERIAL", "*ANISOTROPIC HYPERELASTIC"]
+        assert len(lines) - sum(line.startswith("**") for line in lines) == 8
+        assert len(read_abaqus(text).label) <= 80
+    else:
+        assert len(list(ElementTree.fromstring(text).iter("material"))) == 1
+        assert text.count("<!--") == 1 == text.count("-->")
+
+
+def test_labels_and_lines():
+    assert safe_label("donor 2 / media") == "donor_2_media"
+    assert safe_label("2-media") == "M_2_media"
+    assert safe_label("日本") == "material"
+    assert plain_text("a\nb\tc é") == "a?b?c e"
+    assert len(plain_text("y" * 999)) == 200
+
+
+@pytest.mark.parametrize("program", WRITE)
+def test_numbers_fit_abaqus_fields_and_read_back(program):
+    extreme = GOH(1.234567890123e-5, 9.87654321e5, 1e-9, 12.3456789, 0.0123456789)
+    text = WRITE[program](card(extreme, "Pa-m", 1e7), "1.0")
+    if program == "abaqus":
+        data = [line for line in text.splitlines() if line[0] not in "*"]
+        assert max(len(cell.strip()) for line in data for cell in line.split(",")) <= 20
+    found = READ[program](text)
+    assert found.k1 == pytest.approx(9.87654321e8, rel=1e-12)
+
+
+@pytest.mark.parametrize("reader", READ.values())
+@pytest.mark.parametrize("text", ["", "hello", "*MATERIAL, NAME=A\n*ELASTIC\n1.,.3", "<a/>"])
+def test_other_files_are_no_cards(reader, text):
+    with pytest.raises(InputError, match="not a material card"):
+        reader(text)
+
+
+def test_an_earlier_export_is_neither_mixed_with_nor_lost(tmp_path):
+    keep = tmp_path / "notes.txt"
+    export_cards(draws(4), specimen(), [0, 1, 2], tmp_path, program="abaqus")
+    keep.write_text("mine")
+    with pytest.raises(InputError, match="earlier export"):
+        export_cards(draws(4), specimen(), [3], tmp_path, program="febio")
+    export_cards(draws(4), specimen(), [3], tmp_path, program="febio", replace=True)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [MANIFEST, "media-0003.feb", "notes.txt"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"program": "ansys"}, "abaqus, febio"),
+        ({"program": "abaqus", "units": "psi-inch"}, "kPa-mm, MPa-mm, Pa-m"),
+        ({"program": "abaqus", "bulk_ratio": -1.0}, "bulk ratio"),
+    ],
+)
+def test_unknown_options_are_named(options, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        export_cards(draws(1), specimen(), [0], tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_manifest_leads_from_card_to_draw(tmp_path):
+    frame = draws(30)
+    export_cards(frame, specimen(), [4, 7], tmp_path, program="abaqus", units="Pa-m")
+    manifest = pd.read_csv(tmp_path / MANIFEST)
+    assert manifest["draw"].tolist() == [4, 7]
+    assert manifest["weight"].tolist() == [0.5, 0.5]
+    np.testing.assert_allclose(manifest["k1_kPa"], frame["k1"].iloc[[4, 7]], rtol=1e-15)
+    for _, row in manifest.iterrows():
+        found = read_abaqus((tmp_path / row["file"]).read_text())
+        assert found.label == row["card"].upper()
+        assert found.k1 == pytest.approx(1000.0 * row["k1_kPa"], rel=1e-12)
+
+
+# --- which draw ---
+
+
+def test_median_draw_is_a_draw_near_the_median_curves_where_the_median_vector_is_not():
+    """C1 and k1 trade with each other: the medians of the two stiffen nobody's curve."""
+    rng = np.random.default_rng(4)
+    frame = draws(301).assign(k2=1.0, alpha=45.0, kappa=0.1)
+    frame["mounting_stretch_x"] = frame["mounting_stretch_y"] = 1.01
+    share = rng.permutation(np.linspace(0.02, 0.98, 301))
+    frame["C1"], frame["k1"] = 20.0 * share, 60.0 * (1.0 - share)
+    row = median_draw(frame, specimen())
+    states = common_states(frame, specimen())[0]
+    curves = np.array(
+        [np.concatenate(GOH(*frame.iloc[i, :5]).piola(*states.T)) for i in range(301)]
+    )
+    median = np.median(curves, axis=0)
+    distance = ((curves - median) ** 2).sum(axis=1)
+    assert distance[row] <= np.quantile(distance, 0.02)
+    assert share[row] == pytest.approx(0.5, abs=0.1)
+
+
+def test_most_probable_draw_needs_a_density():
+    frame = draws(50)
+    assert most_probable_draw(frame) == int(frame["lp"].idxmax())
+    with pytest.raises(InputError, match="--at median"):
+        most_probable_draw(frame.drop(columns="lp"))
+
+
+def test_random_draws_repeat_with_the_seed():
+    frame = draws(40)
+    rows = random_draws(frame, 10, seed=3)
+    assert rows == random_draws(frame, 10, seed=3) == sorted(set(rows))
+    assert random_draws(frame, 40) == list(range(40))
+    for count in (0, 41):
+        with pytest.raises(InputError, match="the run holds 40"):
+            random_draws(frame, count)
