@@ -150,8 +150,15 @@ class Sheet:
 
     def displacement_at(self, x_mm: float, y_mm: float) -> np.ndarray:
         """Rows that give (u_x, u_y) at a material point from the free unknowns, shape (2, n)."""
-        rows = self.basis.probes(np.array([[x_mm], [y_mm]]))
-        return np.asarray(rows.todense())[:, self.free]
+        mapping, mesh = self.basis.mapping, self.basis.mesh
+        point = np.array([[x_mm], [y_mm]])
+        cell = mesh.element_finder(mapping=mapping)(*point)
+        local = mapping.invF(point[:, :, None], tind=cell)
+        out = np.zeros((2, self.basis.N))
+        for i, dof in enumerate(self.basis.element_dofs[:, cell[0]]):
+            shape = self.basis.elem.gbasis(mapping, local, i, tind=cell)[0]
+            out[:, dof] = np.asarray(shape)[:, 0, 0]
+        return out[:, self.free]
 
     def load_vector(self, weight, direction: int) -> np.ndarray:
         """Integral of weight(X, Y) times the displacement functions of one direction.
@@ -169,10 +176,10 @@ class Sheet:
         """
         # A fine rule, once: the footprint of a hook is about as wide as an element.
         fine = self._skfem.Basis(self.basis.mesh, self.basis.elem, intorder=20)
-        values = weight(*fine.global_coordinates().value) * fine.dx
+        values = weight(*fine.mapping.F(fine.X)) * fine.dx
         out = np.zeros(fine.N)
         for local in range(fine.Nbfun):
-            share = (fine.basis[local][0].value[direction] * values).sum(axis=1)
+            share = (np.asarray(fine.basis[local][0])[direction] * values).sum(axis=1)
             np.add.at(out, fine.element_dofs[local], share)
         return out[self.free]
 

@@ -208,13 +208,18 @@ class SheetTester:
         NotConverged
             If the residual does not fall to the tolerance.
         """
-        state = guess
+        # A trial step may overflow on its way to being rejected.
+        with np.errstate(all="ignore"):
+            return self._newton(guess, stretch)
+
+    def _newton(self, state: State, stretch: np.ndarray) -> State:
         force, stiffness, area_ratio = self.sheet.internal_force(self.material, state.u)
         residual, norm = self._residual(state, force, stretch)
         norms = [norm]
         for _ in range(MAX_ITERATIONS):
-            reaction = float(np.linalg.norm(state.reaction))
-            if area_ratio > 0.0 and norm <= TOLERANCE * (reaction + 1e-4 * self.scale):
+            # kPa mm; the second term is a grip force that nobody would notice
+            enough = TOLERANCE * (float(np.linalg.norm(state.reaction)) + 1e-4 * self.scale)
+            if area_ratio > 0.0 and norm <= enough:
                 return replace(state, residuals=tuple(norms))
             if not (area_ratio > 0.0 and np.isfinite(norm)):
                 break
@@ -227,9 +232,7 @@ class SheetTester:
                 force, stiffness, area_ratio = self.sheet.internal_force(self.material, trial.u)
                 residual, norm = self._residual(trial, force, stretch)
                 # nan compares false, so a wild step is shortened as well
-                if area_ratio > 0.0 and norm <= (1.0 - 1e-4 * share) * norms[-1]:
-                    break
-                if norm <= TOLERANCE * (reaction + 1e-4 * self.scale):
+                if area_ratio > 0.0 and norm <= max((1.0 - 1e-4 * share) * norms[-1], enough):
                     break
                 share *= 0.5
             else:
@@ -279,6 +282,9 @@ class SheetTester:
         # [W^T V  -S] [dr]     [follow + W^T a]
         # [M V     D] [dd] = - [control + M a ]
         matrix = np.block([[W.T @ V, -S], [by_reaction, by_travel]])
-        small = np.linalg.solve(matrix, -np.concatenate([follow + W.T @ a, control + offset]))
+        try:
+            small = np.linalg.solve(matrix, -np.concatenate([follow + W.T @ a, control + offset]))
+        except np.linalg.LinAlgError:
+            raise NotConverged("the stiffness of the held sheet is singular") from None
         dr, dd = small[:-2], small[-2:]
         return a + V @ dr, dr, dd

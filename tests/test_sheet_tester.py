@@ -1,0 +1,132 @@
+"""The finite-element test against the closed form, energy balance and its own refinement."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("skfem")
+
+from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.mechanics import sheet as sheet_module
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.mechanics.grips import Hooks, uniform_edges
+from biaxbayes.mechanics.membrane import membrane_energy
+from biaxbayes.mechanics.sheet import Sheet
+from biaxbayes.mechanics.sheet_tester import SheetTester
+
+MEDIA = GOH(2.98, 12.47, 1.88, 39.0, 0.0)
+WEISBECKER = GOH(14.0, 140.0, 11.9, 38.4, 0.21)
+DONOR2 = GOH(25.87, 39.78, 139.88, 90.0, 0.241)
+THICKNESS = 0.88
+
+
+def hooked(material, *, elements=10, control="markers", **hooks):
+    sheet = Sheet(20.0, 20.0, elements=elements)
+    grips = Hooks(**hooks).on(sheet)
+    return SheetTester(material, sheet, grips, thickness_mm=THICKNESS, control=control)
+
+
+@pytest.mark.parametrize("control", ["markers", "grips"])
+@pytest.mark.parametrize(("material", "top"), [(MEDIA, 1.2), (WEISBECKER, 1.18), (DONOR2, 1.15)])
+def test_uniform_edges_agree_with_the_closed_form(material, top, control):
+    # Distorted elements and unequal edges: nothing is homogeneous by construction.
+    sheet = Sheet(20.0, 15.0, elements=6, distortion=0.4)
+    tester = SheetTester(
+        material, sheet, uniform_edges(sheet), thickness_mm=THICKNESS, control=control
+    )
+    mounted = tester.mount((1.02, 1.01))
+    test = tester.stretch_to(mounted, (top, 1.0 + 0.7 * (top - 1.0)), increments=8)
+    np.testing.assert_allclose([test.total_x[0], test.total_y[0]], [1.02, 1.01], rtol=1e-9)
+    np.testing.assert_allclose(test.total_x, test.grip_x, rtol=1e-9)
+    Px, Py = material.piola(test.total_x, test.total_y)
+    np.testing.assert_allclose(test.force_x_N, Px * 15.0 * THICKNESS * 1e-3, rtol=1e-6)
+    np.testing.assert_allclose(test.force_y_N, Py * 20.0 * THICKNESS * 1e-3, rtol=1e-6)
+    F = sheet.deformation_gradient(test.states[-1].u)
+    np.testing.assert_allclose(F[0, 0], test.total_x[-1], rtol=1e-8)
+    np.testing.assert_allclose(F[0, 1], 0.0, atol=1e-8)
+
+
+def test_newton_converges_quadratically():
+    tester = hooked(WEISBECKER, control="grips")
+    mounted = tester.mount((1.02, 1.02))
+    # One large step, so that there are iterations to measure.
+    state = tester.equilibrium(mounted, np.array([1.12, 1.12]))
+    norms = np.array(state.residuals)
+    norms = norms[norms > 1e-12 * norms[0]]  # below is rounding
+    assert norms.size >= 4
+    rate = np.log(norms[-1] / norms[-2]) / np.log(norms[-2] / norms[-3])
+    assert rate > 1.8
+
+
+def test_work_at_the_hooks_is_the_energy_in_the_sheet():
+    tester = hooked(MEDIA, control="grips")
+    test = tester.stretch_to(tester.unloaded, (1.2, 1.15), increments=40)
+    travel = np.array([s.travel for s in test.states])
+    force = np.column_stack([test.force_x_N, test.force_y_N])
+    # Two opposite edges: N mm = mJ; Simpson's rule over the equal increments.
+    weights = np.ones(41)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    work = 2.0 * (weights @ (force * (travel[1] - travel[0]))).sum() / 3.0
+    F = tester.sheet.deformation_gradient(test.states[-1].u)
+    quarter = (membrane_energy(MEDIA, F) * tester.sheet.basis.dx).sum()
+    assert work == pytest.approx(4.0 * quarter * THICKNESS * 1e-3, rel=1e-5)
+
+
+def test_directions_are_treated_alike():
+    along = hooked(GOH(5.0, 20.0, 5.0, 20.0, 0.1), elements=6)
+    across = hooked(GOH(5.0, 20.0, 5.0, 70.0, 0.1), elements=6)
+    a = along.stretch_to(along.mount((1.02, 1.01)), (1.1, 1.06), increments=3)
+    b = across.stretch_to(across.mount((1.01, 1.02)), (1.06, 1.1), increments=3)
+    np.testing.assert_allclose(a.force_x_N, b.force_y_N, rtol=1e-8)
+    np.testing.assert_allclose(a.grip_y, b.grip_x, rtol=1e-8)
+
+
+def test_markers_reach_the_stretch_and_hooks_carry_less_than_uniform_edges():
+    tester = hooked(MEDIA)
+    test = tester.stretch_to(tester.mount((1.009, 1.010)), (1.2, 1.2), increments=10)
+    np.testing.assert_allclose(test.measured_x, np.linspace(1.0, 1.2, 11), rtol=1e-9)
+    np.testing.assert_allclose([test.total_x[0], test.total_y[0]], [1.009, 1.010], rtol=1e-9)
+    nominal = MEDIA.piola(test.total_x, test.total_y)[0] * 20.0 * THICKNESS * 1e-3
+    share = test.force_x_N / nominal
+    # The corners and the strips outside the hooks are idle, so the force falls short.
+    assert np.all((share > 0.8) & (share < 0.97))
+
+
+@pytest.mark.slow
+def test_refinement_of_the_hooked_sheet_converges():
+    force, stretch = [], []
+    for elements in (10, 20, 40, 80):
+        tester = hooked(MEDIA, elements=elements, control="grips")
+        state = tester.mount((1.2, 1.2), increments=8)
+        force.append(tester.force_N(state))
+        stretch.append(tester.stretch(state))
+    for values in (np.array(force), np.array(stretch)):
+        change = np.abs(np.diff(values, axis=0))
+        assert np.all(change[1:] < 0.5 * change[:-1])
+        assert np.all(change[-1] < 2e-3 * values[-1])
+
+
+def test_a_step_too_large_is_halved_and_an_impossible_one_reported():
+    tester = hooked(DONOR2, elements=6)
+    in_one = tester.stretch_to(tester.unloaded, (1.15, 1.15), increments=1)
+    in_many = tester.stretch_to(tester.unloaded, (1.15, 1.15), increments=15)
+    assert in_one.force_x_N[-1] == pytest.approx(in_many.force_x_N[-1], rel=1e-7)
+    with pytest.raises(NotConverged, match="no equilibrium"):
+        tester.stretch_to(tester.unloaded, (0.3, 0.3), increments=1)
+
+
+def test_bad_arguments():
+    with pytest.raises(ValueError, match="even"):
+        Sheet(20.0, 20.0, elements=5)
+    with pytest.raises(ValueError, match="do not fit"):
+        Hooks(count=12).on(Sheet(20.0, 20.0, elements=4))
+    sheet = Sheet(20.0, 20.0, elements=4)
+    with pytest.raises(ValueError, match="control"):
+        SheetTester(MEDIA, sheet, uniform_edges(sheet), control="force")
+
+
+def test_without_scikit_fem_the_remedy_is_named(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "skfem", None)
+    with pytest.raises(InputError, match=r"pip install 'biaxbayes\[fe\]'"):
+        sheet_module.Sheet(20.0, 20.0)

@@ -1,0 +1,129 @@
+"""``biaxbayes simulate`` as a user calls it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from biaxbayes.cli import main
+from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.specimens.specimen_file import read_specimen
+
+
+def simulate(*arguments):
+    """Exit code of the command."""
+    with pytest.raises(SystemExit) as end:
+        main(["simulate", *map(str, arguments)])
+    return end.value.code
+
+
+def test_a_table6_row_with_its_published_conditions(tmp_path, capsys):
+    out = tmp_path / "media.csv"
+    assert simulate("--material", "donor2-media", "--noise-N", "0.0006", "--out", out) == 0
+    specimen = read_specimen(out)
+    p = specimen.protocols[0]
+    assert (specimen.name, specimen.thickness_mm, specimen.load_noise) == ("media", 0.88, 0.0006)
+    assert p.rows == 101
+    assert p.stretch_x[-1] == 1.2
+    truth = json.loads((tmp_path / "media.truth.json").read_text())["media"]
+    assert truth["mounting_stretch_y"] == 1.010
+    assert truth["material"]["C1_kPa"] == MATERIALS["donor2-media"].material.C1_kPa
+    assert "media.truth.json" in capsys.readouterr().out
+
+
+def test_five_numbers_several_protocols_and_the_seed(tmp_path):
+    options = [
+        *("--goh", 14, 140, 11.9, 38.4, 0.21),
+        *("--prestretch", 1.02, 1.01, "--total-stretch", 1.2, "--ratio", "1:1"),
+        *("--ratio", "1:0.5", "--increments", 20, "--edge", "20x15", "--thickness", 0.9),
+        *("--noise-N", 0.001, "--misfit", 0.02, "--geometry", "mounted"),
+        *("--stress-pair", "cauchy"),
+    ]
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        path = tmp_path / f"{name}.csv"
+        assert simulate(*options, "--seed", seed, "--name", "s", "--out", path) == 0
+    a, b, c = (read_specimen(tmp_path / f"{name}.csv") for name in "abc")
+    assert a == b
+    assert a != c
+    assert [p.name for p in a.protocols] == ["1:1", "1:0.5"]
+    assert a.stress_pair == "cauchy"
+    assert a.edge_y_mm == pytest.approx(15.0 * 1.01)
+    assert a.protocols[0].stretch_x[-1] * 1.02 == pytest.approx(1.2)
+    assert a.protocols[0].stretch_y[-1] * 1.01 == pytest.approx(1.2)
+
+
+def test_hooks(tmp_path):
+    pytest.importorskip("skfem")
+    out = tmp_path / "hooked.csv"
+    base = ("--material", "donor2-media", "--increments", 4)
+    assert simulate(*base, "--hooks", "--out", out) == 0
+    assert simulate(*base, "--out", tmp_path / "plain.csv") == 0
+    hooked = read_specimen(out).protocols[0]
+    plain = read_specimen(tmp_path / "plain.csv").protocols[0]
+    np.testing.assert_allclose(hooked.stretch_x, plain.stretch_x, rtol=1e-9)
+    assert np.all(hooked.load_x < 0.95 * plain.load_x)
+    assert json.loads((tmp_path / "hooked.truth.json").read_text())["hooked"]["grips"]["count"] == 5
+
+
+def test_hooks_without_scikit_fem(tmp_path, capsys, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "skfem", None)
+    out = tmp_path / "x.csv"
+    assert simulate("--material", "donor2-media", "--hooks", "--out", out) == 2
+    assert "pip install 'biaxbayes[fe]'" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give one of --material NAME and --goh"),
+        (["--material", "granite"], "no material 'granite'"),
+        (["--material", "smoljkic-m55", "--total-stretch", 1.2], "give --prestretch X Y"),
+        (["--material", "sheep1-fip"], "give --total-stretch or --measured-stretch"),
+        (["--material", "donor1", "--total-stretch", 1.2, "--measured-stretch", 1.1], "give one"),
+        (["--material", "donor1", "--prestretch", 3, 0], "ratios near 1"),
+        (["--material", "donor1", "--measured-stretch", 1], "ends where it starts"),
+        (["--material", "donor1", "--measured-stretch", 1.9], "cannot be used"),
+        (["--material", "donor1", "--ratio", "1:1", "--ratio", "1:1"], "each ratio once"),
+        (["--material", "donor1", "--ratio", "1/2"], "does not read like 1:0.5"),
+        (["--material", "donor1", "--edge", "wide"], "does not read like 20 or 20x15"),
+        (["--material", "donor1", "--thickness", 0], "a thickness of 0 mm"),
+        (["--material", "donor1", "--noise-N", -1], "--noise-N is -1"),
+        (["--material", "donor1", "--misfit", "nan"], "--misfit is nan"),
+        (["--goh", 1, 2, 3, 4, 0.5, "--prestretch", 1, 1], "kappa must lie between"),
+    ],
+)
+def test_what_cannot_be_simulated_is_one_line_and_exit_2(tmp_path, capsys, arguments, message):
+    assert simulate(*arguments, "--out", tmp_path / "x.csv") == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+    assert not any(tmp_path.iterdir())
+
+
+def test_existing_files_are_kept(tmp_path, capsys):
+    out = tmp_path / "x.csv"
+    assert simulate("--material", "donor1", "--out", out) == 0
+    before = out.read_bytes()
+    assert simulate("--material", "donor2", "--out", out) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert out.read_bytes() == before
+    assert simulate("--material", "donor2", "--out", out, "--overwrite") == 0
+    assert out.read_bytes() != before
+    assert simulate("--material", "donor2", "--out", tmp_path / "no" / "x.csv") == 2
+    assert simulate("--material", "donor2", "--out", tmp_path) == 2
+    assert simulate("--material", "donor2") == 2
+
+
+def test_the_names_are_listed(capsys):
+    assert simulate("--material", "list") == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in MATERIALS)
+
+
+def test_no_prestretch_is_said_to_look_tared(tmp_path, capsys):
+    arguments = ("--material", "weisbecker-media", "--prestretch", 1, 1, "--total-stretch", 1.1)
+    assert simulate(*arguments, "--out", tmp_path / "x.csv") == 0
+    assert "tared" in capsys.readouterr().err

@@ -1,0 +1,143 @@
+"""Virtual specimens: what is written, what is kept apart, and the statistics of their errors."""
+
+import json
+
+import numpy as np
+import pytest
+
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.mechanics.mounting import mounted_state
+from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from biaxbayes.specimens.virtual_specimen import (
+    Dimensions,
+    Machine,
+    hooked_specimen,
+    virtual_specimen,
+    write_truth,
+)
+
+MEDIA = MATERIALS["donor2-media"].material
+BOX = Dimensions(20.0, 15.0, 0.88)
+TEST = {"name": "t", "mounting_stretch": (1.02, 1.01), "measured_stretch": 1.2, "dimensions": BOX}
+
+
+def test_noise_free_force_is_stress_times_section():
+    specimen, truth = virtual_specimen(MEDIA, **TEST, seed=1)
+    p = specimen.protocols[0]
+    Px, Py = MEDIA.piola(p.stretch_x * 1.02, p.stretch_y * 1.01)
+    np.testing.assert_allclose(p.load_x, Px * 15.0 * 0.88e-3, rtol=1e-9)
+    np.testing.assert_allclose(p.load_y, Py * 20.0 * 0.88e-3, rtol=1e-9)
+    assert truth.mounting_force_x == pytest.approx(p.load_x[0], rel=1e-9)
+    assert specimen.load_noise is None
+
+
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+@pytest.mark.parametrize("pair", ["force", "piola", "cauchy"])
+def test_the_mounting_reading_leads_back_to_the_mounting_stretch(pair, geometry):
+    # The root-finder knows nothing of how the record was made.
+    machine = Machine(stress_pair=pair, geometry=geometry)
+    specimen, truth = virtual_specimen(MEDIA, **TEST, machine=machine, seed=1)
+    reading = specimen.mounting_reading(specimen.protocols[0]) / specimen.area
+    state = mounted_state(MEDIA, *reading, geometry=geometry)
+    np.testing.assert_allclose(state.stretch, [1.02, 1.01], rtol=1e-9)
+    assert truth.mounting_force_y == pytest.approx(specimen.protocols[0].load_y[0], rel=1e-9)
+
+
+def test_cauchy_and_piola_files_of_the_mounted_geometry_are_what_a_lab_computes():
+    machine = Machine(stress_pair="cauchy", geometry="mounted")
+    specimen, _ = virtual_specimen(MEDIA, **TEST, machine=machine, seed=1)
+    force, _ = virtual_specimen(MEDIA, **TEST, seed=1)
+    p, f = specimen.protocols[0], force.protocols[0]
+    edge_y, thickness = 15.0 * 1.01, 0.88 / (1.02 * 1.01)
+    assert specimen.edge_y_mm == pytest.approx(edge_y)
+    assert specimen.thickness_mm == pytest.approx(thickness)
+    expected = f.load_x / (edge_y * thickness * 1e-3) * f.stretch_x
+    np.testing.assert_allclose(p.load_x, expected, rtol=1e-12)
+
+
+def test_errors_have_the_stated_size():
+    residuals, first = [], []
+    for seed in range(40):
+        machine = Machine(noise_N=0.0006, misfit=0.02)
+        noisy, _ = virtual_specimen(MEDIA, **TEST, machine=machine, seed=seed)
+        only_misfit, truth = virtual_specimen(
+            MEDIA, **TEST, machine=Machine(misfit=0.02), seed=seed
+        )
+        clean, _ = virtual_specimen(MEDIA, **TEST, seed=seed)
+        a, b, c = (s.protocols[0].load_x for s in (noisy, only_misfit, clean))
+        residuals.append(a - b)
+        first.append(b / c - 1.0)
+        assert truth.disturbed_mounting_force["1"][0] == pytest.approx(b[0], rel=1e-9)
+    assert np.std(residuals) == pytest.approx(0.0006, rel=0.05)
+    misfit = np.array(first)
+    assert np.std(misfit) == pytest.approx(0.02, rel=0.2)
+    # exp(-lag^2 / (2 length^2)) at a lag of one length, 25 of 100 increments
+    lagged = np.mean(misfit[:, :-25] * misfit[:, 25:]) / np.mean(misfit**2)
+    assert lagged == pytest.approx(np.exp(-0.5), abs=0.12)
+
+
+def test_same_seed_same_bytes_and_the_file_reads_back(tmp_path):
+    machine = Machine(noise_N=0.0006, misfit=0.02)
+    ratios = ((1.0, 1.0), (1.0, 0.5), (2.0, 4.0))
+    for name in "ab":
+        specimen, truth = virtual_specimen(
+            MEDIA, **TEST, ratios=ratios, machine=machine, seed=7, labels={"layer": "media"}
+        )
+        write_specimen(specimen, tmp_path / f"{name}.csv")
+        write_truth([truth], tmp_path / f"{name}.json")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    assert read_specimen(tmp_path / "a.csv") == specimen
+    assert [p.name for p in specimen.protocols] == ["1:1", "1:0.5", "2:4"]
+    assert specimen.protocols[2].stretch_x[-1] == pytest.approx(1.1)
+    assert specimen.protocols[2].stretch_y[-1] == pytest.approx(1.2)
+    stored = json.loads((tmp_path / "a.json").read_text())["t"]
+    assert stored["material"]["k1_kPa"] == 12.47
+    assert stored["seed"] == 7
+
+
+def test_no_truth_in_the_specimen_file(tmp_path):
+    material = GOH(7.123, 33.457, 5.791, 41.37, 0.1379)
+    specimen, _ = virtual_specimen(
+        material,
+        **(TEST | {"mounting_stretch": (1.0237, 1.0151)}),
+        seed=1,
+        machine=Machine(noise_N=0.0006),
+    )
+    write_specimen(specimen, tmp_path / "t.csv")
+    text = (tmp_path / "t.csv").read_text()
+    for secret in ("7.123", "33.457", "5.791", "41.37", "0.1379", "1.0237", "1.0151", "seed"):
+        assert secret not in text
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"total_stretch": 1.2},
+        {"measured_stretch": None},
+        {"ratios": ((1.0, 1.0), (1.0, 1.0))},
+        {"ratios": ((0.0, 0.0),)},
+        {"ratios": ((1.0, -1.0),)},
+        {"ratios": ()},
+        {"increments": 0},
+    ],
+)
+def test_a_test_that_is_none_is_refused(change):
+    with pytest.raises(ValueError):
+        virtual_specimen(MEDIA, **(TEST | change), seed=1)
+
+
+def test_hooked_specimen_reports_the_central_stretch_and_the_hook_force():
+    pytest.importorskip("skfem")
+    specimen, truth = hooked_specimen(
+        MEDIA, **TEST, seed=1, increments=5, elements=8, ratios=((1.0, 1.0), (0.5, 1.0))
+    )
+    p, q = specimen.protocols
+    np.testing.assert_allclose(p.stretch_x, np.linspace(1.0, 1.2, 6), rtol=1e-9)
+    np.testing.assert_allclose(q.stretch_x, np.linspace(1.0, 1.1, 6), rtol=1e-9)
+    assert p.load_x[0] == pytest.approx(q.load_x[0])
+    assert truth.grips is not None and truth.grips["count"] == 5
+    assert truth.mounting_stretch_x == 1.02
+    # The hooks carry less than the nominal section times the central stress.
+    assert 0.8 * truth.mounting_force_x < p.load_x[0] < 0.97 * truth.mounting_force_x
+    assert truth.disturbed_mounting_force["1:1"][0] == pytest.approx(p.load_x[0])
