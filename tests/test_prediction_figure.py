@@ -1,0 +1,140 @@
+"""Figures of predictions, measured: size, fonts, what is drawn where; and CSVs of stretches."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from biaxbayes.errors import InputError
+from biaxbayes.findings.covered_stretches import BEYOND, INSIDE
+from biaxbayes.findings.percentile_bands import BANDS
+from biaxbayes.output.prediction_figure import figure_bytes, inflation_figure, stress_figure
+from biaxbayes.specimens.stretch_file import read_stretches
+
+
+def stress_table(x=None, y=None, stress="cauchy") -> pd.DataFrame:
+    x = np.linspace(1.0, 1.3, 13) if x is None else np.asarray(x)
+    y = x if y is None else np.asarray(y)
+    table = pd.DataFrame({"stretch_x": x, "stretch_y": y})
+    for axis, scale in (("x", 100.0), ("y", 60.0)):
+        middle = scale * (np.linspace(0.0, 0.3, len(x)))
+        for band, shift in zip(BANDS, (0, -1, 1, -3, 3), strict=True):
+            table[f"{stress}_{axis}_kPa_{band}"] = middle + shift
+    table["extrapolation"] = np.where(x > 1.2 + 1e-9, BEYOND, INSIDE)
+    return table
+
+
+def tube_table(by: str) -> pd.DataFrame:
+    n = 9
+    d, p = np.linspace(20.0, 24.0, n), np.linspace(0.0, 16.0, n)
+    table = {"pressure_kPa": p} if by == "pressure" else {"outer_diameter_mm": d}
+    name, middle = ("outer_diameter_mm", d) if by == "pressure" else ("pressure_kPa", p)
+    for band, shift in zip(BANDS, (0.0, -0.2, 0.2, -0.5, 0.5), strict=True):
+        table[f"{name}_{band}"] = middle + shift
+    return pd.DataFrame({**table, "extrapolation": [INSIDE] * 4 + [BEYOND] * 5})
+
+
+def drawn(ax, style):
+    return [
+        line.get_xydata()
+        for line in ax.lines
+        if line.get_linestyle() == style and len(line.get_xdata())
+    ]
+
+
+@pytest.mark.parametrize("width", [85.0, 180.0])
+def test_print_size_fonts_and_units(width):
+    figure = stress_figure(stress_table(), width_mm=width, directions=("circumferential", "axial"))
+    assert figure.get_size_inches()[0] * 25.4 == pytest.approx(width)
+    assert len(figure.axes) == (1 if width < 120 else 2)
+    figure.draw_without_rendering()
+    box = figure.bbox
+    for ax in figure.axes:
+        texts = [ax.xaxis.label, *ax.get_xticklabels(), *ax.get_legend().get_texts()]
+        assert all(7.0 <= text.get_fontsize() <= 9.0 for text in texts)
+        for text in texts:
+            extent = text.get_window_extent()
+            assert extent.x0 >= box.x0 - 1 and extent.x1 <= box.x1 + 1  # nothing cut off
+    assert "kPa" in figure.axes[0].get_ylabel()
+    assert "total stretch" in figure.axes[0].get_xlabel()
+
+
+def test_extrapolation_is_dashed_and_the_rest_is_not():
+    ax = stress_figure(stress_table()).axes[0]
+    solid, dashed = drawn(ax, "-"), drawn(ax, "--")
+    assert len(solid) == len(dashed) == 2
+    for line in solid:
+        assert line[:, 0].max() <= 1.225 + 1e-9  # up to the first state beyond
+        assert line[:, 0].min() == 1.0
+    for line in dashed:
+        assert line[:, 0].min() > 1.2 and line[:, 0].max() == pytest.approx(1.3)
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["x", "y", "credible, 90 %", "predictive, 90 %", "not tested"]
+
+
+def test_a_path_that_turns_back_is_drawn_by_its_rows():
+    there_and_back = [1.0, 1.1, 1.2, 1.1, 1.0]
+    ax = stress_figure(stress_table(there_and_back), reference="measured").axes[0]
+    assert "row" in ax.get_xlabel()
+    ax = stress_figure(stress_table([1.0, 1.05, 1.1], [1.0, 1.1, 1.2]), reference="measured").axes[
+        0
+    ]
+    assert ax.get_xlabel() == "measured stretch in y"
+
+
+def test_piola_stress_is_named():
+    ax = stress_figure(stress_table(stress="piola")).axes[0]
+    assert ax.get_ylabel() == "first Piola-Kirchhoff stress (kPa)"
+
+
+@pytest.mark.parametrize("by", ["pressure", "diameter"])
+def test_inflation_has_both_units_of_pressure(by):
+    figure = inflation_figure(tube_table(by))
+    ax = figure.axes[0]
+    figure.draw_without_rendering()
+    low, high = ax.get_ylim()
+    (right,) = ax.child_axes
+    assert right.get_ylabel() == "pressure (mmHg)"
+    assert right.get_ylim() == pytest.approx((low * 7.500617, high * 7.500617))
+    (solid,), (dashed,) = drawn(ax, "-"), drawn(ax, "--")
+    assert solid[0] == pytest.approx([20.0, 0.0]) and dashed[-1] == pytest.approx([24.0, 16.0])
+    assert len(ax.collections) == 4  # two bands, and two swatches of the legend
+
+
+@pytest.mark.parametrize("suffix", ["pdf", "svg"])
+def test_fonts_are_embedded_or_text(suffix):
+    data = figure_bytes(stress_figure(stress_table()), suffix)
+    assert (b"/FontFile2" in data) if suffix == "pdf" else (b"<text" in data)
+    assert b"/Type3" not in data
+    assert data == figure_bytes(stress_figure(stress_table()), suffix)
+
+
+# --- CSVs of stretches ---
+
+
+def test_stretches_are_read_by_name(tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text("# made by hand\n\nstep,stretch_y,stretch_x\n1,1.0,1.0\n\n2,1.05,1.1\n")
+    np.testing.assert_array_equal(read_stretches(file), [[1.0, 1.0], [1.1, 1.05]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stretch_x,stretch\n1,1\n", r"row 1, column stretch_y: missing column"),
+        ("stretch_x,stretch_x,stretch_y\n1,1,1\n", "appears twice"),
+        ("stretch_x,stretch_y\n1,1\n1.1\n", r"row 3: 1 cells where the header names 2"),
+        ("stretch_x,stretch_y\n1,1\n\n1.1,five\n", r"row 4, column stretch_y: 'five'"),
+        ("stretch_x,stretch_y\n1,110\n", "not strains or per cent"),
+        ("stretch_x,stretch_y\n1,nan\n", "'nan' is not a stretch"),
+        ("stretch_x,stretch_y\n", "has no rows"),
+        ("# nothing\n", "has no rows"),
+        ("", "is empty"),
+    ],
+)
+def test_wrong_stretch_files_are_named(text, message, tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_stretches(file)
+    with pytest.raises(InputError, match="no such file"):
+        read_stretches(tmp_path / "missing.csv")
