@@ -334,7 +334,7 @@ def test_an_earlier_export_is_neither_mixed_with_nor_lost(tmp_path):
     keep.write_text("mine")
     with pytest.raises(InputError, match="earlier export"):
         export_cards(draws(4), specimen(), [3], tmp_path, program="febio")
-    export_cards(draws(4), specimen(), [3], tmp_path, program="febio", replace=True)
+    export_cards(draws(4), specimen(), [3], tmp_path, program="febio", overwrite=True)
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [MANIFEST, "media-0003.feb", "notes.txt"]
 

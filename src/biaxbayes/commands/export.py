@@ -91,7 +91,7 @@ def command(
         bulk_ratio=bulk_ratio,
         fibre_switch=opened.fibre_switch,
         origin=origin,
-        replace=overwrite,
+        overwrite=overwrite,
     )
     _tell(manifest, folder / MANIFEST)
 

@@ -31,9 +31,7 @@ def open_usable_run(path: Path, *, anyway: bool) -> Run:
     NotConverged
         If its draws are unusable and ``anyway`` is not given.
     """
-    from biaxbayes.output.run import open_run
-
-    run = open_run(path)
+    run = _open(path)
     if run.state == "unusable":
         if not anyway:
             raise NotConverged(
@@ -44,3 +42,9 @@ def open_usable_run(path: Path, *, anyway: bool) -> Run:
     elif run.state == "tentative":
         click.echo("note: this run is tentative: few effective draws", err=True)
     return run
+
+
+def _open(path: Path) -> Run:
+    from biaxbayes.output.run import open_run
+
+    return open_run(path)

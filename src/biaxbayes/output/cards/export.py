@@ -53,7 +53,7 @@ def export_cards(
     bulk_ratio: float | None = None,
     fibre_switch: bool = False,
     origin: str = "posterior draw",
-    replace: bool = False,
+    overwrite: bool = False,
 ) -> pd.DataFrame:
     """Write one material card a draw, a manifest, and check every card.
 
@@ -78,7 +78,7 @@ def export_cards(
         Whether the run was fitted with the fibre switch.
     origin : str
         What the draws are, for the header.
-    replace : bool
+    overwrite : bool
         Remove the cards of an earlier export in the same folder.
 
     Returns
@@ -102,7 +102,7 @@ def export_cards(
     if bulk_ratio is None and program == "febio":
         bulk_ratio = BULK_RATIO
     system = unit_system(units)
-    _prepare(out, replace=replace)
+    _prepare(out, overwrite=overwrite)
     stem, digits = safe_label(specimen.name), max(4, len(str(len(draws))))
     records = []
     for row in rows:
@@ -211,16 +211,16 @@ def _states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
     return np.vstack(out)
 
 
-def _prepare(out: Path, *, replace: bool) -> None:
+def _prepare(out: Path, *, overwrite: bool) -> None:
     """Make the folder; an earlier export in it is removed or refused, never mixed with."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         old = [path for path in out.iterdir() if CARD_NAME.fullmatch(path.name)]
-        if (old or (out / MANIFEST).exists()) and not replace:
+        if (old or (out / MANIFEST).exists()) and not overwrite:
             raise InputError(
                 "holds the cards of an earlier export",
                 file=out,
-                remedy="name another folder with --out, or remove them with --replace",
+                remedy="name another folder with --out, or remove them with --overwrite",
             )
         for path in (*old, out / MANIFEST):
             path.unlink(missing_ok=True)

@@ -1,0 +1,216 @@
+"""The verbs export and predict, on a small posterior made here."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from biaxbayes.cli import main
+from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.mechanics.virtual import virtual_test
+from biaxbayes.output.cards.abaqus import read_abaqus
+from biaxbayes.output.cards.febio import read_febio
+from biaxbayes.specimens.specimen import Protocol, Specimen
+
+MEDIA = MATERIALS["weisbecker-media"].material
+
+
+@dataclass
+class SmallRun:
+    path: Path
+    specimen: Specimen
+    draws: pd.DataFrame
+    state: str = "reliable"
+    fibre_switch: bool = False
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    v = virtual_test(MEDIA, mounting_stretch=(1.01, 1.02), measured_stretch=1.18)
+    protocol = Protocol("1", v.measured_x, v.measured_y, v.force_x_N, v.force_y_N)
+    specimen = Specimen(
+        "media", (protocol,), "force", "unloaded", 20.0, 20.0, 0.88, axis_x="circumferential"
+    )
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(60, 7))
+    draws = pd.DataFrame(
+        {
+            "C1": 14.0 * np.exp(0.1 * noise[:, 0]),
+            "k1": 140.0 * np.exp(0.1 * noise[:, 1]),
+            "k2": 11.9 * np.exp(0.1 * noise[:, 2]),
+            "alpha": 38.4 + noise[:, 3],
+            "kappa": 0.21 + 0.01 * noise[:, 4],
+            "mounting_stretch_x": 1.01 + 0.001 * noise[:, 5],
+            "mounting_stretch_y": 1.02 + 0.001 * noise[:, 6],
+            "noise_sd": 0.01,
+            "lp": -0.5 * (noise**2).sum(axis=1),
+        }
+    )
+    folder = tmp_path / "media.run"
+    folder.mkdir()
+    made = SmallRun(folder, specimen, draws)
+    monkeypatch.setattr(
+        "biaxbayes.commands.run_state._open", lambda path: made if path == folder else None
+    )
+    return made
+
+
+def call(*arguments) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return int(ended.value.code or 0)
+
+
+# --- export ---
+
+
+def test_export_writes_the_median_draw_by_default(run, capsys):
+    assert call("export", run.path, "--to", "abaqus", "--units", "MPa-mm") == 0
+    folder = run.path / "cards-abaqus-MPa-mm"
+    manifest = pd.read_csv(folder / "manifest.csv")
+    assert len(manifest) == 1
+    found = read_abaqus((folder / manifest["file"][0]).read_text())
+    draw = run.draws.iloc[manifest["draw"][0]]
+    assert pytest.approx(draw["C1"] / 1000.0) == found.C10
+    assert "agrees with the draws to" in capsys.readouterr().out
+
+
+def test_export_map_is_the_most_probable_draw(run):
+    assert call("export", run.path, "--to", "febio", "--at", "map") == 0
+    manifest = pd.read_csv(run.path / "cards-febio-kPa-mm" / "manifest.csv")
+    assert manifest["draw"][0] == run.draws["lp"].idxmax()
+
+
+def test_export_many_draws_elsewhere_and_again(run, tmp_path, capsys):
+    out = tmp_path / "cards"
+    arguments = ("export", run.path, "--to", "febio", "--draws", 12, "--out", out)
+    assert call(*arguments) == 0
+    files = sorted(out.glob("*.feb"))
+    assert len(files) == 12
+    assert all(read_febio(file.read_text()).k > 0.0 for file in files)
+    assert call(*arguments) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    before = [file.read_bytes() for file in files]
+    assert call(*arguments, "--overwrite") == 0
+    assert [file.read_bytes() for file in files] == before
+
+
+def test_export_warns_of_the_fibre_switch(run, capsys):
+    run.draws = run.draws.assign(alpha=90.0, kappa=0.0, mounting_stretch_y=0.9)
+    assert call("export", run.path, "--to", "abaqus", "--draws", 3) == 0
+    assert "fibre strain is negative in tested states of 3 of 3" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--draws", "61"], "the run holds 60"),
+        (["--draws", "2", "--at", "map"], "exclude each other"),
+        (["--bulk-ratio", "0"], "bulk ratio"),
+        (["--bulk-ratio", "nan"], "bulk ratio"),
+    ],
+)
+def test_export_refuses_by_name(run, options, message, capsys):
+    assert call("export", run.path, "--to", "abaqus", *options) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+
+
+def test_unusable_runs_are_refused_unless_wanted(run, capsys):
+    run.state = "unusable"
+    for verb in (["export", run.path, "--to", "abaqus"], ["predict", run.path]):
+        assert call(*verb) == 3
+        assert "--anyway" in capsys.readouterr().err
+        assert call(*verb, "--anyway") == 0
+        assert "not converged" in capsys.readouterr().err
+    run.state = "tentative"
+    assert call("predict", run.path) == 0
+    assert "tentative" in capsys.readouterr().err
+
+
+# --- predict ---
+
+
+def test_predict_writes_table_and_figure(run, capsys):
+    assert call("predict", run.path, "--stretch", 1.3, "--ratio", "1:0.5") == 0
+    table = pd.read_csv(run.path / "prediction.csv")
+    assert table["stretch_y"].iloc[-1] == pytest.approx(1.15)
+    assert (run.path / "prediction.pdf").read_bytes().startswith(b"%PDF")
+    low, high = table["cauchy_x_kPa_credible_low"], table["cauchy_x_kPa_credible_high"]
+    assert (low <= high).all()
+    assert (table["cauchy_x_kPa_predictive_low"] < low).all()
+    assert "rows are extrapolations" in capsys.readouterr().out
+
+
+def test_predict_follows_the_tested_range_by_default(run):
+    assert call("predict", run.path, "--reference", "measured", "--stress", "piola") == 0
+    table = pd.read_csv(run.path / "prediction.csv")
+    assert table["stretch_x"].iloc[-1] == pytest.approx(1.18)
+    assert (table["extrapolation"] == "no").all()
+    truth = MEDIA.piola(1.18 * 1.01, 1.18 * 1.02)[0]
+    last = table.iloc[-1]
+    assert last["piola_x_kPa_credible_low"] < truth < last["piola_x_kPa_credible_high"]
+
+
+def test_predict_takes_a_path_from_a_file(run, tmp_path):
+    file, out = tmp_path / "path.csv", tmp_path / "out"
+    file.write_text("stretch_x,stretch_y\n1,1\n1.1,1.05\n1.05,1.1\n")
+    options = ("--stretches", file, "--out", out, "--format", "png", "--width-mm", 180)
+    assert call("predict", run.path, *options) == 0
+    table = pd.read_csv(out / "prediction.csv")
+    assert table["stretch_y"].tolist() == [1.0, 1.05, 1.1]
+    assert (out / "prediction.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_predict_inflates_a_tube_both_ways(run):
+    tube = ("--inflate", "--radius", 10, "--wall", 1.2, "--axial-stretch", 1.1)
+    assert call("predict", run.path, *tube, "--points", 5) == 0
+    table = pd.read_csv(run.path / "inflation.csv")
+    assert table["pressure_kPa"].tolist() == [0.0, 4.0, 8.0, 12.0, 16.0]
+    assert table["outer_diameter_mm_median"].is_monotonic_increasing
+    options = ("--circumferential-stretch", "1:1.2", "--points", 3, "--around", "y")
+    assert call("predict", run.path, *tube, *options) == 0
+    table = pd.read_csv(run.path / "inflation.csv")
+    assert table["circumferential_stretch"].tolist() == [1.0, 1.1, 1.2]
+    assert {"pressure_kPa_predictive_high", "axial_force_mN_median"} <= set(table.columns)
+
+
+def test_predict_says_where_no_draw_holds_the_pressure(run, capsys):
+    run.draws = run.draws.assign(k1=0.1, k2=0.1)
+    tube = ("--inflate", "--radius", 10, "--wall", 1.2, "--pressure", "0:60", "--points", 4)
+    assert call("predict", run.path, *tube) == 0
+    assert "no state of equilibrium" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--inflate"], "--radius and --wall"),
+        (["--inflate", "--radius", "1", "--wall", "2"], "thicker than the mid radius"),
+        (["--inflate", "--radius", "9", "--wall", "1", "--stretch", "1.2"], "--stretch does not"),
+        (["--radius", "9"], "--radius does not go without --inflate"),
+        (["--axial-stretch", "1.1"], "--axial-stretch does not go"),
+        (["--stretches", "a.csv", "--ratio", "1:2"], "whole path"),
+        (["--stretches", "a.csv"], "no such file"),
+        (["--stretch", "20"], "not strains or per cent"),
+        (["--stretch", "nan"], "not strains or per cent"),
+        (["--stretch", "1"], "no largest stretch"),
+        (["--stretch", "4.9"], "overflows"),
+        (["--probability", "1"], "probability"),
+        (["--ratio", "0:0"], "moves nothing"),
+    ],
+)
+def test_predict_refuses_by_name(run, options, message, capsys):
+    assert call("predict", run.path, *options) == 2
+    error = capsys.readouterr().err
+    assert message in error and "Traceback" not in error
+
+
+def test_the_same_call_gives_the_same_bytes(run, tmp_path):
+    tube = ("--inflate", "--radius", 10, "--wall", 1.2, "--seed", 4, "--points", 9)
+    for out in (tmp_path / "a", tmp_path / "b"):
+        assert call("predict", run.path, *tube, "--out", out) == 0
+    for name in ("inflation.csv", "inflation.pdf"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
