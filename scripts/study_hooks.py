@@ -356,8 +356,8 @@ not positive, and the change of the hook forces if fibres carry no compression (
 {compression}
 
 Newton's steps are damped until the residual falls, and increments that fail are halved; the tests
-on this page needed neither. Wrinkling of the compressed tissue out of the plane is not modelled, and
-a quarter of a sheet cannot buckle out of its symmetry.
+on this page needed neither. Wrinkling of the compressed tissue out of the plane is not modelled,
+and a quarter of a sheet cannot buckle out of its symmetry.
 """
 
 
