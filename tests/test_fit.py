@@ -303,6 +303,29 @@ def test_descent_is_never_beaten_by_scipy_on_a_noisy_specimen():
         assert ours.cost <= 2 * theirs.cost * (1 + 1e-8)
 
 
+def test_what_is_called_converged_is_stationary():
+    # A step that was cut to the box once passed for convergence, far from any minimum.
+    rng = np.random.default_rng(11)
+    specimen = specimen_of(MATERIALS["smoljkic-m55"].material, (1.02, 1.02))
+    data = readings(specimen, shared=True)
+    problem = GivenMounting(data, "cauchy", np.zeros(5), np.arange(5), 100.0, np.ones((2, 1)))
+    ends = []
+    for _ in range(40):
+        start = rng.uniform([1, 1, 0, 0, 0], [100, 300, 50, 1, 1 / 3])
+        end = descend(problem, start, LOWER, UPPER)
+        ends.append(end.converged)
+        if not end.converged:
+            continue
+        J, r = problem.jacobian(end.unknowns), problem.residual(end.unknowns)
+        gradient = J.T @ r
+        cosine = gradient / np.maximum(np.linalg.norm(J, axis=0) * np.linalg.norm(r), 1e-300)
+        inside = (end.unknowns > LOWER) & (end.unknowns < UPPER)
+        assert np.all(np.abs(cosine[inside]) < 1e-4)
+        assert np.all(gradient[end.unknowns <= LOWER] >= 0.0)
+        assert np.all(gradient[end.unknowns >= UPPER] <= 0.0)
+    assert np.mean(ends) > 0.9
+
+
 # --- the start of the sampler ---------------------------------------------------------------
 
 

@@ -17,6 +17,8 @@ import numpy as np
 __all__ = ["Descent", "descend"]
 
 SMALL = 1e-300
+INTERIOR_STEPS = 10  # accepted, before a step may end on a bound
+REACH = 0.9  # of the way to a bound, until then
 FLOOR = 1e-26  # mean square of residuals scaled to order one: nothing but rounding is left
 
 
@@ -93,7 +95,7 @@ def _descend(
     if not np.isfinite(cost):
         return Descent(x, np.inf, 0, False)
     column = np.zeros(x.size)
-    damping, growth, accepted = 1e-3, 2.0, 0
+    damping, growth, accepted, interior = 1e-3, 2.0, 0, INTERIOR_STEPS
     for _ in range(steps):
         gradient = J.T @ r
         column = np.maximum(column, np.sqrt(np.einsum("ij,ij->j", J, J)))
@@ -102,9 +104,15 @@ def _descend(
             return Descent(x, cost, accepted, True)
         if _stationary(J, gradient, free, cost, tolerance):
             return Descent(x, cost, accepted, True)
-        step, predicted = _step(J, r, free, column, damping, x, lower, upper)
+        # Early steps keep inside: with k1 or C1 at zero the other gradients vanish or mislead.
+        reach = REACH if accepted < interior else 1.0
+        near, far = x + reach * (lower - x), x + reach * (upper - x)
+        step, predicted = _step(J, r, free, column, damping, x, near, far)
         if predicted <= tolerance * cost and damping <= 1.0:
-            return Descent(x, cost, accepted, True)
+            # A step that was cut may predict nothing where a shorter one would
+            if _stationary(J, gradient, free, cost, 10.0 * np.sqrt(tolerance)):
+                return Descent(x, cost, accepted, True)
+            interior = 0
         candidate = x + step
         trial, new, slope = _evaluate(problem, candidate)
         gain = (cost - new) / predicted if np.isfinite(new) and predicted > 0.0 else -1.0
