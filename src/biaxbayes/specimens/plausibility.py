@@ -14,6 +14,8 @@ STRETCH_RANGE = (0.2, 5.0)
 STRESS_LIMIT_KPA = 5_000.0
 """Soft tissue tears below; beyond, the unit is wrong (``stress_limit_kPa`` overrides)."""
 STRESS_FLOOR_KPA = 1e-6
+OUTLIER = 1e4
+"""So many times the limit is no question of units."""
 TIME_LIMIT_S = 1e9
 
 
@@ -84,14 +86,19 @@ def check_load(
     unit = "Pa" if section_mm2 is None else "mN"
     limit = limit_kPa or STRESS_LIMIT_KPA
     if stress > limit:
+        remedy = (
+            f"if the values are in {unit}, divide them by 1000; "
+            f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
+            if stress < OUTLIER * limit
+            else "mend the value or remove the row"
+        )
         raise InputError(
             f"{values[row]:g} means a stress of {stress / 1000:.3g} MPa, "
             "more than soft tissue bears",
             file=file,
             row=int(lines[row]),
             column=column,
-            remedy=f"if the values are in {unit}, divide them by 1000; "
-            f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'",
+            remedy=remedy,
         )
     if stress < STRESS_FLOOR_KPA:
         raise InputError(

@@ -144,7 +144,7 @@ class Specimen:
         return self.high_frequency_scatter()
 
     def high_frequency_scatter(self) -> float:
-        """Scatter of the load between neighbouring rows, in :attr:`unit`."""
+        """Scatter of the load between neighbouring rows, in :attr:`unit`; rounding is none."""
         scatter = []
         for protocol in self.protocols:
             if protocol.rows < 8:
@@ -152,7 +152,8 @@ class Specimen:
             # var(third difference of white noise) = (1 + 9 + 9 + 1) sd^2
             third = np.diff(self.load(protocol), n=3, axis=0) / np.sqrt(20.0)
             scatter.extend(1.4826 * np.median(np.abs(third), axis=0))
-        return float(np.median(scatter)) if scatter else 0.0
+        value = float(np.median(scatter)) if scatter else 0.0
+        return value if value > 1e-9 * self.peak_load else 0.0
 
     def mounting_readings(self, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
         """Mounting load and its standard deviation, as the statistical model uses them.

@@ -160,7 +160,7 @@ def _protocols(
     count = len(table.groups)
     if stated is not None and len(stated) not in (1, count):
         raise InputError(
-            f"rest_rows states {len(stated)} numbers for {count} protocols",
+            f"rest_rows states {len(stated)} numbers where the protocols are {count}",
             file=path,
             row=header.rows["rest_rows"],
             remedy="give one for all protocols, or one each",

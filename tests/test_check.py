@@ -1,0 +1,329 @@
+"""What ``check`` says of a specimen: each warning where it belongs, and none where it does not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from biaxbayes import GOH, Protocol, Specimen, write_specimen
+from biaxbayes.cli import main
+from biaxbayes.findings.goh_description import goh_description, thinned
+from biaxbayes.mechanics.virtual import virtual_test
+from biaxbayes.specimens.branches import cycles, progress, relapse
+from biaxbayes.specimens.check import check_specimen
+
+# A test of the paper's donor 2 media (Table 6, fip).
+MEDIA = GOH(C1_kPa=14.0, k1_kPa=140.0, k2=11.9, alpha_deg=38.4, kappa=0.21)
+
+
+def protocol(
+    name: str = "1",
+    ratio: tuple[float, float] = (1.0, 1.0),
+    *,
+    noise: float = 0.05,
+    prestretch: tuple[float, float] = (1.02, 1.03),
+    seed: int = 0,
+    increments: int = 100,
+) -> Protocol:
+    """A virtual test recorded as first Piola-Kirchhoff stress with a noisy load cell."""
+    test = virtual_test(
+        MEDIA,
+        mounting_stretch=prestretch,
+        measured_stretch=1.18,
+        ratio=ratio,
+        increments=increments,
+    )
+    rng = np.random.default_rng(seed)
+    load = np.column_stack([test.piola_x_kPa, test.piola_y_kPa])
+    load += rng.normal(0.0, noise, load.shape) if noise else 0.0
+    return Protocol(name, test.measured_x, test.measured_y, *load.T)
+
+
+def specimen(*protocols: Protocol, **others) -> Specimen:
+    return Specimen("virtual", protocols, "piola", load_noise=0.05, **others)
+
+
+def codes(subject: Specimen) -> set[str]:
+    return {finding.code for finding in check_specimen(subject)}
+
+
+GOOD = specimen(protocol("1:1", seed=1), protocol("1:0.5", (1.0, 0.5), seed=2))
+
+
+def changed(p: Protocol, **curves) -> Protocol:
+    fields = (
+        "name",
+        "stretch_x",
+        "stretch_y",
+        "load_x",
+        "load_y",
+        "time_s",
+        "rest_rows",
+        "reference",
+    )
+    return Protocol(**{**{key: getattr(p, key) for key in fields}, **curves})
+
+
+def test_a_clean_specimen_has_no_findings():
+    assert check_specimen(GOOD) == ()
+
+
+def test_tared():
+    assert codes(GOOD.zeroed()) >= {"tared"}
+    assert "mounting-force-in-noise" not in codes(GOOD.zeroed())
+    p = GOOD.protocols[1]
+    (found,) = check_specimen(specimen(changed(p, load_x=p.load_x - p.load_x[0])))
+    assert (found.code, found.protocol) == ("tared", "1:0.5")
+    assert "in x is exactly zero" in found.message
+
+
+def test_negative_and_weak_mounting_force():
+    p = GOOD.protocols[0]
+    low = specimen(changed(p, load_x=p.load_x - p.load_x[0] - 0.5))
+    assert codes(low) == {"negative-mounting-force"}
+    weak = specimen(changed(p, load_y=p.load_y - p.load_y[0] + 0.04))
+    (found,) = check_specimen(weak)
+    assert found.code == "mounting-force-in-noise"
+    assert "0.04 +- 0.05 kPa" in found.message
+
+
+def test_mounting_forces_that_differ():
+    p = protocol("1:0.5", (1.0, 0.5), seed=2, prestretch=(1.02, 1.04))
+    found = check_specimen(specimen(GOOD.protocols[0], p))
+    assert {f.code for f in found} == {"mounting-forces-differ"}
+    assert all("per-protocol" in f.message for f in found)
+
+
+def test_drift_of_the_reference():
+    p, q = GOOD.protocols
+    drifted = specimen(p, changed(q, reference=(1.0, 1.011)))
+    assert codes(drifted) == {"stretch-drift", "re-referenced"}
+    (warning,) = (f for f in check_specimen(drifted) if f.severity == "warning")
+    assert "from 1.0000 to 1.0110 in y (1.1 %)" in warning.message
+
+
+def test_unloading():
+    p = GOOD.protocols[1]
+    there = np.r_[np.arange(101), np.arange(100, 40, -1)]
+    both = changed(
+        p,
+        stretch_x=p.stretch_x[there],
+        stretch_y=p.stretch_y[there],
+        load_x=p.load_x[there],
+        load_y=p.load_y[there],
+    )
+    (found,) = check_specimen(specimen(both))
+    assert found.code == "unloading"
+    assert "row 101 of 161" in found.message
+
+
+def test_a_jump_and_a_cut_last_number():
+    p = GOOD.protocols[1]
+    load = p.load_x.copy()
+    load[50] += 0.3 * np.ptp(load)
+    (found,) = check_specimen(specimen(changed(p, load_x=load)))
+    assert found.code == "jump"
+    assert "in x" in found.message and "row 51 of 101" in found.message
+    load = p.load_y.copy()
+    load[-1] = float(str(load[-1])[:1])
+    found = check_specimen(specimen(changed(p, load_y=load)))
+    assert "jump" in {f.code for f in found}
+    assert any("row 101 of 101" in f.message for f in found)
+
+
+def test_units():
+    p = GOOD.protocols[0]
+    for factor, words in ((1000.0, "is the file in Pa?"), (1e-3, "is the file in MPa?")):
+        scaled = changed(p, load_x=p.load_x * factor, load_y=p.load_y * factor)
+        messages = [f.message for f in check_specimen(Specimen("a", (scaled,), "piola"))]
+        assert any(words in message for message in messages)
+    one = changed(p, load_x=p.load_x * 1000.0)
+    assert any("same unit" in f.message for f in check_specimen(specimen(one)))
+    thick = specimen(p, edge_x_mm=20.0, edge_y_mm=20.0, thickness_mm=1350.0)
+    assert sum("thickness" in f.message or "thick" in f.message for f in check_specimen(thick)) == 2
+
+
+def test_noise_that_is_not_that_of_the_rows():
+    p = GOOD.protocols[0]
+    found = check_specimen(Specimen("a", (p,), "piola", load_noise=1.0))
+    assert "noise-differs" in {f.code for f in found}
+    clean = Specimen("a", (protocol(noise=0.0),), "piola")
+    assert "no-noise" not in codes(Specimen("a", (clean.protocols[0],), "piola", load_noise=0.05))
+
+
+def test_stiff_start_is_more_than_a_soft_matrix_does():
+    # A neo-Hookean matrix is concave by itself: no warning.
+    soft = GOH(C1_kPa=30.0, k1_kPa=0.0, k2=1.0, alpha_deg=0.0, kappa=0.0)
+    test = virtual_test(
+        soft, mounting_stretch=(1.01, 1.01), measured_stretch=(1.3, 1.2), increments=400
+    )
+    rng = np.random.default_rng(0)
+    load = np.column_stack([test.piola_x_kPa, test.piola_y_kPa]) + rng.normal(0, 0.05, (401, 2))
+    p = Protocol("1", test.measured_x, test.measured_y, *load.T)
+    assert "stiff-start" not in codes(specimen(p))
+    # The same with a friction-like rise in the first per cents of the path.
+    rise = 12.0 * (1.0 - np.exp(-(p.stretch_x - 1.0) / 0.01))
+    assert "stiff-start" in codes(specimen(changed(p, load_x=p.load_x + rise)))
+
+
+def test_one_direction():
+    p = GOOD.protocols[0]
+    same = changed(p, load_y=0.7 * p.load_x)
+    assert "one-direction" in codes(specimen(same))
+    assert "one-direction" not in codes(specimen(same, GOOD.protocols[1]))
+
+
+def test_origin():
+    subject = specimen(
+        *GOOD.protocols,
+        metadata={
+            "largest_shear": 0.036,
+            "largest_shear_angle_deg": 0.4,
+            "cycle": "10 of 10",
+            "branch": "unloading",
+        },
+    )
+    found = {f.code: f for f in check_specimen(subject)}
+    assert "up to 0.036" in found["shear"].message and found["shear"].severity == "warning"
+    assert found["cycle"].severity == "note" and "10 of 10" in found["cycle"].message
+    assert found["branch"].severity == "warning"
+
+
+def test_resampled_loads():
+    load = np.linspace(1.0, 50.0, 60)
+    stretch = 1.0 + 0.2 * np.sqrt((load - 1.0) / 49.0)
+    even = Protocol("1", stretch, 1.0 + 0.5 * (stretch - 1.0), load, 0.5 * load)
+    assert "resampled" in codes(specimen(even))
+
+
+# --- branches ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+@pytest.mark.parametrize("amplitudes", [(1.0,), (0.6, 0.8, 1.0), (1.0, 1.0, 1.0, 1.0, 1.0)])
+def test_cycles_are_found_with_their_rest(noise, amplitudes):
+    rng = np.random.default_rng(0)
+    rest, rise, fall, gap = 8, 40, 30, 5
+    path, starts, peaks = [], [], []
+    for amplitude in amplitudes:
+        starts.append(len(path))
+        path += [0.0] * rest
+        path += list(amplitude * np.linspace(0.0, 1.0, rise + 1)[1:])
+        peaks.append(len(path) - 1)
+        path += list(amplitude * np.linspace(1.0, 0.0, fall + 1)[1:])
+        path += [0.0] * gap
+    values = np.array(path) + rng.normal(0.0, noise, len(path))
+    found = cycles(values)
+    assert len(found) == len(amplitudes)
+    for number, cycle in enumerate(found):
+        first = 0 if number == 0 else starts[number] - gap
+        assert abs(cycle.loading.start - first) <= 3
+        assert abs(cycle.loading.stop - 1 - peaks[number]) <= (0 if noise == 0.0 else 2)
+        assert cycle.unloading.start == cycle.loading.stop - 1
+
+
+def test_a_record_that_only_rises_keeps_every_row():
+    rng = np.random.default_rng(1)
+    t = np.linspace(0.0, 1.0, 300)
+    stretch = 1.0 + np.column_stack([-0.01 * t * (1 - t) + 0.02 * t**2, 0.2 * np.sqrt(t)])
+    stretch += rng.normal(0.0, 1e-4, stretch.shape)
+    load = 50.0 * np.column_stack([t, t]) + rng.normal(0.0, 0.2, (300, 2))
+    path = progress(stretch, load)
+    assert relapse(path) is None
+    (cycle,) = cycles(path)
+    assert cycle.loading == slice(0, 300)
+
+
+# --- GOH ---------------------------------------------------------------------------------------
+
+
+def test_goh_describes_its_own_specimen_and_not_another_law():
+    found = goh_description(GOOD)
+    assert found.severity == "note"
+    # Two directions that know nothing of each other: no GOH material does that.
+    t = np.linspace(0.0, 1.0, 60)
+    odd = [
+        Protocol(
+            f"{a}:{b}", 1 + 0.3 * a * t, 1 + 0.6 * b * t, 1 + 80 * t**6, 1 + 60 * t ** (1 + 5 * b)
+        )
+        for a, b in ((1.0, 1.0), (1.0, 0.3), (0.3, 1.0))
+    ]
+    found = goh_description(specimen(*odd))
+    assert found.severity == "warning"
+    assert found.message.startswith("GOH does not describe this specimen")
+
+
+def test_thinning_keeps_rest_and_end():
+    p = protocol(increments=2000)
+    p = changed(p, rest_rows=4)
+    few = thinned(specimen(p), 50)
+    (q,) = few.protocols
+    assert q.rows == 54 and q.rest_rows == 4
+    assert q.stretch_x[-1] == p.stretch_x[-1]
+    np.testing.assert_array_equal(q.load_x[:5], p.load_x[:5])
+
+
+# --- the command ------------------------------------------------------------------------------
+
+
+def run(arguments: list[str], capsys) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main(["check", *arguments])
+    out, err = capsys.readouterr()
+    return int(stop.value.code or 0), out, err
+
+
+def test_the_text_holds_what_was_understood(tmp_path, capsys):
+    subject = specimen(
+        *GOOD.protocols, layer="media", edge_x_mm=20.0, edge_y_mm=18.0, thickness_mm=1.35
+    )
+    write_specimen(subject, tmp_path / "a.csv")
+    code, out, err = run([str(tmp_path / "a.csv")], capsys)
+    assert (code, err) == (0, "")
+    for words in (
+        "virtual, media",
+        "20 x 18 mm, 1.35 mm thick",
+        "1:0.5",
+        "202 rows in 2 protocols",
+        "no warnings",
+        "GOH follows this specimen",
+        "0.05 kPa, stated",
+    ):
+        assert words in out
+    assert max(map(len, out.splitlines())) <= 100
+
+
+def test_json_is_the_same_as_data(tmp_path, capsys):
+    write_specimen(GOOD.zeroed(), tmp_path / "a.csv")
+    code, out, _ = run([str(tmp_path / "a.csv"), "--json", "--no-fit"], capsys)
+    assert code == 0
+    record = json.loads(out)
+    assert record["tared"] is True
+    assert [f["code"] for f in record["findings"]] == ["tared"]
+    assert [p["rows"] for p in record["protocols"]] == [101, 101]
+    assert record["protocols"][0]["mounting_force_x"] == 0.0
+
+
+@pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
+def test_figure(ending, tmp_path, capsys):
+    odd = [changed(p, name=f"$x^{i}$ <b> µ {p.name}") for i, p in enumerate(GOOD.protocols)]
+    write_specimen(specimen(*odd, axis_x="umlaufend $"), tmp_path / "a.csv")
+    path = tmp_path / f"b.{ending}"
+    code, out, _ = run([str(tmp_path / "a.csv"), "--no-fit", "--figure", str(path)], capsys)
+    assert code == 0 and str(path) in out
+    head = path.read_bytes()[:5]
+    assert head.startswith({"png": b"\x89PNG", "pdf": b"%PDF-", "svg": b"<?xml"}[ending])
+    first = path.read_bytes()
+    run([str(tmp_path / "a.csv"), "--no-fit", "--figure", str(path)], capsys)
+    assert path.read_bytes() == first
+
+
+def test_figure_names_the_formats_it_knows(tmp_path, capsys):
+    write_specimen(GOOD, tmp_path / "a.csv")
+    code, _, err = run([str(tmp_path / "a.csv"), "--no-fit", "--figure", "b.doc"], capsys)
+    assert code == 2
+    assert "'.doc'" in err and ".pdf, .png or .svg" in err
+    assert not Path("b.doc").exists()

@@ -1,0 +1,331 @@
+"""Specimen files: written and read back equal, re-referenced once, and safe against any bytes."""
+
+from __future__ import annotations
+
+import pickle
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from biaxbayes import Protocol, Specimen, read_specimen, write_specimen
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.header import measured_stretch
+from biaxbayes.specimens.protocol import referenced_protocol, rest_rows
+from biaxbayes.specimens.specimen import STRESS_PAIRS
+from hostile.specimen_files import GOOD, body, protocols
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def noisy_protocol(seed: int, name: str = "1", count: int = 40, rest: int = 5) -> Protocol:
+    """A stiffening path with rows at rest, noise in everything, and a reference off one."""
+    rng = np.random.default_rng(seed)
+    path = np.concatenate([np.zeros(rest), np.linspace(0.0, 1.0, count)])
+    stretch = np.column_stack([1.003 + 0.2 * path, 0.996 + 0.1 * path])
+    stretch += rng.normal(0.0, 1e-5, stretch.shape)
+    load = np.column_stack([3.0 + 40.0 * path**2, 2.0 + 25.0 * path**3])
+    load += rng.normal(0.0, 0.05, load.shape)
+    return Protocol(name, *stretch.T, *load.T, np.arange(path.size) * 0.1, rest)
+
+
+# --- round trips ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pair", STRESS_PAIRS)
+@pytest.mark.parametrize("seed", range(5))
+def test_what_was_read_is_written_and_read_back_equal(pair, seed, tmp_path):
+    names = ("1:1, slow", 'the "second"', "drüben_3")
+    raw = Specimen(
+        name="A12 rechts",
+        protocols=tuple(noisy_protocol(seed + i, name) for i, name in enumerate(names)),
+        stress_pair=pair,
+        geometry="mounted",
+        edge_x_mm=20.1,
+        edge_y_mm=1 / 3 * 50,
+        thickness_mm=1.35,
+        load_noise=np.float64(0.1) / 3,
+        layer="µ: media",
+        axis_x="circumferential",
+        metadata={"mounting_stretch_x": "1.03 +- 0.01", "edge_sd_mm": 0.1, "cycle": "10"},
+    )
+    # A re-referenced record: its mean at rest is one only up to rounding.
+    write_specimen(raw, tmp_path / "raw.csv")
+    first = read_specimen(tmp_path / "raw.csv")
+    assert len(first.notes) == 3
+    assert first.protocols[0].reference == pytest.approx((1.003, 0.996), abs=1e-4)
+    write_specimen(first, tmp_path / "again.csv")
+    second = read_specimen(tmp_path / "again.csv")
+    assert second == first
+    assert second.notes == ()
+    assert second.metadata == raw.metadata
+    assert pickle.loads(pickle.dumps(second)) == second
+
+
+def test_cauchy_stress_keeps_its_nominal_stress_when_the_reference_moves(tmp_path):
+    # The lab: sigma = P * stretch, with its own reference. Dividing the stretch by its value at
+    # rest must leave P alone.
+    p = noisy_protocol(3)
+    specimen = Specimen("a", (p,), "cauchy")
+    write_specimen(specimen, tmp_path / "a.csv")
+    read = read_specimen(tmp_path / "a.csv")
+    nominal = np.column_stack([p.load_x / p.stretch_x, p.load_y / p.stretch_y])
+    np.testing.assert_allclose(read.load(read.protocols[0]), nominal, rtol=1e-14)
+    assert read.protocols[0].stretch_x[:5].mean() == pytest.approx(1.0, abs=1e-15)
+
+
+@given(
+    name=st.text(min_size=1, max_size=30),
+    layer=st.text(max_size=30),
+    labels=st.lists(st.text(min_size=1, max_size=12), min_size=1, max_size=4),
+    values=st.lists(
+        st.floats(-400.0, 400.0, allow_subnormal=False), min_size=4, max_size=4, unique=True
+    ),
+)
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_any_name_and_any_double_survive(name, layer, labels, values, tmp_path):
+    protocols = tuple(
+        Protocol(label, [1.0, 1.1], [1.0, 1.2], values[:2], [values[2], values[3] + 1.0])
+        for label in labels
+    )
+    specimen = Specimen(name, protocols, "piola", layer=layer)
+    path = tmp_path / "a.csv"
+    try:
+        write_specimen(specimen, path)
+    except InputError as refusal:
+        clean = [
+            " ".join("".join(c if c.isprintable() else " " for c in x).split()) for x in labels
+        ]
+        assert "" in clean or len(set(clean)) < len(clean), refusal
+        return
+    try:
+        read = read_specimen(path)
+    except InputError as refusal:
+        # Loads may be equal or too small for a test; a name must never be the reason.
+        assert "column piola" in str(refusal)
+        return
+    write_specimen(read, path)
+    assert read_specimen(path) == read
+    for mine, theirs in zip(read.protocols, protocols, strict=True):
+        np.testing.assert_array_equal(mine.load_x, theirs.load_x)
+        np.testing.assert_array_equal(mine.load_y, theirs.load_y)
+
+
+def test_line_breaks_and_control_characters_do_not_reach_the_file(tmp_path):
+    p = Protocol("a\nb", [1.0, 1.1], [1.0, 1.1], [0.1, 1.0], [0.1, 2.0])
+    specimen = Specimen("x\n# thickness_mm: 9\r", (p,), "piola", layer="\x1b[31mred")
+    write_specimen(specimen, tmp_path / "a.csv")
+    read = read_specimen(tmp_path / "a.csv")
+    assert read.name == "x # thickness_mm: 9"
+    assert read.thickness_mm is None
+    assert read.layer == "[31mred"
+    assert read.protocols[0].name == "a b"
+
+
+def test_writer_refuses_what_the_reader_would(tmp_path):
+    p = Protocol("a", [1.0, 1.1], [1.0, 1.1], [0.1, 1.0], [0.1, 2.0])
+    with pytest.raises(InputError, match="there twice"):
+        write_specimen(Specimen("x", (p, p), "piola"), tmp_path / "a.csv")
+    with pytest.raises(InputError, match="metadata key 'lab'"):
+        write_specimen(Specimen("x", (p,), "piola", metadata={"lab": "1"}), tmp_path / "a.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rest_rows_of_the_object_are_written_where_they_cannot_be_found(tmp_path):
+    stretch = np.linspace(1.0, 1.1, 11)
+    p = Protocol("a", stretch, stretch, stretch, 2 * stretch, None, 1)
+    q = Protocol("b", stretch / stretch[:4].mean(), stretch, stretch, 2 * stretch, None, 1)
+    specimen = Specimen("x", (p, q), "piola")
+    write_specimen(specimen, tmp_path / "a.csv")
+    assert "rest_rows" not in (tmp_path / "a.csv").read_text()
+    three = Protocol(
+        "a",
+        stretch / stretch[:3].mean(),
+        stretch / stretch[:3].mean(),
+        stretch,
+        2 * stretch,
+        None,
+        3,
+    )
+    specimen = Specimen("x", (p, three), "piola")
+    with pytest.raises(InputError):
+        write_specimen(specimen, tmp_path / "b.csv")  # two protocols called a
+    specimen = Specimen("x", (q, three), "piola")
+    write_specimen(specimen, tmp_path / "b.csv")
+    assert "# rest_rows: 1, 3\n" in (tmp_path / "b.csv").read_text()
+    assert [p.rest_rows for p in read_specimen(tmp_path / "b.csv").protocols] == [1, 3]
+
+
+# --- re-referencing, rest, tare ---------------------------------------------------------------
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    scale=st.floats(0.7, 1.4),
+    rest=st.integers(1, 30),
+    noise=st.sampled_from([0.0, 1e-7, 1e-5, 1e-4]),
+)
+@settings(max_examples=100, deadline=None)
+def test_referencing_twice_changes_nothing(seed, scale, rest, noise):
+    rng = np.random.default_rng(seed)
+    path = np.concatenate([np.zeros(rest), np.linspace(0.0, 1.0, 60)])
+    stretch = scale * (1.0 + np.outer(path, [0.2, 0.1])) + rng.normal(0.0, noise, (rest + 60, 2))
+    load = rng.normal(10.0, 1.0, stretch.shape)
+    once = referenced_protocol("a", stretch, load, "cauchy", None, rest)
+    pairs = [
+        np.column_stack(p) for p in ((once.stretch_x, once.stretch_y), (once.load_x, once.load_y))
+    ]
+    assert referenced_protocol("a", *pairs, "cauchy", None, rest) == once
+
+
+def test_rest_rows_found_in_a_noisy_record():
+    rng = np.random.default_rng(0)
+    path = np.concatenate([np.zeros(25), np.linspace(0.0, 0.2, 100)[1:]])
+    for noise in (0.0, 1e-6, 1e-5, 1e-4):
+        stretch = 1.0 + path + rng.normal(0.0, noise, path.size)
+        assert abs(rest_rows(stretch, stretch) - 25) <= 1
+    assert rest_rows(1.0 + np.linspace(0, 0.2, 50), 1.0 + np.linspace(0, 0.1, 50)) == 1
+
+
+def test_tared_is_zero_at_rest_in_both_directions(tmp_path):
+    text = GOOD.replace("1.0000,1.0000,0.010000,0.008000", "1,1,0,0")
+    assert read_specimen(write(tmp_path / "a.csv", text)).is_tared
+    assert not read_specimen(write(tmp_path / "b.csv", GOOD)).is_tared
+
+
+def test_numbers_against_the_text(tmp_path):
+    specimen = read_specimen(write(tmp_path / "a.csv", GOOD))
+    assert specimen.name == "A12"
+    assert specimen.stress_pair == "force"
+    # The force in x acts on edge_y x thickness: 18 * 1.35 mm^2 = 0.0243 N/kPa.
+    np.testing.assert_allclose(specimen.area, [0.0243, 0.027], rtol=1e-15)
+    assert specimen.load_noise == 0.0006
+    reading, sd = specimen.mounting_readings(shared=True)
+    np.testing.assert_allclose(reading, [[0.01, 0.008]])
+    np.testing.assert_allclose(sd, [[0.0006, 0.0006]])
+
+
+def test_several_protocols_keep_their_order(tmp_path):
+    specimen = read_specimen(write(tmp_path / "a.csv", protocols(["b", "a", "1:1"])))
+    assert [p.name for p in specimen.protocols] == ["b", "a", "1:1"]
+    assert specimen.only("a").protocols == (specimen.protocols[1],)
+    assert len(specimen.without("a").protocols) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1.03 +- 0.01", (1.03, 0.01)), ("1.03±0.01", (1.03, 0.01)), (" 1 +-1e-3", (1.0, 1e-3))],
+)
+def test_stretch_from_an_image(text, value):
+    assert measured_stretch(text) == value
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1.03", "1.03 +- ", "1 +- 2 +- 3", "nan +- 1", "-1 +- 1", "3 %"]
+)
+def test_stretch_from_an_image_refused(text):
+    with pytest.raises(InputError, match=r"reads like '1\.03 "):
+        measured_stretch(text)
+
+
+# --- fuzz -------------------------------------------------------------------------------------
+
+BASES = [
+    text.encode()
+    for text in (
+        GOOD,
+        protocols(["1:1, slow", "1:0.5"], quote=True),
+        "# mounting_stretch_x: 1.03 +- 0.01\n# rest_rows: 2\nstretch_x,stretch_y,cauchy_x_kPa,"
+        "cauchy_y_kPa\n" + body(),
+        "time_s,stretch_x,stretch_y,piola_x_kPa,piola_y_kPa\n"
+        + "".join(f"{0.1 * i},{line}\n" for i, line in enumerate(body().splitlines())),
+    )
+]
+TOKENS = [
+    b"", b",", b"\n", b"\r", b'"', b"#", b"# ", b":", b";", b"\t", b" ", b"-", b"0",
+    b"1e308", b"-1e308",
+    b"1e-320", b"nan", b"inf", b"=A1", b"1_0", b"\xff", b"\x00", b"\xef\xbb\xbf",
+    b"\xe2\x80\xa8", b"\x0b",
+    "\u0661".encode(), b"stretch_x", b"protocol", b"force_x_N", b"# rest_rows: 3\n",
+    b"# geometry: mounted\n", b"# thickness_mm: 1e-4\n", b"# edge_x_mm: 1e4\n", b"1,1,1,1\n",
+    b"0.2", b"5", b"# load_noise_N: 1e-15\n", b"# specimen: \n", b"\\", b"'", b"1.0000,",
+    b"\x1c", b"\x85",
+]  # fmt: skip
+
+
+@st.composite
+def hostile_bytes(draw) -> bytes:
+    """A valid file after a few edits: bytes flipped, tokens put in, parts cut or repeated."""
+    data = bytearray(draw(st.sampled_from(BASES)))
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(len(data) - 1, 0)))
+        kind = draw(st.sampled_from(["flip", "token", "token", "cut", "repeat", "number"]))
+        if kind == "flip" and data:
+            data[at] = draw(st.integers(0, 255))
+        elif kind == "token":
+            data[at : at + draw(st.integers(0, 8))] = draw(st.sampled_from(TOKENS))
+        elif kind == "cut":
+            del data[at : at + draw(st.integers(0, 400))]
+        elif kind == "repeat":
+            data[at:at] = data[at : at + draw(st.integers(0, 300))]
+        else:
+            data[at : at + 4] = repr(draw(st.floats())).encode()
+    return bytes(data)
+
+
+def read_or_refuse(data: bytes, path: Path) -> None:
+    """Nothing but a sound Specimen or an InputError of one line, and soon."""
+    path.write_bytes(data)
+    start = time.perf_counter()
+    try:
+        specimen = read_specimen(path)
+    except InputError as refusal:
+        assert str(path) in str(refusal)
+        assert str(refusal).isprintable()
+        return
+    finally:
+        assert time.perf_counter() - start < 5.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.all(np.isfinite(specimen.area)) and np.all(specimen.area > 0.0)
+        for shared in (True, False):
+            assert np.all(np.isfinite(specimen.mounting_readings(shared=shared)))
+        assert np.isfinite(specimen.peak_load) and specimen.peak_load > 0.0
+        write_specimen(specimen, path)
+        assert read_specimen(path) == specimen
+
+
+@given(data=hostile_bytes())
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_fuzzed_files(data, tmp_path):
+    read_or_refuse(data, tmp_path / "fuzz.csv")
+
+
+@pytest.mark.slow
+@given(data=hostile_bytes())
+@settings(
+    max_examples=20_000,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_twenty_thousand_fuzzed_files(data, tmp_path):
+    read_or_refuse(data, tmp_path / "fuzz.csv")
+
+
+@given(data=st.binary(max_size=2000))
+@settings(
+    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_random_bytes(data, tmp_path):
+    read_or_refuse(data, tmp_path / "fuzz.csv")
