@@ -1,0 +1,1 @@
+"""Figures of a run, one file each: pure functions on plain data."""
