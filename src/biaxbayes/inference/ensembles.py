@@ -1,0 +1,194 @@
+"""Independent ensembles of walkers on one density, and how they are warmed up.
+
+Each ensemble has its own random numbers, so that the draws do not depend on how many threads
+the ensembles share. The compiled density releases the interpreter lock: threads keep every core
+busy without the cost of starting processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import emcee
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from biaxbayes.inference.moves import AdaptedIndependenceMove
+from biaxbayes.inference.proposal import Proposal
+
+__all__ = ["Ensemble", "Ensembles"]
+
+LogDensity = Callable[[np.ndarray], np.ndarray]
+
+DE_SHARE = 0.15
+"""Share of steps that stay differential evolution once the independence move has adapted."""
+POOR_ACCEPTANCE = 0.03
+"""Below this the independence move is not worth its density evaluations."""
+
+
+class Ensemble:
+    """One emcee ensemble with differential-evolution and adapted independence moves.
+
+    Parameters
+    ----------
+    log_density : callable
+        Vectorised: (n, d) coordinates to (n,) values.
+    start : ndarray, shape (walkers, d)
+    seed : numpy.random.SeedSequence
+    """
+
+    def __init__(
+        self,
+        log_density: LogDensity,
+        start: np.ndarray,
+        seed: np.random.SeedSequence,
+        edges: Mapping[int, tuple[float, float]] | None = None,
+    ) -> None:
+        walker_seed, proposal_seed = seed.spawn(2)
+        self.log_density = log_density
+        self.random = np.random.RandomState(np.random.MT19937(walker_seed))
+        self.independence = AdaptedIndependenceMove(
+            np.random.default_rng(proposal_seed), edges=edges
+        )
+        self.state = emcee.State(start, log_prob=log_density(start))
+        self.evaluations = len(start)
+        self.independence_share = 0.0
+        self._de = [
+            (emcee.moves.DEMove(), 0.8),
+            (emcee.moves.DESnookerMove(), 0.1),
+            (emcee.moves.DEMove(gamma0=1.0), 0.1),
+        ]
+
+    def _counted(self, x: np.ndarray) -> np.ndarray:
+        self.evaluations += len(x)
+        return self.log_density(x)
+
+    def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Advance; coordinates (steps, walkers, d) and log densities (steps, walkers)."""
+        walkers, d = self.state.coords.shape
+        share = self.independence_share if self.independence.proposal is not None else 0.0
+        moves: list[tuple[Any, float]] = [(m, w * (1.0 - share)) for m, w in self._de]
+        if share > 0.0:
+            moves.append((self.independence, share))
+        sampler = emcee.EnsembleSampler(
+            walkers, d, self._counted, moves=[m for m in moves if m[1] > 0.0], vectorize=True
+        )
+        sampler._random = self.random  # one stream for the whole run, across blocks
+        state = emcee.State(self.state.coords, log_prob=self.state.log_prob, copy=True)
+        for state in sampler.sample(state, iterations=steps, skip_initial_state_check=True):  # noqa: B007
+            pass
+        self.state = emcee.State(state.coords, log_prob=state.log_prob, copy=True)
+        return sampler.get_chain(), sampler.get_log_prob()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything needed to continue: walkers, random states, shares and counts."""
+        return {
+            "coordinates": self.state.coords.copy(),
+            "log_prob": self.state.log_prob.copy(),
+            "walker_random": self.random.get_state(legacy=False),
+            "proposal_random": self.independence.rng.bit_generator.state,
+            "independence_share": self.independence_share,
+            "evaluations": self.evaluations,
+            "tried": self.independence.tried,
+            "accepted": self.independence.accepted,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        self.state = emcee.State(snapshot["coordinates"], log_prob=snapshot["log_prob"], copy=True)
+        self.random.set_state(snapshot["walker_random"])
+        self.independence.rng.bit_generator.state = snapshot["proposal_random"]
+        self.independence_share = float(snapshot["independence_share"])
+        self.evaluations = int(snapshot["evaluations"])
+        self.independence.tried = int(snapshot["tried"])
+        self.independence.accepted = int(snapshot["accepted"])
+
+
+class Ensembles:
+    """Several independent ensembles that share one proposal.
+
+    Parameters
+    ----------
+    log_density : callable
+    starts : sequence of ndarray, shape (walkers, d)
+        One dispersed start an ensemble.
+    seed : numpy.random.SeedSequence
+    edges : mapping, optional
+        Hard edges of the coordinates, for the independence move.
+    workers : int
+        Threads.
+    """
+
+    def __init__(
+        self,
+        log_density: LogDensity,
+        starts: Sequence[np.ndarray],
+        seed: np.random.SeedSequence,
+        *,
+        edges: Mapping[int, tuple[float, float]] | None = None,
+        workers: int = 1,
+    ) -> None:
+        seeds = seed.spawn(len(starts) + 1)
+        self.rng = np.random.default_rng(seeds[-1])
+        self.members = [
+            Ensemble(log_density, start, s, edges) for start, s in zip(starts, seeds, strict=False)
+        ]
+        self.workers = min(workers, len(self.members))
+        self.rounds: list[float] = []
+
+    def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Advance every ensemble; (ensembles, steps, walkers, d) and (ensembles, steps, walkers)."""
+        with threadpool_limits(1, user_api="blas"):
+            if self.workers > 1:
+                with ThreadPoolExecutor(self.workers) as pool:
+                    out = list(pool.map(lambda m: m.run(steps), self.members))
+            else:
+                out = [m.run(steps) for m in self.members]
+        return np.stack([c for c, _ in out]), np.stack([p for _, p in out])
+
+    @property
+    def evaluations(self) -> int:
+        """Density evaluations so far."""
+        return sum(m.evaluations for m in self.members)
+
+    @property
+    def acceptance(self) -> float:
+        """Acceptance of the independence move since the counts were reset."""
+        tried = sum(m.independence.tried for m in self.members)
+        return sum(m.independence.accepted for m in self.members) / tried if tried else 0.0
+
+    @property
+    def proposal(self) -> Proposal | None:
+        """The proposal shared by all ensembles."""
+        return self.members[0].independence.proposal
+
+    @proposal.setter
+    def proposal(self, proposal: Proposal) -> None:
+        for member in self.members:
+            member.independence.proposal = proposal
+
+    def set_share(self, share: float) -> None:
+        """Probability of an independence step."""
+        for member in self.members:
+            member.independence_share = share
+
+    def freeze(self) -> None:
+        """Freeze the proposal and start counting its acceptance."""
+        for member in self.members:
+            member.independence.freeze()
+            member.independence.reset_counts()
+
+    def adapt(self, history: np.ndarray, *, components: int | None = None) -> None:
+        """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
+        lead = self.members[0].independence
+        with threadpool_limits(1, user_api="blas"):
+            lead.adapt(history, components=components)
+        assert lead.proposal is not None
+        self.proposal = lead.proposal
+
+    def reset_counts(self) -> None:
+        """Start counting acceptance afresh."""
+        for member in self.members:
+            member.independence.reset_counts()

@@ -1,0 +1,108 @@
+"""How many independent readings the rows of a curve are worth.
+
+Neighbouring residuals of a real specimen are nearly equal, because the model, not the load cell,
+is what misses. A curve of n residuals with autocorrelation rho(t) carries
+
+    n_eff = n / (1 + 2 sum rho(t))
+
+independent pieces of information; its log likelihood is weighted by beta = n_eff / n.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["EffectiveReadings", "effective_readings", "effective_size"]
+
+MINIMUM = 2.0  # a curve is worth at least this many readings, or its sd would be undefined
+
+
+def effective_size(residual: np.ndarray) -> float:
+    """Effective number of independent readings in one residual curve.
+
+    Geyer's initial positive sequence: autocorrelations are summed in pairs while the sum of a
+    pair is positive.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        Residuals in the order of the path; their mean is not removed, since a constant
+        misfit is misfit too.
+
+    Returns
+    -------
+    float
+        Between 2 (or n, if smaller) and n.
+    """
+    n = residual.size
+    if n < 4:
+        return float(n)
+    power = float(residual @ residual)
+    if power == 0.0:
+        return float(n)
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(residual, size)
+    rho = np.fft.irfft(spectrum * spectrum.conj(), size)[:n] / power
+    total = 0.0
+    for lag in range(0, n - 1, 2):
+        pair = rho[lag] + rho[lag + 1]
+        if pair <= 0.0:
+            break
+        total += pair
+    # 1 + 2 sum_{t>=1} rho(t) = 2 sum over pairs - 1
+    return float(np.clip(n / max(2.0 * total - 1.0, 1.0), min(MINIMUM, n), n))
+
+
+@dataclass(frozen=True)
+class EffectiveReadings:
+    """What the rows are worth, curve by curve.
+
+    Attributes
+    ----------
+    count : ndarray, shape (p, 2)
+        Readings of each protocol and direction.
+    effective : ndarray, shape (p, 2)
+        Independent readings they are worth.
+    """
+
+    count: np.ndarray
+    effective: np.ndarray
+
+    @property
+    def beta(self) -> float:
+        """The weight n_eff / n of the log likelihood, at most one."""
+        return float(min(self.effective.sum() / self.count.sum(), 1.0))
+
+    @property
+    def total(self) -> float:
+        """n_eff over all curves."""
+        return float(self.effective.sum())
+
+
+def effective_readings(
+    residuals: Sequence[np.ndarray], scale: Sequence[np.ndarray] | None = None
+) -> EffectiveReadings:
+    """Effective readings of the residuals of a fit.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n_p, 2)
+        One array a protocol, measured minus model.
+    scale : sequence of ndarray, shape (n_p, 2), optional
+        Standard deviation of each reading up to a factor, where it is not constant.
+
+    Returns
+    -------
+    EffectiveReadings
+    """
+    count = np.array([[len(r), len(r)] for r in residuals], dtype=float)
+    effective = np.array(
+        [
+            [effective_size(r[:, k] if scale is None else r[:, k] / scale[i][:, k]) for k in (0, 1)]
+            for i, r in enumerate(residuals)
+        ]
+    )
+    return EffectiveReadings(count, effective)
