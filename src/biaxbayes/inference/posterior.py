@@ -197,7 +197,10 @@ class Posterior:
     def log_prob(self, coordinates: np.ndarray) -> np.ndarray:
         """Log density in the sampling coordinates, shape (walkers,); finite or -inf."""
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
-        return kernel.log_density(self._assembly.problem, u, self.rejected)
+        counts = np.zeros(4, dtype=np.int64)  # its own: threads call this at the same time
+        out = kernel.log_density(self._assembly.problem, u, counts)
+        self.rejected += counts
+        return out
 
     def log_density(self, parameters: Mapping[str, Any]) -> Any:
         """Log posterior density of natural parameters, up to a constant.
@@ -231,7 +234,9 @@ class Posterior:
             columns.append(_to_slot(slot_name, np.asarray(parameters[name], dtype=float)))
         shape = np.broadcast_shapes(*(c.shape for c in columns))
         u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
-        out = kernel.log_density(self._natural.problem, np.ascontiguousarray(u), self.rejected)
+        out = kernel.log_density(
+            self._natural.problem, np.ascontiguousarray(u), np.zeros(4, dtype=np.int64)
+        )
         return out.reshape(shape)[()]
 
     # --- between coordinates and natural quantities ---
