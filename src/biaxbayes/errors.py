@@ -9,7 +9,7 @@ BiaxbayesError
 
 from __future__ import annotations
 
-__all__ = ["BiaxbayesError", "InputError", "NotConverged", "RunError", "TaredSpecimen"]
+__all__ = ["BiaxbayesError", "InputError", "Interrupted", "NotConverged", "RunError", "TaredSpecimen"]
 
 
 class BiaxbayesError(Exception):
@@ -71,6 +71,12 @@ class NotConverged(BiaxbayesError):
     """The computation ended without a result that can be trusted."""
 
     exit_code = 3
+
+
+class Interrupted(BiaxbayesError):
+    """The user stopped the computation; what was done is saved."""
+
+    exit_code = 130
 
 
 def _one_line(text: str) -> str:

@@ -1,0 +1,86 @@
+"""The closing message of a run: one screen that says what to trust."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from biaxbayes.output.run import Run
+
+__all__ = ["closing_message"]
+
+
+def closing_message(run: Run) -> str:
+    """What a run found, as plain text of at most one screen."""
+    record = run.provenance
+    name = (
+        record["specimen"]
+        if not record.get("layer")
+        else (f"{record['specimen']} ({record['layer']})")
+    )
+    lines = [f"{_plain(name)}: {_verdict(record)}", ""]
+    lines += _table(run)
+    lines += ["", _readings(record)]
+    lines += _identifiability(run)
+    lines += [_plain(f"note: {note}") for note in record["notes"][:3]]
+    if record["sampler"]["message"]:
+        lines.append(f"note: {record['sampler']['message']}")
+    lines += ["", f"everything is in {run.path}/ (summary.csv, corner.pdf, stress-bands.pdf, ...)"]
+    return "\n".join(lines)
+
+
+def _verdict(record: dict[str, Any]) -> str:
+    convergence = record["convergence"]
+    if convergence["state"] == "reliable":
+        return (
+            f"reliable (R-hat {convergence['worst_rhat']:.4f}, at least "
+            f"{convergence['worst_ess']:.0f} effective draws of every quantity)"
+        )
+    if convergence["state"] == "tentative":
+        return f"TENTATIVE, not converged: {convergence['reason']}"
+    return f"NOT USABLE, not converged: {convergence['reason']}"
+
+
+def _table(run: Run) -> list[str]:
+    lines = [f"{'parameter':<26}{'unit':<6}{'median':>10}{'5 %':>10}{'95 %':>10}"]
+    for row in run.summary.itertuples():
+        cells = "".join(f"{_number(v):>10}" for v in (row.q50, row.q05, row.q95))
+        lines.append(f"{_plain(str(row.parameter))[:25]:<26}{row.unit:<6}{cells}")
+    if len(lines) > 24:
+        hidden = len(lines) - 22
+        lines = [*lines[:22], f"... and {hidden} more rows in summary.csv"]
+    return lines
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.4g}"
+
+
+def _readings(record: dict[str, Any]) -> str:
+    noise = record["noise"]
+    if noise["effective_readings"] is None:
+        return (
+            f"{noise['readings']} readings taken as independent; if the model misses smoothly, "
+            "the intervals are too narrow (--noise effective)"
+        )
+    return (
+        f"your {noise['readings']} readings carry as much information as "
+        f"{noise['effective_readings']:.0f} independent ones"
+    )
+
+
+def _identifiability(run: Run) -> list[str]:
+    path = run.path / "identifiability.csv"
+    if not path.is_file():
+        return []
+    import pandas as pd
+
+    table = pd.read_csv(path, comment="#")
+    loose = [f"{r.parameter}: {r.verdict}" for r in table.itertuples() if r.verdict != "identified"]
+    if not loose:
+        return ["every parameter is identified"]
+    return ["not determined on its own: " + "; ".join(_plain(t) for t in loose)]
+
+
+def _plain(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)

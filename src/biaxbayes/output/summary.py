@@ -1,0 +1,69 @@
+"""summary.csv: one row a quantity, and only numbers that can be trusted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.inference.convergence import Convergence
+from biaxbayes.output.archive import unit_of
+from biaxbayes.specimens.text_file import atomic_write_text
+
+__all__ = ["COLUMNS", "summarise", "write_summary"]
+
+COLUMNS = (
+    "parameter",
+    "unit",
+    "mean",
+    "sd",
+    "q05",
+    "q50",
+    "q95",
+    "ess_bulk",
+    "ess_tail",
+    "rhat",
+)
+
+
+def summarise(
+    quantities: dict[str, np.ndarray], names: tuple[str, ...], unit: str, convergence: Convergence
+) -> pd.DataFrame:
+    """Summary table.
+
+    Where the chains are ``tentative`` the effective sample sizes are left empty, where they are
+    ``unusable`` every number but R-hat is.
+
+    Parameters
+    ----------
+    quantities : dict of ndarray, shape (ensembles, steps, walkers)
+    names : tuple of str
+        Rows, in order.
+    unit : str
+        The file's unit, N or kPa.
+    convergence : Convergence
+    """
+    position = {name: i for i, name in enumerate(convergence.names)}
+    rows = []
+    for name in names:
+        draws = quantities[name]
+        row: dict[str, object] = dict.fromkeys(COLUMNS, np.nan)
+        row |= {"parameter": name, "unit": unit_of(name, unit)}
+        i = position.get(name)
+        if convergence.state != "unusable" and draws.size:
+            q05, q50, q95 = np.quantile(draws, [0.05, 0.5, 0.95])
+            sd = draws.std(ddof=1) if i is not None else 0.0
+            row |= {"mean": draws.mean(), "sd": sd, "q05": q05, "q50": q50, "q95": q95}
+        if i is not None:
+            row["rhat"] = convergence.rhat[i]
+            if convergence.state == "reliable":
+                row["ess_bulk"] = np.floor(convergence.ess_bulk[i])
+                row["ess_tail"] = np.floor(convergence.ess_tail[i])
+        rows.append(row)
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def write_summary(path: Path, table: pd.DataFrame) -> None:
+    """Write summary.csv with eight significant digits."""
+    atomic_write_text(path, table.to_csv(index=False, float_format="%.8g", lineterminator="\n"))
