@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from biaxbayes import Protocol, Specimen, read_specimen, write_specimen
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.header import measured_stretch
 from biaxbayes.specimens.protocol import referenced_protocol, rest_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS
@@ -300,6 +301,7 @@ def read_or_refuse(data: bytes, path: Path) -> None:
         for shared in (True, False):
             assert np.all(np.isfinite(specimen.mounting_readings(shared=shared)))
         assert np.isfinite(specimen.peak_load) and specimen.peak_load > 0.0
+        assert all(finding.message.isprintable() for finding in check_specimen(specimen))
         write_specimen(specimen, path)
         assert read_specimen(path) == specimen
 

@@ -87,7 +87,7 @@ def cycles(path: np.ndarray) -> list[Cycle]:
     """
     swing = SWING * float(np.ptp(path))
     # The valley is the lowest of many noisy rows: allow for both ends of the noise.
-    level = 0.01 * float(np.ptp(path)) + 6.0 * scatter(path)
+    level = 0.001 * float(np.ptp(path)) + 6.0 * scatter(path)
     turns = _turning_points(path, swing)
     found = []
     for number, (valley, peak) in enumerate(turns):
@@ -95,6 +95,8 @@ def cycles(path: np.ndarray) -> list[Cycle]:
         # The rest before the rise: rows as low as the valley, without a gap, up to it.
         high = np.flatnonzero(path[before:valley] > path[valley] + level)
         start = before + int(high[-1]) + 1 if high.size else before
+        if number == 0 and path[: valley + 1].max() - path[valley] <= RELAPSE * np.ptp(path):
+            start = 0  # the dip before the first rise is noise
         stop = turns[number + 1][0] if number + 1 < len(turns) else path.size
         if relapse(path[start:stop]) is None:
             peak = stop - 1  # the end of the record is the peak, up to noise

@@ -12,7 +12,14 @@ from pathlib import Path
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.cell import number_in
 
-__all__ = ["KNOWN_KEYS", "METADATA_KEYS", "Header", "measured_stretch", "read_header"]
+__all__ = [
+    "KNOWN_KEYS",
+    "METADATA_KEYS",
+    "Header",
+    "checked_value",
+    "measured_stretch",
+    "read_header",
+]
 
 TEXT_KEYS = ("specimen", "layer", "axis_x", "axis_y", "geometry", "source", "cycle", "branch")
 MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
@@ -97,7 +104,7 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
         key, value = key.strip(), " ".join(value.split())
         _check_key(key, values, index + 1, path)
         if value:
-            values[key] = _value(key, value, index + 1, path)
+            values[key] = checked_value(key, value, index + 1, path)
             rows[key] = index + 1
     raise InputError(
         "the file has no table",
@@ -129,7 +136,14 @@ def _check_key(key: str, values: Mapping[str, object], row: int, path: Path) -> 
     )
 
 
-def _value(key: str, value: str, row: int, path: Path) -> float | str:
+def checked_value(key: str, value: str, row: int | None = None, path: object = None) -> float | str:
+    """Value of a known key from its text.
+
+    Raises
+    ------
+    InputError
+        If it cannot be.
+    """
     if key in NUMBER_RANGES:
         return _number(key, value, row, path)
     if key in MEASURED_STRETCH_KEYS:
@@ -151,7 +165,7 @@ def _value(key: str, value: str, row: int, path: Path) -> float | str:
     return value
 
 
-def _number(key: str, value: str, row: int, path: Path) -> float:
+def _number(key: str, value: str, row: int | None, path: object) -> float:
     low, high = NUMBER_RANGES[key]
     try:
         number = number_in(value)

@@ -42,9 +42,13 @@ def path_findings(specimen: Specimen) -> list[Finding]:
             )
         found += _unloading(p, stretch, load)
         found += _jumps(p, stretch, load)
-        found += _resampled(p, load)
         found += _time(p)
-    return [*found, *_stiff_start(specimen), *_one_direction(specimen)]
+    return [
+        *found,
+        *_resampled(specimen),
+        *_stiff_start(specimen),
+        *_one_direction(specimen),
+    ]
 
 
 def _unloading(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
@@ -160,22 +164,25 @@ def _slope(
     return slope / basis, error / basis
 
 
-def _resampled(p: Protocol, load: np.ndarray) -> list[Finding]:
+def _resampled(specimen: Specimen) -> list[Finding]:
     """Loads on an even grid: no load cell records that beside a stretch that is not."""
-    if p.rows < 12:
+    names = []
+    for p in specimen.protocols:
+        load = specimen.load(p)
+        tiny = 1e-6 * np.ptp(load, axis=0)
+        step = np.abs(np.diff(load, axis=0))[1:]
+        even = (np.abs(np.diff(load, 2, axis=0)) < tiny) & (step > tiny)
+        if p.rows >= 12 and even.mean(axis=0).min() >= 0.8:
+            names.append(p.name)
+    if not names:
         return []
-    tiny = 1e-6 * np.ptp(load, axis=0)
-    step = np.abs(np.diff(load, axis=0))[1:]
-    even = (np.abs(np.diff(load, 2, axis=0)) < tiny) & (step > tiny)
-    if even.mean(axis=0).min() < 0.8:
-        return []
+    where = "" if len(names) == len(specimen.protocols) else f" of {', '.join(names)}"
     return [
         Finding(
             "resampled",
             "warning",
-            "the loads lie on an evenly spaced grid: the record was resampled or smoothed, so "
-            "its rows are no independent readings and its noise is gone",
-            p.name,
+            f"the loads{where} lie on an evenly spaced grid: the record was resampled or "
+            "smoothed, so its rows are no independent readings and its noise is gone",
         )
     ]
 

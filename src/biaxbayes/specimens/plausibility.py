@@ -83,22 +83,15 @@ def check_load(
         )
     # kPa = N / mm^2 * 1e3
     stress = peak if section_mm2 is None else peak / section_mm2 * 1e3
-    unit = "Pa" if section_mm2 is None else "mN"
     limit = limit_kPa or STRESS_LIMIT_KPA
     if stress > limit:
-        remedy = (
-            f"if the values are in {unit}, divide them by 1000; "
-            f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
-            if stress < OUTLIER * limit
-            else "mend the value or remove the row"
-        )
         raise InputError(
             f"{values[row]:g} means a stress of {stress / 1000:.3g} MPa, "
             "more than soft tissue bears",
             file=file,
             row=int(lines[row]),
             column=column,
-            remedy=remedy,
+            remedy=_remedy(stress, limit, "Pa" if section_mm2 is None else "mN"),
         )
     if stress < STRESS_FLOOR_KPA:
         raise InputError(
@@ -108,6 +101,15 @@ def check_load(
             column=column,
             remedy="check the unit",
         )
+
+
+def _remedy(stress: float, limit: float, unit: str) -> str:
+    if stress > OUTLIER * limit:
+        return "mend the value or remove the row"
+    return (
+        f"if the values are in {unit}, divide them by 1000; "
+        f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
+    )
 
 
 def check_time(

@@ -23,6 +23,7 @@ from biaxbayes.specimens.text_file import atomic_write_text, read_lines
 __all__ = [
     "STRESS_LIMIT_KPA",
     "measured_stretch",
+    "parse_specimen",
     "read_specimen",
     "specimen_text",
     "write_specimen",
@@ -48,7 +49,17 @@ def read_specimen(path: str | os.PathLike) -> Specimen:
         With file, row, column and remedy.
     """
     path = Path(path)
-    lines = read_lines(path)
+    return parse_specimen(read_lines(path), path)
+
+
+def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
+    """A specimen from the lines of its file; ``path`` serves messages and the default name.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_specimen`.
+    """
     header, first = read_header(lines, path)
     table = read_table(lines, first, path)
     stress_pair = stress_pair_of(table, path)
@@ -89,26 +100,18 @@ def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
     InputError
         If two protocols have the same name, or the file cannot be written.
     """
-    for key in specimen.metadata:
-        if key not in METADATA_KEYS:
-            raise InputError(
-                f"metadata key {key[:40]!r} has no place in a specimen file",
-                file=path,
-                remedy=f"known keys are {', '.join(METADATA_KEYS)}",
-            )
-    names = [_one_space(p.name) for p in specimen.protocols]
-    for name in names:
-        if not name or names.count(name) > 1:
-            raise InputError(
-                f"protocol name {name[:40]!r} is empty or there twice",
-                file=path,
-                remedy="give each protocol a name of its own",
-            )
     atomic_write_text(Path(path), specimen_text(specimen))
 
 
 def specimen_text(specimen: Specimen) -> str:
-    """Text of a specimen file; numbers are written with the digits that read back the same."""
+    """Text of a specimen file; numbers are written with the digits that read back the same.
+
+    Raises
+    ------
+    InputError
+        If two protocols have the same name, or a metadata key is unknown.
+    """
+    _check_writable(specimen)
     keys: dict[str, object] = {
         "specimen": specimen.name,
         "layer": specimen.layer,
@@ -129,6 +132,27 @@ def specimen_text(specimen: Specimen) -> str:
         if value is not None and value != "":
             text = repr(float(value)) if isinstance(value, float) else _one_space(str(value))
             out.write(f"# {key}: {text}\n")
+    _write_table(specimen, out)
+    return out.getvalue()
+
+
+def _check_writable(specimen: Specimen) -> None:
+    for key in specimen.metadata:
+        if key not in METADATA_KEYS:
+            raise InputError(
+                f"metadata key {key[:40]!r} has no place in a specimen file",
+                remedy=f"known keys are {', '.join(METADATA_KEYS)}",
+            )
+    names = [_one_space(p.name) for p in specimen.protocols]
+    for name in names:
+        if not name or names.count(name) > 1:
+            raise InputError(
+                f"protocol name {name[:40]!r} is empty or there twice",
+                remedy="give each protocol a name of its own",
+            )
+
+
+def _write_table(specimen: Specimen, out: io.StringIO) -> None:
     named = len(specimen.protocols) > 1 or specimen.protocols[0].name != "1"
     timed = specimen.protocols[0].time_s is not None
     table = csv.writer(out, lineterminator="\n")
@@ -145,7 +169,6 @@ def specimen_text(specimen: Specimen) -> str:
         curves = (p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         columns += [curve.tolist() for curve in curves if curve is not None]
         table.writerows(zip(*columns, strict=True))
-    return out.getvalue()
 
 
 def _one_space(text: str) -> str:

@@ -27,7 +27,13 @@ def unit_findings(specimen: Specimen) -> list[Finding]:
     -------
     list of Finding
     """
-    return [*_stress(specimen), *_stretch(specimen), *_dimensions(specimen), *_noise(specimen)]
+    return [
+        *_stress(specimen),
+        *_sign(specimen),
+        *_stretch(specimen),
+        *_dimensions(specimen),
+        *_noise(specimen),
+    ]
 
 
 def _warn(message: str) -> Finding:
@@ -62,6 +68,28 @@ def _stress(specimen: Specimen) -> list[Finding]:
                 "are both columns in the same unit?"
             )
         )
+    return found
+
+
+def _sign(specimen: Specimen) -> list[Finding]:
+    """Tension must be positive: the load at the largest stretch of each direction."""
+    found = []
+    for k, axis in enumerate("xy"):
+        ends = []
+        for p in specimen.protocols:
+            stretch = p.stretch_x if k == 0 else p.stretch_y
+            row = int(np.argmax(stretch))
+            ends.append((float(stretch[row]), float(specimen.load(p)[row, k])))
+        stretch_there, load_there = max(ends)
+        if load_there < -3.0 * specimen.noise_sd:
+            found.append(
+                Finding(
+                    "sign",
+                    "warning",
+                    f"the load in {axis} is {load_there:.3g} {specimen.unit} at its largest "
+                    f"stretch of {stretch_there:.3f}: tension must be positive",
+                )
+            )
     return found
 
 

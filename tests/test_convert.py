@@ -1,0 +1,660 @@
+"""Machine exports: the specimen that they were made from comes back, or one line says why not."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from biaxbayes import read_specimen
+from biaxbayes.cli import main
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.check import check_specimen
+from biaxbayes.specimens.machines import Choice, convert
+from biaxbayes.specimens.raw_file import read_raw_table
+from biaxbayes.specimens.recording import shear_angle_deg
+from biaxbayes.specimens.units import stem_of, unit_of_column
+from hostile.machine_exports import COLUMNS, EDGE_MM, THICKNESS_MM, biotester_export
+
+DIMENSIONS = [
+    "--edge-x-mm", str(EDGE_MM), "--edge-y-mm", str(EDGE_MM),
+    "--thickness-mm", str(THICKNESS_MM), "--geometry", "unloaded",
+]  # fmt: skip
+
+
+def run(arguments: list[object], capsys) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        main(["convert", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    assert "Traceback" not in err
+    return int(stop.value.code or 0), out, err
+
+
+def biotester(path: Path, out: Path, capsys, *more: object) -> tuple[int, str, str]:
+    return run([path, "--machine", "biotester", "--out", out, *DIMENSIONS, *more], capsys)
+
+
+def written(folder: Path, text: str, name: str = "raw.csv", encoding: str = "utf-8") -> Path:
+    path = folder / name
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+# --- BioTester --------------------------------------------------------------------------------
+
+
+def test_the_specimen_that_an_export_was_made_from_comes_back(tmp_path, capsys):
+    export = biotester_export(cycles=6)
+    out = tmp_path / "specimen.csv"
+    code, text, _ = biotester(
+        written(tmp_path, export.text()), out, capsys, "--load-noise-N", 0.0006, "--layer", "media"
+    )
+    assert code == 0
+    specimen = read_specimen(out)
+    (p,) = specimen.protocols
+    # The last cycle's loading branch, not its hold, recovery, or an earlier, stiffer cycle.
+    assert p.rows == len(export.stretch)
+    got = np.column_stack([p.stretch_x, p.stretch_y])
+    # Four points of 0.02 px on 120 px: a scatter of about 0.02 / 240 = 8e-5 of the stretch.
+    assert np.abs(got - export.stretch).max() < 5e-4
+    force = specimen.load(p) - export.force_N
+    assert np.abs(force).max() < 5 * 0.0006
+    assert abs(force.std() - 0.0006) < 0.0001
+    assert (specimen.load_noise, specimen.layer, specimen.geometry) == (0.0006, "media", "unloaded")
+    assert specimen.metadata["cycle"] == "6 of 6"
+    assert specimen.metadata["branch"] == "loading"
+    reading, sd = specimen.mounting_readings(shared=False)
+    np.testing.assert_array_less(np.abs(reading[0] - export.force_N[0]), 4 * sd[0])
+    for words in ("60 of", "cycle 6 of 6", "loading branch", "4 tracked points", "mounting force"):
+        assert words in text
+    warnings = [f for f in check_specimen(specimen) if f.severity == "warning"]
+    assert {f.code for f in warnings} <= {"one-direction"}
+
+
+def test_rake_distance_overstates_what_the_tissue_does(tmp_path, capsys):
+    export = biotester_export()
+    out = tmp_path / "specimen.csv"
+    path = written(tmp_path, export.text())
+    code, text, _ = biotester(path, out, capsys, "--stretch-from", "rake")
+    assert code == 0 and "not from the tissue" in text
+    (p,) = read_specimen(out).protocols
+    wanted = 1.0 + (export.stretch - 1.0) / 0.9
+    # The file rounds to 1 um of 8 mm.
+    assert np.abs(np.column_stack([p.stretch_x, p.stretch_y]) - wanted).max() < 3e-4
+
+
+def test_without_tracked_points_the_rake_serves(tmp_path, capsys):
+    export = biotester_export(tracked=False)
+    out = tmp_path / "specimen.csv"
+    code, text, _ = biotester(written(tmp_path, export.text()), out, capsys)
+    assert code == 0 and "from the rakes" in text
+    code, _, err = biotester(tmp_path / "raw.csv", out, capsys, "--stretch-from", "tracked")
+    assert code == 2
+    assert "no tracked points" in err and "found SetName, Cycle" in err
+
+
+@pytest.mark.parametrize("cycle", [1, 3])
+def test_a_numbered_cycle(cycle, tmp_path, capsys):
+    export = biotester_export(cycles=5)
+    out = tmp_path / "specimen.csv"
+    code, text, _ = biotester(written(tmp_path, export.text()), out, capsys, "--cycle", cycle)
+    assert code == 0 and f"cycle {cycle} of 5" in text
+    specimen = read_specimen(out)
+    softened = 1.0 + 0.3 * (5 - cycle) / 5
+    np.testing.assert_allclose(
+        specimen.load(specimen.protocols[0]), export.force_N * softened, atol=5 * 0.0006
+    )
+
+
+def test_unloading_is_turned_round_and_said(tmp_path, capsys):
+    export = biotester_export()
+    out = tmp_path / "specimen.csv"
+    path = written(tmp_path, export.text())
+    code, text, _ = biotester(path, out, capsys, "--branch", "unloading")
+    assert code == 0 and "turned round" in text
+    specimen = read_specimen(out)
+    (p,) = specimen.protocols
+    assert np.abs(p.stretch_x - export.stretch[:, 0]).max() < 5e-4
+    assert p.load_x[30] < export.force_N[30, 0]
+    assert "branch" in {f.code for f in check_specimen(specimen) if f.severity == "warning"}
+    code, _, _ = biotester(path, out, capsys, "--branch", "both")
+    assert code == 0
+    specimen = read_specimen(out)
+    assert specimen.protocols[0].rows == 120
+    assert {"unloading", "branch"} <= {f.code for f in check_specimen(specimen)}
+
+
+def test_sets_and_files_become_protocols(tmp_path, capsys):
+    first = biotester_export(name="Precondition", cycles=3)
+    second = biotester_export(name="1:1", cycles=2, seed=1)
+    third = biotester_export(name="1:0.5", cycles=2, ratio=(1.0, 0.5), seed=2)
+    joined = first.text() + "".join(e.text().split("\n", 1)[1] for e in (second, third))
+    path, out = written(tmp_path, joined), tmp_path / "specimen.csv"
+    code, text, _ = biotester(path, out, capsys)
+    assert code == 0 and "set 1:0.5" in text
+    assert np.abs(read_specimen(out).protocols[0].stretch_y - third.stretch[:, 1]).max() < 5e-4
+    code, _, _ = biotester(path, out, capsys, "--set", "1:1", "--set", "1:0.5")
+    assert code == 0
+    assert [p.name for p in read_specimen(out).protocols] == ["1:1", "1:0.5"]
+    code, _, err = biotester(path, out, capsys, "--set", "2:1")
+    assert code == 2 and "no set '2:1'" in err and "found Precondition, 1:1, 1:0.5" in err
+    other = written(tmp_path, third.text(), "half.csv")
+    arguments = [path, other, "--machine", "biotester", "--out", out, *DIMENSIONS]
+    code, _, _ = run([*arguments, "--protocol-names", "a, b"], capsys)
+    assert code == 0 and [p.name for p in read_specimen(out).protocols] == ["a", "b"]
+    code, _, err = run([*arguments, "--protocol-names", "a,b,c"], capsys)
+    assert code == 2 and "3 protocol names for 2 protocols" in err
+
+
+def test_shear_of_tracked_points_is_carried_along(tmp_path, capsys):
+    out = tmp_path / "specimen.csv"
+    export = biotester_export(shear=0.4)
+    code, text, _ = biotester(written(tmp_path, export.text()), out, capsys)
+    assert code == 0
+    specimen = read_specimen(out)
+    assert specimen.metadata["largest_shear"] == pytest.approx(0.4 * 0.16, rel=0.02)
+    assert "which the model ignores" in text
+    (shear,) = (f for f in check_specimen(specimen) if f.code == "shear")
+    assert shear.severity == "warning" and "0.064" in shear.message
+
+
+def test_points_tracked_in_some_rows_only(tmp_path, capsys):
+    export = biotester_export()
+    for number, cells in enumerate(export.rows):
+        if number % 2:
+            cells[9:] = [""] * 8
+    out = tmp_path / "specimen.csv"
+    code, text, _ = biotester(written(tmp_path, export.text()), out, capsys)
+    assert code == 0 and "30 rows without tracked points left out" in text
+    assert read_specimen(out).protocols[0].rows == 30
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal", "encoding"),
+    [(";", ",", "utf-8"), ("\t", ".", "utf-16"), ("\t", ",", "cp1252"), (";", ".", "utf-8-sig")],
+)
+def test_dialects(separator, decimal, encoding, tmp_path, capsys):
+    export = biotester_export(cycles=2)
+    export.header[3:5] = ["XSize_µm", "YSize_µm"]
+    reference, out = tmp_path / "a.csv", tmp_path / "b.csv"
+    biotester(written(tmp_path, export.text(), "plain.csv"), reference, capsys)
+    text = "Preamble of the software\n\n" + export.text(separator, decimal).replace("\n", "\r\n")
+    code, _, _ = biotester(written(tmp_path, text, "raw.txt", encoding), out, capsys)
+    assert code == 0
+    assert read_specimen(out).protocols[0].load_x.tolist() == (
+        read_specimen(reference).protocols[0].load_x.tolist()
+    )
+
+
+def _workbook(export, sheets=("Data",)) -> bytes:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title in sheets:
+        sheet = book.create_sheet(title)
+        sheet.append(export.header)
+        for cells in export.rows:
+            sheet.append([*cells[:2], *(float(c) if c else None for c in cells[2:])])
+    book.create_sheet("Notes").append(["by hand"])
+    out = io.BytesIO()
+    book.save(out)
+    return out.getvalue()
+
+
+def test_workbook(tmp_path, capsys):
+    export = biotester_export(cycles=2)
+    path, out = tmp_path / "raw.xlsx", tmp_path / "specimen.csv"
+    path.write_bytes(_workbook(export))
+    code, text, _ = biotester(path, out, capsys)
+    assert code == 0 and "sheet Data" in text
+    got = read_specimen(out).protocols[0]
+    biotester(written(tmp_path, export.text()), tmp_path / "b.csv", capsys)
+    np.testing.assert_array_equal(got.load_x, read_specimen(tmp_path / "b.csv").protocols[0].load_x)
+    path.write_bytes(_workbook(export, ("A", "B")))
+    code, _, err = biotester(path, out, capsys)
+    assert code == 2 and "more than one sheet" in err and "found A, B, Notes" in err
+    assert biotester(path, out, capsys, "--sheet", "B")[0] == 0
+    code, _, err = biotester(path, out, capsys, "--sheet", "C")
+    assert code == 2 and "no sheet 'C'" in err
+    path.write_bytes(path.read_bytes()[:3000])
+    code, _, err = biotester(path, out, capsys)
+    assert code == 2 and "no readable Excel workbook" in err
+
+
+def test_workbook_without_openpyxl_names_the_extra(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "raw.xlsx"
+    path.write_bytes(_workbook(biotester_export(cycles=1)))
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    code, _, err = biotester(path, tmp_path / "a.csv", capsys)
+    assert code == 2
+    assert "openpyxl is not installed; pip install 'biaxbayes[xlsx]'" in err
+
+
+GOOD = biotester_export(cycles=2).text()
+LINES = GOOD.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (GOOD.replace("XForce_mN", "XLoad_mN"), ("no column 'XForce_mN'", "found SetName, Cycle")),
+        (GOOD.replace("XForce_mN", "XForce"), ("the unit of 'XForce' is not clear",)),
+        (GOOD.replace("YForce_mN", "XForce_N"), ("XForce_mN and XForce_N are ambiguous",)),
+        (GOOD.replace("Cycle", "Phase"), ("no column 'Cycle'", "--machine generic")),
+        (GOOD.replace("2-Hold", "holding"), ("'holding' is no phase", "column Cycle", "row ")),
+        (GOOD.replace("Stretch", "Pull"), ("no Stretch phase", "found hold, preload, pull")),
+        (GOOD.replace("XForce_mN", "XForce_N"), ("column XForce", "MPa", "in mN")),
+        ("\n".join([*LINES[:-1], LINES[-1][:40]]), ("cut off", f"row {len(LINES)}")),
+        ("\n".join(LINES[1:]), ("has no line of column names", "row 1")),
+        (GOOD.replace("2-Stretch,", "2-Stretch,x", 1), ("'x", "column Time_S")),
+        (COLUMNS + "\n", ("holds no table",)),
+        ("some words\nmore words\n", ("holds no table with columns",)),
+        ("", ("is empty",)),
+    ],
+)
+def test_refused_exports(text, says, tmp_path, capsys):
+    out = tmp_path / "specimen.csv"
+    code, printed, err = biotester(written(tmp_path, text), out, capsys)
+    assert code == 2 and printed == ""
+    assert err.count("\n") == 1
+    for words in (str(tmp_path / "raw.csv"), *says):
+        assert words in err
+    assert not out.exists()
+
+
+def test_refused_options(tmp_path, capsys):
+    path, out = written(tmp_path, GOOD), tmp_path / "specimen.csv"
+    for more, says in (
+        (["--cycle", "7"], "no cycle 7; found 1, 2"),
+        (["--cycle", "first"], "--cycle 'first' is no cycle"),
+        (["--columns", "stretch_x=F11"], "--columns is for --machine generic"),
+        (["--load-noise-kPa", "1"], "--load-noise-kPa does not fit"),
+        (["--thickness-sd-mm", "-1"], "thickness_sd_mm must be a positive number, not '-1'"),
+        (["--mounting-stretch-x", "1.03"], "reads like '1.03 +- 0.01'"),
+        (["--sheet", "A"], "has no sheets"),
+    ):
+        code, _, err = biotester(path, out, capsys, *more)
+        assert code == 2 and says in err and err.count("\n") == 1
+    code, _, err = run([path, "--machine", "biotester", "--out", out], capsys)
+    assert code == 2 and "forces need edge_x_mm; give --edge-x-mm" in err
+    code, _, err = biotester(path, path, capsys)
+    assert code == 2 and "would be overwritten" in err
+    assert path.read_text() == GOOD
+    code, _, err = run([path, path, "--machine", "biotester", "--out", out, *DIMENSIONS], capsys)
+    assert code == 2 and "is given twice" in err
+    assert not out.exists()
+
+
+# --- generic ----------------------------------------------------------------------------------
+
+
+def generic_text(stretch, load, names, more=None) -> str:
+    columns = [*np.asarray(stretch).T, *np.asarray(load).T, *([] if more is None else more)]
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(names)
+    table.writerows(zip(*(c.tolist() for c in columns), strict=True))
+    return out.getvalue()
+
+
+T = np.linspace(0.0, 1.0, 41)
+STRETCH = np.column_stack([1.0 + 0.2 * T, 1.0 + 0.15 * T])
+PIOLA = np.column_stack([2.0 + 60.0 * T**2, 1.0 + 40.0 * T**3])
+PLAIN = "stretch_x=a,stretch_y=b,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+
+
+def generic(folder: Path, text: str, columns: str | None, capsys, *more: object):
+    path, out = written(folder, text), folder / "specimen.csv"
+    mapped = [] if columns is None else ["--columns", columns]
+    code, printed, err = run([path, "--machine", "generic", "--out", out, *mapped, *more], capsys)
+    return code, printed + err, (read_specimen(out) if code == 0 else None)
+
+
+@pytest.mark.parametrize(
+    ("unit", "values"),
+    [
+        ("stretch", STRETCH),
+        ("engineering", STRETCH - 1.0),
+        ("percent", 100.0 * (STRETCH - 1.0)),
+        ("green", 0.5 * (STRETCH**2 - 1.0)),
+        ("mm", 17.0 * STRETCH),
+        ("um", 17000.0 * STRETCH),
+        ("displacement_mm", 10.0 * (STRETCH - 1.0)),
+        ("displacement_um", 1e4 * (STRETCH - 1.0)),
+    ],
+)
+def test_kinds_of_stretch(unit, values, tmp_path, capsys):
+    text = generic_text(values, PIOLA, ["a", "b", "P_kPa", "Q_kPa"])
+    columns = f"stretch_x=a:{unit},stretch_y=b:{unit},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    code, _, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
+    assert code == 0
+    (p,) = specimen.protocols
+    np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), STRETCH, rtol=1e-12)
+    np.testing.assert_array_equal(np.column_stack([p.load_x, p.load_y]), PIOLA)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [("F_N", 1.0), ("F_mN", 1e3), ("F [mN]", 1e3), ("F (gf)", 1 / 9.80665e-3), ("F_uN", 1e6)],
+)
+def test_units_of_force(name, factor, tmp_path, capsys):
+    force = PIOLA * 0.012
+    text = generic_text(STRETCH, force * factor, ["lx", "ly", f"X{name}", f"Y{name}"])
+    columns = f"stretch_x=lx,stretch_y=ly,force_x_N=X{name},force_y_N=Y{name}"
+    code, _, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
+    assert code == 0
+    np.testing.assert_allclose(specimen.load(specimen.protocols[0]), force, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "factor"), [("P_kPa", 1.0), ("P_MPa", 1e-3), ("P_Pa", 1e3)])
+@pytest.mark.parametrize("pair", ["piola", "cauchy"])
+def test_units_of_stress(name, factor, pair, tmp_path, capsys):
+    text = generic_text(STRETCH, PIOLA * factor, ["F11", "F22", f"x{name}", f"y{name}"])
+    columns = f"stretch_x=F11,stretch_y=F22,{pair}_x_kPa=x{name},{pair}_y_kPa=y{name}"
+    code, _, specimen = generic(tmp_path, text, columns, capsys)
+    assert code == 0 and specimen.stress_pair == pair
+    p = specimen.protocols[0]
+    np.testing.assert_allclose(np.column_stack([p.load_x, p.load_y]), PIOLA, rtol=1e-12)
+
+
+def test_columns_that_speak_for_themselves(tmp_path, capsys):
+    text = generic_text(
+        STRETCH, PIOLA * 12.0, ["stretch_x", "stretch_y", "force_x_mN", "force_y_mN"]
+    )
+    code, printed, specimen = generic(tmp_path, text, None, capsys, *DIMENSIONS)
+    assert code == 0 and "force_x_N from force_x_mN (mN)" in printed
+    np.testing.assert_allclose(specimen.protocols[0].load_x, PIOLA[:, 0] * 0.012)
+
+
+def test_a_line_of_units(tmp_path, capsys):
+    text = generic_text(STRETCH, PIOLA, ["lambda1", "lambda2", "P1", "P2"])
+    names, body = text.split("\n", 1)
+    columns = "stretch_x=lambda1,stretch_y=lambda2,piola_x_kPa=P1,piola_y_kPa=P2"
+    code, printed, _ = generic(tmp_path, f"{names}\n-,-,[MPa],[MPa]\n{body}", columns, capsys)
+    assert code == 2 and "more than soft tissue bears" in printed
+    code, _, specimen = generic(tmp_path, f"{names}\n-,-,kPa,kPa\n{body}", columns, capsys)
+    assert code == 0 and specimen.protocols[0].rows == 41
+
+
+def test_cycles_found_from_the_curves(tmp_path, capsys):
+    up = np.r_[np.zeros(10), T, T[::-1][1:]]
+    path = np.r_[0.7 * up, 0.8 * up, up]
+    stretch = np.column_stack([1.0 + 0.2 * path, 1.0 + 0.1 * path])
+    load = np.column_stack([2.0 + 60.0 * path**2, 1.0 + 40.0 * path**3])
+    text = generic_text(stretch, load, ["a", "b", "P_kPa", "Q_kPa"])
+    columns = PLAIN.replace("=a", "=a:stretch").replace("=b", "=b:stretch")
+    code, printed, specimen = generic(tmp_path, text, columns, capsys)
+    assert code == 0 and "cycle 3 of 3" in printed
+    (p,) = specimen.protocols
+    assert p.load_x[-1] == 62.0 and p.rest_rows >= 10
+    code, _, specimen = generic(tmp_path, text, columns, capsys, "--cycle", 1)
+    assert specimen.protocols[0].load_x[-1] == 2.0 + 60.0 * 0.7**2
+    code, printed, _ = generic(tmp_path, text, columns, capsys, "--cycle", 4)
+    assert code == 2 and "no cycle 4; found 1, 2, 3" in printed
+    # The same with a column that numbers them.
+    number = np.repeat([5, 6, 9], len(up))
+    text = generic_text(stretch, load, ["a", "b", "P_kPa", "Q_kPa", "No"], [number])
+    code, printed, specimen = generic(
+        tmp_path, text, columns + ",cycle=No", capsys, "--cycle", 6, "--branch", "unloading"
+    )
+    assert code == 0 and "cycle 6 (2 of 3), unloading branch" in printed
+    assert specimen.protocols[0].load_x.max() == pytest.approx(2.0 + 60.0 * 0.8**2)
+    assert specimen.protocols[0].rows == 41
+
+
+def test_protocol_column_and_time(tmp_path, capsys):
+    stretch, load = np.tile(STRETCH, (2, 1)), np.tile(PIOLA, (2, 1))
+    more = [np.repeat(["1:1", "1:0.5"], 41), np.arange(82) * 0.5]
+    text = generic_text(
+        stretch, load, ["F11", "F22", "P_kPa", "Q_kPa", "Protocol", "Time_ms"], more
+    )
+    columns = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa,time_s=Time_ms"
+    code, printed, specimen = generic(tmp_path, text, columns, capsys)
+    assert code == 0 and "protocol from Protocol" in printed
+    assert [p.name for p in specimen.protocols] == ["1:1", "1:0.5"]
+    np.testing.assert_allclose(specimen.protocols[1].time_s[:2], [0.0205, 0.021])
+
+
+def test_reference_drift_stays_in_the_file(tmp_path, capsys):
+    """The stretch is written as measured, so that the reader can tell the drift."""
+    paths = []
+    for name, drift in (("a", 1.0), ("b", 1.01)):
+        text = generic_text(STRETCH * drift, PIOLA, ["F11", "F22", "P_kPa", "Q_kPa"])
+        paths.append(written(tmp_path, text, f"{name}.csv"))
+    columns = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    out = tmp_path / "s.csv"
+    code, _, _ = run([*paths, "--machine", "generic", "--columns", columns, "--out", out], capsys)
+    assert code == 0
+    specimen = read_specimen(out)
+    assert [p.name for p in specimen.protocols] == ["a", "b"]
+    assert specimen.protocols[1].reference == pytest.approx((1.01, 1.01))
+    assert "stretch-drift" in {f.code for f in check_specimen(specimen)}
+
+
+def test_shear_angle_knows_rotation_from_shear():
+    angle = 0.05
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    stretch = np.diag([1.2, 1.1])
+    np.testing.assert_allclose(shear_angle_deg((rotation @ stretch)[None]), 0.0, atol=1e-12)
+    simple = np.array([[1.0, 0.1], [0.0, 1.0]])
+    # Simple shear by g turns the y fibre by atan(g).
+    np.testing.assert_allclose(shear_angle_deg(simple[None]), np.degrees(np.arctan(0.1)))
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ("stretch_x=F13", ("no column 'F13'", "found F11, F22, P_kPa, Q_kPa, P, F11")),
+        ("stretch_x=F11,stretch_y=F22", ("column 'F11' is ambiguous: columns 1 and 6",)),
+        ("stretch_x=E,stretch_y=F22", ("not clear what kind of stretch or strain 'E'", ":green")),
+        ("stretch_x=F22:stretch", ("no column for stretch_y", "found F11")),
+        ("stretch_x=F22,stretch_y=E:stretch", ("no column for a force or stress",)),
+        ("stretch_x=F22,stretch_y=E:stretch,piola_x_kPa=P", ("'P' does not say its unit", "P:kPa")),
+        ("stretch_x=F22,stretch_y=E:stretch,piola_x_kPa=P_kPa", ("no column for piola_y_kPa",)),
+        ("stretch_x=F22,stretch_y=E:stretch,piola_x_kPa=P_kPa,force_y_N=P:N", ("more than one",)),
+        (
+            "stretch_x=F22,stretch_y=E:stretch,force_x_N=P_kPa",
+            ("'P_kPa' is in kPa, but force_x_N",),
+        ),
+        ("stretch_x=F22,stretch_y=F22,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa", ("used for both",)),
+        ("stretch_x=F22,stretch_x=E", ("stretch_x is given twice",)),
+        ("stretch_z=F22", ("unknown target 'stretch_z'", "did you mean stretch_")),
+        ("F22", ("'F22' does not read like stretch_x=F11",)),
+        ("", ("no column for stretch_x",)),
+    ],
+)
+def test_refused_columns(columns, says, tmp_path, capsys):
+    more = [PIOLA[:, 0], STRETCH[:, 0], STRETCH[:, 0] - 1.0]
+    text = generic_text(STRETCH, PIOLA, ["F11", "F22", "P_kPa", "Q_kPa", "P", "F11", "E"], more)
+    code, printed, _ = generic(tmp_path, text, columns, capsys)
+    assert code == 2
+    assert printed.count("\n") == 1
+    for words in says:
+        assert words in printed
+
+
+def test_displacements_need_edges(tmp_path, capsys):
+    text = generic_text(STRETCH - 1.0, PIOLA, ["xdisp_mm", "ydisp_mm", "P_kPa", "Q_kPa"])
+    columns = "stretch_x=xdisp_mm,stretch_y=ydisp_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    code, printed, _ = generic(tmp_path, text, columns, capsys)
+    assert code == 2 and "give --edge-x-mm and --edge-y-mm" in printed
+    text = generic_text(STRETCH - 1.0, PIOLA, ["x_mm", "y_mm", "P_kPa", "Q_kPa"])
+    columns = "stretch_x=x_mm,stretch_y=y_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    code, printed, _ = generic(tmp_path, text, columns, capsys)
+    assert code == 2 and "stretch_x=x_mm:displacement_mm" in printed
+
+
+def test_mixed_decimals_and_binary_are_refused(tmp_path):
+    mixed = written(tmp_path, "a;b;c\n1,5;2.5;3\n1,6;2.6;3\n1,7;2.7;3\n")
+    with pytest.raises(InputError, match="mixes decimal commas"):
+        read_raw_table(mixed)
+    with pytest.raises(InputError, match="is binary"):
+        read_raw_table(written(tmp_path, "a,b\n1,\0\n", "b.csv"))
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "stem"),
+    [
+        ("XForce_mN", "mN", "xforce"),
+        ("Force X [mN]", "mN", "forcex"),
+        ("Time_S", "s", "time"),
+        ("XSize_µm", "um", "xsize"),
+        ("P11 (MPa)", "MPa", "p11"),
+        ("load1_gf", "gf", "load1"),
+        ("strain_x_%", "percent", "strainx"),
+        ("F11", None, "f11"),
+        ("stretch_x", None, "stretchx"),
+        ("pressure_mPa", None, "pressurempa"),
+    ],
+)
+def test_units_of_column_names(column, unit, stem):
+    found = unit_of_column(column)
+    assert (found.name if found else None) == unit
+    assert stem_of(column) == stem
+
+
+# --- fuzz -------------------------------------------------------------------------------------
+
+BASES = [
+    biotester_export(cycles=1, rows=8).text().encode(),
+    biotester_export(cycles=1, rows=8, tracked=False).text(";", ",").encode("cp1252"),
+    generic_text(
+        STRETCH[::4], PIOLA[::4], ["stretch_x", "stretch_y", "piola_x_kPa", "piola_y_kPa"]
+    ).encode(),
+]
+TOKENS = [b"", b",", b"\n", b"\r", b'"', b"#", b";", b"\t", b"-", b"0", b"1e308", b"nan",
+          b"inf", b"=A1",
+          b"1-Stretch", b"9-Recover", b"-", b"\xff", b"\x00", b"mN", b"_um", b"1.5",
+          b"1,5", b"PK\x03\x04",
+          b"\xff\xfe", b"stretch_x", b"F12"]  # fmt: skip
+
+
+@st.composite
+def hostile_exports(draw) -> bytes:
+    data = bytearray(draw(st.sampled_from(BASES)))
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, len(data) - 1)) if data else 0
+        kind = draw(st.sampled_from(["flip", "token", "token", "cut", "repeat"]))
+        if kind == "flip" and data:
+            data[at] = draw(st.integers(0, 255))
+        elif kind == "token":
+            data[at : at + draw(st.integers(0, 8))] = draw(st.sampled_from(TOKENS))
+        elif kind == "cut":
+            del data[at : at + draw(st.integers(0, 300))]
+        else:
+            data[at:at] = data[at : at + draw(st.integers(0, 200))]
+    return bytes(data)
+
+
+def convert_or_refuse(data: bytes, path: Path) -> None:
+    path.write_bytes(data)
+    header = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
+    for machine in ("biotester", "generic"):
+        for branch in ("loading", "both", "unloading"):
+            try:
+                made = convert([path], Choice(machine, branch=branch), header=header)
+            except InputError as refusal:
+                assert str(refusal).isprintable()
+                continue
+            for p in made.specimen.protocols:
+                assert np.isfinite(made.specimen.load(p)).all()
+
+
+@given(data=hostile_exports())
+@settings(
+    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_fuzzed_exports(data, tmp_path):
+    convert_or_refuse(data, tmp_path / "fuzz.csv")
+
+
+@pytest.mark.slow
+@given(data=hostile_exports())
+@settings(
+    max_examples=5_000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_five_thousand_fuzzed_exports(data, tmp_path):
+    convert_or_refuse(data, tmp_path / "fuzz.csv")
+
+
+# --- measured tissue --------------------------------------------------------------------------
+
+REAL = os.environ.get("BIAXBAYES_REAL")
+needs_real = pytest.mark.skipif(not REAL, reason="BIAXBAYES_REAL is not set")
+
+
+@pytest.mark.real
+@needs_real
+def test_aorta_of_five_protocols(tmp_path, capsys):
+    files = sorted(Path(REAL, "aorta-tbad").glob("*.csv"))
+    out = tmp_path / "aorta.csv"
+    columns = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
+    code, printed, _ = run(
+        [*files, "--machine", "generic", "--columns", columns, "--out", out], capsys
+    )
+    assert code == 0 and "1526 rows in 5 protocols" in printed
+    specimen = read_specimen(out)
+    assert {p.rows for p in specimen.protocols} == {291, 331, 327, 272, 305}
+    # The README of the data: |F12|, |F21| <= 0.036, reference 0.997 to 1.008.
+    assert specimen.metadata["largest_shear"] == pytest.approx(0.036, abs=5e-4)
+    found = {f.code: f for f in check_specimen(specimen)}
+    assert {"stretch-drift", "mounting-forces-differ", "stiff-start", "shear"} <= set(found)
+    assert "tared" not in found and "unloading" not in found
+    assert "from 0.9973 to 1.0079 in x" in found["stretch-drift"].message
+    # Grams-force over the section: P / load is 0.291875 kPa per gf in every row.
+    forces = columns.replace(
+        "piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa", "force_x_N=load1_gf,force_y_N=load2_gf"
+    )
+    section = 9.80665e-3 / 0.291875 * 1e3
+    dimensions = [
+        "--edge-x-mm",
+        section,
+        "--edge-y-mm",
+        section,
+        "--thickness-mm",
+        1,
+        "--geometry",
+        "unloaded",
+    ]
+    code, _, _ = run(
+        [
+            *files,
+            "--machine",
+            "generic",
+            "--columns",
+            forces,
+            "--out",
+            tmp_path / "f.csv",
+            *dimensions,
+        ],
+        capsys,
+    )
+    assert code == 0
+    other = read_specimen(tmp_path / "f.csv")
+    for p, q in zip(specimen.protocols, other.protocols, strict=True):
+        np.testing.assert_allclose(specimen.load(p), other.load(q) / other.area, rtol=1e-9)
+
+
+@pytest.mark.real
+@needs_real
+def test_valve_is_tared_and_not_goh(tmp_path, capsys):
+    out = tmp_path / "valve.csv"
+    columns = "stretch_x=lambda_1,stretch_y=lambda_2,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
+    raw = Path(REAL, "valve-pymecht", "biax-data.csv")
+    code, printed, _ = run(
+        [raw, "--machine", "generic", "--columns", columns, "--out", out], capsys
+    )
+    assert code == 0 and "350 rows in 7 protocols" in printed
+    with pytest.raises(SystemExit) as stop:
+        main(["check", str(out)])
+    assert not stop.value.code
+    text = " ".join(capsys.readouterr().out.split())
+    assert "tared after mounting" in text
+    assert "GOH does not describe this specimen" in text
