@@ -25,6 +25,7 @@ __all__ = [
     "STYLE",
     "colour",
     "figure_bytes",
+    "font_points",
     "plain",
     "print_style",
     "read_style",
@@ -174,6 +175,15 @@ def colour(role: str) -> str:
 
     cycle = mpl.rcParams["axes.prop_cycle"].by_key().get("color", _COLOURS)
     return to_hex(cycle[_ROLES[role] % len(cycle)])
+
+
+def font_points(setting: str) -> float:
+    """Size in points of a font setting of the active style, such as ``legend.fontsize``."""
+    import matplotlib as mpl
+    from matplotlib.font_manager import FontProperties
+
+    settings: Any = mpl.rcParams
+    return float(FontProperties(size=settings[setting]).get_size_in_points())
 
 
 def plain(text: object, length: int = 40) -> str:

@@ -1,0 +1,115 @@
+"""Credible and predictive bands of a run at the states that were measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.findings.curves import Curves
+from biaxbayes.findings.material_draws import mounting_labels
+from biaxbayes.findings.percentile_bands import mixture_percentiles, tails
+from biaxbayes.inference.settings import Settings
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["bands", "evenly_chosen"]
+
+DRAWS = 1000
+BLOCK = 1_000_000  # model values held at once
+
+
+def bands(
+    specimen: Specimen,
+    draws: pd.DataFrame,
+    *,
+    settings: Settings | None = None,
+    probability: float = 0.9,
+    max_rows: int | None = None,
+) -> pd.DataFrame:
+    """Bands of the load at the measured stretches.
+
+    The credible band holds the model's own load; the predictive band holds a new reading there:
+    the model plus the noise that the run inferred, with its growth with the load.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    draws : DataFrame
+        One row a draw, columns as in ``summary.csv``; 1000 of them are used, evenly chosen.
+    settings : Settings, optional
+        Those of the run. ``zeroed`` compares with loads less their mounting reading.
+    probability : float
+        Content of each band.
+    max_rows : int, optional
+        At most so many rows of a protocol, evenly chosen.
+
+    Returns
+    -------
+    DataFrame
+        One row a protocol, direction and state: ``protocol``, ``direction``, ``row`` (of the
+        protocol, from 0), ``stretch`` (measured, in that direction), ``measured`` and the
+        quantiles ``credible_q05``, ``credible_q50``, ``credible_q95``, ``predictive_q05``,
+        ``predictive_q50``, ``predictive_q95`` (of other names for another probability). Loads are
+        in the unit of the file, a Cauchy file's as Cauchy stress.
+    """
+    settings = settings or Settings()
+    low, high = tails(probability)
+    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+    chosen = draws.iloc[evenly_chosen(len(draws), DRAWS)]
+    columns = {str(name): chosen[name].to_numpy(dtype=float) for name in chosen.columns}
+    names = [_name(kind, q) for kind in ("credible", "predictive") for q in (low, 0.5, high)]
+    tables = []
+    for number, protocol in enumerate(data.protocols):
+        rows = evenly_chosen(protocol.rows, max_rows)
+        stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[rows]
+        measured = data.load(protocol)[rows]
+        quantiles = np.empty((6, len(rows), 2))
+        step = max(1, BLOCK // (2 * len(chosen)))
+        for first in range(0, len(rows), step):
+            part = slice(first, first + step)
+            curves = Curves(
+                specimen,
+                stretch[part],
+                measured[part],
+                np.full(len(stretch[part]), number),
+                mounting_labels(draws),
+                *specimen.mounting_readings(shared=settings.mounting_stretch == "shared"),
+                settings.fibre_switch,
+            )
+            quantiles[:, part] = _quantiles(curves, columns, (low, 0.5, high))
+        # A Cauchy stress is the nominal one times the measured stretch.
+        scale = stretch if specimen.stress_pair == "cauchy" else np.ones_like(stretch)
+        for axis, direction in enumerate("xy"):
+            table = {
+                "protocol": protocol.name,
+                "direction": direction,
+                "row": rows,
+                "stretch": stretch[:, axis],
+                "measured": measured[:, axis] * scale[:, axis],
+            }
+            loads = quantiles[:, :, axis] * scale[:, axis]
+            tables.append(pd.DataFrame(table | dict(zip(names, loads, strict=True))))
+    return pd.concat(tables, ignore_index=True)
+
+
+def evenly_chosen(count: int, limit: int | None) -> np.ndarray:
+    """Indices of at most ``limit`` of ``count`` items, evenly spread, both ends included."""
+    if limit is None or count <= limit:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, limit).round().astype(int))
+
+
+def _name(kind: str, level: float) -> str:
+    return f"{kind}_q{100 * level:04.1f}".removesuffix(".0")
+
+
+def _quantiles(
+    curves: Curves, draws: dict[str, np.ndarray], levels: tuple[float, ...]
+) -> np.ndarray:
+    """Quantiles of the model and of a new reading, shape (6, rows, 2)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        model = curves.model(draws)
+    sd = np.broadcast_to(curves.total_sd(model, curves.noise(draws)), model.shape)
+    flat = model.reshape(len(model), -1)
+    predictive = mixture_percentiles(flat, sd.reshape(flat.shape), levels)
+    out = np.concatenate([np.quantile(flat, levels, axis=0), predictive])
+    return out.reshape(2 * len(levels), *model.shape[1:])
