@@ -2,7 +2,7 @@
 
 A stretch curve costs one exponential per row, and the exponential is most of the cost of the
 posterior density. The library function is scalar; written as below the compiler evaluates
-several rows at a time. The error is at most one unit in the last place for the x >= 0 that
+several rows at a time. The error is below two units in the last place for the x >= 0 that
 occur here (x = k2 E^2), which a test holds.
 """
 

@@ -1,0 +1,330 @@
+"""The GOH membrane, its mounted state, the exponential and the sampling charts."""
+
+import inspect
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import root
+
+from biaxbayes.inference.coordinates import angles_from_shear, reference_state, shear_from_angles
+from biaxbayes.mechanics.goh import (
+    GOH,
+    cauchy_stress,
+    cauchy_stress_by_log_stretch,
+    cauchy_stress_by_parameter,
+    piola_stress,
+    strain_energy,
+    structure_tensor,
+)
+from biaxbayes.mechanics.growth import exponential
+from biaxbayes.mechanics.mounting import BRACKET, mounted_state
+
+STEP = 1e-30  # of a complex-step derivative: no cancellation, so no truncation error either
+CORNERS = [(kappa, alpha) for kappa in (0.0, 0.15, 1 / 3) for alpha in (0.0, np.pi / 5, np.pi / 2)]
+
+
+def energy_of_equation_5(C1, k1, k2, alpha, kappa, lx, ly, lz):
+    """Eq. 5 as printed: invariants of C and of two mean fibre directions."""
+    C = np.diag([lx * lx, ly * ly, lz * lz])
+    I1 = np.trace(C)
+    W = C1 * (I1 - 3.0)
+    for angle in (alpha, -alpha):
+        M = np.array([np.cos(angle), np.sin(angle), 0.0])
+        Ii = M @ C @ M
+        W = W + k1 / (2 * k2) * (np.exp(k2 * (kappa * I1 + (1 - 3 * kappa) * Ii - 1) ** 2) - 1)
+    return W
+
+
+def stress_of_equation_5(theta, lx, ly):
+    """Cauchy stress sigma_k = l_k dW/dl_k - p, with p from sigma_z = 0, by complex step."""
+    stretches = np.array([lx, ly, 1 / (lx * ly)])
+    slope = []
+    for i in range(3):
+        moved = stretches.astype(complex)
+        moved[i] += 1j * STEP
+        slope.append(energy_of_equation_5(*theta, *moved).imag / STEP)
+    work = stretches * np.array(slope)
+    return work[:2] - work[2]
+
+
+def random_theta(rng, kappa=None, alpha=None):
+    return (
+        10 ** rng.uniform(-1, 2.5),
+        10 ** rng.uniform(-2, 3),
+        10 ** rng.uniform(-3, 1.5),
+        rng.uniform(0, np.pi / 2) if alpha is None else alpha,
+        rng.uniform(0, 1 / 3) if kappa is None else kappa,
+    )
+
+
+@pytest.mark.parametrize(("kappa", "alpha"), [(None, None), *CORNERS])
+def test_stress_is_the_derivative_of_equation_5(kappa, alpha):
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        theta = random_theta(rng, kappa, alpha)
+        lx, ly = rng.uniform(0.9, 1.35, (2, 25))
+        expected = np.array([stress_of_equation_5(theta, *xy) for xy in zip(lx, ly, strict=True)]).T
+        peak = np.abs(expected).max()
+        np.testing.assert_allclose(
+            cauchy_stress(*theta, lx, ly), expected, rtol=0, atol=1e-10 * peak
+        )
+        np.testing.assert_allclose(
+            piola_stress(*theta, lx, ly), expected / [lx, ly], rtol=0, atol=1e-10 * peak
+        )
+
+
+def test_energy_is_equation_5_and_its_limit_without_exponent():
+    theta = (12.0, 30.0, 7.0, 0.7, 0.2)
+    assert strain_energy(*theta, 1.2, 1.1) == pytest.approx(
+        energy_of_equation_5(*theta, 1.2, 1.1, 1 / 1.32), rel=1e-13
+    )
+    small = energy_of_equation_5(12.0, 30.0, 1e-7, 0.7, 0.2, 1.2, 1.1, 1 / 1.32)
+    assert strain_energy(12.0, 30.0, 0.0, 0.7, 0.2, 1.2, 1.1) == pytest.approx(small, rel=1e-7)
+
+
+def test_fibre_switch_drops_compressed_fibres_and_nothing_else():
+    theta = (12.0, 300.0, 7.0, np.pi / 2, 0.0)  # fibres along y
+    matrix = cauchy_stress(12.0, 0.0, 7.0, np.pi / 2, 0.0, 1.1, 0.95)
+    np.testing.assert_allclose(cauchy_stress(*theta, 1.1, 0.95, fibre_switch=True), matrix)
+    assert abs(cauchy_stress(*theta, 1.1, 0.95)[1] - matrix[1]) > 1.0
+    np.testing.assert_allclose(
+        cauchy_stress(*theta, 0.95, 1.1, fibre_switch=True), cauchy_stress(*theta, 0.95, 1.1)
+    )
+
+
+def test_structure_tensor_has_unit_trace_and_turns_with_the_axes():
+    rng = np.random.default_rng(2)
+    alpha, kappa = rng.uniform(0, np.pi / 2, 50), rng.uniform(0, 1 / 3, 50)
+    Hx, Hy, Hz = structure_tensor(alpha, kappa)
+    np.testing.assert_allclose(Hx + Hy + Hz, 1.0, rtol=1e-15)
+    np.testing.assert_allclose(
+        structure_tensor(np.pi / 2 - alpha, kappa), (Hy, Hx, Hz), rtol=0, atol=1e-15
+    )
+
+
+@pytest.mark.parametrize("fibre_switch", [False, True])
+@pytest.mark.parametrize(("kappa", "alpha"), [(None, None), *CORNERS])
+def test_derivatives_against_complex_step(kappa, alpha, fibre_switch):
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        theta = random_theta(rng, kappa, alpha)
+        lx, ly = rng.uniform(0.9, 1.35, 2)
+        kwargs = {"fibre_switch": fibre_switch}
+        by_parameter = cauchy_stress_by_parameter(*theta, lx, ly, **kwargs)
+        for i in range(5):
+            moved = list(theta)
+            moved[i] = moved[i] + 1j * STEP
+            expected = np.array(cauchy_stress(*moved, lx, ly, **kwargs)).imag / STEP
+            scale = np.abs(expected).max() + 1e-12
+            np.testing.assert_allclose(by_parameter[:, i], expected, rtol=0, atol=1e-11 * scale)
+        by_stretch = cauchy_stress_by_log_stretch(*theta, lx, ly, **kwargs)
+        for j, (dx, dy) in enumerate(((1j * STEP, 0), (0, 1j * STEP))):
+            moved = cauchy_stress(*theta, lx * (1 + dx), ly * (1 + dy), **kwargs)
+            expected = np.array(moved).imag / STEP
+            scale = np.abs(by_stretch).max()
+            np.testing.assert_allclose(by_stretch[:, j], expected, rtol=0, atol=1e-11 * scale)
+
+
+# --- the mounted state -----------------------------------------------------------------------
+
+
+def material_of(rng):
+    C1, k1, k2, alpha, kappa = random_theta(rng)
+    return GOH(C1, k1, k2, float(np.rad2deg(alpha)), kappa)
+
+
+def carried(material, lm, geometry):
+    """What a specimen carries at a stretch: force over its section as the dimensions say."""
+    return np.array(material.piola(*lm) if geometry == "unloaded" else material.cauchy(*lm))
+
+
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_mounted_state_balances_its_reading_and_derivatives_follow(geometry):
+    rng = np.random.default_rng(8)
+    met = 0
+    for _ in range(60):
+        material = material_of(rng)
+        lm = rng.uniform(1.0, 1.12, 2)
+        p0 = carried(material, lm, geometry)
+        state = mounted_state(material, *p0, geometry=geometry)
+        if not state.found:
+            continue  # an unstable state: see the test of stability
+        met += 1
+        np.testing.assert_allclose(carried(material, state.stretch, geometry), p0, rtol=1e-9)
+        np.testing.assert_allclose(state.stretch, lm, rtol=1e-9)
+        peer = root(lambda x, m=material, p=p0: carried(m, x, geometry) - p, lm * 0.999, tol=1e-13)
+        np.testing.assert_allclose(state.stretch, peer.x, rtol=1e-7)
+        for k in range(2):  # by the reading, central differences
+            h = 1e-5 * max(abs(p0[k]), 0.1)
+            up, down = p0.copy(), p0.copy()
+            up[k] += h
+            down[k] -= h
+            ends = [mounted_state(material, *p, geometry=geometry).stretch for p in (up, down)]
+            np.testing.assert_allclose(
+                state.by_reading[:, k], (ends[0] - ends[1]) / (2 * h), rtol=2e-5, atol=1e-9
+            )
+        # complex step of the balance in lm gives det dp0/dlm without the module's Jacobian
+        slope = np.array(
+            [
+                np.array(carried(material, lm + 1j * STEP * e, geometry)).imag / STEP
+                for e in np.eye(2)
+            ]
+        ).T
+        assert state.log_determinant == pytest.approx(np.log(np.linalg.det(slope)), abs=1e-7)
+        # and d lm / d theta by the implicit function theorem, stress by complex step
+        stress = cauchy_stress if geometry == "mounted" else piola_stress
+        for i in range(5):
+            theta = list(material.theta)
+            theta[i] = theta[i] + 1j * STEP
+            expected = -np.linalg.solve(slope, np.array(stress(*theta, *lm)).imag / STEP)
+            np.testing.assert_allclose(
+                state.by_parameter[:, i], expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max()
+            )
+    assert met > 45
+
+
+def test_only_stable_roots_inside_the_bracket_count():
+    soft = GOH(1.0, 0.0, 0.0, 45.0, 0.1)
+    assert not mounted_state(soft, 100.0, 100.0).found  # no neo-Hookean balances that
+    assert not mounted_state(soft, 100.0, 100.0, geometry="mounted").found  # beyond the bracket
+    state = mounted_state(soft, 0.0, 0.0)
+    np.testing.assert_allclose(state.stretch, 1.0, atol=1e-12)
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        material = material_of(rng)
+        p0 = rng.uniform(-0.5, 2.0, 2) * material.C1_kPa
+        state = mounted_state(material, *p0)
+        if state.found:
+            assert np.all((state.stretch > BRACKET[0]) & (state.stretch < BRACKET[1]))
+            np.testing.assert_allclose(
+                material.piola(*state.stretch), p0, atol=1e-9 * material.C1_kPa
+            )
+            # the energy less the work of the dead load has a minimum there
+            energy = [
+                material.strain_energy(*(state.stretch * (1 + d))) - p0 @ (state.stretch * (1 + d))
+                for d in (np.array([0, 0]), *(1e-4 * rng.standard_normal((6, 2))))
+            ]
+            assert min(energy[1:]) > energy[0]
+        else:
+            assert np.isnan(state.stretch).all()
+            assert np.isnan(state.log_determinant)
+
+
+# --- the exponential -------------------------------------------------------------------------
+
+
+def test_exponential_is_within_two_units_in_the_last_place():
+    rng = np.random.default_rng(1)
+    x = np.concatenate(
+        [[0.0, 5e-324, 1e-300, 1e-17, np.log(2) / 2, 700.0], 10 ** rng.uniform(-18, 2.84, 4000)]
+    )
+    out = np.empty_like(x)
+    exponential(x.copy(), out)
+    with localcontext(prec=40):
+        error = [
+            abs((Decimal(float(o)) - Decimal(float(v)).exp()) / Decimal(float(np.spacing(o))))
+            for v, o in zip(x, out, strict=True)
+        ]
+    assert max(error) < 2
+    np.testing.assert_allclose(out, np.exp(x), rtol=5e-16)
+    far = np.array([750.0, 1e6, np.inf])
+    out = np.empty(3)
+    exponential(far.copy(), out)
+    assert (out > 1e306).all() and np.isfinite(out).all()
+
+
+# --- sampling charts -------------------------------------------------------------------------
+
+SOFTENINGS = (0.02, 0.3, 1.0)
+_EXTRA = len(inspect.signature(shear_from_angles).parameters) == 3
+
+
+def chart_and_back(softening):
+    extra = (softening,) if _EXTRA else ()
+    return (
+        lambda d, v: angles_from_shear(d, v, *extra),
+        lambda a, k: shear_from_angles(a, k, *extra),
+    )
+
+
+@pytest.mark.parametrize("softening", SOFTENINGS)
+def test_chart_round_trip_and_jacobian(softening):
+    forward, back = chart_and_back(softening)
+    rng = np.random.default_rng(6)
+    for alpha, kappa in zip(
+        rng.uniform(0.01, 1.56, 300), rng.uniform(0.001, 0.333, 300), strict=True
+    ):
+        d, v = back(alpha, kappa)
+        assert 0 <= v <= 1
+        there = forward(float(d), float(v))
+        np.testing.assert_allclose(there[:2], (alpha, kappa), rtol=1e-7, atol=1e-8)
+        Hx, Hy, _ = structure_tensor(alpha, kappa)
+        assert d == pytest.approx(np.log(Hx / Hy), abs=1e-9)
+        if 0.02 < v < 0.98:
+            h = 1e-6
+            columns = [
+                (np.array(forward(d + a, v + b)[:2]) - forward(d - a, v - b)[:2]) / (2 * h)
+                for a, b in ((h, 0), (0, h))
+            ]
+            det = abs(np.linalg.det(np.array(columns)))
+            assert there[2] == pytest.approx(np.log(det), abs=2e-4)
+
+
+@pytest.mark.parametrize("softening", SOFTENINGS)
+def test_chart_edges_are_the_physical_ones(softening):
+    forward, back = chart_and_back(softening)
+    for d in (-2.0, -0.3, 0.4, 3.0):
+        alpha, kappa, log_jacobian = forward(d, 0.0)
+        assert alpha == pytest.approx(0.0 if d > 0 else np.pi / 2, abs=1e-12)
+        assert 0 < kappa < 1 / 3 and np.isfinite(log_jacobian)
+        alpha, kappa, log_jacobian = forward(d, 1.0)
+        assert kappa == pytest.approx(0.0, abs=1e-12)
+        assert 0 < alpha < np.pi / 2 and np.isfinite(log_jacobian)
+    for alpha in (0.3, 0.9, 1.5):
+        assert back(alpha, 0.0)[1] == pytest.approx(1.0, abs=1e-9)
+    for kappa in (0.1, 0.3):
+        assert back(0.0, kappa)[1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_area_of_the_chart_is_that_of_the_box():
+    """Integrated over the chart, the Jacobian gives the area of (alpha, kappa) exactly."""
+    for softening in SOFTENINGS:
+        forward, _ = chart_and_back(softening)
+        # Gauss-Legendre in v and in s, d = tan s, which reaches the far ends of d
+        s, ws = np.polynomial.legendre.leggauss(200)
+        v, wv = np.polynomial.legendre.leggauss(200)
+        d = np.tan(s * np.pi / 2)
+        keep = np.abs(d) < 60
+        total = 0.0
+        for di, wi in zip(d[keep], (ws * np.pi / 2 * (1 + d**2))[keep], strict=True):
+            values = [np.exp(forward(di, 0.5 * (1 + vj))[2]) for vj in v]
+            total += wi * 0.5 * float(np.dot(wv, values))
+        assert total == pytest.approx(np.pi / 2 / 3, rel=5e-3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(0.0, np.pi / 2),
+    st.floats(0.0, 1 / 3),
+    st.floats(1.005, 1.5),
+    st.floats(1.005, 1.5),
+)
+def test_reference_state_is_the_fibre_strain_and_stress_there(alpha, kappa, lx, ly):
+    Hx, Hy, Hz = structure_tensor(alpha, kappa)
+    ax, ay = lx * lx, ly * ly
+    az = 1 / (ax * ay)
+    gx, gy = Hx * ax - Hz * az, Hy * ay - Hz * az
+    if min(gx, gy) < 1e-9:
+        return  # fibres along one axis, without dispersion
+    log_E2, log_EG = reference_state(Hx, Hy, Hz, ax, ay, az)
+    E = Hx * ax + Hy * ay + Hz * az - 1
+    assert E > 0
+    assert np.exp(log_E2) == pytest.approx(E * E, rel=1e-9)
+    # S = k1 E exp(q) sqrt(gx gy) is the geometric mean of the fibre stresses over 4
+    k1, k2 = 20.0, 3.0
+    fibres = cauchy_stress(0.0, k1, k2, alpha, kappa, lx, ly)
+    S = k1 * np.exp(log_EG + k2 * np.exp(log_E2))
+    np.testing.assert_allclose(4 * S, np.sqrt(fibres[0] * fibres[1]), rtol=1e-6)
