@@ -499,6 +499,15 @@ def test_mixed_decimals_and_binary_are_refused(tmp_path):
         read_raw_table(written(tmp_path, "a,b\n1,\0\n", "b.csv"))
 
 
+def test_exports_of_absurd_size_are_refused_before_they_are_cut_up(tmp_path):
+    path = written(tmp_path, "a,b\n" * 600_000)
+    with pytest.raises(InputError, match="has more than 500,000 lines"):
+        read_raw_table(path)
+    path.write_bytes(b"," * 65_000_000)
+    with pytest.raises(InputError, match="larger than 64 MB"):
+        read_raw_table(path)
+
+
 @pytest.mark.parametrize(
     ("column", "unit", "stem"),
     [

@@ -397,6 +397,11 @@ ACCEPTED = [
         "markup in a value", content(GOOD.replace("media", "<b>&")), lambda s: s.layer == "<b>&"
     ),
     Accepted("path with spaces", content(GOOD, "Über uns/Probe 1 (x).csv"), same),
+    Accepted(
+        "invisible characters in a name",
+        content(GOOD.replace("A12", "\ufeff A\u200b12\u2028")),
+        lambda s: s.name == "A 12",
+    ),
     Accepted("symlink", _linked, same),
     Accepted(
         "columns in another order",

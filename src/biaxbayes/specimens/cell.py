@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["fault_of", "number_in"]
+__all__ = ["fault_of", "number_in", "one_line"]
 
 DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 NUMBER_WITH_UNIT = re.compile(r"[+-]?\d+\.?\d*([eE][+-]?\d+)?\s*[^\W\d_%]*[%\w/^°]*")
@@ -46,3 +46,8 @@ def fault_of(text: str) -> tuple[str, str]:
     if math.isnan(value):
         return f"{shown} is not a finite number: the reading is missing", "remove the row"
     return f"{shown} is not a finite number", "mend the value or remove the row"
+
+
+def one_line(text: str) -> str:
+    """Text of a name: printable, in one line, with single spaces, none at the ends."""
+    return " ".join("".join(ch if ch.isprintable() else " " for ch in text).split())

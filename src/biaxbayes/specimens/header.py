@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.cell import number_in
+from biaxbayes.specimens.cell import number_in, one_line
 
 __all__ = [
     "KNOWN_KEYS",
@@ -101,7 +101,7 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
         key, colon, value = stripped.lstrip("#").partition(":")
         if not colon:
             continue  # a plain comment
-        key, value = key.strip(), " ".join(value.split())
+        key, value = key.strip(), one_line(value)
         _check_key(key, values, index + 1, path)
         if value:
             values[key] = checked_value(key, value, index + 1, path)

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.biotester import biotester_recordings
+from biaxbayes.specimens.biotester import STRETCH_SOURCES, biotester_recordings
 from biaxbayes.specimens.column_map import parse_columns
 from biaxbayes.specimens.generic import generic_recordings
 from biaxbayes.specimens.protocol import Protocol, rest_rows
 from biaxbayes.specimens.raw_file import read_raw_table
-from biaxbayes.specimens.recording import Recording, shear_angle_deg
+from biaxbayes.specimens.recording import BRANCHES, Recording, shear_angle_deg
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["MACHINES", "Choice", "Conversion", "convert"]
@@ -49,6 +49,15 @@ class Choice:
     stretch_from: str = "auto"
     sets: tuple[str, ...] = ()
     sheet: str | None = None
+
+    def __post_init__(self) -> None:
+        for name, value, allowed in (
+            ("machine", self.machine, MACHINES),
+            ("branch", self.branch, BRANCHES),
+            ("stretch_from", self.stretch_from, STRETCH_SOURCES),
+        ):
+            if value not in allowed:
+                raise InputError(f"{name} must be one of {', '.join(allowed)}, not {value!r}")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.cell import DECIMAL_COMMA, number_in
+from biaxbayes.specimens.cell import DECIMAL_COMMA, number_in, one_line
 from biaxbayes.specimens.raw_table import RawTable
 from biaxbayes.specimens.text_file import SIGNATURES, read_bytes
 
@@ -19,6 +19,8 @@ __all__ = ["assemble_table", "read_raw_table"]
 
 MAX_BYTES = 64_000_000
 MAX_COLUMNS = 2_000
+MAX_ROWS = 500_000
+MAX_CELLS = 8_000_000
 SAMPLE = 200
 CONTROL_TEXT = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
 DECIMAL_POINT = re.compile(r"[+-]?\d+\.\d+([eE][+-]?\d+)?")
@@ -56,6 +58,12 @@ def read_raw_table(path: Path, *, sheet: str | None = None) -> RawTable:
     text, encoding = _decoded(raw, path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     separator, word = _separator(lines, path)
+    if len(lines) > MAX_ROWS or text.count(separator) > MAX_CELLS:
+        raise InputError(
+            f"has more than {MAX_ROWS:,} lines or {MAX_CELLS:,} cells",
+            file=path,
+            remedy="cut out the cycle of interest",
+        )
     rows, numbers = _rows(lines, separator, path)
     notes = [] if encoding == "UTF-8" else [f"read as {encoding}"]
     if separator != ",":
@@ -153,7 +161,7 @@ def assemble_table(
         If there are no names, or a row has other cells than there are names.
     """
     start = _line_of_names(path, rows, numbers)
-    names = [" ".join(name.split()) for name in rows[start]]
+    names = [one_line(name) for name in rows[start]]
     while names and not names[-1]:
         names.pop()
     units: dict[str, str] = {}

@@ -132,6 +132,20 @@ class RawTable:
     def sparse_numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
         """As :meth:`numbers`, with NaN where a cell is empty."""
         cells = self.text(index, rows)
+        joined = "\n".join(cells)
+        if self.decimal_comma:
+            joined = joined.replace(",", ".")
+        if "_" not in joined:
+            try:
+                quick = np.array([float(cell) for cell in joined.split("\n")])
+            except ValueError:
+                quick = np.array([np.inf])
+            if np.isfinite(quick).all() and quick.size == len(cells):
+                return quick
+        return self._carefully(cells, index, rows)
+
+    def _carefully(self, cells: list[str], index: int, rows: np.ndarray | None) -> np.ndarray:
+        """Numbers of cells one by one, so that the first fault can be named."""
         values = np.empty(len(cells))
         for at, cell in enumerate(cells):
             if not cell or cell.lower() == "nan":

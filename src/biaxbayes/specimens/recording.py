@@ -93,13 +93,6 @@ class Recording:
                 limit_kPa=limit_kPa,
             )
 
-    @property
-    def largest_shear(self) -> float | None:
-        """Largest absolute off-diagonal component of the deformation gradient."""
-        if self.gradient is None:
-            return None
-        return float(np.abs(self.gradient[:, [0, 1], [1, 0]]).max())
-
 
 def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:
     """Change of the right angle between the x and y axes, degrees; a rotation has none.

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.cell import one_line
 from biaxbayes.specimens.columns import STRETCHES
 from biaxbayes.specimens.consistency import check_keys, check_numbers, stress_pair_of
 from biaxbayes.specimens.header import METADATA_KEYS, Header, measured_stretch, read_header
@@ -67,9 +68,8 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     check_numbers(table, header, stress_pair, path)
     protocols, notes = _protocols(table, header, stress_pair, path)
     unit = "N" if stress_pair == "force" else "kPa"
-    name = header.text("specimen") or path.stem
     return Specimen(
-        name="".join(ch if ch.isprintable() else " " for ch in name),
+        name=one_line(header.text("specimen") or path.stem),
         protocols=protocols,
         stress_pair=stress_pair,
         geometry=header.text("geometry") or "unloaded",
@@ -130,7 +130,7 @@ def specimen_text(specimen: Specimen) -> str:
     out = io.StringIO()
     for key, value in keys.items():
         if value is not None and value != "":
-            text = repr(float(value)) if isinstance(value, float) else _one_space(str(value))
+            text = repr(float(value)) if isinstance(value, float) else one_line(str(value))
             out.write(f"# {key}: {text}\n")
     _write_table(specimen, out)
     return out.getvalue()
@@ -143,7 +143,7 @@ def _check_writable(specimen: Specimen) -> None:
                 f"metadata key {key[:40]!r} has no place in a specimen file",
                 remedy=f"known keys are {', '.join(METADATA_KEYS)}",
             )
-    names = [_one_space(p.name) for p in specimen.protocols]
+    names = [one_line(p.name) for p in specimen.protocols]
     for name in names:
         if not name or names.count(name) > 1:
             raise InputError(
@@ -165,15 +165,10 @@ def _write_table(specimen: Specimen, out: io.StringIO) -> None:
         ]
     )
     for p in specimen.protocols:
-        columns: list[Sequence] = [[_one_space(p.name)] * p.rows] if named else []
+        columns: list[Sequence] = [[one_line(p.name)] * p.rows] if named else []
         curves = (p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         columns += [curve.tolist() for curve in curves if curve is not None]
         table.writerows(zip(*columns, strict=True))
-
-
-def _one_space(text: str) -> str:
-    """Text as one line without control characters, as the reader gives it back."""
-    return " ".join("".join(ch if ch.isprintable() else " " for ch in text).split())
 
 
 def _protocols(

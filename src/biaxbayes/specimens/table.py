@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.cell import fault_of, number_in
+from biaxbayes.specimens.cell import fault_of, number_in, one_line
 from biaxbayes.specimens.columns import column_names
 
 __all__ = ["Table", "read_table"]
@@ -197,7 +197,7 @@ def _groups(
         )
     groups: dict[str, slice] = {}
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
-        name = " ".join(labels[codes[start]].split())
+        name = one_line(labels[codes[start]])
         row = int(lines[start])
         if not name:
             raise InputError(

@@ -10,7 +10,14 @@ from pathlib import Path
 
 from biaxbayes.errors import InputError
 
-__all__ = ["atomic_write_bytes", "atomic_write_text", "read_bytes", "read_lines", "read_text"]
+__all__ = [
+    "atomic_write_bytes",
+    "atomic_write_text",
+    "read_bytes",
+    "read_lines",
+    "read_text",
+    "sync_folder",
+]
 
 MAX_BYTES = 250_000_000
 MAX_LINES = 3_000_000
@@ -143,18 +150,21 @@ def atomic_write_bytes(path: Path, data: bytes) -> None:
         raise InputError("is a folder, not a file", file=path, remedy="name a file")
     temporary = path.with_name(f".{path.name[:40]}.{os.getpid()}.tmp")
     try:
-        with temporary.open("wb") as handle:
+        # A name that is there already was left by a crash, or is somebody's link: never follow it.
+        temporary.unlink(missing_ok=True)
+        with temporary.open("xb") as handle:
             handle.write(data)
             handle.flush()
             os.fsync(handle.fileno())
         temporary.replace(path)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
         raise InputError(
             f"cannot be written ({error.strerror})", file=path, remedy="check space and permissions"
         ) from None
-    _sync_folder(path.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    sync_folder(path.parent)
 
 
 def atomic_write_text(path: Path, text: str) -> None:
@@ -162,7 +172,8 @@ def atomic_write_text(path: Path, text: str) -> None:
     atomic_write_bytes(path, text.encode("utf-8"))
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
+    """Make renames in a folder survive a power cut, where the platform can."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
