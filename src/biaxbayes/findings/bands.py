@@ -11,9 +11,8 @@ from biaxbayes.findings.percentile_bands import mixture_percentiles, tails
 from biaxbayes.inference.settings import Settings
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["bands", "evenly_chosen"]
+__all__ = ["bands", "evenly_chosen", "evenly_spaced"]
 
-DRAWS = 1000
 BLOCK = 1_000_000  # model values held at once
 
 
@@ -24,6 +23,7 @@ def bands(
     settings: Settings | None = None,
     probability: float = 0.9,
     max_rows: int | None = None,
+    max_draws: int = 1000,
 ) -> pd.DataFrame:
     """Bands of the load at the measured stretches.
 
@@ -34,13 +34,15 @@ def bands(
     ----------
     specimen : Specimen
     draws : DataFrame
-        One row a draw, columns as in ``summary.csv``; 1000 of them are used, evenly chosen.
+        One row a draw, columns as in ``summary.csv``.
     settings : Settings, optional
         Those of the run. ``zeroed`` compares with loads less their mounting reading.
     probability : float
         Content of each band.
     max_rows : int, optional
         At most so many rows of a protocol, evenly chosen.
+    max_draws : int
+        At most so many draws, evenly chosen.
 
     Returns
     -------
@@ -54,12 +56,12 @@ def bands(
     settings = settings or Settings()
     low, high = tails(probability)
     data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
-    chosen = draws.iloc[evenly_chosen(len(draws), DRAWS)]
+    chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
     columns = {str(name): chosen[name].to_numpy(dtype=float) for name in chosen.columns}
     names = [_name(kind, q) for kind in ("credible", "predictive") for q in (low, 0.5, high)]
     tables = []
     for number, protocol in enumerate(data.protocols):
-        rows = evenly_chosen(protocol.rows, max_rows)
+        rows = evenly_spaced(protocol.rows, max_rows)
         stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[rows]
         measured = data.load(protocol)[rows]
         quantiles = np.empty((6, len(rows), 2))
@@ -92,10 +94,18 @@ def bands(
 
 
 def evenly_chosen(count: int, limit: int | None) -> np.ndarray:
-    """Indices of at most ``limit`` of ``count`` items, evenly spread, both ends included."""
+    """Indices of at most ``limit`` of ``count`` items, spread over all, both ends included."""
     if limit is None or count <= limit:
         return np.arange(count)
     return np.unique(np.linspace(0, count - 1, limit).round().astype(int))
+
+
+def evenly_spaced(count: int, limit: int | None) -> np.ndarray:
+    """Every n-th of ``count`` indices and the last one, at most ``limit``."""
+    if limit is None or count <= limit:
+        return np.arange(count)
+    step = -(-(count - 1) // (limit - 1))
+    return np.union1d(np.arange(0, count - 1, step), [count - 1])
 
 
 def _name(kind: str, level: float) -> str:

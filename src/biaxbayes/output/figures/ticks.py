@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Ticks", "choose_ticks", "set_ticks", "text_width"]
 
-MOST = 4
 POINT_MM = 25.4 / 72.0
 NARROW = {".": 0.32, ",": 0.32, " ": 0.32, "(": 0.4, ")": 0.4, "[": 0.4, "]": 0.4}
 """Widths of characters as shares of the font size; a digit is 0.64 wide."""
@@ -50,9 +49,15 @@ def text_width(text: str, points: float) -> float:
 
 
 def choose_ticks(
-    shown: Span, side_mm: float, points: float, *, horizontal: bool, overhang: float = 0.0
+    shown: Span,
+    side_mm: float,
+    points: float,
+    *,
+    horizontal: bool,
+    overhang: float = 0.0,
+    most: int = 3,
 ) -> Ticks:
-    """Up to four round values whose labels fit.
+    """A few round values whose labels fit.
 
     Parameters
     ----------
@@ -66,6 +71,8 @@ def choose_ticks(
         Labels stand side by side; turned by 90 degrees where fewer than two fit.
     overhang : float
         How far a label may stand beyond the end of the axis, mm.
+    most : int
+        Largest number of values.
     """
     height = points * POINT_MM
     candidates = [(v, _texts(v, log=shown.log)) for v in _candidates(shown)]
@@ -78,10 +85,11 @@ def choose_ticks(
                 places = shown.forward(values) * side_mm
                 inset = max(0.5 * size - overhang, 0.0)
                 inner = (places >= inset - 1e-9) & (places <= side_mm - inset + 1e-9)
-                picked = _spread(places[inner], every, size + apart)
-                if picked is not None:
+                picked = _spread(places[inner], every, size + apart, most)
+                if picked is not None and (best is None or len(picked) > len(best[0])):
                     best = values[inner][picked], _texts(values[inner][picked], log=shown.log)
-                    break
+                    if every > 1:
+                        break  # ever finer steps would only make the values less round
             if best is not None:
                 break
         if best is not None:
@@ -105,12 +113,12 @@ def set_ticks(axis: Axis, ticks: Ticks, *, labels: bool) -> None:
         axis.set_tick_params(labelrotation=90.0)
 
 
-def _spread(places: np.ndarray, every: int, need: float) -> np.ndarray | None:
-    """Indices of two to four places, every so many, if they keep their distance."""
+def _spread(places: np.ndarray, every: int, need: float, most: int) -> np.ndarray | None:
+    """Indices of two to ``most`` places, every so many, if they keep their distance."""
     if len(places) <= every:
         return None
     picked = np.arange((len(places) - 1) % every // 2, len(places), every)
-    if len(picked) > MOST or np.diff(places[picked]).min() < need:
+    if len(picked) > most or np.diff(places[picked]).min() < need:
         return None
     return picked
 
@@ -130,7 +138,7 @@ def _candidates(shown: Span) -> Iterator[np.ndarray]:
     magnitude = 10.0 ** np.floor(np.log10(size))
     for step in np.outer([1.0, 0.1, 0.01], [5.0, 2.0, 1.0]).ravel() * magnitude:
         first, last = np.ceil(shown.low / step - 1e-9), np.floor(shown.high / step + 1e-9)
-        yield np.arange(first, last + 1) * step
+        yield np.arange(first, last + 1) * step + 0.0  # no negative zero
 
 
 def _texts(values: np.ndarray, *, log: bool) -> list[str]:

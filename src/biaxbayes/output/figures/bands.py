@@ -1,0 +1,312 @@
+"""Data with the credible and the predictive band of a run, protocol by protocol."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.findings.bands import bands, evenly_spaced
+from biaxbayes.findings.bounded_density import Span
+from biaxbayes.inference.settings import Settings
+from biaxbayes.output.figures.ticks import choose_ticks, set_ticks
+from biaxbayes.output.style import (
+    CREDIBLE,
+    MM,
+    PAGE_MM,
+    PREDICTIVE,
+    colour,
+    font_points,
+    plain,
+    print_style,
+)
+from biaxbayes.specimens.specimen import Specimen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["bands_figure"]
+
+ROWS, DRAWS = 81, 500
+"""States of a curve and draws that the bands are computed from."""
+POINTS = 60
+"""Readings of a curve that are drawn."""
+MAX_ROWS = 3
+"""Rows of panels; what does not fit is left out, with a note."""
+LEAST_MM = 32.0
+"""Least width of a panel."""
+LOADS = {
+    "force": "force (N)",
+    "piola": "first Piola-Kirchhoff\nstress (kPa)",
+    "cauchy": "Cauchy stress (kPa)",
+}
+FINER = {"N": "mN", "kPa": "Pa"}
+MARKERS = {"x": "o", "y": "s"}
+_MARKER: dict[str, Any] = {
+    "markersize": 2.4,
+    "markerfacecolor": "white",
+    "markeredgewidth": 0.6,
+}
+
+
+def bands_figure(
+    specimen: Specimen,
+    draws: pd.DataFrame,
+    *,
+    settings: Settings | None = None,
+    probability: float = 0.9,
+    width_mm: float = PAGE_MM,
+    style: Mapping[str, Any] | None = None,
+) -> Figure:
+    """Load against measured stretch with both bands, and what the median misses.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    draws : DataFrame
+        One row a draw, columns as in ``summary.csv``.
+    settings : Settings, optional
+        Those of the run.
+    probability : float
+        Content of each band.
+    width_mm : float
+        Width in print.
+    style : mapping, optional
+        From :func:`biaxbayes.output.style.read_style`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel a protocol (the first 12) with its residuals below. Readings are thinned to 60
+        a curve.
+    """
+    panels = _Panels(len(specimen.protocols), width_mm)
+    shown = replace(specimen, protocols=specimen.protocols[: panels.count])
+    table = bands(
+        shown,
+        draws,
+        settings=settings,
+        probability=probability,
+        max_rows=ROWS,
+        max_draws=DRAWS,
+    )
+    # The quantiles are named after their levels; here they go by their order.
+    table.columns = pd.Index([*table.columns[:5], *QUANTILES])
+    tests = [
+        {str(axis): part for axis, part in one.groupby("direction")}
+        for _, one in table.groupby("protocol", sort=False)
+    ]
+    scale, unit = _residual_unit(table, specimen.unit)
+    with print_style(style):
+        panels.draw()
+        for trio, test in zip(panels.axes, tests, strict=True):
+            places, label = _abscissa(test)
+            for axis, part in test.items():
+                _curve(trio["load"], part, places[axis], axis)
+                _residuals(trio[axis], part, places[axis], axis, scale)
+            trio["y"].set_xlabel(label)
+            if len(specimen.protocols) > 1:
+                trio["load"].set_title(plain(test["x"]["protocol"].iloc[0], 26), pad=2.0)
+        panels.finish(LOADS[specimen.stress_pair], f"residual ({unit})")
+        _legend(panels, specimen, probability)
+    return panels.figure
+
+
+QUANTILES = (
+    "credible_low",
+    "median",
+    "credible_high",
+    "predictive_low",
+    "predictive_median",
+    "predictive_high",
+)
+KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
+
+
+class _Panels:
+    """For each protocol a panel of the curves and below it the residuals in x and in y.
+
+    Everything has its place in millimetres, so that the width in print is exact.
+    """
+
+    LEFT, BETWEEN, RIGHT = 16.0, 3.5, 2.0
+    TITLE, STRIP, GAP, BELOW = 5.0, 10.5, 1.6, 10.0
+
+    def __init__(self, protocols: int, width_mm: float) -> None:
+        self.width_mm, self.protocols = width_mm, protocols
+        most = max(1, int((width_mm - self.LEFT) // LEAST_MM))
+        most = min(most, 3 if protocols <= 6 else 4)
+        self.count = min(protocols, most * MAX_ROWS)
+        self.down = math.ceil(self.count / most)
+        self.across = math.ceil(self.count / self.down)
+        self.axes: list[dict[str, Axes]] = []
+
+    def draw(self) -> None:
+        """Make the figure and its empty panels."""
+        from matplotlib.figure import Figure
+
+        narrow = self.width_mm < 120.0
+        self.legend_mm = (9.0 if narrow else 5.5) + (0.0 if self.count == self.protocols else 4.0)
+        free = self.width_mm - self.LEFT - self.RIGHT - (self.across - 1) * self.BETWEEN
+        width = free / self.across
+        load = min(width, 66.0 if self.across == 1 else 50.0)
+        title = self.TITLE if self.protocols > 1 else 1.5
+        row = title + load + 2.0 * (self.GAP + self.STRIP) + self.BELOW
+        self.height_mm = self.legend_mm + self.down * row
+        self.figure: Figure = Figure((self.width_mm * MM, self.height_mm * MM))
+        for number in range(self.count):
+            x = self.LEFT + (number % self.across) * (width + self.BETWEEN)
+            y = self.height_mm - self.legend_mm - (number // self.across) * row - title - load
+            trio = {"load": self._add(x, y, width, load)}
+            for axis in "xy":
+                y -= self.GAP + self.STRIP
+                trio[axis] = self._add(x, y, width, self.STRIP, trio["load"])
+                trio[axis].axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
+            for name in ("load", "x"):
+                trio[name].tick_params(labelbottom=False)
+            self.axes.append(trio)
+
+    def _add(self, x: float, y: float, width: float, height: float, over: Any = None) -> Axes:
+        w, h = self.width_mm, self.height_mm
+        return self.figure.add_axes((x / w, y / h, width / w, height / h), sharex=over)
+
+    def finish(self, load: str, residual: str) -> None:
+        """Common scales, so that panels can be compared; names of the axes at the left."""
+        for group in (("load",), ("x", "y")):
+            limits = np.array([trio[name].get_ylim() for trio in self.axes for name in group])
+            shown = Span(float(limits[:, 0].min()), float(limits[:, 1].max()))
+            for number, trio in enumerate(self.axes):
+                for name in group:
+                    trio[name].set_ylim(shown.low, shown.high)
+                    self._ticks(trio[name], shown, "y", labels=number % self.across == 0)
+        for number, trio in enumerate(self.axes):
+            self._ticks(trio["load"], Span(*trio["load"].get_xlim()), "x", labels=True)
+            if number % self.across == 0:
+                self._name(trio["load"], load, 0.5)
+                self._name(trio["y"], residual, 1.0 + 0.5 * self.GAP / self.STRIP)
+            below = number + self.across
+            label = trio["y"].get_xlabel()
+            if below < self.count and self.axes[below]["y"].get_xlabel() == label:
+                trio["y"].set_xlabel("")
+
+    def _ticks(self, ax: Axes, shown: Span, which: str, *, labels: bool) -> None:
+        across = which == "x"
+        box = ax.get_position()
+        side = box.width * self.width_mm if across else box.height * self.height_mm
+        overhang = 0.4 * self.BETWEEN if across else 0.4 * self.GAP
+        size = font_points(f"{which}tick.labelsize")
+        ticks = choose_ticks(shown, side, size, horizontal=across, overhang=overhang, most=6)
+        set_ticks(getattr(ax, f"{which}axis"), ticks, labels=labels)
+
+    def _name(self, ax: Axes, name: str, up: float) -> None:
+        """Name of a vertical axis at a fixed distance, centred ``up`` the axis."""
+        away = -(self.LEFT - (6.8 if "\n" in name else 3.6)) / (
+            ax.get_position().width * self.width_mm
+        )
+        ax.set_ylabel(name, linespacing=1.1)
+        ax.yaxis.set_label_coords(away, up)
+
+
+def _residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
+    """Factor and unit that spare the residuals leading zeros."""
+    largest = float((table["measured"] - table["median"]).abs().max())
+    return (1000.0, FINER[unit]) if largest < 0.05 else (1.0, unit)
+
+
+def _abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]:
+    """What to draw the curves of a test against, and its name.
+
+    Each direction's own stretch, if the model is a curve over it; else (a direction that is held,
+    or a path that turns back) the stretch of the leading direction; else the number of the row.
+    """
+    own = {axis: part["stretch"].to_numpy() for axis, part in test.items()}
+    leading = max(own, key=lambda axis: float(np.ptp(own[axis])))
+    shared = dict.fromkeys(own, own[leading])
+    rows = {axis: part["row"].to_numpy() + 1.0 for axis, part in test.items()}
+    choices = (
+        (own, "measured stretch"),
+        (shared, f"measured stretch in {leading}"),
+        (rows, "row of the protocol"),
+    )
+    for choice in choices:
+        places = choice[0]
+        wide = all(np.ptp(x) > 0.15 * np.ptp(own[leading]) for x in places.values())
+        if wide and all(_is_curve(places[axis], part) for axis, part in test.items()):
+            break
+    return choice
+
+
+def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
+    """Whether the model over x is one curve: ordered by x it hardly goes to and fro."""
+    y = part["median"].to_numpy()[np.argsort(x, kind="stable")]
+    return float(np.abs(np.diff(y)).sum()) <= 1.5 * float(np.ptp(y)) + 1e-300
+
+
+def _curve(ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str) -> None:
+    hue = colour(axis)
+    order = np.argsort(x, kind="stable")
+    for kind, opacity in KINDS:
+        low, high = (part[f"{kind}_{end}"].to_numpy()[order] for end in ("low", "high"))
+        ax.fill_between(x[order], low, high, color=hue, alpha=opacity, linewidth=0.0)
+    ax.plot(x[order], part["median"].to_numpy()[order], color=hue, linewidth=0.8)
+    _points(ax, x, part["measured"].to_numpy(), axis)
+
+
+def _residuals(ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str, scale: float) -> None:
+    hue = colour(axis)
+    order = np.argsort(x, kind="stable")
+    about = {name: scale * (part[name] - part["median"]).to_numpy() for name in QUANTILES}
+    for kind, opacity in KINDS:
+        low, high = (about[f"{kind}_{end}"][order] for end in ("low", "high"))
+        ax.fill_between(x[order], low, high, color=hue, alpha=opacity, linewidth=0.0)
+    _points(ax, x, scale * (part["measured"] - part["median"]).to_numpy(), axis)
+
+
+def _points(ax: Axes, x: np.ndarray, y: np.ndarray, axis: str) -> None:
+    chosen = evenly_spaced(len(x), POINTS)
+    ax.plot(
+        x[chosen],
+        y[chosen],
+        linestyle="none",
+        marker=MARKERS[axis],
+        markeredgecolor=colour(axis),
+        **_MARKER,
+    )
+
+
+def _legend(panels: _Panels, specimen: Specimen, probability: float) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = []
+    for axis, name in (("x", specimen.axis_x), ("y", specimen.axis_y)):
+        line = Line2D([], [], color=colour(axis), marker=MARKERS[axis], **_MARKER)
+        line.set(linewidth=0.8, label=f"{axis}: {plain(name, 18)}" if name else axis)
+        handles.append(line)
+    for kind, opacity in reversed(KINDS):
+        label = f"{kind} band, {100 * probability:g} %"
+        handles.append(Patch(facecolor="0.3", alpha=opacity, linewidth=0.0, label=label))
+    wide = panels.width_mm >= 120.0
+    panels.figure.legend(
+        handles=handles,
+        loc="upper left",
+        ncols=4 if wide else 2,
+        bbox_to_anchor=(0.0 if not wide else (panels.LEFT - 1.0) / panels.width_mm, 1.0),
+        borderaxespad=0.2,
+        columnspacing=1.4,
+    )
+    if panels.count < panels.protocols:
+        y = 1.0 - (panels.legend_mm - 0.5) / panels.height_mm
+        note = f"the first {panels.count} of {panels.protocols} protocols"
+        panels.figure.text(
+            1.0 - 2.0 / panels.width_mm,
+            y,
+            note,
+            ha="right",
+            fontsize=font_points("legend.fontsize"),
+        )
