@@ -6,13 +6,15 @@ Nothing heavy is imported here; a verb's module is imported when the verb is cal
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 from importlib import import_module
 from typing import Any
 
 import click
 
-from biaxbayes.errors import BiaxbayesError
+from biaxbayes.errors import BiaxbayesError, one_line
 
 __all__ = ["main"]
 
@@ -63,22 +65,62 @@ def group() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; errors become one line and an exit code."""
+    """Run the command line; errors become one line and an exit code.
+
+    Exit codes: 0 done, 2 an input, option or file that cannot be used, 3 ran but the result
+    cannot be trusted, 70 a defect of this program (``BIAXBAYES_DEBUG=1`` shows where), and 128
+    plus the signal when stopped by one.
+    """
+    with contextlib.suppress(AttributeError, ValueError):
+        # Names from files may hold characters that the terminal's encoding lacks.
+        sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    try:
+        sys.exit(_outcome(arguments))
+    except BrokenPipeError:
+        # Whoever read the output has gone; nothing may be flushed into it on the way out.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+
+
+def _outcome(arguments: list[str] | None) -> int:
+    """Exit code of a command line, its error printed."""
     try:
         outcome: Any = group.main(arguments, prog_name="biaxbayes", standalone_mode=False)
+        sys.stdout.flush()
     except BiaxbayesError as error:
-        click.echo(f"biaxbayes: {error}", err=True)
-        sys.exit(error.exit_code)
-    except click.exceptions.Abort:
-        click.echo("biaxbayes: interrupted", err=True)
-        sys.exit(130)
+        return _ended(str(error), error.exit_code)
+    except (click.exceptions.Abort, KeyboardInterrupt) as error:
+        # A second signal says which it was.
+        cause = error.__cause__ if isinstance(error, click.exceptions.Abort) else error
+        number = next((a for a in getattr(cause, "args", ()) if isinstance(a, int)), 2)
+        return _ended("stopped at once; what was saved is safe", 128 + number)
     except click.ClickException as error:
         error.show()
-        sys.exit(error.exit_code)
+        return error.exit_code
     except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(141)
-    sys.exit(outcome if isinstance(outcome, int) else 0)
+        raise
+    except OSError as error:
+        if os.environ.get("BIAXBAYES_DEBUG"):
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        return _ended(f"{where}{error.strerror or error}; check space and permissions", 2)
+    except MemoryError:
+        return _ended("not enough memory; thin the record or ask for fewer draws", 2)
+    except Exception as error:
+        if os.environ.get("BIAXBAYES_DEBUG"):
+            raise
+        return _ended(
+            f"internal error: {type(error).__name__}: {error}; please report it with the command "
+            "and the file (BIAXBAYES_DEBUG=1 shows where it happened)",
+            70,
+        )
+    return outcome if isinstance(outcome, int) else 0
+
+
+def _ended(problem: str, code: int) -> int:
+    with contextlib.suppress(OSError):
+        click.echo(f"biaxbayes: {one_line(problem)}", err=True)
+    return code
 
 
 if __name__ == "__main__":

@@ -9,7 +9,15 @@ BiaxbayesError
 
 from __future__ import annotations
 
-__all__ = ["BiaxbayesError", "InputError", "Interrupted", "NotConverged", "RunError", "TaredSpecimen"]
+__all__ = [
+    "BiaxbayesError",
+    "InputError",
+    "Interrupted",
+    "NotConverged",
+    "RunError",
+    "TaredSpecimen",
+    "one_line",
+]
 
 
 class BiaxbayesError(Exception):
@@ -53,7 +61,7 @@ class InputError(BiaxbayesError):
         text = ", ".join(where) + ": " + problem if where else problem
         if remedy:
             text += f"; {remedy}"
-        super().__init__(_one_line(text))
+        super().__init__(one_line(text))
 
 
 class TaredSpecimen(InputError):
@@ -64,7 +72,7 @@ class RunError(BiaxbayesError):
     """A run folder cannot be read, written or continued."""
 
     def __init__(self, problem: str) -> None:
-        super().__init__(_one_line(problem))
+        super().__init__(one_line(problem))
 
 
 class NotConverged(BiaxbayesError):
@@ -79,6 +87,6 @@ class Interrupted(BiaxbayesError):
     exit_code = 130
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """Text from a file may hold line breaks and control characters; a message may not."""
     return "".join(ch if ch.isprintable() else " " for ch in text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 import threading
@@ -10,14 +11,23 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
-__all__ = ["graceful_stop", "progress_line"]
+__all__ = ["StoppedAtOnce", "graceful_stop", "progress_line"]
+
+STOPS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+
+
+class StoppedAtOnce(KeyboardInterrupt):
+    """A second signal came; its number is the argument."""
 
 
 @contextlib.contextmanager
 def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
-    """A live line with phase, share and time left; yields what to call with each Progress."""
+    """A live line with phase, share and time left; yields what to call with each Progress.
+
+    Notes are printed whether the line is shown or not.
+    """
     if quiet or not sys.stderr.isatty():
-        yield lambda p: None
+        yield _tell_note
         return
     from rich.console import Console
     from rich.progress import (
@@ -43,6 +53,8 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         task = bar.add_task("starting", total=None)
 
         def tell(progress: Any) -> None:
+            if progress.note:
+                bar.console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
             share = progress.share
             total = None if share is None else 1.0
             bar.update(task, description=progress.phase, total=total, completed=share or 0.0)
@@ -50,29 +62,43 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         yield tell
 
 
+def _tell_note(progress: Any) -> None:
+    if progress.note:
+        print(f"biaxbayes: {progress.note}", file=sys.stderr, flush=True)
+
+
 @contextlib.contextmanager
-def graceful_stop() -> Iterator[Callable[[], bool]]:
-    """Turn the first Ctrl-C or SIGTERM into a request; the second acts at once.
+def graceful_stop() -> Iterator[Callable[[], int]]:
+    """Turn the first Ctrl-C, SIGTERM or hang-up into a request; the second acts at once.
+
+    Signals that whoever started the program had ignored (nohup, a shell's background job) stay
+    ignored.
 
     Yields
     ------
     callable
-        True once a stop was asked for.
+        The number of the signal once a stop was asked for, else 0.
     """
-    asked = threading.Event()
+    asked = 0
     if threading.current_thread() is not threading.main_thread():
-        yield asked.is_set
+        yield lambda: asked
         return
 
     def handle(number: int, frame: FrameType | None) -> None:
-        if asked.is_set():
-            raise KeyboardInterrupt
-        asked.set()
-        print("stopping after this block; once more to stop at once", file=sys.stderr, flush=True)
+        nonlocal asked
+        if asked:
+            raise StoppedAtOnce(number)
+        asked = number
+        with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
+            os.write(2, b"stopping after this block; once more to stop at once\n")
 
-    previous = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)}
+    previous = {n: signal.getsignal(n) for n in STOPS}
+    for number, handler in previous.items():
+        if handler not in (signal.SIG_IGN, None):
+            signal.signal(number, handle)
     try:
-        yield asked.is_set
+        yield lambda: asked
     finally:
         for number, handler in previous.items():
-            signal.signal(number, handler)
+            if handler is not None:
+                signal.signal(number, handler)

@@ -2,7 +2,7 @@
 
 One NumPy archive holds arrays and a JSON text; nothing in it is ever executed or unpickled.
 Writing goes to a temporary name, is synced, and replaces the previous checkpoint, which is kept
-under a second name until the next one.
+under a second name until the next one. A checksum tells a damaged one.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -21,13 +20,19 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.inference.proposal import Proposal
 from biaxbayes.inference.sampler import State
 from biaxbayes.inference.warmup import WarmUp
-from biaxbayes.specimens.text_file import atomic_write_bytes
+from biaxbayes.specimens.text_file import atomic_write_bytes, read_bytes, sync_folder
 
-__all__ = ["FORMAT", "NAME", "PREVIOUS", "load", "save"]
+__all__ = ["FORMAT", "NAME", "PREVIOUS", "DamagedCheckpoint", "load", "save", "unpack"]
 
 FORMAT = 1
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
+FOLLOWING = ".checkpoint-following.npz"
+MAX_BYTES = 1_000_000_000
+
+
+class DamagedCheckpoint(Exception):
+    """The bytes are not what was written."""
 
 
 def save(folder: Path, state: State, identity: dict[str, Any]) -> None:
@@ -40,23 +45,25 @@ def save(folder: Path, state: State, identity: dict[str, Any]) -> None:
     identity : dict
         What the run is a run of (hashes and settings, JSON values); a checkpoint of anything
         else will be refused.
+
+    Raises
+    ------
+    RunError
+        If it cannot be written; the checkpoints that were there are untouched.
     """
-    path = folder / NAME
-    data = _pack(state, identity)
-    if path.exists():
-        # Both names hold a whole checkpoint at every moment.
-        previous = folder / PREVIOUS
-        previous_temporary = folder / f".{PREVIOUS}.tmp"
-        previous_temporary.unlink(missing_ok=True)
-        try:
-            os.link(path, previous_temporary)
-            previous_temporary.replace(previous)
-        except OSError:
-            pass  # file systems without hard links keep one checkpoint
+    path, following = folder / NAME, folder / FOLLOWING
     try:
-        atomic_write_bytes(path, data)
-    except InputError as error:
-        raise RunError(f"the checkpoint could not be saved: {error}") from None
+        atomic_write_bytes(following, _pack(state, identity))
+        # At every moment one of the names holds the newest whole checkpoint.
+        if path.exists():
+            path.replace(folder / PREVIOUS)
+        following.replace(path)
+    except (InputError, OSError) as error:
+        raise RunError(
+            f"the checkpoint could not be saved: {error}; the one before it is kept, "
+            "and the same command with --resume continues from there"
+        ) from None
+    sync_folder(folder)
 
 
 def load(folder: Path, identity: dict[str, Any]) -> tuple[State | None, str]:
@@ -75,37 +82,49 @@ def load(folder: Path, identity: dict[str, Any]) -> tuple[State | None, str]:
         If the checkpoint belongs to another problem, naming what differs, or if none is
         readable.
     """
-    note = ""
-    found = False
+    damaged = []
     for name in (NAME, PREVIOUS):
         path = folder / name
-        if not path.exists():
+        if not path.exists() and not path.is_symlink():
             continue
-        found = True
         try:
-            state, stored = _unpack(path.read_bytes())
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
-            note = f"{name} is damaged ({type(error).__name__}); going back to the one before it"
+            state, stored = unpack(read_bytes(path, limit=MAX_BYTES))
+        except (InputError, DamagedCheckpoint) as error:
+            problem = error.problem if isinstance(error, InputError) else str(error)
+            damaged.append(f"{name} {problem}")
             continue
+        except RunError as error:
+            raise RunError(f"{path}: {error}") from None
+        now = json.loads(json.dumps(identity))
         differing = [
-            f"{key} ({_short(stored.get(key))} there, {_short(value)} now)"
-            for key, value in identity.items()
-            if stored.get(key) != value
+            _difference(key, stored.get(key), now.get(key))
+            for key in {**now, **stored}
+            if stored.get(key) != now.get(key)
         ]
         if differing:
             raise RunError(
-                f"{path}: is a checkpoint of another run, it differs in {', '.join(differing)}; "
-                "use the same file and options, or another --out"
+                f"{path}: belongs to another run, which differs in {', '.join(differing)}; use "
+                "the same file and options, or another --out, or start again without --resume"
             )
-        return state, note
-    if found:
-        raise RunError(f"{folder}: no checkpoint there is readable; start again without --resume")
-    return None, note
+        return state, f"{damaged[0]}; continuing from {name}" if damaged else ""
+    if damaged:
+        raise RunError(f"{folder}: {' and '.join(damaged)}; start again without --resume")
+    return None, ""
+
+
+def _difference(key: str, there: Any, now: Any) -> str:
+    """One setting that differs, with both values where they are short enough to help."""
+    if isinstance(there, dict) and isinstance(now, dict):
+        inner = [k for k in {**now, **there} if there.get(k) != now.get(k)]
+        return ", ".join(_difference(f"{key}: {k}", there.get(k), now.get(k)) for k in inner)
+    return f"{key} ({_short(there)} there, {_short(now)} now)"
 
 
 def _short(value: object) -> str:
-    text = json.dumps(value) if not isinstance(value, str) else value
-    return text if len(text) <= 24 else text[:21] + "..."
+    if value is None:
+        return "default"
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= 60 else text[:12] + "..."
 
 
 def _pack(state: State, identity: dict[str, Any]) -> bytes:
@@ -137,23 +156,54 @@ def _pack(state: State, identity: dict[str, Any]) -> bytes:
     )
     arrays["text"] = np.frombuffer(text.encode(), dtype=np.uint8)
     buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
     return hashlib.sha256(data).digest() + data
 
 
-def _unpack(data: bytes) -> tuple[State, dict[str, Any]]:
+def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
+    """State and identity from the bytes of a checkpoint.
+
+    Raises
+    ------
+    DamagedCheckpoint
+        If the bytes are not what was written.
+    RunError
+        If they were written by another version of the format.
+    """
     digest, body = data[:32], data[32:]
     if hashlib.sha256(body).digest() != digest:
-        raise ValueError("checksum")
+        raise DamagedCheckpoint("is damaged (its checksum is wrong)")
+    try:
+        arrays = _arrays(body)
+        stored = json.loads(arrays["text"].tobytes().decode())
+        if stored["format"] != FORMAT:
+            raise RunError(
+                f"has checkpoint format {_short(stored['format'])}, this version reads {FORMAT}; "
+                "finish the run with the version that started it"
+            )
+        state = _state(stored, arrays)
+        _check(state)
+        return state, dict(stored["identity"])
+    except RunError:
+        raise
+    except Exception as error:  # three parsers of foreign bytes may raise whatever they like
+        raise DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None
+
+
+def _arrays(body: bytes) -> dict[str, np.ndarray]:
+    """Arrays of the archive, none of them larger than the archive itself."""
+    with zipfile.ZipFile(io.BytesIO(body)) as entries:
+        if any(e.compress_type != zipfile.ZIP_STORED for e in entries.infolist()):
+            raise ValueError("compressed")
     with np.load(io.BytesIO(body), allow_pickle=False) as archive:
         arrays = {key: archive[key] for key in archive.files}
-    stored = json.loads(arrays["text"].tobytes().decode())
-    if stored["format"] != FORMAT:
-        raise RunError(
-            f"the checkpoint has format {stored['format']}, this version reads {FORMAT}; "
-            "finish the run with the version that started it"
-        )
+    if not all(isinstance(a, np.ndarray) and a.nbytes <= len(body) for a in arrays.values()):
+        raise ValueError("not arrays")
+    return arrays
+
+
+def _state(stored: dict[str, Any], arrays: dict[str, np.ndarray]) -> State:
     members = []
     for i, plain in enumerate(stored["members"]):
         walker = plain["walker_random"]
@@ -170,7 +220,7 @@ def _unpack(data: bytes) -> tuple[State, dict[str, Any]]:
     proposal = Proposal.from_arrays(
         {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
     )
-    state = State(
+    return State(
         chart=int(stored["chart"]),
         proposal=proposal,
         members=members,
@@ -182,4 +232,40 @@ def _unpack(data: bytes) -> tuple[State, dict[str, Any]]:
         rejected=arrays["rejected"],
         finished=bool(stored["finished"]),
     )
-    return state, stored["identity"]
+
+
+def _check(state: State) -> None:
+    """Refuse a state whose parts do not fit together: whoever made it, it was not this program."""
+    ensembles, _, walkers, d = state.chain.shape
+    mixture, trend = state.proposal.mixture, state.proposal.trend
+    k = mixture.weights.size
+    floats = (state.chain, mixture.weights, mixture.means, mixture.factors, state.proposal.edges)
+    fits = [
+        all(
+            a.dtype == np.float64 for a in (*floats, trend.centre, trend.scale, trend.coefficients)
+        ),
+        len(state.members) == ensembles >= 1,
+        state.steps >= 0 and state.thin >= 1,
+        -(-state.steps // state.thin) == state.chain.shape[1],
+        np.isfinite(state.chain).all(),
+        state.rejected.shape == (4,) and state.rejected.dtype.kind == "i",
+        mixture.means.shape == (k, d) and mixture.factors.shape == (k, d, d),
+        state.proposal.edges.shape == (d, 2),
+        trend.centre.shape == trend.scale.shape == (d,),
+        trend.coefficients.ndim == 2 and len(trend.coefficients) == d,
+        sorted(trend.order.tolist()) == list(range(d)),
+    ]
+    for member in state.members:
+        fits += [
+            member["coordinates"].shape == (walkers, d),
+            member["log_prob"].shape == (walkers,),
+            bool(
+                np.isfinite(member["coordinates"]).all() and np.isfinite(member["log_prob"]).all()
+            ),
+        ]
+        np.random.RandomState().set_state(member["walker_random"])
+        np.random.PCG64().state = member["proposal_random"]
+        float(member["independence_share"]), int(member["tried"]), int(member["accepted"])
+        int(member["evaluations"])
+    if not all(fits):
+        raise ValueError("the parts do not fit together")

@@ -7,6 +7,7 @@ busy without the cost of starting processes.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -37,6 +38,10 @@ class Ensemble:
         Vectorised: (n, d) coordinates to (n,) values.
     start : ndarray, shape (walkers, d)
     seed : numpy.random.SeedSequence
+    edges : mapping, optional
+        Hard edges of the coordinates, for the independence move.
+    stopped : threading.Event, optional
+        Set by another thread to end a run between two steps.
     """
 
     def __init__(
@@ -45,6 +50,7 @@ class Ensemble:
         start: np.ndarray,
         seed: np.random.SeedSequence,
         edges: Mapping[int, tuple[float, float]] | None = None,
+        stopped: threading.Event | None = None,
     ) -> None:
         walker_seed, proposal_seed = seed.spawn(2)
         self.log_density = log_density
@@ -55,6 +61,7 @@ class Ensemble:
         self.state = emcee.State(start, log_prob=log_density(start))
         self.evaluations = len(start)
         self.independence_share = 0.0
+        self.stopped = stopped or threading.Event()
         self._de = [
             (emcee.moves.DEMove(), 0.8),
             (emcee.moves.DESnookerMove(), 0.1),
@@ -76,9 +83,11 @@ class Ensemble:
             walkers, d, self._counted, moves=[m for m in moves if m[1] > 0.0], vectorize=True
         )
         sampler._random = self.random  # one stream for the whole run, across blocks
-        state = emcee.State(self.state.coords, log_prob=self.state.log_prob, copy=True)
-        for state in sampler.sample(state, iterations=steps, skip_initial_state_check=True):  # noqa: B007
-            pass
+        start = emcee.State(self.state.coords, log_prob=self.state.log_prob, copy=True)
+        state = start
+        for state in sampler.sample(start, iterations=steps, skip_initial_state_check=True):  # noqa: B007
+            if self.stopped.is_set():
+                raise RuntimeError("stopped: another ensemble failed or the user interrupted")
         self.state = emcee.State(state.coords, log_prob=state.log_prob, copy=True)
         return sampler.get_chain(), sampler.get_log_prob()
 
@@ -132,18 +141,24 @@ class Ensembles:
     ) -> None:
         seeds = seed.spawn(len(starts) + 1)
         self.rng = np.random.default_rng(seeds[-1])
+        self._stopped = threading.Event()
         self.members = [
-            Ensemble(log_density, start, s, edges) for start, s in zip(starts, seeds, strict=False)
+            Ensemble(log_density, start, s, edges, self._stopped)
+            for start, s in zip(starts, seeds, strict=False)
         ]
         self.workers = min(workers, len(self.members))
         self.rounds: list[float] = []
 
     def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Advance every ensemble; (ensembles, steps, walkers, d) and (ensembles, steps, walkers)."""
+        """Advance every ensemble; (ensembles, steps, walkers, d), (ensembles, steps, walkers)."""
         with threadpool_limits(1, user_api="blas"):
             if self.workers > 1:
                 with ThreadPoolExecutor(self.workers) as pool:
-                    out = list(pool.map(lambda m: m.run(steps), self.members))
+                    try:
+                        out = list(pool.map(lambda m: m.run(steps), self.members))
+                    except BaseException:
+                        self._stopped.set()  # or leaving the pool would wait for a whole block
+                        raise
             else:
                 out = [m.run(steps) for m in self.members]
         return np.stack([c for c, _ in out]), np.stack([p for _, p in out])

@@ -54,10 +54,20 @@ class Plan:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run stands: a phase, and the share of the target reached (None: unknown)."""
+    """Where a run stands.
+
+    Attributes
+    ----------
+    phase : str
+    share : float or None
+        Of the target; None where unknown.
+    note : str
+        What the user must be told, wherever the progress is shown.
+    """
 
     phase: str
     share: float | None = None
+    note: str = ""
 
 
 @dataclass
@@ -119,7 +129,7 @@ def draw(
     state: State | None = None,
     on_block: Callable[[State], None] | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
-    stop: Callable[[], bool] = lambda: False,
+    stop: Callable[[], int] = lambda: False,
 ) -> Draws:
     """Draw from a posterior until the plan is met or its budget spent.
 
@@ -133,7 +143,7 @@ def draw(
         Called after every block with the state to save.
     progress : callable
     stop : callable
-        Asked between blocks; True ends the run early with what there is.
+        Asked between blocks; True (or the number of a signal) ends the run early.
 
     Returns
     -------

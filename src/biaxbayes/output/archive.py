@@ -16,6 +16,7 @@ from biaxbayes.errors import RunError
 from biaxbayes.findings.curves import Curves
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.sampler import Draws
+from biaxbayes.output.archive_guard import SuspiciousArchive, check_archive
 from biaxbayes.specimens.text_file import atomic_write_bytes
 
 __all__ = ["FORMAT", "flatten", "read_archive", "units", "write_archive"]
@@ -159,13 +160,47 @@ def read_archive(path: Path) -> xr.DataTree:
     if not path.is_file():
         raise RunError(f"{path}: no such file; is this a run folder?")
     try:
+        check_archive(path)
         with xr.open_datatree(path, engine="h5netcdf") as tree:
             loaded = tree.load()
-            for group in ("posterior", "sample_stats"):
-                _ = loaded[group]
-            return loaded
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError, AttributeError) as error:
-        raise RunError(f"{path}: cannot be read as a posterior ({type(error).__name__})") from None
+        problem = _misfit(loaded)
+    except SuspiciousArchive as error:
+        raise RunError(f"{path}: is not the posterior of a run ({error})") from None
+    except Exception as error:  # three libraries may raise whatever they like on foreign bytes
+        raise RunError(
+            f"{path}: cannot be read as a posterior ({type(error).__name__}); it is damaged or of "
+            "another program"
+        ) from None
+    if problem:
+        raise RunError(f"{path}: is not the posterior of a run ({problem})")
+    return loaded
+
+
+def _misfit(tree: xr.DataTree) -> str:
+    """What an archive lacks that every run has; empty when it is one."""
+    posterior, stats = tree["posterior"].to_dataset(), tree["sample_stats"].to_dataset()
+    dims = ("chain", "draw")
+    for dataset, needed in (
+        (posterior, ("C1", "k1", "k2", "alpha", "kappa")),
+        (stats, ("lp", "tempered_log_likelihood")),
+    ):
+        for name in needed:
+            if name not in dataset:
+                return f"no {name}"
+        for key, values in dataset.data_vars.items():
+            if values.dims != dims or values.dtype.kind != "f":
+                return f"{str(key)[:40]} is not numbers by chain and draw"
+            if not np.isfinite(values.to_numpy()).all():
+                return f"{str(key)[:40]} has values that are not finite"
+    walker = posterior.coords.get("walker")
+    draws = posterior.sizes["draw"]
+    if walker is None or walker.dims != ("draw",) or walker.dtype.kind not in "iu" or not draws:
+        return "no walkers"
+    # Walker after walker, all of the same length.
+    walkers = int(walker.to_numpy().max()) + 1
+    if draws % walkers or (walker.to_numpy() != np.arange(draws) // (draws // walkers)).any():
+        return "its walkers are out of order"
+    return "" if stats.sizes == posterior.sizes else "its groups differ in size"
 
 
 def _spread_indices(count: int, most: int) -> np.ndarray:

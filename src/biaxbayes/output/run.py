@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +14,11 @@ import pandas as pd
 from biaxbayes.errors import RunError
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.output.archive import read_archive
+from biaxbayes.output.lock import folder_lock
 from biaxbayes.output.provenance import parse_options
+from biaxbayes.output.record import read_json, read_record, trusted_path
+from biaxbayes.output.staging import READY, finish_moving
+from biaxbayes.output.summary import read_summary
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 
@@ -39,12 +42,12 @@ class Run:
     @cached_property
     def specimen(self) -> Specimen:
         """The specimen as it was sampled."""
-        return read_specimen(self.path / "specimen.csv")
+        return read_specimen(trusted_path(self.path, "specimen.csv", self.provenance))
 
     @cached_property
     def tree(self) -> Any:
         """The whole archive, an ``xarray.DataTree``."""
-        return read_archive(self.path / "posterior.nc")
+        return read_archive(trusted_path(self.path, "posterior.nc", self.provenance))
 
     @cached_property
     def draws(self) -> pd.DataFrame:
@@ -69,12 +72,12 @@ class Run:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """summary.csv as a table."""
-        return pd.read_csv(self.path / "summary.csv")
+        return read_summary(trusted_path(self.path, "summary.csv", self.provenance))
 
     @cached_property
     def fit(self) -> list[dict[str, Any]]:
         """The deterministic fit that the run started from."""
-        return _read_json(self.path / "fit.json")
+        return read_json(self.path, "fit.json")
 
     @property
     def state(self) -> str:
@@ -114,15 +117,17 @@ def open_run(path: str | Path) -> Run:
         If the folder is not a finished run.
     """
     path = Path(path)
-    if not path.is_dir():
-        raise RunError(f"{path}: is not a run folder; make one with 'biaxbayes sample'")
-    provenance = _read_json(path / "provenance.json")
     try:
-        _ = provenance["convergence"]["state"], provenance["noise"]["beta"]
-        _ = provenance["settings"], provenance["unit"]
-    except (KeyError, TypeError):
-        raise RunError(f"{path / 'provenance.json'}: is not that of a run") from None
-    return Run(path, provenance)
+        if not path.is_dir():
+            raise RunError(f"{path}: is not a run folder; make one with 'biaxbayes sample'")
+        if (path / READY).is_dir():
+            # A crash came between two renames of finished files: nothing is missing.
+            with folder_lock(path):
+                finish_moving(path)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RunError(f"{path}: cannot be opened ({reason})") from None
+    return Run(path, read_record(path))
 
 
 def sample(
@@ -141,7 +146,7 @@ def sample(
     workers: int | None = None,
     resume: bool = False,
     progress: Callable[[Any], None] | None = None,
-    stop: Callable[[], bool] = lambda: False,
+    stop: Callable[[], int] = lambda: False,
 ) -> Run:
     """Sample the posterior of a specimen into a run folder.
 
@@ -199,14 +204,3 @@ def sample(
         workers=workers,
     )
     return open_run(sampling.execute(resume=resume, progress=progress, stop=stop))
-
-
-def _read_json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise RunError(
-            f"{path}: no such file; the run is not finished, continue it with --resume"
-        ) from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise RunError(f"{path}: cannot be read ({type(error).__name__})") from None

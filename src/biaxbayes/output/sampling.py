@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,14 @@ from biaxbayes.inference.sampler import Draws, Plan, Progress, State, draw
 from biaxbayes.output.archive import write_archive
 from biaxbayes.output.lock import folder_lock
 from biaxbayes.output.provenance import identity, provenance
+from biaxbayes.output.staging import (
+    PROVENANCE,
+    clear_leftovers,
+    finish_moving,
+    is_run,
+    manifest,
+    staged,
+)
 from biaxbayes.output.summary import summarise, write_summary
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
@@ -56,11 +66,11 @@ class Sampling:
         else:
             source, stem = Path(specimen).name, Path(specimen).stem
             specimen = read_specimen(specimen)
-        for name, value, least in (("ess", ess, 50), ("max_steps", max_steps, 128)):
-            if not value >= least:
-                raise InputError(f"--{name.replace('_', '-')} must be at least {least}")
+        for name, value, least in (("--ess", ess, 50), ("--max-steps", max_steps, 128)):
+            if not (value >= least and math.isfinite(value)):
+                raise InputError(f"{name} must be a number, at least {least}")
         if not 0 <= seed < 2**63:
-            raise InputError("--seed must be a whole number from 0 up")
+            raise InputError("--seed must be a whole number from 0 to 9223372036854775807")
         if workers is None:
             workers = min(os.cpu_count() or 1, 4)
         elif workers < 1:
@@ -74,19 +84,15 @@ class Sampling:
         *,
         resume: bool = False,
         progress: Callable[[Progress], None] | None = None,
-        stop: Callable[[], bool] = lambda: False,
+        stop: Callable[[], int] = lambda: False,
     ) -> Path:
         """Sample, write the run folder, and return its path."""
-        tell = progress or (lambda p: None)
+        tell = progress or _warn
         clock = time.perf_counter()
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunError(
-                f"{self.folder}: cannot be made ({error.strerror}); choose another --out"
-            ) from None
+        self._make_folder()
         with folder_lock(self.folder):
-            self._refuse_foreign(resume)
+            clear_leftovers(self.folder)
+            finish_moving(self.folder)
             posterior = Posterior(self.specimen, **self.options, seed=self.plan.seed)
             state = self._resumed(posterior, resume, tell)
             draws = draw(
@@ -98,44 +104,56 @@ class Sampling:
                 stop=stop,
             )
             if draws.interrupted:
-                steps = draws.chain.shape[1] * draws.thin
-                raise Interrupted(
-                    f"interrupted after {steps} kept steps, all saved in {self.folder}; "
-                    "the same command with --resume continues"
-                )
+                raise self._interruption(draws, stop())
             tell(Progress("writing"))
             draws.seconds["before output"] = time.perf_counter() - clock
             self._write(posterior, draws, clock)
         return self.folder
 
-    def _refuse_foreign(self, resume: bool) -> None:
-        """Do not write into a folder that holds something else than a run."""
-        names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
-        if not names or "provenance.json" in names or checkpoint.NAME in names:
-            return
-        if resume and not names:
-            return
-        raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")
+    def _interruption(self, draws: Draws, signal: int) -> Interrupted:
+        steps = draws.chain.shape[1] * draws.thin
+        done = f"after {steps} kept steps" if steps else "after the warm-up"
+        error = Interrupted(
+            f"interrupted {done}, all saved in {self.folder}; "
+            "the same command with --resume continues"
+        )
+        if signal > 1:  # a signal's number, not just True
+            error.exit_code = 128 + signal
+        return error
+
+    def _make_folder(self) -> None:
+        """Make the folder, and do not write into one that holds something else than a run."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
+        except OSError as error:
+            raise RunError(
+                f"{self.folder}: cannot be used ({error.strerror}); choose another --out"
+            ) from None
+        ours = not names or names & {checkpoint.NAME, checkpoint.PREVIOUS} or is_run(self.folder)
+        if not ours:
+            raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")
 
     def _resumed(
         self, posterior: Posterior, resume: bool, tell: Callable[[Progress], None]
     ) -> State | None:
         if not resume:
-            for name in (checkpoint.NAME, checkpoint.PREVIOUS):
-                (self.folder / name).unlink(missing_ok=True)
-            return None
+            return None  # a checkpoint that is there stays until the first one of this run
         state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
         if note:
-            tell(Progress(f"note: {note}"))
+            tell(Progress("resuming", note=note))
         return state
 
     def _write(self, posterior: Posterior, draws: Draws, clock: float) -> None:
-        """Every file of the run folder, provenance last: it marks the run as finished."""
+        """Every file of the run, in place of those of a run before."""
+        with staged(self.folder) as folder:
+            self._write_files(folder, posterior, draws, clock)
+
+    def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
         from biaxbayes.output.run_products import write_products
 
-        specimen, folder = self.specimen, self.folder
+        specimen = self.specimen
         record = provenance(posterior, self.plan, draws, self.source)
-        (folder / "provenance.json").unlink(missing_ok=True)
         write_specimen(specimen, folder / "specimen.csv")
         attributes = {
             "biaxbayes_version": record["biaxbayes"],
@@ -152,8 +170,15 @@ class Sampling:
         write_summary(folder / "summary.csv", table)
         atomic_write_text(folder / "fit.json", _json([posterior.start.record()]))
         write_products(folder, posterior, draws)
+        record["files"] = manifest(folder)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
-        atomic_write_text(folder / "provenance.json", _json(record))
+        atomic_write_text(folder / PROVENANCE, _json(record))
+
+
+def _warn(progress: Progress) -> None:
+    """Where nobody watches the progress, what must be known becomes a warning."""
+    if progress.note:
+        warnings.warn(progress.note, RuntimeWarning, stacklevel=4)
 
 
 def _json(value: Any) -> str:

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from biaxbayes.errors import RunError
 from biaxbayes.inference.convergence import Convergence
 from biaxbayes.output.archive import unit_of
 from biaxbayes.specimens.text_file import atomic_write_text
 
-__all__ = ["COLUMNS", "summarise", "write_summary"]
+__all__ = ["COLUMNS", "read_summary", "summarise", "write_summary"]
 
 COLUMNS = (
     "parameter",
@@ -67,3 +68,21 @@ def summarise(
 def write_summary(path: Path, table: pd.DataFrame) -> None:
     """Write summary.csv with eight significant digits."""
     atomic_write_text(path, table.to_csv(index=False, float_format="%.8g", lineterminator="\n"))
+
+
+def read_summary(path: Path) -> pd.DataFrame:
+    """Read summary.csv.
+
+    Raises
+    ------
+    RunError
+        If it is not a summary.
+    """
+    try:
+        table = pd.read_csv(path, dtype={"parameter": str, "unit": str}, keep_default_na=True)
+        table[list(COLUMNS[2:])] = table[list(COLUMNS[2:])].astype(float)
+    except (OSError, ValueError, KeyError, TypeError, MemoryError) as error:
+        raise RunError(
+            f"{path}: cannot be read as the summary of a run ({type(error).__name__})"
+        ) from None
+    return table
