@@ -19,13 +19,13 @@ from biaxbayes.findings.bounded_density import (
     at_edges,
     curve,
     interval,
-    levels,
     span,
     surface,
 )
 from biaxbayes.output.figures.corner_layout import NARROW_MM, Entry, Grid, Heading, write_table
 from biaxbayes.output.figures.numbers import number, range_text
 from biaxbayes.output.figures.quantities import Quantity, corner_columns
+from biaxbayes.output.figures.regions import CONTENTS, regions
 from biaxbayes.output.style import PAGE_MM, colour, plain, print_style
 
 if TYPE_CHECKING:
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["corner_figure"]
 
-CONTENTS = (0.5, 0.9, 0.99)
-"""Shares of the draws that the regions of a pair hold."""
 ROLES = ("run", "other")
 VISIBLE = 40_000
 """Draws that are looked at; more would change nothing that an eye can see."""
@@ -157,20 +155,11 @@ def _marginal(
 
 
 def _joint(ax: Axes, across: Column, up: Column) -> None:
-    """Draw a pair as regions that hold 50, 90 and 99 % of the draws."""
-    from matplotlib.colors import to_rgb
-
+    """Draw a pair as regions; of a compared run the outline of the one that holds 90 %."""
     for run, (first, second) in enumerate(zip(across.draws, up.draws, strict=True)):
-        if first is None or second is None:
-            continue
-        x, y, density = surface(first, second, (across.axis, up.axis))
-        heights = levels(density, CONTENTS)
-        hue = np.array(to_rgb(colour(ROLES[run])))
-        if run == 0:
-            shades = [tuple(1.0 - share * (1.0 - hue)) for share in (0.18, 0.42, 0.78)]
-            ax.contourf(x, y, density, levels=[*heights, np.inf], colors=shades)
-        else:
-            ax.contour(x, y, density, levels=heights, colors=[tuple(hue)], linewidths=0.8)
+        if first is not None and second is not None:
+            x, y, density = surface(first, second, (across.axis, up.axis))
+            regions(ax, x, y, density, colour(ROLES[run]), filled=run == 0)
     for value, line in ((across.truth, ax.axvline), (up.truth, ax.axhline)):
         if value is not None:
             line(value, color="black", linewidth=0.6, linestyle=(0, (3, 2)))
