@@ -1,6 +1,6 @@
 """The verbs export and predict, on a small posterior made here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ class SmallRun:
     specimen: Specimen
     draws: pd.DataFrame
     state: str = "reliable"
-    fibre_switch: bool = False
+    provenance: dict = field(default_factory=lambda: {"settings": {"fibre_switch": False}})
 
 
 @pytest.fixture
@@ -101,6 +101,38 @@ def test_export_warns_of_the_fibre_switch(run, capsys):
     run.draws = run.draws.assign(alpha=90.0, kappa=0.0, mounting_stretch_y=0.9)
     assert call("export", run.path, "--to", "abaqus", "--draws", 3) == 0
     assert "fibre strain is negative in tested states of 3 of 3" in capsys.readouterr().err
+
+
+def test_export_with_the_switch_has_nothing_to_warn_of(run, capsys):
+    run.draws = run.draws.assign(alpha=90.0, kappa=0.0, mounting_stretch_y=0.9)
+    run.provenance["settings"]["fibre_switch"] = True
+    assert call("export", run.path, "--to", "abaqus", "--draws", 3) == 0
+    assert "warning" not in capsys.readouterr().err
+
+
+def test_a_run_that_ignored_the_mounting_says_so_in_its_cards(run):
+    run.draws = run.draws.drop(columns=["mounting_stretch_x", "mounting_stretch_y"])
+    assert call("export", run.path, "--to", "abaqus") == 0
+    (card,) = (run.path / "cards-abaqus-kPa-mm").glob("*.inp")
+    assert "ignored the mounting stretch" in card.read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"kappa": 0.5}, "kappa"),
+        ({"k1": np.nan}, "k1"),
+        ({"noise_sd": -1.0}, "noise_sd"),
+        ({"mounting_stretch_x": 0.0}, "mounting_stretch_x"),
+    ],
+)
+def test_draws_of_a_damaged_run_are_refused(run, change, name, capsys):
+    run.draws = run.draws.assign(**change)
+    for verb in (["export", run.path, "--to", "febio"], ["predict", run.path]):
+        assert call(*verb) == 2
+        assert f"its draws of {name} are" in capsys.readouterr().err
+    run.draws = run.draws.drop(columns=["C1"])
+    assert call("predict", run.path) == 2
 
 
 @pytest.mark.parametrize(
@@ -200,6 +232,7 @@ def test_predict_says_where_no_draw_holds_the_pressure(run, capsys):
         (["--stretch", "4.9"], "overflows"),
         (["--probability", "1"], "probability"),
         (["--ratio", "0:0"], "moves nothing"),
+        (["--style", "missing.mplstyle"], "the style cannot be read"),
     ],
 )
 def test_predict_refuses_by_name(run, options, message, capsys):

@@ -7,7 +7,8 @@ import pytest
 from biaxbayes.errors import InputError
 from biaxbayes.findings.covered_stretches import BEYOND, INSIDE
 from biaxbayes.findings.percentile_bands import BANDS
-from biaxbayes.output.prediction_figure import figure_bytes, inflation_figure, stress_figure
+from biaxbayes.output.figures.prediction import inflation_figure, stress_figure
+from biaxbayes.output.style import figure_bytes
 from biaxbayes.specimens.stretch_file import read_stretches
 
 
@@ -101,9 +102,10 @@ def test_inflation_has_both_units_of_pressure(by):
 
 
 @pytest.mark.parametrize("suffix", ["pdf", "svg"])
-def test_fonts_are_embedded_or_text(suffix):
+def test_fonts_are_in_the_file(suffix):
     data = figure_bytes(stress_figure(stress_table()), suffix)
-    assert (b"/FontFile2" in data) if suffix == "pdf" else (b"<text" in data)
+    # TrueType in a PDF, outlines in an SVG
+    assert (b"/FontFile2" in data) if suffix == "pdf" else (b"<text" not in data)
     assert b"/Type3" not in data
     assert data == figure_bytes(stress_figure(stress_table()), suffix)
 
@@ -138,3 +140,13 @@ def test_wrong_stretch_files_are_named(text, message, tmp_path):
         read_stretches(file)
     with pytest.raises(InputError, match="no such file"):
         read_stretches(tmp_path / "missing.csv")
+
+
+def test_a_style_and_a_hostile_name_are_only_drawn(tmp_path):
+    style = {"axes.prop_cycle": "cycler('color', ['#111111', '#222222'])", "font.size": 9.0}
+    figure = stress_figure(stress_table(), directions=("$\\frac{$", "ax\nial " * 30), style=style)
+    ax = figure.axes[0]
+    assert {line.get_color() for line in ax.lines} == {"#111111", "#222222", "0.3"}
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert max(map(len, labels)) < 40
+    assert figure_bytes(figure, "png", style).startswith(b"\x89PNG")

@@ -70,10 +70,10 @@ def command(
     r"""Material cards of posterior draws, each checked against the draw.
 
     \b
-    biaxbayes export media.run --to abaqus --units MPa-mm
-    biaxbayes export media.run --to febio --draws 50
+    biaxbayes export media-posterior --to abaqus --units MPa-mm
+    biaxbayes export media-posterior --to febio --draws 50
     """
-    from biaxbayes.commands.run_state import open_usable_run
+    from biaxbayes.commands.run_state import open_usable_run, uses_fibre_switch
     from biaxbayes.output.cards.export import MANIFEST, export_cards
 
     if count is not None and at is not None:
@@ -89,7 +89,7 @@ def command(
         program=program,
         units=units,
         bulk_ratio=bulk_ratio,
-        fibre_switch=opened.fibre_switch,
+        fibre_switch=uses_fibre_switch(opened),
         origin=origin,
         overwrite=overwrite,
     )
@@ -98,6 +98,7 @@ def command(
 
 def _rows(opened: Run, count: int | None, at: str, seed: int) -> tuple[list[int], str]:
     """Positions of the draws, and what they are."""
+    from biaxbayes.commands.run_state import uses_fibre_switch
     from biaxbayes.findings.representative_draws import (
         median_draw,
         most_probable_draw,
@@ -108,7 +109,7 @@ def _rows(opened: Run, count: int | None, at: str, seed: int) -> tuple[list[int]
         return random_draws(opened.draws, count, seed=seed), f"random posterior draw, seed {seed}"
     if at == "map":
         return [most_probable_draw(opened.draws)], "most probable posterior draw"
-    row = median_draw(opened.draws, opened.specimen, fibre_switch=opened.fibre_switch)
+    row = median_draw(opened.draws, opened.specimen, fibre_switch=uses_fibre_switch(opened))
     return [row], "posterior draw with the stress curves nearest the median curves"
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
+Style = dict[str, Any] | None
+
 TUBE = ("radius", "wall", "axial_stretch", "pressure", "circumferential_stretch")
 PATH = ("stretch", "ratio", "stretches", "protocol")
 POINTS = 61
@@ -93,6 +95,9 @@ POINTS = 61
 )
 @click.option("--width-mm", type=click.FloatRange(50.0, 400.0), default=85.0, show_default=True)
 @click.option(
+    "--style", type=click.Path(path_type=Path), metavar="FILE", help="A matplotlib style file."
+)
+@click.option(
     "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder  [default: the run]"
 )
 @click.option("--anyway", is_flag=True, help="Even if the run is not reliable.")
@@ -102,21 +107,27 @@ def command(run: Path, **options: Any) -> None:
     Writes a CSV and a figure. States outside what was tested are marked row by row.
 
     \b
-    biaxbayes predict media.run --stretch 1.25 --ratio 1:0.5
-    biaxbayes predict media.run --stretches path.csv --reference measured
-    biaxbayes predict media.run --inflate --radius 10 --wall 1.2 --axial-stretch 1.1
+    biaxbayes predict media-posterior --stretch 1.25 --ratio 1:0.5
+    biaxbayes predict media-posterior --stretches path.csv --reference measured
+    biaxbayes predict media-posterior --inflate --radius 10 --wall 1.2 --axial-stretch 1.1
     """
     from biaxbayes.commands.run_state import open_usable_run
+    from biaxbayes.output.style import read_style, save_figure
 
     _check(options)
+    style = None if options["style"] is None else read_style(options["style"])
     opened = open_usable_run(run, anyway=options["anyway"])
     if options["inflate"]:
-        table, figure = _inflate(opened, options)
+        table, figure = _inflate(opened, options, style)
         name = "inflation"
     else:
-        table, figure = _stress(opened, options)
+        table, figure = _stress(opened, options, style)
         name = "prediction"
-    _write(options["out"] or opened.path, name, options["suffix"], table, figure)
+    stem = (options["out"] or opened.path) / name
+    picture = stem.with_suffix(f".{options['suffix']}")
+    _write_table(stem.with_suffix(".csv"), table)
+    save_figure(figure, picture, style)
+    _tell(table, stem.with_suffix(".csv"), picture)
 
 
 def _check(options: dict[str, Any]) -> None:
@@ -141,9 +152,10 @@ def _check(options: dict[str, Any]) -> None:
         raise InputError("--stretches is a whole path", remedy="leave --stretch and --ratio out")
 
 
-def _stress(opened: Run, options: dict[str, Any]) -> tuple[pd.DataFrame, Figure]:
+def _stress(opened: Run, options: dict[str, Any], style: Style) -> tuple[pd.DataFrame, Figure]:
+    from biaxbayes.commands.run_state import uses_fibre_switch
     from biaxbayes.findings.prediction import predict_stress
-    from biaxbayes.output.prediction_figure import stress_figure
+    from biaxbayes.output.figures.prediction import stress_figure
 
     table = predict_stress(
         opened.draws,
@@ -153,7 +165,7 @@ def _stress(opened: Run, options: dict[str, Any]) -> tuple[pd.DataFrame, Figure]
         protocol=options["protocol"],
         stress=options["stress"],
         probability=options["probability"],
-        fibre_switch=opened.fibre_switch,
+        fibre_switch=uses_fibre_switch(opened),
     )
     specimen = opened.specimen
     figure = stress_figure(
@@ -162,6 +174,7 @@ def _stress(opened: Run, options: dict[str, Any]) -> tuple[pd.DataFrame, Figure]
         probability=options["probability"],
         directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
         width_mm=options["width_mm"],
+        style=style,
     )
     return table, figure
 
@@ -188,12 +201,13 @@ def _path(opened: Run, options: dict[str, Any]) -> np.ndarray:
     return stretch_path(largest, ratio=ratio, points=options["points"])
 
 
-def _inflate(opened: Run, options: dict[str, Any]) -> tuple[pd.DataFrame, Figure]:
+def _inflate(opened: Run, options: dict[str, Any], style: Style) -> tuple[pd.DataFrame, Figure]:
     import numpy as np
 
+    from biaxbayes.commands.run_state import uses_fibre_switch
     from biaxbayes.findings.inflation_prediction import predict_diameter, predict_pressure
     from biaxbayes.mechanics.inflation import Tube
-    from biaxbayes.output.prediction_figure import inflation_figure
+    from biaxbayes.output.figures.prediction import inflation_figure
 
     axial = 1.0 if options["axial_stretch"] is None else options["axial_stretch"]
     try:
@@ -202,7 +216,7 @@ def _inflate(opened: Run, options: dict[str, Any]) -> tuple[pd.DataFrame, Figure
         raise InputError(str(error)) from None
     shared: dict[str, Any] = {
         "probability": options["probability"],
-        "fibre_switch": opened.fibre_switch,
+        "fibre_switch": uses_fibre_switch(opened),
     }
     points = options["points"]
     if options["circumferential_stretch"] is not None:
@@ -223,24 +237,26 @@ def _inflate(opened: Run, options: dict[str, Any]) -> tuple[pd.DataFrame, Figure
                 err=True,
             )
     figure = inflation_figure(
-        table, probability=options["probability"], width_mm=options["width_mm"]
+        table, probability=options["probability"], width_mm=options["width_mm"], style=style
     )
     return table, figure
 
 
-def _write(out: Path, name: str, suffix: str, table: pd.DataFrame, figure: Figure) -> None:
-    from biaxbayes.findings.covered_stretches import INSIDE
-    from biaxbayes.output.prediction_figure import figure_bytes
-    from biaxbayes.specimens.text_file import atomic_write_bytes, atomic_write_text
+def _write_table(path: Path, table: pd.DataFrame) -> None:
+    from biaxbayes.specimens.text_file import atomic_write_text
 
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", file=out) from None
-    atomic_write_text(out / f"{name}.csv", table.to_csv(index=False, lineterminator="\n"))
-    atomic_write_bytes(out / f"{name}.{suffix}", figure_bytes(figure, suffix))
+        raise InputError(f"cannot be written ({error.strerror})", file=path.parent) from None
+    atomic_write_text(path, table.to_csv(index=False, lineterminator="\n"))
+
+
+def _tell(table: pd.DataFrame, *files: Path) -> None:
+    from biaxbayes.findings.covered_stretches import INSIDE
+
+    click.echo(", ".join(map(str, files)))
     outside = int((table["extrapolation"] != INSIDE).sum())
-    click.echo(f"{out / name}.csv, {out / name}.{suffix}")
     if outside:
         click.echo(
             f"note: {outside} of {len(table)} rows are extrapolations, marked in the table and "

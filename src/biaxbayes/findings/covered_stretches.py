@@ -29,11 +29,15 @@ class CoveredStretches:
         Corners, anticlockwise; one or two when the states lie on a point or a line.
     low, high : ndarray, shape (2,)
         Component-wise range.
+    shift : float
+        Distance by which the mounting stretch moved the tested paths: a path that starts at the
+        unloaded state and runs beside a tested one within it was tested as well as it could be.
     """
 
     hull: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    shift: float = 0.0
 
     def extrapolation(self, stretch_x, stretch_y) -> np.ndarray:
         """Where each state lies.
@@ -49,7 +53,7 @@ class CoveredStretches:
             or :data:`OFF_PATH`: each stretch was tested, but not together.
         """
         state = np.column_stack([np.ravel(stretch_x), np.ravel(stretch_y)]).astype(float)
-        slack = RELATIVE_TOLERANCE * (self.high - self.low).max() + ABSOLUTE_TOLERANCE
+        slack = RELATIVE_TOLERANCE * (self.high - self.low).max() + self.shift + ABSOLUTE_TOLERANCE
         label = np.full(len(state), INSIDE, dtype=object)
         label[_distance(self.hull, state) > slack] = OFF_PATH
         # A range's own ends count as tested to the rounding of the file only.
@@ -82,7 +86,8 @@ def covered_stretches(
             for p, lm in zip(specimen.protocols, factor, strict=True)
         ]
     )
-    return CoveredStretches(_convex_hull(state), state.min(axis=0), state.max(axis=0))
+    shift = float(np.linalg.norm(factor - 1.0, axis=1).max())
+    return CoveredStretches(_convex_hull(state), state.min(axis=0), state.max(axis=0), shift)
 
 
 def _convex_hull(points: np.ndarray) -> np.ndarray:

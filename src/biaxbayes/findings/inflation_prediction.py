@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
+from biaxbayes.findings.bands import evenly_chosen
 from biaxbayes.findings.material_draws import parameters, piola_noise
 from biaxbayes.findings.percentile_bands import (
     BANDS,
@@ -14,7 +15,7 @@ from biaxbayes.findings.percentile_bands import (
     known_percentiles,
     tails,
 )
-from biaxbayes.findings.prediction import prediction_mounting, prediction_range
+from biaxbayes.findings.prediction import MAX_DRAWS, prediction_mounting, prediction_range
 from biaxbayes.mechanics.inflation import (
     MMHG_PER_KPA,
     Tube,
@@ -63,6 +64,7 @@ def predict_pressure(
     stretch = np.atleast_1d(np.asarray(circumferential_stretch, dtype=float))
     if not (np.isfinite(stretch).all() and (stretch > 0.0).all()):
         raise InputError("circumferential stretches must be positive numbers")
+    draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     theta = parameters(draws)
     with np.errstate(over="ignore", invalid="ignore"):
         p = inflation_pressure(*theta, tube, stretch, fibre_switch=fibre_switch)
@@ -122,6 +124,7 @@ def predict_diameter(
     if not np.isfinite(pressure).all():
         raise InputError("pressures must be numbers, in kPa")
     levels = tails(probability)
+    draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     C1, k1, k2, alpha, kappa = (v[:, 0] for v in parameters(draws))
     theta = C1, k1, k2, alpha, kappa
     model = inflation_stretch(*theta, tube, pressure, fibre_switch=fibre_switch)

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
+from biaxbayes.findings.bands import evenly_chosen
 from biaxbayes.findings.covered_stretches import CoveredStretches, covered_stretches
 from biaxbayes.findings.material_draws import (
     mounting_labels,
@@ -23,8 +24,10 @@ from biaxbayes.findings.percentile_bands import band_columns, tails
 from biaxbayes.mechanics.goh import piola_stress
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["predict_stress", "stretch_path"]
+__all__ = ["MAX_DRAWS", "predict_stress", "stretch_path"]
 
+MAX_DRAWS = 4000
+"""Draws that carry the bands, evenly chosen: enough for their percentiles."""
 BLOCK = 2_000_000  # numbers held at once
 
 
@@ -99,6 +102,7 @@ def predict_stress(
     if reference not in ("total", "measured") or stress not in ("cauchy", "piola"):
         raise InputError("reference is total or measured, stress is cauchy or piola")
     tails(probability)
+    draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     lm = prediction_mounting(draws, protocol, needed=reference == "measured")
     factor = lm if reference == "measured" else np.ones_like(lm)
     blocks = []

@@ -17,6 +17,11 @@ K2_FLOOR = 1e-9
 """Smallest exponent written. The programs divide by k2; at 1e-9 the stress differs from its
 limit by less than k2 E^2, 1e-9 of itself while the fibre strain is below one."""
 
+UNLOADED = "Reference state: the unloaded specimen; the mounting stretch is already taken out."
+MOUNTED = (
+    "WARNING: the run ignored the mounting stretch, so this material takes the mounted state, "
+    "which was loaded, as its stress-free reference."
+)
 LINE = 96  # characters; both programs take more
 LABEL = 56  # an Abaqus label may have 80, and suffixes follow
 TEXT = 200
@@ -37,6 +42,8 @@ class Card:
         Bulk modulus; None for incompressible.
     specimen, origin : str
         Where the material comes from; any text.
+    prestretch : bool
+        Whether the mounting stretch was inferred, so that the material starts unloaded.
     notes : tuple of str
         What a user of this draw must know, in plain ASCII.
     """
@@ -47,6 +54,7 @@ class Card:
     bulk_kPa: float | None
     specimen: str = ""
     origin: str = ""
+    prestretch: bool = True
     notes: tuple[str, ...] = ()
 
     def stress(self, value_kPa: float) -> float:
@@ -113,7 +121,7 @@ def header_lines(card: Card, version: str, conventions: list[str]) -> list[str]:
         f"Specimen: {plain_text(card.specimen)}",
         f"Material: {plain_text(card.origin)}",
         f"Units: {card.units}",
-        "Reference state: the unloaded specimen; the mounting stretch is already taken out.",
+        UNLOADED if card.prestretch else MOUNTED,
         *conventions,
         "Density is not part of the fit: add it, in these units, where inertia or weight matter.",
         *card.notes,

@@ -13,7 +13,12 @@ import pandas as pd
 
 from biaxbayes import __version__
 from biaxbayes.errors import BiaxbayesError, InputError
-from biaxbayes.findings.material_draws import fibre_strains, material, protocol_mounting
+from biaxbayes.findings.material_draws import (
+    fibre_strains,
+    material,
+    mounting_labels,
+    protocol_mounting,
+)
 from biaxbayes.mechanics.goh import GOH
 from biaxbayes.output.cards import abaqus, febio
 from biaxbayes.output.cards.card import Card, exportable, safe_label
@@ -118,6 +123,7 @@ def export_cards(
             _bulk_modulus(fitted, states, bulk_ratio),
             specimen.name,
             f"{origin}; row {row} of {len(draws)} draws, weight {1.0 / len(rows):.6g}",
+            bool(mounting_labels(draws)),
             (*notes, *fibres.notes),
         )
         file = f"{stem}-{row:0{digits}d}{PROGRAMS[program][2]}"
