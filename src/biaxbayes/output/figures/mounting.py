@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -89,38 +90,43 @@ def mounting_figure(
     InputError
         If the run did not infer the mounted state.
     """
-    from matplotlib.figure import Figure
-
     if not mounting_labels(draws):
         raise InputError(
             "this run does not infer the mounting stretch, so there is no mounted state to draw",
             remedy="sample with --mounting noisy, exact or free",
         )
-    known = dict(truth or {})
     with print_style(style):
         states = _states(specimen, draws.iloc[evenly_chosen(len(draws), VISIBLE)])
-        wide = width_mm >= 120.0
-        side = 56.0 if wide else width_mm - 22.0
-        bars = 2 * len(states) * (ROW_MM if len(states) > 1 or not wide else 1.6 * ROW_MM)
-        size = font_points("ytick.labelsize")
-        names = max(14.0, *(text_width(f"{s.label} x", size) for s in states)) + 4.0
-        if wide:
-            height = max(side, bars) + 16.0
-            left, length = side + 26.0 + names, width_mm - side - 29.0 - names
-            places = (18.0, height - 3.0 - side), (left, height - 3.0 - bars)
-        else:
-            height = side + bars + 32.0
-            length = width_mm - 4.0 - names
-            places = (18.0, bars + 29.0), (names, 13.0)
-        figure = Figure((width_mm * MM, height * MM))
-
-        def panel(place: tuple[float, float], width: float, tall: float) -> Axes:
-            x, y = place
-            return figure.add_axes((x / width_mm, y / height, width / width_mm, tall / height))
-
-        _stretches(panel(places[0], side, side), states, known, side)
-        _forces(panel(places[1], length, bars), states, specimen.unit, known, probability, length)
+        figure, (first, side), (second, length) = _panels(states, width_mm)
+        _stretches(first, states, dict(truth or {}), side)
+        _forces(second, states, specimen.unit, dict(truth or {}), probability, length)
     return figure
+
+
+def _panels(
+    states: list[State], width_mm: float
+) -> tuple[Figure, tuple[Axes, float], tuple[Axes, float]]:
+    """The figure and its two panels with their widths in mm."""
+    from matplotlib.figure import Figure
+
+    wide = width_mm >= 120.0
+    side = 56.0 if wide else width_mm - 22.0
+    bars = 2 * len(states) * (ROW_MM if len(states) > 1 or not wide else 1.6 * ROW_MM)
+    size = font_points("ytick.labelsize")
+    names = max(14.0, *(text_width(f"{s.label} x", size) for s in states)) + 4.0
+    if wide:
+        height = max(side, bars) + 16.0
+        left, length = side + 26.0 + names, width_mm - side - 29.0 - names
+        corners = (18.0, height - 3.0 - side), (left, height - 3.0 - bars)
+    else:
+        height, length = side + bars + 32.0, width_mm - 4.0 - names
+        corners = (18.0, bars + 29.0), (names, 13.0)
+    figure = Figure((width_mm * MM, height * MM))
+    panels = []
+    for (x, y), across, up in zip(corners, (side, length), (side, bars), strict=True):
+        place = (x / width_mm, y / height, across / width_mm, up / height)
+        panels.append((figure.add_axes(place), across))
+    return figure, panels[0], panels[1]
 
 
 def _states(specimen: Specimen, draws: pd.DataFrame) -> list[State]:
@@ -185,54 +191,53 @@ def _forces(
 ) -> None:
     """Interval of the mounting force about its reading, beside the interval of the reading."""
     tail = 0.5 * (1.0 - probability)
-    z = float(ndtri(1.0 - tail))
-    widest = max(
-        float((z * s.reading_sd).max() + np.abs(s.force - s.reading).max()) for s in states
-    )
-    scale, finer = (1000.0, FINER[unit]) if widest < 0.5 else (1.0, unit)
+    bars = []
+    for state, k in product(states, (0, 1)):
+        about = state.force[:, k] - state.reading[k]
+        low, middle, high = (float(v) for v in np.quantile(about, [tail, 0.5, 1.0 - tail]))
+        bars.append(_Bar(low, middle, high, -float(ndtri(tail)) * float(state.reading_sd[k])))
+    reach = max(max(-b.low, b.high, b.half) for b in bars)
+    scale, finer = (1000.0, FINER[unit]) if reach < 0.5 else (1.0, unit)
     names = []
-    for i, state in enumerate(states):
-        for k, axis in enumerate("xy"):
-            row = 2 * i + k
-            hue = state.colour if len(states) > 1 else colour(axis)
-            about = scale * (state.force[:, k] - state.reading[k])
-            low, middle, high = np.quantile(about, [tail, 0.5, 1.0 - tail])
-            half = scale * z * state.reading_sd[k]
-            ax.plot([-half, half], [row + 0.17] * 2, color="0.45", linewidth=1.0)
-            ax.plot(0.0, row + 0.17, marker="|", ms=6.0, color="0.45")
-            ax.plot([low, high], [row - 0.17] * 2, color=hue, linewidth=2.2, solid_capstyle="butt")
-            ax.plot(middle, row - 0.17, marker="o", ms=3.2, mfc="white", mec=hue, mew=0.8)
-            known = truth.get(state.names("force")[k])
-            if known is not None:
-                ax.plot(
-                    scale * (known - state.reading[k]), row - 0.17, marker="x", ms=4.5, c="black"
-                )
-            value = number(
-                state.reading[k], 0.0, max(2.0 * half / scale, abs(state.reading[k]) / 50)
-            )
-            names.append(f"{state.label} {axis}\n{value} {unit}".strip())
+    for row, bar in enumerate(bars):
+        state, k = states[row // 2], row % 2
+        hue = state.colour if len(states) > 1 else colour("xy"[k])
+        bar.draw(ax, row, scale, hue)
+        known = state.known(truth, "force")
+        if known is not None:
+            about = scale * (known[k] - state.reading[k])
+            ax.plot(about, row - 0.17, marker="x", ms=4.5, color="black", zorder=4)
+            reach = max(reach, abs(about) / scale)
+        value = number(state.reading[k], 0.0, max(2.0 * bar.half, abs(state.reading[k]) / 50.0))
+        names.append(f"{state.label} {'xy'[k]}\n{value} {unit}".strip())
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.4, -1.1)
-    low, high = ax.get_xlim()
-    reach = max(-low, high, 1e-9)
+    reach = 1.05 * scale * (reach or 1e-3)
     shown = Span(-reach, reach)
     ax.set_xlim(shown.low, shown.high)
     size = font_points("xtick.labelsize")
-    set_ticks(
-        ax.xaxis,
-        choose_ticks(shown, length, size, horizontal=True, overhang=2.0, most=5),
-        labels=True,
-    )
+    ticks = choose_ticks(shown, length, size, horizontal=True, overhang=2.0, most=5)
+    set_ticks(ax.xaxis, ticks, labels=True)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.5)
     ax.set_xlabel(f"mounting force less its reading ({finer})")
-    note = f"grey: reading, {100 * probability:g} %;  colour: posterior, {100 * probability:g} %"
-    ax.text(
-        0.5,
-        -0.95,
-        note,
-        transform=ax.get_yaxis_transform(),
-        ha="center",
-        va="center",
-        color="0.3",
-        size=NOTE,
-    )
+    content = f"{100 * probability:g} %"
+    note = f"grey: reading, {content};  colour: posterior, {content}"
+    how: Any = {"ha": "center", "va": "center", "color": "0.3", "size": NOTE}
+    ax.text(0.5, -0.95, note, transform=ax.get_yaxis_transform(), **how)
+
+
+class _Bar(NamedTuple):
+    """Posterior interval of a force about its reading, and half that of the reading."""
+
+    low: float
+    middle: float
+    high: float
+    half: float
+
+    def draw(self, ax: Axes, row: int, scale: float, hue: str) -> None:
+        half = scale * self.half
+        ax.plot([-half, half], [row + 0.17] * 2, color="0.45", linewidth=1.0)
+        ax.plot(0.0, row + 0.17, marker="|", ms=6.0, color="0.45")
+        ends = [scale * self.low, scale * self.high]
+        ax.plot(ends, [row - 0.17] * 2, color=hue, linewidth=2.2, solid_capstyle="butt")
+        ax.plot(scale * self.middle, row - 0.17, marker="o", ms=3.2, mfc="white", mec=hue, mew=0.8)
