@@ -248,3 +248,18 @@ def test_draws_without_a_state_are_counted_and_left_out():
     table = predict_diameter(soft, specimen(), Tube(9.0, 1.2), [15.0])
     assert np.isnan(table["outer_diameter_mm_median"][0])
     assert table["extrapolation"][0] == BEYOND
+
+
+def test_a_noise_that_grows_with_the_load_widens_high_pressures_only():
+    frame = draws(200, spread=0.0, noise=1e-6).assign(noise_growth=0.05)
+    table = predict_diameter(frame, specimen(), Tube(9.0, 1.2), [0.0, 4.0, 13.3], seed=2)
+    wide = table["outer_diameter_mm_predictive_high"] - table["outer_diameter_mm_predictive_low"]
+    assert wide[0] < 1e-3 < wide[1]
+    # Wall stress is 5 % off at 90 %: the diameter at p then is that of p (1 -+ 0.05 z).
+    around = predict_diameter(frame, specimen(), Tube(9.0, 1.2), [13.3 / 1.1, 13.3 / 0.9])
+    assert (
+        around["outer_diameter_mm_median"][0] < table["outer_diameter_mm_predictive_low"][2] + 0.1
+    )
+    assert (
+        table["outer_diameter_mm_predictive_high"][2] < around["outer_diameter_mm_median"][1] + 0.1
+    )

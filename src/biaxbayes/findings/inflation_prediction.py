@@ -135,13 +135,18 @@ def predict_diameter(
     axis = "xy".index(tube.circumferential)
     noise = piola_noise(draws, specimen, axis, piola, prediction_mounting(draws, None))
     unit = np.random.default_rng(seed).standard_normal((len(draws), 1))
-    offsets = np.broadcast_to(noise * unit, model.shape)
-    new = np.column_stack(
+    offset = noise * unit
+    # The noise is one number a draw unless it grows with the load: then one a pressure as well.
+    if offset.shape[1] == 1:
+        parts = [(pressure, offset)]
+    else:
+        parts = [(pressure[j : j + 1], offset[:, j : j + 1]) for j in range(pressure.size)]
+    new = np.hstack(
         [
             inflation_stretch(
-                *theta, tube, [p], fibre_switch=fibre_switch, piola_offset_kPa=offset
-            )[:, 0]
-            for p, offset in zip(pressure, offsets.T, strict=True)
+                *theta, tube, p, fibre_switch=fibre_switch, piola_offset_kPa=shift[:, 0]
+            )
+            for p, shift in parts
         ]
     )
     columns: dict[str, np.ndarray] = {

@@ -57,12 +57,14 @@ def stress_figure(
     matplotlib.figure.Figure
     """
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     stress = "cauchy" if "cauchy_x_kPa_median" in table else "piola"
     abscissa, label = _abscissa(table, reference)
     wide = width_mm >= SIDE_BY_SIDE_MM
     with print_style(style):
-        figure = Figure((width_mm * MM, (70.0 if wide else 72.0) * MM), layout="constrained")
+        room = ConstrainedLayoutEngine(wspace=0.08)  # between the ends of two scales
+        figure = Figure((width_mm * MM, (70.0 if wide else 72.0) * MM), layout=room)
         axes = figure.subplots(1, 2 if wide else 1, sharey=True, squeeze=False)
         for i, (axis, name) in enumerate(zip("xy", directions, strict=True)):
             ax = axes[0, i if wide else 0]
