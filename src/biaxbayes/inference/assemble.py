@@ -64,6 +64,7 @@ def assemble(
     beta: float = 1.0,
     reference_stretch: tuple[float, float] | None = None,
     chart: int = SHEAR,
+    softening: float = 0.3,
     structural: bool = True,
     determinant: bool = True,
 ) -> Assembly:
@@ -78,7 +79,7 @@ def assemble(
     reference_stretch : (float, float), optional
         Where the fibre stress and exponent are held (a constant; only the efficiency of the
         sampler depends on it). Default: the largest measured stretches.
-    chart, structural : int, bool
+    chart, softening, structural : int, float, bool
         Coordinates of the angles and of the stiffnesses; natural ones for checks.
     determinant : bool
         Leave out only to show that it matters.
@@ -106,6 +107,8 @@ def assemble(
         prior = priors.get(name)
         if isinstance(prior, Prior):
             kinds[i], rows[i] = prior.encode(log_scale=name in LOG_SCALE)
+            if name == "alpha":
+                rows[i][4] += math.log(math.degrees(1.0))  # stated per degree, sampled in radians
             if i < kernel.MOUNTING or settings.mounting in ("noisy", "free"):
                 slot[i] = len(free)
                 free.append(name)
@@ -124,6 +127,7 @@ def assemble(
         tie=tie,
         tie_log_factor=factor,
         chart=chart,
+        softening=softening,
         structural=structural,
         reference=_reference(specimen, reference_stretch),
         prior_kind=kinds,

@@ -145,7 +145,7 @@ def _pack(state: State, identity: dict[str, Any]) -> bytes:
             "format": FORMAT,
             "identity": identity,
             "members": members,
-            "chart": state.chart,
+            "softening": state.softening,
             "steps": state.steps,
             "thin": state.thin,
             "evaluations": state.evaluations,
@@ -221,7 +221,7 @@ def _state(stored: dict[str, Any], arrays: dict[str, np.ndarray]) -> State:
         {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
     )
     return State(
-        chart=int(stored["chart"]),
+        softening=float(stored["softening"]),
         proposal=proposal,
         members=members,
         chain=arrays["chain"],
@@ -245,7 +245,7 @@ def _check(state: State) -> None:
             a.dtype == np.float64 for a in (*floats, trend.centre, trend.scale, trend.coefficients)
         ),
         len(state.members) == ensembles >= 1,
-        state.steps >= 0 and state.thin >= 1,
+        state.steps >= 0 and state.thin >= 1 and np.isfinite(state.softening),
         -(-state.steps // state.thin) == state.chain.shape[1],
         np.isfinite(state.chain).all(),
         state.rejected.shape == (4,) and state.rejected.dtype.kind == "i",

@@ -55,6 +55,8 @@ class Problem(NamedTuple):
         A tied slot takes the value of another plus a log factor; -1 where free.
     chart : int
         ``coordinates.SHEAR`` or ``ANGULAR`` for slots ALPHA and KAPPA.
+    softening : float
+        Scale s of the chart SHEAR.
     structural : bool
         Whether slots K1 and K2 hold ln S and ln q rather than ln k1 and ln k2.
     reference : ndarray, shape (3,)
@@ -86,6 +88,7 @@ class Problem(NamedTuple):
     tie: np.ndarray
     tie_log_factor: np.ndarray
     chart: int
+    softening: float
     structural: bool
     reference: np.ndarray
     prior_kind: np.ndarray
@@ -135,7 +138,9 @@ def _material(problem, value):
     if problem.chart == SHEAR:
         if not 0.0 <= value[KAPPA] <= 1.0:
             return -np.inf
-        alpha, kappa, log_jacobian = angles_from_shear(value[ALPHA], value[KAPPA])
+        alpha, kappa, log_jacobian = angles_from_shear(
+            value[ALPHA], value[KAPPA], problem.softening
+        )
         value[ALPHA], value[KAPPA] = alpha, kappa
     alpha, kappa = value[ALPHA], value[KAPPA]
     if not (0.0 <= kappa <= 1.0 / 3.0 and 0.0 <= alpha <= 0.5 * np.pi):
@@ -166,6 +171,8 @@ def _mounted_state(problem, value, H, m, sx, sy):
     c1, k1, k2 = value[C1], value[K1], value[K2]
     if problem.mounting_mode == FORCE:
         px, py = value[i], value[i + 1]
+        if problem.slot[i] < 0:  # exact: the reading, less the cell's own zero
+            px, py = px - value[OFFSET_X], py - value[OFFSET_Y]
         ok, x, y, jxx, jxy, jyy = solve_balance(
             c1, k1, k2, Hx, Hy, Hz, problem.fibre_switch, px / sx, py / sy, problem.mounted
         )

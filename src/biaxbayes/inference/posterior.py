@@ -12,9 +12,11 @@ from biaxbayes.inference import kernel
 from biaxbayes.inference.assemble import SLOT_NAMES, Assembly, assemble, mounting_names
 from biaxbayes.inference.coordinates import (
     ANGULAR,
+    DEFAULT_SOFTENING,
     SHEAR,
     reference_state,
     shear_from_angles,
+    softening_of,
 )
 from biaxbayes.inference.fit import constrained_fit
 from biaxbayes.inference.fit_result import FitResult
@@ -79,6 +81,11 @@ class Posterior:
         if beta is None and noise == "effective":
             self.readings = effective_readings(self.start.residuals)
             beta = self.readings.beta
+        self._softening = DEFAULT_SOFTENING
+        if self._start is not None:
+            self._softening = softening_of(
+                self._start.material.theta[3], self._start.material.kappa
+            )
         self.beta = 1.0 if beta is None else float(beta)
         self._assembly = self._assemble(SHEAR, structural=True)
         self._natural = self._assemble(ANGULAR, structural=False)
@@ -99,6 +106,7 @@ class Posterior:
             beta=self.beta,
             reference_stretch=reference,
             chart=chart,
+            softening=self._softening,
             structural=structural,
             determinant=self._determinant,
         )
@@ -176,9 +184,15 @@ class Posterior:
         )
         return {i: limits[n] for i, n in enumerate(self._free) if n in limits}
 
-    def use_chart(self, chart: int) -> None:
-        """Change the chart of the sampling coordinates."""
-        self._assembly = self._assemble(chart, structural=True)
+    @property
+    def softening(self) -> float:
+        """Scale of the sampling chart near isotropy (see :mod:`.coordinates`)."""
+        return float(self._assembly.problem.softening)
+
+    def use_softening(self, softening: float) -> None:
+        """Change the scale of the sampling chart."""
+        self._softening = float(softening)
+        self._assembly = self._assemble(SHEAR, structural=True)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -277,9 +291,10 @@ class Posterior:
             for k, name in enumerate(mounting_names("force", label)):
                 i = problem.slot[kernel.MOUNTING + 2 * m + k]
                 if problem.mounting_mode == kernel.FORCE:
-                    # Sampled (or fixed): exact, not recomputed from the root.
-                    fixed = problem.fixed[kernel.MOUNTING + 2 * m + k]
-                    out[name] = u[:, i].copy() if i >= 0 else np.full(len(u), fixed)
+                    # Sampled (or the reading): as it is, not recomputed from the root.
+                    reading = problem.fixed[kernel.MOUNTING + 2 * m + k]
+                    offset = out[f"load_offset_{'xy'[k]}"]
+                    out[name] = u[:, i].copy() if i >= 0 else reading - offset
                 else:
                     out[name] = area[k] * stress[k] / (1.0 if problem.mounted else lm[k])
 
@@ -294,7 +309,7 @@ class Posterior:
                 slot_name, np.atleast_1d(np.asarray(parameters[name], dtype=float))
             )
         if problem.chart == SHEAR:
-            values["alpha"], values["kappa"] = shear_from_angles(alpha, kappa)
+            values["alpha"], values["kappa"] = shear_from_angles(alpha, kappa, problem.softening)
         if problem.structural:
             H = structure_tensor(alpha, kappa)
             log_E2, log_EG = reference_state(*H, *problem.reference)

@@ -1,6 +1,6 @@
 """The proposal of the independence move: a trend, a folded edge and a heavy-tailed mixture.
 
-Points are straightened by a :class:`~biaxbayes.inference.trend.QuadraticTrend`; where a
+Points are straightened by a :class:`~biaxbayes.inference.trend.Trend`; where a
 coordinate ends at a hard edge the mixture is folded there: a draw beyond the edge is reflected
 back, and the density adds up the images. Fitted to points mirrored at their edge, the mixture is
 smooth across it, and no proposal is wasted on the far side.
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.inference.mixture import StudentMixture, fit_mixture
-from biaxbayes.inference.trend import QuadraticTrend, fit_trend
+from biaxbayes.inference.trend import Trend, fit_trend
 
 __all__ = ["Proposal", "edge_array", "first_proposal", "fit_proposal"]
 
@@ -30,14 +30,14 @@ class Proposal:
 
     Attributes
     ----------
-    trend : QuadraticTrend
+    trend : Trend
     mixture : StudentMixture
         In the straightened coordinates.
     edges : ndarray, shape (d, 2)
         Hard edges of the straightened coordinates; infinite where there is none.
     """
 
-    trend: QuadraticTrend
+    trend: Trend
     mixture: StudentMixture
     edges: np.ndarray
 
@@ -58,7 +58,7 @@ class Proposal:
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond an edge."""
-        r = self.trend.straighten(x)
+        r, log_jacobian = self.trend.straighten(x)
         images = [r]
         for j in self._bounded:
             mirrored = []
@@ -69,7 +69,7 @@ class Proposal:
                     mirrored.append(image)
             images += mirrored
         total = self.mixture.log_density(np.concatenate(images)).reshape(len(images), -1)
-        out = np.logaddexp.reduce(total, axis=0) - self.trend.log_scale
+        out = np.logaddexp.reduce(total, axis=0) + log_jacobian
         for j in self._bounded:
             low, high = self.edges[j]
             out[(r[:, j] < low) | (r[:, j] > high)] = -np.inf
@@ -82,6 +82,7 @@ class Proposal:
             "centre": self.trend.centre,
             "scale": self.trend.scale,
             "coefficients": self.trend.coefficients,
+            "widths": self.trend.widths,
             "weights": self.mixture.weights,
             "means": self.mixture.means,
             "factors": self.mixture.factors,
@@ -91,7 +92,7 @@ class Proposal:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Proposal:
         """Inverse of :meth:`arrays`."""
-        trend = QuadraticTrend(*(arrays[k] for k in ("order", "centre", "scale", "coefficients")))
+        trend = Trend(*(arrays[k] for k in ("order", "centre", "scale", "coefficients", "widths")))
         mixture = StudentMixture.from_factors(arrays["weights"], arrays["means"], arrays["factors"])
         return cls(trend, mixture, arrays["edges"])
 
@@ -118,7 +119,7 @@ def first_proposal(
     edges : ndarray, shape (d, 2)
     """
     d = means.shape[1]
-    trend = QuadraticTrend(np.arange(d), np.zeros(d), np.ones(d), np.zeros((d, 1)))
+    trend = Trend.none(d)
     lower = [np.linalg.qr(f.T, mode="r").T for f in factors]
     lower = [f * np.where(np.diag(f) < 0.0, -1.0, 1.0) for f in lower]
     return Proposal(trend, StudentMixture.from_factors(weights, means, np.array(lower)), edges)
@@ -149,7 +150,7 @@ def fit_proposal(
     if edges is None:
         edges = np.tile([-np.inf, np.inf], (d, 1))
     trend = fit_trend(points, np.isfinite(edges).any(axis=1))
-    r = trend.straighten(points)
+    r, _ = trend.straighten(points)
     limits = (edges[trend.order] - trend.centre[:, None]) / trend.scale[:, None]
     for j in np.flatnonzero(np.isfinite(limits).any(axis=1)):
         low, high = limits[j]

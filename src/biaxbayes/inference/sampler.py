@@ -18,7 +18,14 @@ from biaxbayes.inference.convergence import Convergence, assess
 from biaxbayes.inference.ensembles import Ensembles
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.proposal import Proposal
-from biaxbayes.inference.warmup import WarmUp, dispersed_starts, search, warm_up
+from biaxbayes.inference.warmup import (
+    POPULATION,
+    WarmUp,
+    dispersed_starts,
+    search,
+    tempered_points,
+    warm_up,
+)
 
 __all__ = ["Draws", "Plan", "Progress", "draw", "first_state"]
 
@@ -42,6 +49,10 @@ class Plan:
     seed : int
     workers : int
         Threads; the draws do not depend on it.
+    population : int
+        Points of a generation of the search before the walkers start.
+    first_block : int
+        Kept steps of each ensemble before the draws are judged for the first time.
     """
 
     ess: float = 2000.0
@@ -50,6 +61,8 @@ class Plan:
     walkers: int = 64
     seed: int = 1
     workers: int = 1
+    population: int = POPULATION
+    first_block: int = FIRST_BLOCK
 
 
 @dataclass(frozen=True)
@@ -74,7 +87,7 @@ class Progress:
 class State:
     """A run between two blocks; what a checkpoint holds."""
 
-    chart: int
+    softening: float
     proposal: Proposal
     members: list[dict[str, Any]]
     chain: np.ndarray
@@ -170,7 +183,7 @@ def draw(
             interrupted = True
             break
         grown = int(state.steps * (BLOCK_GROWTH - 1.0)) // 32 * 32
-        block = min(max(FIRST_BLOCK, grown), 8 * FIRST_BLOCK, plan.max_steps - state.steps)
+        block = min(max(plan.first_block, grown), 8 * FIRST_BLOCK, plan.max_steps - state.steps)
         state = _advance(ensembles, state, block, posterior)
         convergence = _judge(posterior, state, plan)
         progress(Progress("sampling", min(convergence.worst_ess / plan.ess, 0.99)))
@@ -213,7 +226,7 @@ def first_state(
     posterior.rejected[:] = 0
     search_seed, ensemble_seed = np.random.SeedSequence(plan.seed).spawn(2)
     rng = np.random.default_rng(search_seed)
-    proposal, population, log_weight = search(posterior, rng)
+    proposal, population, log_weight = search(posterior, rng, plan.population)
     walkers = max(plan.walkers, 4 * posterior.dimension)
     ensembles = Ensembles(
         posterior.log_prob,
@@ -222,14 +235,15 @@ def first_state(
         edges=posterior.edges,
         workers=plan.workers,
     )
+    spread = tempered_points(population, log_weight, rng)
     warmed = warm_up(
-        ensembles, proposal, progress=lambda text: progress(Progress(f"warming up: {text}"))
+        ensembles, proposal, spread, progress=lambda text: progress(Progress(f"warming up: {text}"))
     )
     assert ensembles.proposal is not None
     seconds["warm-up"] = time.perf_counter() - clock
     shape = (plan.ensembles, 0, walkers, posterior.dimension)
     state = State(
-        chart=posterior.chart,
+        softening=posterior.softening,
         proposal=ensembles.proposal,
         members=[m.snapshot() for m in ensembles.members],
         chain=np.empty(shape),
@@ -244,8 +258,8 @@ def first_state(
 
 def _ensembles(posterior: Posterior, plan: Plan, state: State) -> Ensembles:
     """Ensembles that continue from a state."""
-    if posterior.chart != state.chart:
-        posterior.use_chart(state.chart)
+    if posterior.softening != state.softening:
+        posterior.use_softening(state.softening)
     ensembles = Ensembles(
         posterior.log_prob,
         [m["coordinates"] for m in state.members],

@@ -9,18 +9,21 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.inference.coordinates import ANGULAR
+from biaxbayes.inference.coordinates import ANGULAR, SHEAR, softening_of
+from biaxbayes.inference.covering import cover
 from biaxbayes.inference.ensembles import DE_SHARE, POOR_ACCEPTANCE, Ensembles
 from biaxbayes.inference.mode import local_mode
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.priors import Prior
 from biaxbayes.inference.proposal import Proposal, edge_array, first_proposal, fit_proposal
 
-__all__ = ["WarmUp", "dispersed_starts", "search", "warm_up"]
+__all__ = ["WarmUp", "dispersed_starts", "search", "tempered_points", "warm_up"]
 
 ROUND_STEPS = 16
 FINAL_COMPONENTS = 12
 SEARCH_COMPONENTS = 6
+COVERING_ROUNDS = 2
+STICKY = 3.0  # log weight above the median at which differential evolution gets half the steps
 MAX_ROUNDS = 8
 ENOUGH = 0.65  # acceptance at which more adaptation buys little
 RISE = 0.02  # smallest rise of acceptance that is worth another round
@@ -51,7 +54,7 @@ class WarmUp:
 
 
 def search(
-    posterior: Posterior, rng: np.random.Generator
+    posterior: Posterior, rng: np.random.Generator, population: int = POPULATION
 ) -> tuple[Proposal, np.ndarray, np.ndarray]:
     """Find the posterior by population Monte Carlo (Cappe et al., J. Comput. Graph. Stat. 2004).
 
@@ -72,7 +75,7 @@ def search(
     proposal = _first_proposal(posterior, edges)
     best_share, stalled = 0.0, 0
     for _ in range(MAX_GENERATIONS):
-        u = proposal.sample(rng, POPULATION)
+        u = proposal.sample(rng, population)
         log_prob = posterior.log_prob(u)
         inside = np.isfinite(log_prob)
         log_weight = np.full(len(u), -np.inf)
@@ -86,10 +89,33 @@ def search(
             best_share = max(share, best_share)
             if share > TARGET_SHARE or stalled >= 2:
                 break
-        chosen = _resample(power * log_weight, POPULATION // 2, rng)
+        chosen = _resample(power * log_weight, population // 2, rng)
         with threadpool_limits(1, user_api="blas"):
             proposal = fit_proposal(u[chosen], rng, edges=edges, components=SEARCH_COMPONENTS)
-    return proposal, u, log_weight
+    return _recharted(posterior, u, log_weight, rng) or (proposal, u, log_weight)
+
+
+def _recharted(
+    posterior: Posterior, u: np.ndarray, log_weight: np.ndarray, rng: np.random.Generator
+) -> tuple[Proposal, np.ndarray, np.ndarray] | None:
+    """Move to a chart softened for the posterior, where the fit's own does not suit it."""
+    if posterior.chart != SHEAR:
+        return None
+    half = len(u) // 2
+    chosen = _resample(log_weight, half, rng)
+    natural = posterior.natural(u[np.isfinite(log_weight)])
+    typical = posterior.natural(u[chosen])
+    softening = softening_of(np.deg2rad(typical["alpha"]), typical["kappa"])
+    if 0.5 < softening / posterior.softening < 2.0:
+        return None
+    # Weights are ratios of densities in the same coordinates: they carry over.
+    weights = log_weight[np.isfinite(log_weight)]
+    posterior.use_softening(softening)
+    u = posterior.coordinates(natural)
+    edges = edge_array(posterior.edges, posterior.dimension)
+    picked = u[_resample(weights, half, rng)]
+    with threadpool_limits(1, user_api="blas"):
+        return fit_proposal(picked, rng, edges=edges, components=SEARCH_COMPONENTS), u, weights
 
 
 def effective_share(log_weight: np.ndarray) -> float:
@@ -136,6 +162,13 @@ def _first_proposal(posterior: Posterior, edges: np.ndarray) -> Proposal:
         np.array([0.4, 0.3, 0.1, 0.1, 0.1]),
         edges,
     )
+
+
+def tempered_points(
+    population: np.ndarray, log_weight: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Points of a population drawn by the square root of their weights, shape (n, d)."""
+    return population[_resample(0.5 * log_weight, len(population) // 2, rng)]
 
 
 def dispersed_starts(
@@ -222,6 +255,7 @@ def _spread(posterior: Posterior) -> np.ndarray:
 def warm_up(
     ensembles: Ensembles,
     proposal: Proposal,
+    spread: np.ndarray,
     *,
     progress: Callable[[str], None] = lambda text: None,
 ) -> WarmUp:
@@ -235,6 +269,10 @@ def warm_up(
     ensembles : Ensembles
     proposal : Proposal
         A first proposal.
+    spread : ndarray, shape (n, d)
+        Points spread wider than the posterior (:func:`tempered_points`). They make up a fifth
+        of what the final proposal is fitted to, so that it reaches into tails where walkers
+        were not yet: a proposal too narrow there would hold a walker for long.
     progress : callable
         Called with a short text at each round.
     """
@@ -242,31 +280,74 @@ def warm_up(
     ensembles.set_share(0.7)
     best, stalled, rounds = -1.0, 0, 0
     recent: list[np.ndarray] = []
+    recent_log_prob: list[np.ndarray] = []
     for rounds in range(1, MAX_ROUNDS + 1):
         ensembles.reset_counts()
-        chain, _ = ensembles.run(ROUND_STEPS)
+        chain, log_prob = ensembles.run(ROUND_STEPS)
         acceptance = ensembles.acceptance
         progress(f"adapting, acceptance {acceptance:.2f}")
         history = chain[:, ROUND_STEPS // 4 :].reshape(-1, chain.shape[-1])
         recent = [*recent[-2:], history]
+        recent_log_prob = [*recent_log_prob[-2:], log_prob[:, ROUND_STEPS // 4 :].ravel()]
         stalled = 0 if acceptance > best + RISE else stalled + 1
         best = max(best, acceptance)
         if rounds > 1 and (acceptance > ENOUGH or stalled >= 2):
             break
         ensembles.adapt(history)
     # The proposal that is kept: more components, from the last rounds together.
-    ensembles.adapt(np.concatenate(recent), components=FINAL_COMPONENTS)
+    points, log_prob = np.concatenate(recent), np.concatenate(recent_log_prob)
+    share = min(len(spread), len(points) // 4)
+    chosen = ensembles.rng.choice(len(spread), share, replace=False)
+    ensembles.adapt(np.concatenate([points, spread[chosen]]), components=FINAL_COMPONENTS)
+    assert ensembles.proposal is not None
+    ensembles.proposal = _covered(ensembles, ensembles.proposal, points, log_prob, 2 * len(spread))
     ensembles.reset_counts()
-    ensembles.run(ROUND_STEPS)
+    chain, log_prob = ensembles.run(ROUND_STEPS)
     best = ensembles.acceptance
-    share = 1.0 - DE_SHARE
-    message = ""
-    if best < POOR_ACCEPTANCE:
-        share = 0.1
-        message = (
-            f"the adapted proposal fits poorly (acceptance {best:.3f}); "
-            "sampling falls back on differential evolution, which takes longer"
-        )
+    share, message = _final_share(ensembles, chain, log_prob, best)
     ensembles.set_share(share)
     ensembles.freeze()
     return WarmUp(rounds, best, message)
+
+
+def _final_share(
+    ensembles: Ensembles, chain: np.ndarray, log_prob: np.ndarray, acceptance: float
+) -> tuple[float, str]:
+    """Share of independence steps that suits the proposal, and what to tell the user."""
+    if acceptance < POOR_ACCEPTANCE:
+        return 0.1, (
+            f"the adapted proposal fits poorly (acceptance {acceptance:.3f}); "
+            "sampling falls back on differential evolution, which takes longer"
+        )
+    assert ensembles.proposal is not None
+    points = chain.reshape(-1, chain.shape[-1])
+    log_weight = log_prob.ravel() - ensembles.proposal.log_density(points)
+    # Walkers that the proposal could hold for long need another way to move.
+    stuck = np.quantile(log_weight, 0.998) - np.median(log_weight)
+    return (1.0 - DE_SHARE if stuck < STICKY else 0.5), ""
+
+
+def _covered(
+    ensembles: Ensembles,
+    proposal: Proposal,
+    points: np.ndarray,
+    log_prob: np.ndarray,
+    size: int,
+) -> Proposal:
+    """The proposal with components added where walkers or its own draws find it short."""
+    log_density = ensembles.members[0].log_density
+    for _ in range(COVERING_ROUNDS):
+        fresh = proposal.sample(ensembles.rng, size)
+        fresh_log_prob = log_density(fresh)
+        inside = np.isfinite(fresh_log_prob)
+        fresh, fresh_log_prob = fresh[inside], fresh_log_prob[inside]
+        log_weight = fresh_log_prob - proposal.log_density(fresh)
+        top = log_weight.max()
+        log_mean = top + np.log(np.exp(log_weight - top).sum() / size)
+        points, first = np.unique(np.concatenate([points, fresh]), axis=0, return_index=True)
+        log_prob = np.concatenate([log_prob, fresh_log_prob])[first]
+        before = proposal
+        proposal = cover(proposal, points, log_prob, float(log_mean))
+        if proposal is before:
+            break
+    return proposal
