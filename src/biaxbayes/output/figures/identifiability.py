@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["VERDICT_COLOURS", "identifiability_figure"]
 
-# Okabe and Ito, from known to unknown; the word stands in the box, so colour is no one's only guide.
+# Okabe and Ito, from known to unknown; the word stands in the box, colour is only an aid.
 VERDICT_COLOURS = {
     IDENTIFIED: "#009E73",
     ONE_SIDED: "#56B4E9",
@@ -39,7 +39,7 @@ VERDICT_COLOURS = {
 }
 ROW_MM, HEAD_MM, FOOT_MM = 11.5, 7.0, 2.0
 PRIOR_GREY, POSTERIOR = "0.82", "#0072B2"
-EDGES = (0.0, 0.125, 0.42, 0.56, 1.0)  # of the columns, as shares of the width
+EDGES = (0.0, 0.125, 0.42, 0.57, 1.0)  # of the columns, as shares of the width
 MOST_ROWS = 16
 
 
@@ -91,7 +91,7 @@ def _row(figure: Figure, row: ParameterVerdict, bottom: float, height: float) ->
         x0, x1 = EDGES[1] + 0.01, EDGES[2] - 0.015
         ax = figure.add_axes((x0, bottom + 0.36 * height, x1 - x0, 0.58 * height))
         _densities(ax, row)
-        x0, x1 = EDGES[2] + 0.02, EDGES[3] - 0.035
+        x0, x1 = EDGES[2] + 0.02, EDGES[3] - 0.05
         bar = figure.add_axes((x0, bottom + 0.45 * height, x1 - x0, 0.22 * height))
         _contraction(bar, row.evidence.contraction)
     colour = VERDICT_COLOURS[row.verdict]

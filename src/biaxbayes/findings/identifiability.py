@@ -1,0 +1,256 @@
+"""Which parameters the data determine: a verdict on each, with its evidence.
+
+The verdicts are judged on the draws of a run and its priors alone. What they mean and every
+threshold are in ``docs/identifiability.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.findings import power_scaling
+from biaxbayes.findings.edges import edge_distances, find_edges
+from biaxbayes.findings.marginal import Density, count_modes, density
+from biaxbayes.findings.partners import Partners, find_partners
+from biaxbayes.findings.sampling_scale import Scale, judged_scales, prior_cumulative, prior_values
+from biaxbayes.findings.verdict import FIXED, NO_VERDICT, Evidence, Thresholds, decide
+from biaxbayes.findings.verdict_words import in_words
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.priors import Prior
+
+__all__ = ["Identifiability", "ParameterVerdict", "identify", "identify_draws"]
+
+INTERVAL = (0.05, 0.95)
+MOST_DRAWS = 20_000  # evenly chosen; more change no digit that matters
+
+
+@dataclass(frozen=True)
+class ParameterVerdict:
+    """The verdict on one parameter.
+
+    Attributes
+    ----------
+    scale : Scale
+    verdict : str
+        One of :data:`biaxbayes.findings.verdict.VERDICTS`.
+    words : str
+        The same as a sentence.
+    evidence : Evidence or None
+        None where the parameter was fixed or tied, or the draws are unusable.
+    prior, posterior : Density or None
+        On the sampling scale, for figures.
+    """
+
+    scale: Scale
+    verdict: str
+    words: str
+    evidence: Evidence | None = None
+    prior: Density | None = field(default=None, repr=False)
+    posterior: Density | None = field(default=None, repr=False)
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.scale.name
+
+    @property
+    def partners(self) -> tuple[str, ...]:
+        """Parameters that it trades with, whatever the verdict."""
+        return self.evidence.partners.names if self.evidence else ()
+
+    def record(self) -> dict[str, Any]:
+        """One row of ``identifiability.csv``."""
+        row: dict[str, Any] = {
+            "parameter": self.name,
+            "unit": self.scale.unit,
+            "verdict": self.verdict,
+            "in_words": self.words,
+        }
+        e = self.evidence
+        if e is None:
+            return row
+        row |= {
+            "median": e.median,
+            "low_90": e.low,
+            "high_90": e.high,
+            "scale": self.scale.label,
+            "prior_sd": e.prior_sd,
+            "posterior_sd": e.posterior_sd,
+            "contraction": e.contraction,
+            "prior_excluded": e.prior_excluded,
+        }
+        for edge in e.edges:
+            stem = f"{('low', 'high')[edge.side]}_edge"
+            row |= {
+                stem: edge.value,
+                f"{stem}_kind": edge.kind,
+                f"{stem}_distance": edge.distance,
+                f"{stem}_mass": edge.mass,
+                f"{stem}_prior_mass": edge.prior_mass,
+                f"{stem}_support": edge.support,
+            }
+        return row | {
+            "partners": " ".join(e.partners.names),
+            "spread_given_all": e.partners.spread_given_all,
+            "spread_given_partners": e.partners.spread_given_partners,
+            "modes": e.modes,
+            "prior_sensitivity": e.prior_sensitivity,
+            "likelihood_sensitivity": e.likelihood_sensitivity,
+        }
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Verdicts on all parameters of a run.
+
+    Attributes
+    ----------
+    parameters : tuple of ParameterVerdict
+    state : str
+        State of the run that the draws are from.
+    draws : int
+    thresholds : Thresholds
+    """
+
+    parameters: tuple[ParameterVerdict, ...]
+    state: str
+    draws: int
+    thresholds: Thresholds
+
+    def __getitem__(self, name: str) -> ParameterVerdict:
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise KeyError(name)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Verdicts and evidence, one row a parameter."""
+        return pd.DataFrame([p.record() for p in self.parameters])
+
+    def in_words(self) -> list[str]:
+        """One sentence a parameter."""
+        return [p.words for p in self.parameters]
+
+
+def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiability:
+    """Judge the parameters of a run.
+
+    Parameters
+    ----------
+    run : Run
+        Or anything with ``posterior()``, ``draws`` and ``state``.
+    thresholds : Thresholds, optional
+
+    Returns
+    -------
+    Identifiability
+    """
+    return identify_draws(run.posterior(), run.draws, run.state, thresholds=thresholds)
+
+
+def identify_draws(
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    state: str,
+    *,
+    thresholds: Thresholds | None = None,
+) -> Identifiability:
+    """Judge the parameters of a posterior by its draws.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        For the priors and the mounting readings.
+    draws : DataFrame
+        Natural quantities by the names of ``summary.csv``, with ``log_likelihood``.
+    state : {"reliable", "tentative", "unusable"}
+        Anything but ``reliable`` gives no verdict; the evidence of tentative draws is there all
+        the same, unusable ones give none.
+    thresholds : Thresholds, optional
+    """
+    chosen = thresholds or Thresholds()
+    total, draws = len(draws), draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+    scales = judged_scales(posterior.priors, draws)
+    free = tuple(s for s in scales if isinstance(s.prior, Prior))
+    evidence = {} if state == "unusable" else _evidence(posterior, draws, free, chosen)
+    isotropy = _isotropy_open({n: e for n, (e, _, _) in evidence.items()}, chosen)
+    out = []
+    for scale in scales:
+        if scale.name not in evidence:
+            verdict = NO_VERDICT if scale in free else FIXED
+            words = in_words(scale, verdict, None, chosen, state)
+            out.append(ParameterVerdict(scale, verdict, words))
+            continue
+        found, before, after = evidence[scale.name]
+        verdict = NO_VERDICT
+        if state == "reliable":
+            verdict = decide(found, chosen, isotropy_open=isotropy)
+        words = in_words(scale, verdict, found, chosen, state, isotropy_open=isotropy)
+        out.append(ParameterVerdict(scale, verdict, words, found, before, after))
+    return Identifiability(tuple(out), state, total, chosen)
+
+
+def _isotropy_open(evidence: dict[str, Evidence], thresholds: Thresholds) -> bool:
+    """Whether the data leave kappa = 1/3 possible."""
+    if "kappa" not in evidence:
+        return False
+    ends = evidence["kappa"].open_edges(thresholds)
+    return any(edge.side == 1 and edge.kind == "physical" for edge in ends)
+
+
+def _evidence(
+    posterior: Posterior, draws: pd.DataFrame, free: tuple[Scale, ...], thresholds: Thresholds
+) -> dict[str, tuple[Evidence, Density, Density]]:
+    values = np.column_stack([s.of(draws[s.name].to_numpy(dtype=float)) for s in free])
+    partners = find_partners(values, tuple(s.name for s in free))
+    by_prior = power_scaling.sensitivity(values, power_scaling.log_prior(free, draws))
+    by_data = power_scaling.sensitivity(values, power_scaling.log_likelihood(posterior, draws))
+    distances = edge_distances(draws, posterior.specimen)
+    return {
+        scale.name: _evidence_of(
+            scale,
+            draws[scale.name].to_numpy(dtype=float),
+            partners[scale.name],
+            (float(by_prior[j]), float(by_data[j])),
+            distances.get(scale.kind),
+            thresholds,
+        )
+        for j, scale in enumerate(free)
+    }
+
+
+def _evidence_of(
+    scale: Scale,
+    natural: np.ndarray,
+    partners: Partners,
+    sensitivity: tuple[float, float],
+    distance: float | None,
+    thresholds: Thresholds,
+) -> tuple[Evidence, Density, Density]:
+    prior = scale.prior
+    assert isinstance(prior, Prior)
+    x = scale.of(natural)
+    low_wall, high_wall = (float(v) for v in scale.of(np.maximum(scale.walls, 0.0)))
+    walls = (low_wall if scale.walls[0] > -np.inf else -np.inf, high_wall)
+    before = scale.of(prior_values(prior))
+    likelihood = density(prior_cumulative(prior, natural), (0.0, 1.0))
+    low, median, high = np.quantile(natural, [INTERVAL[0], 0.5, INTERVAL[1]])
+    evidence = Evidence(
+        kind=scale.kind,
+        median=float(median),
+        low=float(low),
+        high=float(high),
+        prior_sd=float(before.std()),
+        posterior_sd=float(x.std()),
+        prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),
+        edges=find_edges(scale, natural, likelihood, distance),
+        partners=partners,
+        modes=count_modes(x, walls),
+        prior_sensitivity=sensitivity[0],
+        likelihood_sensitivity=sensitivity[1],
+    )
+    return evidence, density(before, walls), density(x, walls)

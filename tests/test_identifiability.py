@@ -1,0 +1,344 @@
+"""Verdicts on specimens whose answer is known, and each piece of evidence on its own."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import norm
+
+from biaxbayes.findings.edges import find_edges
+from biaxbayes.findings.identifiability import identify, identify_draws
+from biaxbayes.findings.marginal import count_modes, density
+from biaxbayes.findings.partners import find_partners
+from biaxbayes.findings.power_scaling import cumulative_distance, sensitivity
+from biaxbayes.findings.sampling_scale import Scale, prior_cumulative, prior_values
+from biaxbayes.findings.verdict import (
+    COMBINATION,
+    FIXED,
+    IDENTIFIED,
+    NO_VERDICT,
+    ONE_SIDED,
+    PRIOR,
+    Thresholds,
+)
+from biaxbayes.inference.convergence import assess
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.priors import Prior
+from biaxbayes.mechanics.goh import GOH, PARAMETERS
+from biaxbayes.output.figures.identifiability import VERDICT_COLOURS, identifiability_figure
+from biaxbayes.output.identifiability_file import as_json, write_identifiability
+from biaxbayes.output.style import figure_bytes
+from quick_posteriors import EQUIBIAXIAL, Sampled, sampled, specimen
+
+# --- specimens built so that the answer is known ---
+
+CASES = {
+    "determined": {"material": GOH(10, 40, 5, 40, 0.15), "total_stretch": 1.25, "noise_N": 0.001},
+    "isotropic": {"material": GOH(10, 40, 5, 30, 1 / 3), "total_stretch": 1.25},
+    "aligned": {"material": GOH(10, 20, 5, 40, 0.0)},
+    "low": {"material": GOH(5, 100, 5, 40, 0.15), "total_stretch": 1.04, "noise_N": 0.003},
+    "equibiaxial": {
+        "material": GOH(10, 40, 5, 40, 0.15),
+        "ratios": EQUIBIAXIAL,
+        "noise_N": 0.005,
+    },
+}
+
+
+@cache
+def case(name: str) -> Sampled:
+    return sampled(specimen(**CASES[name]))
+
+
+def test_three_ratios_to_high_stretch_determine_all_five():
+    found = identify(case("determined"))
+    assert [found[name].verdict for name in PARAMETERS] == [IDENTIFIED] * 5
+    assert all(found[name].evidence.contraction > 0.99 for name in PARAMETERS)
+
+
+def test_the_angle_of_an_isotropic_material_is_not_determined():
+    found = identify(case("isotropic"))
+    assert found["kappa"].verdict == ONE_SIDED
+    assert found["kappa"].evidence.edges[1].support > 0.147
+    assert "1/3 (isotropic)" in found["kappa"].words
+    assert found["alpha"].verdict == PRIOR
+    assert "kappa = 1/3" in found["alpha"].words
+    # what does not depend on the angle is determined all the same
+    assert found["C1"].verdict == found["k1"].verdict == found["k2"].verdict == IDENTIFIED
+
+
+def test_low_stretch_does_not_determine_the_exponent():
+    found = identify(case("low"))["k2"]
+    assert found.verdict == PRIOR
+    assert found.evidence.contraction < 0.75
+    assert found.evidence.edges[0].support > 0.147
+    # the exponent carries prior information only: it moves with the prior more than any other
+    assert found.evidence.prior_sensitivity > 0.05
+
+
+def test_one_ratio_trades_dispersion_for_angle():
+    found = identify(case("equibiaxial"))
+    for name, other in (("kappa", "alpha"), ("alpha", "kappa")):
+        assert found[name].verdict == COMBINATION
+        assert other in found[name].partners
+        assert found[name].evidence.partners.spread_given_partners < 0.5
+
+
+def test_aligned_fibres_are_one_sided_not_undetermined():
+    found = identify(case("aligned"))["kappa"]
+    assert found.verdict == ONE_SIDED
+    low, high = found.evidence.edges
+    assert low.value == 0.0 and low.kind == "physical"
+    assert low.mass > 10 * low.prior_mass and low.prior_mass == pytest.approx(0.06)
+    assert high.support < 0.01
+    assert "do not exclude 0 (aligned fibres)" in found.words
+
+
+def test_a_stuck_chain_gives_no_verdict():
+    good = case("determined")
+    stuck = {name: q.copy() for name, q in good.chains.items()}
+    for q in stuck.values():
+        q[0] = q[0, :1, :1]  # the first ensemble has never moved
+    state = assess(stuck, target_ess=150.0).state
+    draws = pd.DataFrame({name: q.ravel() for name, q in stuck.items()})
+    assert state == "unusable"
+    found = identify_draws(good.posterior(), draws, state)
+    assert {p.verdict for p in found.parameters} == {NO_VERDICT}
+    assert all(p.evidence is None for p in found.parameters)  # no number to be misread either
+    assert "not reliable" in found["kappa"].words
+
+
+def test_tentative_draws_give_evidence_but_no_verdict():
+    good = case("determined")
+    found = identify_draws(good.posterior(), good.draws, "tentative")
+    assert {p.verdict for p in found.parameters} == {NO_VERDICT}
+    assert found["C1"].evidence.contraction > 0.99
+
+
+# --- draws made up, so that each rule is met alone ---
+
+
+def made_up(priors=None, **columns: np.ndarray) -> Sampled:
+    """Draws from the prior, but for the columns given."""
+    target = Posterior(
+        specimen(GOH(10, 20, 5, 40, 0.15)), noise="independent", priors=priors or {}, beta=1.0
+    )
+    rng = np.random.default_rng(1)
+    n = 8000
+    draws = {}
+    for name in (*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"):
+        prior = target.priors[name]
+        draws[name] = prior.sample(rng, n) if isinstance(prior, Prior) else np.full(n, prior)
+    reading, sd = target.specimen.mounting_readings(shared=True)
+    for k, axis in enumerate("xy"):
+        draws[f"mounting_force_{axis}"] = rng.normal(reading[0, k], sd[0, k], n)
+    draws["log_likelihood"] = np.zeros(n)
+    return Sampled(target, pd.DataFrame(draws | columns), "reliable", {})
+
+
+def test_draws_from_the_prior_are_prior_dominated():
+    found = identify(made_up())
+    assert {p.verdict for p in found.parameters} == {PRIOR}
+    for p in found.parameters:
+        assert abs(p.evidence.contraction) < 0.06
+        assert p.evidence.prior_excluded < 0.03
+        for edge in p.evidence.edges:
+            assert edge.support > 0.5
+            if edge.mass > 0.02:
+                assert edge.mass == pytest.approx(edge.prior_mass, rel=0.25)
+    # the information is the prior's alone
+    assert found["C1"].evidence.prior_sensitivity > 0.05
+    assert found["C1"].evidence.likelihood_sensitivity < 0.01
+    # a flat prior has no power to scale
+    assert found["kappa"].evidence.prior_sensitivity < 0.01
+
+
+def test_a_users_bound_is_not_a_physical_edge():
+    rng = np.random.default_rng(2)
+    piled = 0.1 - np.abs(rng.normal(0.0, 0.005, 8000))
+    cut = {"kappa": {"distribution": "uniform", "low": 0.0, "high": 0.1}}
+    found = identify(made_up(priors=cut, kappa=piled))["kappa"]
+    assert found.verdict == PRIOR
+    assert [e.kind for e in found.evidence.edges] == ["physical", "user"]
+    assert "held by the bound 0.100" in found.words
+    # the same draws below a physical edge
+    physical = 1 / 3 - np.abs(rng.normal(0.0, 0.005, 8000))
+    assert identify(made_up(kappa=physical))["kappa"].verdict == ONE_SIDED
+
+
+@pytest.mark.parametrize("mirror", [0.0, 90.0])
+def test_a_narrow_angle_at_a_mirror_is_identified(mirror):
+    away = np.abs(np.random.default_rng(8).normal(0.0, 2.0, 8000))
+    kappa = np.random.default_rng(9).normal(0.15, 0.01, 8000)
+    found = identify(made_up(alpha=np.abs(mirror - away), kappa=kappa))["alpha"]
+    assert found.verdict == IDENTIFIED
+    assert found.evidence.edges == ()
+    assert found.evidence.modes == 1
+
+
+def test_a_measured_angle_is_known_from_the_prior_not_from_the_data():
+    rng = np.random.default_rng(3)
+    priors = {"alpha": {"distribution": "normal", "mean": 41.0, "sd": 3.0}}
+    found = identify(made_up(priors=priors, alpha=rng.normal(41.0, 2.9, 8000)))["alpha"]
+    assert found.verdict == PRIOR
+
+
+def test_fixed_and_tied_parameters_are_said_to_be():
+    found = identify(made_up(priors={"kappa": 0.1}))
+    assert found["kappa"].verdict == FIXED and "fixed at 0.1" in found["kappa"].words
+    assert "kappa" not in {q for p in found.parameters for q in p.partners}
+
+
+def test_a_ridge_names_all_who_move_along_it():
+    rng = np.random.default_rng(4)
+    kappa = rng.uniform(0.02, 0.3, 8000)
+    alpha = 30.0 + 400.0 * kappa**2 + rng.normal(0.0, 0.3, 8000)
+    k1 = np.exp(3.0 + 6.0 * kappa + rng.normal(0.0, 0.02, 8000))
+    found = identify(made_up(kappa=kappa, alpha=alpha, k1=k1))
+    assert found["kappa"].verdict == COMBINATION
+    assert set(found["kappa"].partners) == {"alpha", "k1"}
+    assert "only in combination with" in found["kappa"].words
+
+
+# --- pieces of evidence ---
+
+
+def test_partners_reproduce_a_known_conditional_spread():
+    rng = np.random.default_rng(5)
+    x, noise, free = rng.normal(size=(3, 12000))
+    y = 0.8 * x + 0.5 * x**2 + 0.3 * noise
+    found = find_partners(np.column_stack([x, y, free]), ("x", "y", "free"))
+    assert found["y"].names == ("x",)
+    # sd of y is sqrt(0.64 + 2 * 0.25 + 0.09)
+    assert found["y"].spread_given_all == pytest.approx(0.3 / np.sqrt(1.23), rel=0.03)
+    assert found["free"].names == () and found["free"].spread_given_all > 0.98
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_modes_are_counted_and_noise_is_not(seed):
+    rng = np.random.default_rng(seed)
+    assert count_modes(rng.normal(size=4000)) == 1
+    assert count_modes(rng.uniform(0.0, 1.0, 4000), (0.0, 1.0)) == 1
+    assert count_modes(np.abs(rng.normal(size=4000)), (0.0, np.inf)) == 1
+    two = np.where(rng.random(4000) < 0.3, rng.normal(5.0, 1.0, 4000), rng.normal(size=4000))
+    assert count_modes(two) == 2
+    rare = np.where(rng.random(4000) < 0.01, rng.normal(9.0, 1.0, 4000), rng.normal(size=4000))
+    assert count_modes(rare) == 1
+    assert count_modes(np.full(100, 2.5)) == 1
+
+
+@pytest.mark.parametrize(
+    "prior",
+    [
+        Prior("normal", 1.0, 0.1, low=0.0),
+        Prior("normal", 41.0, 20.0, low=0.0, high=90.0),
+        Prior("lognormal", 10.0, 2.0),
+        Prior("lognormal", 10.0, 2.0, high=50.0),
+        Prior("uniform", low=0.0, high=1 / 3),
+        Prior("loguniform", low=0.01, high=500.0),
+    ],
+)
+def test_prior_probabilities_agree_with_the_priors_own_draws(prior):
+    draws = prior.sample(np.random.default_rng(6), 40_000)
+    for p in (0.03, 0.5, 0.9):
+        value = float(prior_values(prior, np.array([p]))[0])
+        assert (draws <= value).mean() == pytest.approx(p, abs=0.01)
+        assert float(prior_cumulative(prior, np.array([value]))[0]) == pytest.approx(p)
+    # so v = F(x) is uniform, and the averaged likelihood of draws from the prior is flat
+    flat = density(prior_cumulative(prior, draws), (0.0, 1.0))
+    assert flat.height.min() > 0.85 and flat.height.max() < 1.15
+
+
+def test_edge_support_is_a_likelihood_ratio():
+    # kappa with a flat prior and a normal likelihood around 0.03, cut at zero
+    rng = np.random.default_rng(7)
+    for z in (0.5, 1.5, 3.0):
+        draws = rng.normal(0.03, 0.03 / z, 60_000)
+        draws = draws[(draws > 0.0) & (draws < 1 / 3)]
+        scale = Scale("kappa", "kappa", Prior("uniform", low=0.0, high=1 / 3))
+        likelihood = density(prior_cumulative(scale.prior, draws), (0.0, 1.0))
+        low, _ = find_edges(scale, draws, likelihood, 0.02)
+        assert low.support == pytest.approx(np.exp(-0.5 * z * z), abs=0.04)
+        assert low.mass == pytest.approx((draws < 0.02).mean())
+
+
+def test_power_scaling_moves_a_normal_as_theory_says():
+    # A normal sample scaled by N(0, 1)^(a - 1) is normal again, with precision a.
+    x = norm.ppf((np.arange(20_000) + 0.5) / 20_000)
+    a = 1.01
+    distance = cumulative_distance(x, np.exp(-0.5 * (a - 1.0) * x * x))
+    grid = np.linspace(x[0], x[-1], 200_001)
+    P, Q = norm.cdf(grid), norm.cdf(grid * np.sqrt(a))
+    M = 0.5 * (P + Q)
+    step = grid[1] - grid[0]
+    expected = np.sqrt(
+        np.sum(P * np.log2(P / M) + Q * np.log2(Q / M)) * step / (np.sum(P + Q) * step)
+    )
+    assert distance == pytest.approx(expected, rel=0.02)
+    found = sensitivity(x[:, None], -0.5 * x * x)[0]
+    assert found == pytest.approx(distance / np.log2(a), rel=0.01)
+
+
+# --- what is written ---
+
+
+def test_the_table_reads_back_and_holds_the_thresholds(tmp_path):
+    found = identify(case("aligned"))
+    path = tmp_path / "identifiability.csv"
+    write_identifiability(found, path)
+    back = pd.read_csv(path, comment="#")
+    assert list(back["parameter"]) == [p.name for p in found.parameters]
+    assert list(back["verdict"]) == [p.verdict for p in found.parameters]
+    np.testing.assert_allclose(
+        back["contraction"], [p.evidence.contraction for p in found.parameters], rtol=1e-5
+    )
+    head = " ".join(ln.lstrip("# ") for ln in path.read_text().splitlines() if ln[0] == "#")
+    for name, value in Thresholds().items():
+        assert f"{name} = {value:g}" in head
+    told = json.loads(as_json(found))
+    assert told["thresholds"]["edge_support"] == 0.147
+    assert [p["verdict"] for p in told["parameters"]] == [p.verdict for p in found.parameters]
+
+
+def test_the_protocols_name_may_hold_anything(tmp_path):
+    made = made_up()
+    names = ("mounting_stretch_x", "mounting_stretch_y", "mounting_force_x", "mounting_force_y")
+    draws = made.draws.rename(columns={name: f"{name}[a#1, b]" for name in names})
+    priors = {**made.target.priors}
+    for name in names[:2]:
+        priors[f"{name}[a#1, b]"] = priors.pop(name)
+    mounts = ("a#1, b",)
+    protocol = replace(made.target.specimen.protocols[0], name="a#1, b")
+    data = replace(made.target.specimen, protocols=(protocol,))
+    relabelled = SimpleNamespace(
+        priors=priors, mounts=mounts, specimen=data, settings=made.target.settings
+    )
+    found = identify_draws(relabelled, draws, "reliable")
+    write_identifiability(found, tmp_path / "i.csv")
+    back = pd.read_csv(tmp_path / "i.csv", comment="#")
+    assert "mounting_stretch_x[a#1, b]" in set(back["parameter"])
+
+
+def test_the_figure_is_drawn_at_print_size():
+    found = identify(case("aligned"))
+    figure = identifiability_figure(found)
+    assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
+    boxes = [t.get_text() for t in figure.texts]
+    assert [b for b in boxes if b in VERDICT_COLOURS] == [p.verdict for p in found.parameters]
+    assert figure_bytes(figure, "pdf").startswith(b"%PDF")
+
+
+def test_verdicts_are_quick():
+    import time
+
+    made = made_up()
+    many = pd.concat([made.draws] * 4, ignore_index=True)  # 32,000 draws
+    before = time.process_time()
+    identify_draws(made.target, many, "reliable")
+    assert time.process_time() - before < 1.0
