@@ -1,0 +1,546 @@
+"""Figures, measured: what is drawn where, at which size, and that no two texts meet."""
+
+import json
+import re
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.text import Text
+from scipy.stats import norm
+
+from biaxbayes.errors import InputError
+from biaxbayes.findings.bands import bands
+from biaxbayes.inference.settings import Settings
+from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.output.figures.bands import bands_figure
+from biaxbayes.output.figures.corner import corner_figure
+from biaxbayes.output.figures.mounting import mounting_figure
+from biaxbayes.output.figures.trace import trace_figure
+from biaxbayes.output.style import figure_bytes, print_style, read_style, save_figure
+from biaxbayes.output.truth_file import read_truth
+from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+
+HOSTILE = "a$b^2$ 100% <b>_x_ \\frac{ \n\t 中文 é " + "very long " * 30
+RATIOS = ((1.0, 1.0), (1.0, 0.75), (1.0, 0.5), (0.75, 1.0), (0.5, 1.0))
+
+
+def specimen_of(ratios=RATIOS[:1], increments=40, **kw) -> Specimen:
+    media = MATERIALS["donor2-media"]
+    specimen, _ = virtual_specimen(
+        media.material,
+        name="media",
+        mounting_stretch=(1.009, 1.010),
+        measured_stretch=1.2,
+        ratios=ratios,
+        increments=increments,
+        machine=Machine(noise_N=0.0006),
+        seed=1,
+        **kw,
+    )
+    return specimen
+
+
+def draws_of(n=4000, seed=3, states=("",), **columns) -> pd.DataFrame:
+    """Draws about the media of Table 6: correlated, kappa against its edge."""
+    rng = np.random.default_rng(seed)
+    z = rng.standard_normal((n, 5))
+    table = {
+        "C1": 2.98 * np.exp(0.3 * z[:, 0]),
+        "k1": 12.47 * np.exp(0.3 * (0.9 * z[:, 0] + 0.44 * z[:, 1])),
+        "k2": 1.88 * np.exp(0.2 * z[:, 2]),
+        "alpha": 39.0 - 2.0 * np.abs(z[:, 3]),
+        "kappa": 0.08 * np.abs(z[:, 4]),
+    }
+    for state in states:
+        tail = f"[{state}]" if state else ""
+        for axis, lm, f in (("x", 1.009, 0.0148), ("y", 1.010, 0.0135)):
+            table[f"mounting_stretch_{axis}{tail}"] = lm + 0.003 * rng.standard_normal(n)
+            table[f"mounting_force_{axis}{tail}"] = f + 0.0006 * rng.standard_normal(n)
+    table["noise_sd"] = 0.001 * np.exp(0.1 * rng.standard_normal(n))
+    return pd.DataFrame(table | {k: np.broadcast_to(v, n) for k, v in columns.items()})
+
+
+def in_view(figure) -> list[tuple[str, object]]:
+    """Texts without tick labels that matplotlib keeps in store but does not draw."""
+    spare = set()
+    for ax in figure.axes:
+        for axis, (low, high) in ((ax.xaxis, ax.get_xlim()), (ax.yaxis, ax.get_ylim())):
+            low, high = sorted((low, high))
+            for tick in axis.get_major_ticks() + axis.get_minor_ticks():
+                margin = 1e-6 * (high - low)
+                outside = not low - margin <= tick.get_loc() <= high + margin
+                drawn = tick in axis._update_ticks()
+                for label in (tick.label1, tick.label2):
+                    if outside or not drawn or not label.get_visible():
+                        spare.add(id(label))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        figure.draw_without_rendering()
+        return [
+            (t.get_text(), t.get_window_extent())
+            for t in figure.findobj(Text)
+            if id(t) not in spare and t.get_visible() and t.get_text().strip()
+        ]
+
+
+def assert_readable(figure, width_mm) -> None:
+    """Right size, nothing cut off, no two texts over each other, 7 to 9 points."""
+    assert figure.get_size_inches()[0] * 25.4 == pytest.approx(width_mm)
+    assert figure.get_size_inches()[1] * 25.4 < 250.0  # a page
+    found = in_view(figure)
+    assert found
+    frame = figure.bbox
+    for text, box in found:
+        assert box.x0 > frame.x0 - 0.5 and box.x1 < frame.x1 + 0.5, text
+        assert box.y0 > frame.y0 - 0.5 and box.y1 < frame.y1 + 0.5, text
+    ends = np.array([box.extents for _, box in found])
+    over = np.minimum(ends[:, None, 2:], ends[None, :, 2:]) - np.maximum(
+        ends[:, None, :2], ends[None, :, :2]
+    )
+    # Boxes count the line's full height; letters may come this close.
+    meet = np.triu((over[..., 0] > 0.5) & (over[..., 1] > 2.5), 1)
+    assert not meet.any(), [(found[i][0], found[j][0]) for i, j in np.argwhere(meet)]
+    for artist in figure.findobj(Text):
+        if artist.get_text().strip():
+            assert 7.0 <= artist.get_fontsize() <= 9.0
+
+
+def test_the_check_of_texts_sees_what_it_should():
+    from matplotlib.figure import Figure
+
+    for x, y, size in ((0.42, 0.5, 8.0), (0.98, 0.2, 8.0), (0.1, 0.1, 5.0)):
+        figure = Figure((3.0, 2.0))
+        figure.text(0.4, 0.5, "here", fontsize=8.0)
+        figure.text(x, y, "there", fontsize=size)
+        with pytest.raises(AssertionError):
+            assert_readable(figure, 76.2)
+
+
+# --- corner ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", [85.0, 180.0])
+@pytest.mark.parametrize("case", ["usual", "edges", "decades", "tight"])
+def test_corner_is_readable(width, case):
+    rng = np.random.default_rng(0)
+    n = 3000
+    columns = {
+        "usual": {},
+        "edges": {"kappa": rng.exponential(0.01, n), "alpha": 90.0 - rng.exponential(1.0, n)},
+        "decades": {
+            "k2": 10.0 ** rng.uniform(-3.0, 2.0, n),
+            "C1": 10.0 ** rng.uniform(-1.0, 5.0, n),
+            "kappa": rng.uniform(0.0, 1.0 / 3.0, n),
+            "alpha": rng.uniform(0.0, 90.0, n),
+        },
+        "tight": {"mounting_stretch_x": 1.0 + 1e-5 * rng.standard_normal(n)},
+    }[case]
+    draws = draws_of(n, **columns)
+    truth = {"C1": 2.98, "k1": 12.47, "kappa": 0.0, "alpha": 90.0}
+    assert_readable(corner_figure(draws, truth=truth, width_mm=width), width)
+
+
+def panel(figure, i, j):
+    return figure.axes[i * (i + 1) // 2 + j]
+
+
+def test_density_stays_up_at_a_physical_edge():
+    # Half-normal draws against kappa = 0: the density is highest there. A plain kernel estimate
+    # loses half of it over the edge.
+    rng = np.random.default_rng(2)
+    draws = draws_of(20_000, kappa=0.05 * np.abs(rng.standard_normal(20_000)))
+    ax = panel(corner_figure(draws), 4, 4)
+    assert ax.get_xlim()[0] == 0.0
+    x, y = max((line.get_xydata().T for line in ax.lines), key=lambda xy: xy.shape[1])
+    y = y / (y.sum() * (x[2] - x[1]))
+    assert x[0] == 0.0
+    for z in (0.0, 1.0, 2.0):
+        wanted = 2.0 * norm.pdf(z) / 0.05
+        assert np.interp(0.05 * z, x, y) == pytest.approx(wanted, rel=0.06), z
+
+
+def test_regions_reach_the_edge_and_hold_their_share():
+    # Independent quantities, kappa half-normal: the 90 % region touches kappa = 0.
+    from biaxbayes.findings.bounded_density import levels, span, surface
+
+    rng = np.random.default_rng(5)
+    n = 20_000
+    kappa, other = 0.05 * np.abs(rng.standard_normal(n)), rng.standard_normal(n)
+    axes = span(other), span(kappa, edges=(0.0, 1.0 / 3.0))
+    assert axes[1].low == 0.0 and axes[1].closed == (True, False)
+    x, y, density = surface(other, kappa, axes)
+    height = levels(density, (0.9,))[0]
+    assert y[0] == 0.0 and density[0].max() > height
+    inside = (
+        density[
+            np.clip(np.searchsorted(y, kappa), 1, len(y) - 2),
+            np.clip(np.searchsorted(x, other), 1, len(x) - 2),
+        ]
+        >= height
+    )
+    assert inside.mean() == pytest.approx(0.9, abs=0.02)
+    # (other, kappa/0.05) reflected is a standard normal: the region ends at radius 2.146
+    ends = x[density[0] >= height]
+    assert ends.max() == pytest.approx(2.146, abs=0.2)
+    assert ends.min() == pytest.approx(-2.146, abs=0.2)
+
+
+def test_narrow_ridge_stays_narrow():
+    from biaxbayes.findings.bounded_density import levels, span, surface
+
+    rng = np.random.default_rng(6)
+    a = rng.standard_normal(20_000)
+    b = a + 0.05 * rng.standard_normal(20_000)
+    x, y, density = surface(a, b, (span(a), span(b)))
+    height = levels(density, (0.9,))[0]
+    share = (density >= height).mean() * (x[-1] - x[0]) * (y[-1] - y[0])
+    # Area of the 90 % ellipse: pi * 4.605 * sqrt(det covariance)
+    assert share < 1.9 * np.pi * 4.605 * 0.05
+
+
+def test_interval_is_one_sided_at_an_edge_and_central_elsewhere():
+    from biaxbayes.findings.bounded_density import at_edges, curve, interval, span
+
+    rng = np.random.default_rng(1)
+    edge = rng.exponential(0.02, 10_000)
+    axis = span(edge, edges=(0.0, 1.0 / 3.0))
+    low, high = interval(edge, at_edges(curve(edge, axis)[1], axis))
+    assert low == edge.min() and high == pytest.approx(0.02 * np.log(10.0), rel=0.05)
+    middle = rng.normal(0.2, 0.01, 10_000)
+    axis = span(middle, edges=(0.0, 1.0 / 3.0))
+    low, high = interval(middle, at_edges(curve(middle, axis)[1], axis))
+    assert (low, high) == pytest.approx(0.2 + 0.01 * norm.ppf([0.05, 0.95]), abs=1e-3)
+
+
+def test_log_axis_where_the_spread_asks_and_only_there():
+    rng = np.random.default_rng(3)
+    figure = corner_figure(draws_of(2000, k2=10.0 ** rng.uniform(-2.0, 2.0, 2000)))
+    assert panel(figure, 2, 2).get_xscale() == "log"
+    assert panel(figure, 2, 0).get_yscale() == "log"
+    assert panel(figure, 0, 0).get_xscale() == "linear"
+
+
+def test_constant_columns_are_left_out():
+    figure = corner_figure(draws_of(500, kappa=0.0, alpha=45.0))
+    assert len(figure.axes) == 5 * 6 // 2
+    with pytest.raises(InputError, match="no parameter of this run varies"):
+        corner_figure(draws_of(1))
+
+
+def test_truth_and_comparison_are_drawn_and_named():
+    one, other = draws_of(1500), draws_of(1500, seed=9, kappa=0.1)
+    other["C1"] *= 1.5
+    names = ("media", HOSTILE)
+    figure = corner_figure(one, truth={"C1": 9.0}, compare=other, names=names, width_mm=180.0)
+    assert_readable(figure, 180.0)
+    written = [text for text, _ in in_view(figure)]
+    assert "truth" in written and "media" in written
+    ax = panel(figure, 0, 0)
+    assert ax.get_xlim()[0] < 9.0 < ax.get_xlim()[1]
+    assert any(np.allclose(line.get_xdata(), 9.0) for line in ax.lines)
+    assert_readable(corner_figure(one, compare=other, names=names, width_mm=85.0), 85.0)
+
+
+def test_separate_mounted_states_appear_as_their_mean():
+    draws = draws_of(1000, states=("1:1", "1:0.5"))
+    figure = corner_figure(draws)
+    assert len(figure.axes) == 7 * 8 // 2
+    labels = [ax.get_xlabel() for ax in figure.axes]
+    assert sum(label.startswith("mean") for label in labels) == 2
+
+
+def test_a_hundred_thousand_draws_are_fast():
+    import time
+
+    draws = draws_of(100_000)
+    corner_figure(draws_of(100))  # imports
+    before = time.process_time()
+    corner_figure(draws)
+    assert time.process_time() - before < 1.5
+
+
+# --- bands ----------------------------------------------------------------------------------
+
+
+def test_bands_of_certain_draws_are_the_model_and_its_noise():
+    # All draws alike: the credible band has no width, the predictive one is a normal.
+    specimen = specimen_of()
+    media = MATERIALS["donor2-media"].material
+    sure = pd.DataFrame(
+        {
+            "C1": [media.C1_kPa] * 8,
+            "k1": [media.k1_kPa] * 8,
+            "k2": [media.k2] * 8,
+            "alpha": [media.alpha_deg] * 8,
+            "kappa": [media.kappa] * 8,
+            "mounting_stretch_x": [1.009] * 8,
+            "mounting_stretch_y": [1.010] * 8,
+            "noise_sd": [0.002] * 8,
+        }
+    )
+    table = bands(specimen, sure)
+    for axis, direction in enumerate("xy"):
+        part = table[table["direction"] == direction]
+        p = specimen.protocols[0]
+        model = media.piola(p.stretch_x * 1.009, p.stretch_y * 1.010)[axis] * specimen.area[axis]
+        for level in (5, 50, 95):
+            np.testing.assert_allclose(part[f"credible_q{level:02d}"], model, rtol=1e-12)
+            wanted = model + 0.002 * norm.ppf(level / 100.0)
+            np.testing.assert_allclose(part[f"predictive_q{level:02d}"], wanted, rtol=1e-7)
+        np.testing.assert_array_equal(part["measured"], specimen.load(p)[:, axis])
+    grown = bands(specimen, sure.assign(noise_growth=0.05))
+    sd = np.hypot(0.002, 0.05 * grown["credible_q50"])
+    wanted = grown["credible_q50"] + sd * norm.ppf(0.95)
+    np.testing.assert_allclose(grown["predictive_q95"], wanted, rtol=1e-7)
+
+
+def test_geometry_zeroing_and_stress_pairs_in_bands():
+    from dataclasses import replace
+
+    specimen = specimen_of()
+    draws = draws_of(50)
+    one = draws.iloc[:1]
+    plain = bands(specimen, one)
+    mounted = bands(replace(specimen, geometry="mounted"), one)
+    # f = A0 P against f = Am lm P
+    for direction in "xy":
+        rows = plain["direction"] == direction
+        ratio = mounted["credible_q50"][rows] / plain["credible_q50"][rows]
+        np.testing.assert_allclose(ratio, one[f"mounting_stretch_{direction}"].iloc[0])
+    ignored = draws.drop(columns=[c for c in draws if c.startswith("mounting")])
+    zeroed = bands(specimen, ignored, settings=Settings(mounting="zeroed"))
+    first = zeroed[zeroed["row"] == 0]
+    np.testing.assert_allclose(first["measured"], 0.0, atol=1e-15)
+    np.testing.assert_allclose(first["credible_q50"], 0.0, atol=1e-12)
+    # A Cauchy file: nominal stress times measured stretch
+    p = specimen.protocols[0]
+    cauchy = replace(
+        specimen,
+        stress_pair="cauchy",
+        protocols=(replace(p, load_x=p.load_x * 1e3, load_y=p.load_y * 1e3),),
+    )
+    piola = replace(cauchy, stress_pair="piola")
+    a, b = bands(cauchy, draws), bands(piola, draws)
+    np.testing.assert_allclose(a["measured"], b["measured"])
+    np.testing.assert_allclose(a["credible_q95"], b["credible_q95"] * b["stretch"])
+
+
+def test_row_and_draw_limits_of_bands():
+    specimen = specimen_of(increments=400)
+    table = bands(specimen, draws_of(300), max_rows=30, max_draws=20)
+    rows = table["row"][table["direction"] == "x"].to_numpy()
+    assert len(rows) <= 30 and rows[0] == 0 and rows[-1] == 400
+    assert len(set(np.diff(rows)[:-1])) == 1  # every n-th
+
+
+@pytest.mark.parametrize("width", [85.0, 180.0])
+@pytest.mark.parametrize("ratios", [RATIOS[:1], RATIOS])
+def test_bands_figure_is_readable(width, ratios):
+    specimen = specimen_of(ratios, labels={"axis_x": "circumferential", "axis_y": "axial"})
+    figure = bands_figure(specimen, draws_of(300), width_mm=width)
+    assert_readable(figure, width)
+    assert len(figure.axes) == 3 * len(ratios)
+    named = " ".join(text.get_text() for text in figure.legends[0].get_texts())
+    for word in ("credible", "predictive", "circumferential", "axial", "90 %"):
+        assert word in named
+    top, res_x, res_y = figure.axes[:3]
+    assert "(N)" in top.get_ylabel()
+    assert any("residual" in ax.get_ylabel() for ax in (res_x, res_y))
+    assert top.get_xlim() == res_x.get_xlim() == res_y.get_xlim()
+
+
+def test_bands_of_two_points_and_of_many_protocols():
+    p = specimen_of().protocols[0]
+    two = Protocol(
+        "two",
+        *(getattr(p, c)[[0, -1]] for c in ("stretch_x", "stretch_y")),
+        *(getattr(p, c)[[0, -1]] for c in ("load_x", "load_y")),
+    )
+    few = Specimen("two", (two,), "force", "unloaded", 20.0, 20.0, 0.88, 0.0006)
+    assert_readable(bands_figure(few, draws_of(100)), 180.0)
+    many = tuple(Protocol(f"p{i}", p.stretch_x, p.stretch_y, p.load_x, p.load_y) for i in range(20))
+    crowd = Specimen("crowd", many, "force", "unloaded", 20.0, 20.0, 0.88, 0.0006)
+    for width, shown in ((180.0, 12), (85.0, 6)):
+        figure = bands_figure(crowd, draws_of(60), width_mm=width)
+        assert_readable(figure, width)
+        assert any(f"the first {shown} of 20" in text for text, _ in in_view(figure))
+
+
+def test_a_direction_that_is_held_is_drawn_over_the_other_one():
+    specimen = specimen_of(((1.0, 0.0),))
+    figure = bands_figure(specimen, draws_of(100))
+    assert figure.axes[2].get_xlabel() == "measured stretch in x"
+    low, high = figure.axes[0].get_xlim()
+    assert low < 1.02 and high > 1.19
+
+
+# --- mounting and traces --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("width", [85.0, 180.0])
+@pytest.mark.parametrize("states", [("",), tuple(f"{x:g}:{y:g}" for x, y in RATIOS)])
+def test_mounting_figure_is_readable(width, states):
+    specimen = specimen_of(RATIOS if len(states) > 1 else RATIOS[:1])
+    truth = {"mounting_stretch_x": 1.009, "mounting_stretch_y": 1.01}
+    figure = mounting_figure(specimen, draws_of(2000, states=states), truth=truth, width_mm=width)
+    assert_readable(figure, width)
+    assert "mounting force less its reading" in figure.axes[1].get_xlabel()
+    assert len(figure.axes[1].get_yticks()) == 2 * len(states)
+
+
+def test_mounting_figure_of_exact_and_of_ignored_runs():
+    specimen, draws = specimen_of(), draws_of(500)
+    reading = specimen.mounting_reading(specimen.protocols[0])
+    exact = draws.assign(mounting_force_x=reading[0], mounting_force_y=reading[1])
+    assert_readable(mounting_figure(specimen, exact), 180.0)
+    ignored = draws.drop(columns=[c for c in draws if c.startswith("mounting")])
+    with pytest.raises(InputError, match="does not infer the mounting stretch"):
+        mounting_figure(specimen, ignored)
+
+
+def test_posterior_and_reading_stand_where_they_are():
+    specimen, draws = specimen_of(), draws_of(4000)
+    reading = specimen.mounting_reading(specimen.protocols[0])
+    draws["mounting_force_x"] = reading[0] + 0.001 * np.linspace(-1.0, 1.0, len(draws))
+    ax = mounting_figure(specimen, draws).axes[1]
+    assert "mN" in ax.get_xlabel()
+    ends = [line.get_xdata() for line in ax.lines if len(np.atleast_1d(line.get_xdata())) == 2]
+    assert any(np.allclose(e, [-0.9, 0.9], atol=1e-2) for e in ends)  # 90 % of +-1 mN
+    noise = 0.6 * norm.ppf(0.95)
+    assert any(np.allclose(e, [-noise, noise], atol=1e-9) for e in ends)
+
+
+def chains_of(ensembles=4, steps=60, walkers=16, **shift) -> dict[str, np.ndarray]:
+    draws = draws_of(ensembles * steps * walkers)
+    chains = {str(k): v.to_numpy().reshape(ensembles, steps, walkers) for k, v in draws.items()}
+    for name, value in shift.items():
+        chains[name] = chains[name].copy()
+        chains[name][0] += value
+    return chains
+
+
+@pytest.mark.parametrize("width", [85.0, 180.0])
+def test_trace_figure_is_readable(width):
+    chains = chains_of()
+    figure = trace_figure(chains, unit="N", rhat={"C1": 1.0004, "lp": np.nan}, width_mm=width)
+    assert_readable(figure, width)
+    assert len(figure.axes) == 2 * 8
+    assert any("1.000" in text for text, _ in in_view(figure))
+
+
+def test_ranks_show_the_ensemble_that_disagrees():
+    figure = trace_figure(chains_of(kappa=0.5), names=["alpha", "kappa"])
+    alike, apart = figure.axes[1], figure.axes[3]
+    for ax, highest in ((alike, 1.5), (apart, 3.9)):
+        heights = [patch.get_data().values for patch in ax.patches]
+        assert len(heights) == 4
+        assert all(np.mean(h) == pytest.approx(1.0) for h in heights)
+        assert (max(h.max() for h in heights) > highest) == (ax is apart)
+    with pytest.raises(InputError, match="no quantity 'beta'"):
+        trace_figure(chains_of(), names=["beta"])
+
+
+# --- style, files, names --------------------------------------------------------------------
+
+
+def test_hostile_names_do_not_break_a_figure(tmp_path):
+    p = specimen_of().protocols[0]
+    names = (HOSTILE, "$", "$$", "x_{", "\\", "<svg>&amp;")
+    tests = tuple(Protocol(n, p.stretch_x, p.stretch_y, p.load_x, p.load_y) for n in names)
+    specimen = Specimen(
+        HOSTILE,
+        tests,
+        "force",
+        "unloaded",
+        20.0,
+        20.0,
+        0.88,
+        0.0006,
+        axis_x=HOSTILE,
+        axis_y="$\\alpha_{$",
+    )
+    draws = draws_of(200, states=names)
+    for make, kinds in ((bands_figure, ("pdf", "svg")), (mounting_figure, ("png",))):
+        figure = make(specimen, draws)
+        assert_readable(figure, 180.0)
+        for kind in kinds:
+            save_figure(figure, tmp_path / f"figure.{kind}")
+            assert (tmp_path / f"figure.{kind}").stat().st_size > 1000
+    chains = {f"C1[{HOSTILE}]": chains_of()["C1"]}
+    figure_bytes(trace_figure(chains), "pdf")
+
+
+def test_files_are_reproducible_and_hold_their_fonts():
+    figure = mounting_figure(specimen_of(), draws_of(300), width_mm=85.0)
+    for kind in ("pdf", "svg", "png"):
+        assert figure_bytes(figure, kind) == figure_bytes(figure, kind)
+    pdf = figure_bytes(figure, "pdf")
+    assert b"/FontFile2" in pdf and b"/Type3" not in pdf  # TrueType, embedded
+    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ", pdf)
+    assert float(box.group(1)) == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
+    svg = figure_bytes(figure, "svg")
+    assert b"<text" not in svg and b"font-family" not in svg  # letters are outlines
+
+
+def test_a_style_file_changes_fonts_and_colours(tmp_path):
+    path = tmp_path / "journal.mplstyle"
+    path.write_text(
+        "font.family: serif  # as the journal wants it\n"
+        "axes.prop_cycle: cycler('color', ['112233', '445566'])\n"
+        "xtick.labelsize: 7.5\nbackend: TkAgg\nsavefig.bbox: tight\n"
+    )
+    style = read_style(path)
+    figure = bands_figure(specimen_of(), draws_of(50), style=style, width_mm=85.0)
+    assert figure.axes[0].lines[0].get_color() == "#112233"
+    assert figure.axes[2].get_xticklabels()[0].get_fontsize() == 7.5
+    assert figure.axes[2].xaxis.label.get_fontfamily() == ["serif"]
+    pdf = figure_bytes(figure, "pdf", style)
+    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ", pdf)
+    assert float(box.group(1)) == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("axes.linewidht: 1", "'axes.linewidht' is no setting"),
+        ("nonsense", "'nonsense' is no setting"),
+        ("axes.linewidth: thick", "does not accept"),
+        ("text.usetex: True", "cannot be used"),
+    ],
+)
+def test_a_wrong_style_file_is_named_with_its_row(tmp_path, line, said):
+    path = tmp_path / "wrong.mplstyle"
+    path.write_text(f"font.size: 8\n{line}\n")
+    with pytest.raises(InputError, match=said) as caught:
+        read_style(path)
+    assert "wrong.mplstyle" in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_style(tmp_path / "absent.mplstyle")
+
+
+def test_the_session_keeps_its_own_settings():
+    import matplotlib as mpl
+
+    before = dict(mpl.rcParams)
+    with mpl.rc_context({"font.size": 20.0, "axes.grid": True}), print_style():
+        assert mpl.rcParams["font.size"] == 8.0 and not mpl.rcParams["axes.grid"]
+    assert dict(mpl.rcParams) == before
+
+
+def test_truth_files(tmp_path):
+    path = tmp_path / "truth.json"
+    path.write_text('{"C1": 2.98, "kappa": 0}')
+    assert read_truth(path, "any") == {"C1": 2.98, "kappa": 0.0}
+    entry = {"material": {"C1_kPa": 1.0, "alpha_deg": 39.0}, "mounting_stretch_x": 1.009}
+    path.write_text(json.dumps({"a": entry, "b": entry}))
+    assert read_truth(path, "b") == {"C1": 1.0, "alpha": 39.0, "mounting_stretch_x": 1.009}
+    with pytest.raises(InputError, match="no entry for specimen"):
+        read_truth(path, "c")
+    for text in ("[1]", "{", '{"C1": "x"}', '{"C1": NaN}', "{}"):
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_truth(path, "a")
+        assert "truth.json" in str(caught.value)
