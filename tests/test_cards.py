@@ -45,7 +45,9 @@ def stress(program: str, made: Card, x, y) -> np.ndarray:
 def specimen(name="media", material=MEDIA, ratios=((1.0, 1.0),), lm=(1.01, 1.02)) -> Specimen:
     protocols = []
     for ratio in ratios:
-        v = virtual_test(material, mounting_stretch=lm, measured_stretch=1.18, ratio=ratio)
+        v = virtual_test(
+            material, mounting_stretch=lm, measured_stretch=1.18, ratio=ratio, thickness_mm=0.88
+        )
         label = f"{ratio[0]:g}:{ratio[1]:g}"
         protocols.append(Protocol(label, v.measured_x, v.measured_y, v.force_x_N, v.force_y_N))
     return Specimen(name, tuple(protocols), "force", "unloaded", 20.0, 20.0, 0.88)

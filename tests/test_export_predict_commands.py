@@ -12,6 +12,8 @@ from biaxbayes.mechanics.materials import MATERIALS
 from biaxbayes.mechanics.virtual import virtual_test
 from biaxbayes.output.cards.abaqus import read_abaqus
 from biaxbayes.output.cards.febio import read_febio
+from biaxbayes.output.cards.selfcheck import biaxial_stress
+from biaxbayes.output.run import sample
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
 MEDIA = MATERIALS["weisbecker-media"].material
@@ -28,7 +30,7 @@ class SmallRun:
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
-    v = virtual_test(MEDIA, mounting_stretch=(1.01, 1.02), measured_stretch=1.18)
+    v = virtual_test(MEDIA, mounting_stretch=(1.01, 1.02), measured_stretch=1.18, thickness_mm=0.88)
     protocol = Protocol("1", v.measured_x, v.measured_y, v.force_x_N, v.force_y_N)
     specimen = Specimen(
         "media", (protocol,), "force", "unloaded", 20.0, 20.0, 0.88, axis_x="circumferential"
@@ -247,3 +249,36 @@ def test_the_same_call_gives_the_same_bytes(run, tmp_path):
         assert call("predict", run.path, *tube, "--out", out) == 0
     for name in ("inflation.csv", "inflation.pdf"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_a_sampled_run_goes_all_the_way(tmp_path):
+    """From a record to a card and a prediction that hold the truth they were made from."""
+    test = {"mounting_stretch": (1.01, 1.02), "measured_stretch": 1.18, "thickness_mm": 0.88}
+    v = virtual_test(MEDIA, increments=40, **test)
+    rng = np.random.default_rng(1)
+    force = [f + rng.normal(0.0, 0.002, f.size) for f in (v.force_x_N, v.force_y_N)]
+    specimen = Specimen(
+        "media",
+        (Protocol("1", v.measured_x, v.measured_y, *force),),
+        "force",
+        "unloaded",
+        20.0,
+        20.0,
+        0.88,
+        load_noise=0.002,
+    )
+    sampled = sample(specimen, out=tmp_path / "run", noise="independent", ess=200, workers=1)
+    assert sampled.state == "reliable"
+    assert call("export", sampled.path, "--to", "abaqus", "--at", "map") == 0
+    (file,) = (sampled.path / "cards-abaqus-kPa-mm").glob("*.inp")
+    card = read_abaqus(file.read_text())
+    path = np.linspace(1.05, 1.18, 6)
+    truth = np.array(MEDIA.cauchy(path, path))
+    got = np.array(biaxial_stress(card.isochoric_energy, path, path))
+    assert np.abs(got / truth - 1.0).max() < 0.03
+    assert call("predict", sampled.path, "--stretch", 1.18, "--probability", 0.99) == 0
+    table = pd.read_csv(sampled.path / "prediction.csv").iloc[20:]
+    states = table[["stretch_x", "stretch_y"]].to_numpy().T
+    for axis, true in zip("xy", MEDIA.cauchy(*states), strict=True):
+        assert (true > table[f"cauchy_{axis}_kPa_credible_low"]).mean() > 0.9
+        assert (true < table[f"cauchy_{axis}_kPa_credible_high"]).mean() > 0.9

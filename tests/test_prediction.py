@@ -22,7 +22,9 @@ MEDIA = MATERIALS["weisbecker-media"].material
 def specimen(ratios=((1.0, 1.0),), lm=(1.01, 1.02), geometry="unloaded") -> Specimen:
     protocols = []
     for ratio in ratios:
-        v = virtual_test(MEDIA, mounting_stretch=lm, measured_stretch=1.2, ratio=ratio)
+        v = virtual_test(
+            MEDIA, mounting_stretch=lm, measured_stretch=1.2, ratio=ratio, thickness_mm=0.88
+        )
         name = f"{ratio[0]:g}:{ratio[1]:g}"
         protocols.append(Protocol(name, v.measured_x, v.measured_y, v.force_x_N, v.force_y_N))
     return Specimen(

@@ -43,7 +43,7 @@ AGREEMENT = 1e-8
 
 MANIFEST = "manifest.csv"
 BULK_RATIO = 1000.0  # FEBio's material is nearly incompressible, never exactly
-STATES = 100
+STATES = 60
 CARD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*-\d{4,}\.(inp|feb)")
 
 
