@@ -6,9 +6,9 @@
     )
     ... warm up, move.adapt(history), ..., move.freeze(), sample
 
-The proposal is a heavy-tailed mixture around a quadratic trend, fitted to the walkers' own history. It does not depend
-on the walker's position, so that a good fit gives nearly independent draws. The acceptance ratio
-is the exact Metropolis-Hastings one,
+The proposal is a heavy-tailed mixture around a trend, fitted to the walkers' own history. It does
+not depend on the walker's position, so that a good fit gives nearly independent draws. The
+acceptance ratio is the exact Metropolis-Hastings one,
 
     min(1, pi(y) q(x) / (pi(x) q(y))),
 
@@ -112,7 +112,7 @@ class AdaptedIndependenceMove(Move):
         """One step of every walker; called by emcee."""
         if self.proposal is None:
             raise RuntimeError("the independence move has no proposal yet: call adapt first")
-        walkers, d = state.coords.shape
+        walkers = len(state.coords)
         proposals = self.proposal.sample(self.rng, self.sweeps * walkers)
         log_prob, blobs = model.compute_log_prob_fn(proposals)
         log_q = self.proposal.log_density(np.concatenate([state.coords, proposals]))

@@ -118,7 +118,7 @@ class Prior:
         if self._uniform:
             x = rng.uniform(low, high, size)
         else:
-            a, b = norm.cdf([(low - location) / scale, (high - location) / scale])
+            a, b = (float(norm.cdf((edge - location) / scale)) for edge in (low, high))
             x = location + scale * norm.ppf(rng.uniform(a, b, size))
         return np.exp(x) if self._logs else x
 

@@ -120,7 +120,7 @@ def first_proposal(
     """
     d = means.shape[1]
     trend = Trend.none(d)
-    lower = [np.linalg.qr(f.T, mode="r").T for f in factors]
+    lower = [np.asarray(np.linalg.qr(f.T, mode="r")).T for f in factors]
     lower = [f * np.where(np.diag(f) < 0.0, -1.0, 1.0) for f in lower]
     return Proposal(trend, StudentMixture.from_factors(weights, means, np.array(lower)), edges)
 

@@ -192,7 +192,8 @@ def draw(
             on_block(state)
     seconds["sampling"] = time.perf_counter() - clock
     if convergence is None:
-        convergence = Convergence((), *(np.empty(0) for _ in range(4)), 0, "unusable", "stopped")
+        none = np.empty(0)
+        convergence = Convergence((), none, none, none, none, 0, "unusable", "stopped")
     return Draws(
         chain=state.chain,
         quantities=_quantities(posterior, state.chain),

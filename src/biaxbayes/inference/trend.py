@@ -4,7 +4,8 @@ Coordinates are taken in a fixed order, those with hard edges first, then those 
 of others (the noise sd does). Each is standardised; from each a quadratic regression on its
 predecessors is subtracted, and what is left is divided by a width that depends on them too:
 
-    z_k = (x_k - centre_k) / scale_k,     r_k = (z_k - p_k(z_1 ... z_{k-1})) exp(-s_k(z_1 ... z_{k-1}))
+    z_k = (x_k - centre_k) / scale_k
+    r_k = (z_k - p_k(z_1 ... z_{k-1})) exp(-s_k(z_1 ... z_{k-1}))
 
 The map is triangular, so densities carry over with the factor exp(-sum s_k), and it is inverted
 one coordinate after the other.

@@ -230,7 +230,7 @@ def start_parameters(posterior: Posterior) -> dict[str, float]:
 
 def _spread(posterior: Posterior) -> np.ndarray:
     """Width of the dispersed starts in each sampling coordinate."""
-    reading, sd = posterior.specimen.mounting_readings(
+    _, sd = posterior.specimen.mounting_readings(
         shared=posterior.settings.mounting_stretch == "shared"
     )
     widths = {"C1": 0.4, "k1": 0.4, "k2": 0.5, "alpha": 0.3, "kappa": 0.3, "noise_sd": 0.3}
@@ -296,8 +296,8 @@ def warm_up(
         ensembles.adapt(history)
     # The proposal that is kept: more components, from the last rounds together.
     points, log_prob = np.concatenate(recent), np.concatenate(recent_log_prob)
-    share = min(len(spread), len(points) // 4)
-    chosen = ensembles.rng.choice(len(spread), share, replace=False)
+    count = min(len(spread), len(points) // 4)
+    chosen = ensembles.rng.choice(len(spread), count, replace=False)
     ensembles.adapt(np.concatenate([points, spread[chosen]]), components=FINAL_COMPONENTS)
     assert ensembles.proposal is not None
     ensembles.proposal = _covered(ensembles, ensembles.proposal, points, log_prob, 2 * len(spread))

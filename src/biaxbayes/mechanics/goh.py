@@ -102,8 +102,8 @@ def _state(k1, k2, alpha, kappa, lx, ly, fibre_switch):
     """Squared stretches, structure tensor, fibre strain, factor, its slope and the growth."""
     ax, ay = lx * lx, ly * ly
     az = 1.0 / (ax * ay)
-    H = structure_tensor(alpha, kappa)
-    E = fibre_strain(*H, ax, ay, az)
+    H = Hx, Hy, Hz = structure_tensor(alpha, kappa)
+    E = fibre_strain(Hx, Hy, Hz, ax, ay, az)
     growth = np.exp(k2 * E * E)
     e = fibre_factor(k1, E, growth, fibre_switch)
     slope = fibre_factor_slope(k1, k2, E, growth, fibre_switch)
@@ -135,7 +135,8 @@ def strain_energy(C1, k1, k2, alpha, kappa, stretch_x, stretch_y, *, fibre_switc
     """
     ax, ay = stretch_x * stretch_x, stretch_y * stretch_y
     az = 1.0 / (ax * ay)
-    E = fibre_strain(*structure_tensor(alpha, kappa), ax, ay, az)
+    Hx, Hy, Hz = structure_tensor(alpha, kappa)
+    E = fibre_strain(Hx, Hy, Hz, ax, ay, az)
     k2 = np.asarray(k2)
     # (exp(k2 E^2) - 1) / k2 -> E^2 as k2 -> 0
     safe = np.where(k2 == 0.0, 1.0, k2)
@@ -171,10 +172,10 @@ def cauchy_stress_by_log_stretch(
     ndarray, shape (2, 2, ...)
         First axis the stress, second the stretch; symmetric in the two.
     """
-    (ax, ay, az), H, _, e, slope, _ = _state(
+    (ax, ay, az), (Hx, Hy, Hz), _, e, slope, _ = _state(
         k1, k2, alpha, kappa, stretch_x, stretch_y, fibre_switch
     )
-    jxx, jxy, jyy = stress_jacobian(C1, *H, e, slope, ax, ay, az)
+    jxx, jxy, jyy = stress_jacobian(C1, Hx, Hy, Hz, e, slope, ax, ay, az)
     return np.array([[jxx, jxy], [jxy, jyy]])
 
 

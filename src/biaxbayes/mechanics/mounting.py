@@ -171,7 +171,7 @@ def mounted_state(
 
 @register_jitable
 def log_change_of_variables(x, y, jxx, jxy, jyy, mounted):
-    """ln |det d p0 / d lm| from the Jacobian of the balance in log stretch."""
+    """Give ln |det d p0 / d lm| from the Jacobian of the balance in log stretch."""
     # unloaded: dP_i/dlm_j = J_ij / (lm_i lm_j);  mounted: ds_i/dlm_j = J_ij / lm_j
     power = 1.0 if mounted else 2.0
     return np.log(jxx * jyy - jxy * jxy) - power * (x + y)

@@ -44,7 +44,7 @@ def _verdict(record: dict[str, Any]) -> str:
 def _table(run: Run) -> list[str]:
     lines = [f"{'parameter':<26}{'unit':<6}{'median':>10}{'5 %':>10}{'95 %':>10}"]
     for row in run.summary.itertuples():
-        cells = "".join(f"{_number(v):>10}" for v in (row.q50, row.q05, row.q95))
+        cells = "".join(f"{_number(float(str(v))):>10}" for v in (row.q50, row.q05, row.q95))
         lines.append(f"{_plain(str(row.parameter))[:25]:<26}{row.unit:<6}{cells}")
     if len(lines) > 24:
         hidden = len(lines) - 22

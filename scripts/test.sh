@@ -1,0 +1,13 @@
+#!/usr/bin/env bash
+# Create an environment, install biaxbayes with what its tests need, and run them.
+# Further arguments go to pytest: bash scripts/test.sh -m slow
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+source scripts/environment.sh .venv-test '.[dev]'
+
+ruff format --check src tests scripts
+ruff check src tests scripts
+mypy
+export OMP_NUM_THREADS=1 MPLBACKEND=Agg
+pytest -n "${BIAXBAYES_TEST_WORKERS:-2}" "$@"
