@@ -7,7 +7,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.findings.bands import evenly_chosen
-from biaxbayes.findings.material_draws import parameters, piola_noise
+from biaxbayes.findings.material_draws import Parameters, parameters, piola_noise
 from biaxbayes.findings.percentile_bands import (
     BANDS,
     band_columns,
@@ -135,20 +135,7 @@ def predict_diameter(
     axis = "xy".index(tube.circumferential)
     noise = piola_noise(draws, specimen, axis, piola, prediction_mounting(draws, None))
     unit = np.random.default_rng(seed).standard_normal((len(draws), 1))
-    offset = noise * unit
-    # The noise is one number a draw unless it grows with the load: then one a pressure as well.
-    if offset.shape[1] == 1:
-        parts = [(pressure, offset)]
-    else:
-        parts = [(pressure[j : j + 1], offset[:, j : j + 1]) for j in range(pressure.size)]
-    new = np.hstack(
-        [
-            inflation_stretch(
-                *theta, tube, p, fibre_switch=fibre_switch, piola_offset_kPa=shift[:, 0]
-            )
-            for p, shift in parts
-        ]
-    )
+    new = _disturbed_stretch(theta, tube, pressure, noise * unit, fibre_switch)
     columns: dict[str, np.ndarray] = {
         "pressure_kPa": pressure,
         "pressure_mmHg": pressure * MMHG_PER_KPA,
@@ -163,3 +150,22 @@ def predict_diameter(
     states = tube.stretches(columns["circumferential_stretch_median"])
     tested = prediction_range(draws, specimen, None, "total")
     return pd.DataFrame({**columns, "extrapolation": tested.extrapolation(*states)})
+
+
+def _disturbed_stretch(
+    theta: Parameters, tube: Tube, pressure: np.ndarray, offset: np.ndarray, fibre_switch: bool
+) -> np.ndarray:
+    """Stretches (n, m) when each draw's wall stress is off by ``offset``, (n, 1) or (n, m)."""
+    # The noise is one number a draw unless it grows with the load: then one a pressure as well.
+    if offset.shape[1] == 1:
+        parts = [(pressure, offset)]
+    else:
+        parts = [(pressure[j : j + 1], offset[:, j : j + 1]) for j in range(pressure.size)]
+    return np.hstack(
+        [
+            inflation_stretch(
+                *theta, tube, p, fibre_switch=fibre_switch, piola_offset_kPa=shift[:, 0]
+            )
+            for p, shift in parts
+        ]
+    )

@@ -129,19 +129,9 @@ def export_cards(
         file = f"{stem}-{row:0{digits}d}{PROGRAMS[program][2]}"
         deviation = _write_and_check(card, out / file, program, fitted, states)
         records.append(
-            {
-                "card": card.label,
-                "file": file,
-                "draw": int(row),
-                "weight": 1.0 / len(rows),
-                "C1_kPa": written.C1_kPa,
-                "k1_kPa": written.k1_kPa,
-                "k2": written.k2,
-                "alpha_deg": written.alpha_deg,
-                "kappa": written.kappa,
-                "bulk_modulus_kPa": np.nan if card.bulk_kPa is None else card.bulk_kPa,
-                "program": program,
-                "units": system.name,
+            {"card": card.label, "file": file, "draw": int(row), "weight": 1.0 / len(rows)}
+            | _parameters(card, program)
+            | {
                 "smallest_fibre_strain": fibres.smallest,
                 "switch_changes_stress_kPa": fibres.change_kPa,
                 "check_relative_deviation": deviation,
@@ -150,6 +140,21 @@ def export_cards(
     manifest = pd.DataFrame(records)
     atomic_write_text(out / MANIFEST, manifest.to_csv(index=False, lineterminator="\n"))
     return manifest
+
+
+def _parameters(card: Card, program: str) -> dict[str, object]:
+    """What a card says, as columns of the manifest."""
+    written = card.material
+    return {
+        "C1_kPa": written.C1_kPa,
+        "k1_kPa": written.k1_kPa,
+        "k2": written.k2,
+        "alpha_deg": written.alpha_deg,
+        "kappa": written.kappa,
+        "bulk_modulus_kPa": np.nan if card.bulk_kPa is None else card.bulk_kPa,
+        "program": program,
+        "units": card.units.name,
+    }
 
 
 def _bulk_modulus(fitted: GOH, states: np.ndarray, ratio: float | None) -> float | None:
