@@ -1,0 +1,432 @@
+"""The adapted independence move on analytic targets, beside emcee's own moves."""
+
+import emcee
+import numpy as np
+import pytest
+from scipy.stats import multivariate_t
+
+from analytic_targets import (
+    TARGETS,
+    banana,
+    gaussian,
+    half_bounded,
+    largest_departures,
+    limit,
+    one_step,
+    two_modes,
+)
+from biaxbayes.inference import moves
+from biaxbayes.inference.convergence import autocorrelation_time, split_rhat
+from biaxbayes.inference.ensembles import Ensembles
+from biaxbayes.inference.mixture import StudentMixture, fit_mixture
+from biaxbayes.inference.moves import AdaptedIndependenceMove
+from biaxbayes.inference.proposal import Proposal, edge_array, first_proposal, fit_proposal
+from biaxbayes.inference.trend import fit_trend
+
+IDS = [t.name for t in TARGETS]
+
+
+def fitted_move(target, *, points=3000, seed=1, **options):
+    """An independence move with a frozen proposal, fitted to exact draws."""
+    move = AdaptedIndependenceMove(np.random.default_rng(seed), edges=target.edges, **options)
+    move.adapt(target.sample(np.random.default_rng(seed + 100), points))
+    move.freeze()
+    return move
+
+
+# --- stationarity and detailed balance, every move in one harness ------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=IDS)
+@pytest.mark.parametrize(
+    "make",
+    [fitted_move, lambda t: emcee.moves.DEMove(), lambda t: emcee.moves.StretchMove()],
+    ids=["independence", "differential-evolution", "stretch"],
+)
+def test_a_step_leaves_the_target_and_is_reversible(make, target):
+    stationary, reversible = largest_departures(make(target), target)
+    assert stationary[0] < limit(stationary[1])
+    assert reversible[0] < limit(reversible[1])
+
+
+@pytest.mark.parametrize("sweeps", [1, 3])
+def test_sweeps_do_not_change_what_is_right(sweeps):
+    target = banana(6)
+    stationary, reversible = largest_departures(fitted_move(target, sweeps=sweeps), target)
+    assert stationary[0] < limit(stationary[1])
+    assert reversible[0] < limit(reversible[1])
+
+
+class WrongRatio(AdaptedIndependenceMove):
+    """The proposal density left out of the acceptance ratio."""
+
+    def propose(self, model, state):
+        kept = self.proposal
+        self.proposal = _Flat(kept)
+        try:
+            return super().propose(model, state)
+        finally:
+            self.proposal = kept
+
+
+class _Flat:
+    def __init__(self, proposal):
+        self.proposal = proposal
+
+    def sample(self, rng, size):
+        return self.proposal.sample(rng, size)
+
+    def log_density(self, x):
+        return np.zeros(len(x))
+
+
+class Scaled(_Flat):
+    """A proposal density that is ten percent wrong in its logarithm."""
+
+    def log_density(self, x):
+        return 0.9 * self.proposal.log_density(x)
+
+
+class Unfolded(_Flat):
+    """A folded sample with a density that forgets the images."""
+
+    def log_density(self, x):
+        q = self.proposal
+        r, log_jacobian = q.trend.straighten(x)
+        out = q.mixture.log_density(r) + log_jacobian
+        return np.where(np.isfinite(q.log_density(x)), out, -np.inf)
+
+
+def is_caught(move, target):
+    stationary, reversible = largest_departures(move, target)
+    return stationary[0] > limit(stationary[1]) or reversible[0] > limit(reversible[1])
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=IDS)
+def test_a_wrong_acceptance_ratio_is_caught(target):
+    right = fitted_move(target)
+    wrong = WrongRatio(np.random.default_rng(1), proposal=right.proposal)
+    assert is_caught(wrong, target)
+
+
+def test_a_slightly_wrong_proposal_density_is_caught():
+    target = half_bounded(6, with_edges=True)
+    move = fitted_move(target)
+    assert not is_caught(move, target)
+    move.proposal = Scaled(move.proposal)
+    assert is_caught(move, target)
+
+
+def test_forgotten_images_at_an_edge_are_caught():
+    """With a mixture that is not symmetric about the edge; a fitted one nearly is."""
+    target = half_bounded(6, with_edges=True)
+    d = target.dimension
+    mean = np.full((1, d), 0.5)
+    edges = edge_array(target.edges, d)
+    right = first_proposal(mean, [np.diag([1.0, 0.3, *np.full(d - 2, 1.5)])], np.ones(1), edges)
+    move = AdaptedIndependenceMove(np.random.default_rng(2), proposal=right)
+    assert not is_caught(move, target)
+    move.proposal = Unfolded(right)
+    assert is_caught(move, target)
+
+
+def test_a_later_sweep_judged_against_the_first_state_is_caught(monkeypatch):
+    """A mistake easy to make: every proposal compared with where the walker stood at first."""
+
+    def accept(log_prob, log_q, proposed_prob, proposed_q, log_u):
+        ok = log_u < (proposed_prob - proposed_q) - (log_prob - log_q)
+        chosen = np.where(ok.any(axis=0), len(ok) - 1 - ok[::-1].argmax(axis=0), -1)
+        return chosen, int(ok.sum())
+
+    target = gaussian(6)
+    move = AdaptedIndependenceMove(np.random.default_rng(1), components=1)
+    draws = target.sample(np.random.default_rng(2), 3000)
+    move.adapt(draws.mean(axis=0) + 2.0 * (draws - draws.mean(axis=0)))  # too wide
+    assert not is_caught(move, target)
+    monkeypatch.setattr(moves, "_accept", accept)
+    assert is_caught(move, target)
+
+
+# --- chains from dispersed starts ------------------------------------------------------------
+
+
+def chain_of(target, *, seed=7, steps=160):
+    """Chains of four ensembles that adapt to their pooled history, freeze, and are kept."""
+    rng = np.random.default_rng(seed)
+    d = target.dimension
+    starts = []
+    for _ in range(4):
+        start = target.sample(rng, max(64, 4 * d))
+        start = start.mean(axis=0) + 1.5 * (start - start.mean(axis=0))
+        if target.name.startswith("edge"):
+            start[:, 0], start[:, 1] = np.abs(start[:, 0]), np.abs(start[:, 1]) % 1
+        starts.append(start)
+    ensembles = Ensembles(
+        target.log_density, starts, np.random.SeedSequence(seed), edges=target.edges
+    )
+    ensembles.set_share(0.0)
+    history, _ = ensembles.run(40)
+    for _ in range(4):
+        ensembles.adapt(history[:, len(history[0]) // 2 :].reshape(-1, d))
+        ensembles.set_share(0.85)
+        history, _ = ensembles.run(30)
+    ensembles.freeze()
+    chain, _ = ensembles.run(steps)
+    return chain, ensembles.acceptance
+
+
+SLOW = ("banana-20", "edge-20-plain", "two-modes-20")
+
+
+@pytest.mark.parametrize(
+    "target",
+    [pytest.param(t, marks=[pytest.mark.slow] * (t.name in SLOW), id=t.name) for t in TARGETS],
+)
+def test_moments_and_quantiles_within_monte_carlo_error(target):
+    chain, acceptance = chain_of(target)
+    assert acceptance > (0.3 if target.dimension == 6 else 0.1)
+    exact = target.sample(np.random.default_rng(55), 60_000)
+    dimensions = [0, 1, 2, 3, target.dimension - 1]
+    for k in dimensions:
+        draws, truth = chain[..., k], exact[:, k]
+        assert split_rhat(draws) < 1.05
+        centre, scale = truth.mean(), truth.std()
+        levels = np.quantile(truth, [0.05, 0.5, 0.95])
+        functions = [lambda x, c=centre: x - c, lambda x, c=centre, s=scale: ((x - c) / s) ** 2]
+        functions += [lambda x, q=q: (x < q).astype(float) for q in levels]
+        for function in functions:
+            values, expected = function(draws), function(truth)
+            tau = autocorrelation_time(values)
+            error = np.sqrt(expected.var() * (tau / draws.size + 1 / truth.size))
+            # tau itself is an estimate: a margin on top of the simultaneous limit
+            z = abs(values.mean() - expected.mean()) / error
+            assert z < 1.25 * limit(5 * len(dimensions), 1e-3), (target.name, k)
+
+
+def test_mixing_is_that_of_nearly_independent_draws():
+    chain, acceptance = chain_of(gaussian(6), steps=400)
+    assert acceptance > 0.6
+    assert max(autocorrelation_time(chain[..., k]) for k in range(6)) < 3.0
+
+
+# --- the move as emcee users meet it -----------------------------------------------------------
+
+
+def test_adapting_after_the_freeze_is_refused():
+    target = gaussian(6)
+    move = fitted_move(target)
+    before = move.proposal
+    with pytest.raises(RuntimeError, match="frozen"):
+        move.adapt(target.sample(np.random.default_rng(2), 500))
+    assert move.proposal is before
+
+
+def test_a_step_without_a_proposal_is_refused():
+    sampler = emcee.EnsembleSampler(
+        16, 2, lambda x: -0.5 * (x**2).sum(axis=1), moves=AdaptedIndependenceMove(), vectorize=True
+    )
+    with pytest.raises(RuntimeError, match="adapt"):
+        sampler.run_mcmc(np.random.default_rng(0).standard_normal((16, 2)), 1)
+    with pytest.raises(ValueError, match="sweep"):
+        AdaptedIndependenceMove(sweeps=0)
+
+
+def test_any_log_density_with_blobs_and_without_vectorisation():
+    """One point at a time, -inf outside, a blob beside the density."""
+
+    def log_density(x):
+        return (-0.5 * float(x @ x) if x[0] > 0 else -np.inf), float(2 * x[0])
+
+    rng = np.random.default_rng(3)
+    start = np.abs(rng.standard_normal((24, 3)))
+    move = AdaptedIndependenceMove(rng, edges={0: (0.0, np.inf)}, components=2)
+    history = rng.standard_normal((600, 3))
+    history[:, 0] = np.abs(history[:, 0])
+    move.adapt(history)
+    move.freeze()
+    sampler = emcee.EnsembleSampler(24, 3, log_density, moves=move)
+    sampler.run_mcmc(start, 60)
+    np.testing.assert_allclose(sampler.get_blobs(flat=True), 2 * sampler.get_chain(flat=True)[:, 0])
+    assert (sampler.get_chain(flat=True)[:, 0] > 0).all()
+    # what emcee stores as the density is the density of what it stores as the chain
+    logs = -0.5 * (sampler.get_chain(flat=True) ** 2).sum(axis=1)
+    np.testing.assert_allclose(sampler.get_log_prob(flat=True), logs)
+    assert 0.3 < move.acceptance <= 1.0
+    assert move.tried == 24 * 60 * move.sweeps
+
+
+def test_same_seed_same_steps():
+    chains = []
+    for _ in range(2):
+        chain, _ = chain_of(two_modes(6), steps=20)
+        chains.append(chain)
+    np.testing.assert_array_equal(*chains)
+
+
+def test_proposals_beyond_an_edge_are_never_accepted():
+    """Where the density is positive beyond a stated edge, the folded move does not go."""
+    target = gaussian(2)
+    rng = np.random.default_rng(1)
+    move = AdaptedIndependenceMove(rng, edges={0: (-2.3, -1.7)})
+    inside = target.sample(rng, 60_000)
+    inside = inside[(inside[:, 0] > -2.3) & (inside[:, 0] < -1.7)]
+    move.adapt(inside[:2000])
+    after = one_step(move, target, inside[2000:2200])
+    assert ((after[:, 0] >= -2.3) & (after[:, 0] <= -1.7)).all()
+
+
+# --- the proposal density ----------------------------------------------------------------------
+
+
+def small_proposal(edges, seed=4):
+    """A two-dimensional proposal of three unlike components around a bent trend."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((4000, 2))
+    x[:, 0] = np.abs(x[:, 0]) if np.isfinite(edges[0, 0]) else x[:, 0]
+    if np.isfinite(edges[0, 1]):
+        x[:, 0] %= edges[0, 1]
+    x[:, 1] = 0.5 * x[:, 1] + 0.3 * x[:, 0] ** 2
+    return fit_proposal(x, rng, edges=edges, components=3)
+
+
+EDGES = {
+    "none": np.array([[-np.inf, np.inf], [-np.inf, np.inf]]),
+    "low": np.array([[0.0, np.inf], [-np.inf, np.inf]]),
+    "both": np.array([[0.0, 1.2], [-np.inf, np.inf]]),
+}
+
+
+@pytest.mark.parametrize("edges", EDGES.values(), ids=EDGES)
+def test_proposal_density_is_normalised_and_matches_its_draws(edges):
+    """Cell by cell: quadrature of the density against counted draws."""
+    q = small_proposal(edges)
+    rng = np.random.default_rng(8)
+    n = 100_000
+    draws = q.sample(rng, n)
+    inside = np.isfinite(q.log_density(draws))
+    low, high = max(edges[0, 0], -6.0), min(edges[0, 1], 6.0)
+    x_edges, y_edges = np.linspace(low, high, 13), np.linspace(-5, 14, 20)
+    counts, _, _ = np.histogram2d(*draws[inside].T, [x_edges, y_edges])
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    mass = np.zeros_like(counts)
+    for i in range(len(x_edges) - 1):
+        hx = 0.5 * (x_edges[i + 1] - x_edges[i])
+        xs = x_edges[i] + hx * (1 + nodes)
+        for j in range(len(y_edges) - 1):
+            hy = 0.5 * (y_edges[j + 1] - y_edges[j])
+            ys = y_edges[j] + hy * (1 + nodes)
+            grid = np.array(np.meshgrid(xs, ys, indexing="ij")).reshape(2, -1).T
+            density = np.exp(q.log_density(grid)).reshape(12, 12)
+            mass[i, j] = hx * hy * weights @ density @ weights
+    lost = 1 - inside.mean()  # folded beyond the far edge: no density, rejected
+    assert lost < (0.05 if np.isfinite(edges[0, 1]) else 1e-9)
+    beyond = 1 - counts.sum() / n  # lost, or outside the cells
+    assert beyond < 0.06
+    assert mass.sum() + beyond == pytest.approx(1.0, abs=4.5 * np.sqrt(0.06 / n))
+    expected = n * mass
+    big = expected > 25
+    z = (counts - expected)[big] / np.sqrt(expected[big])
+    assert big.sum() > 25
+    assert np.abs(z).max() < 4.5
+    assert (z**2).mean() == pytest.approx(1.0, abs=4.5 * np.sqrt(2 / big.sum()))
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=IDS)
+def test_importance_sampling_with_the_proposal_integrates_the_target_to_one(target):
+    move = fitted_move(target)
+    rng = np.random.default_rng(12)
+    x = move.proposal.sample(rng, 20_000)
+    log_q, log_p = move.proposal.log_density(x), target.log_density(x)
+    w = np.zeros(len(x))
+    inside = np.isfinite(log_p)
+    w[inside] = np.exp(log_p[inside] - log_q[inside])
+    assert abs(w.mean() - 1) < 5 * w.std() / np.sqrt(w.size)
+    # heavier tails than the target: no weight dominates
+    assert w.max() / w.sum() < 0.02
+
+
+def test_mixture_density_against_scipy():
+    rng = np.random.default_rng(3)
+    d = 4
+    factors = np.array([np.linalg.cholesky(np.cov(rng.standard_normal((d, 30)))) for _ in range(3)])
+    means, weights = rng.standard_normal((3, d)), np.array([0.2, 0.5, 0.3])
+    q = StudentMixture.from_factors(weights, means, factors)
+    x = 3 * rng.standard_normal((50, d))
+    expected = sum(
+        w * multivariate_t(m, f @ f.T, df=q.degrees).pdf(x)
+        for w, m, f in zip(weights, means, factors, strict=True)
+    )
+    np.testing.assert_allclose(q.log_density(x), np.log(expected), rtol=1e-10)
+
+
+@pytest.mark.parametrize("edges", [EDGES["low"], EDGES["both"]], ids=["low", "both"])
+def test_folding_adds_up_the_images_exactly(edges):
+    q = small_proposal(edges)
+    j = int(np.flatnonzero(np.isfinite(q.edges).any(axis=1))[0])
+    rng = np.random.default_rng(2)
+    x = q.sample(rng, 400)
+    x = x[np.isfinite(q.log_density(x))]
+    r, log_jacobian = q.trend.straighten(x)
+    total = np.exp(q.mixture.log_density(r))
+    for edge in q.edges[j][np.isfinite(q.edges[j])]:
+        image = r.copy()
+        image[:, j] = 2 * edge - image[:, j]
+        total += np.exp(q.mixture.log_density(image))
+    np.testing.assert_allclose(q.log_density(x), np.log(total) + log_jacobian, rtol=1e-10)
+    beyond = x.copy()
+    beyond[:, 0] = -1e-9
+    assert np.isneginf(q.log_density(beyond)).all()
+
+
+def test_first_proposal_is_the_stated_mixture_and_needs_no_triangle():
+    rng = np.random.default_rng(5)
+    factor = rng.standard_normal((3, 3))  # any square root
+    q = first_proposal(np.zeros((1, 3)), [factor], np.ones(1), edge_array({}, 3))
+    x = rng.standard_normal((20, 3))
+    expected = multivariate_t(np.zeros(3), factor @ factor.T, df=6.0).logpdf(x)
+    np.testing.assert_allclose(q.log_density(x), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 7, 20])
+def test_trend_is_inverted_exactly_and_knows_its_jacobian(d):
+    rng = np.random.default_rng(d)
+    points = rng.standard_normal((3000, d)) * np.geomspace(0.1, 3, d)
+    points[:, -1] = points[:, -1] * np.exp(0.5 * points[:, 0] / 0.1) + 100 * points[:, 0] ** 2
+    bounded = np.zeros(d, dtype=bool)
+    bounded[d // 2] = d > 2
+    trend = fit_trend(points, bounded)
+    x = points[:40] * 1.3
+    r, log_jacobian = trend.straighten(x)
+    np.testing.assert_allclose(trend.bend(r), x, rtol=1e-9, atol=1e-11)
+    for row, expected in zip(x[:8], log_jacobian[:8], strict=True):
+        h = 1e-6 * points.std(axis=0)
+        moved, _ = trend.straighten(np.concatenate([row + np.diag(h), row - np.diag(h)]))
+        jacobian = (moved[:d] - moved[d:]).T / (2 * h)
+        assert expected == pytest.approx(np.linalg.slogdet(jacobian)[1], abs=1e-5)
+    assert np.ptp(log_jacobian) > 0.1  # a funnel: the width follows the first coordinate
+    if d > 2:  # the bounded coordinate is only shifted and scaled: its edge stays straight
+        place = int(np.flatnonzero(trend.order == d // 2)[0])
+        z = (x[:, d // 2] - trend.centre[place]) / trend.scale[place]
+        np.testing.assert_allclose(r[:, place], z, rtol=1e-12)
+    straight = trend.straighten(points)[0][:, np.flatnonzero(trend.order == d - 1)[0]]
+    assert abs(np.corrcoef(straight, points[:, 0] ** 2)[0, 1]) < 0.1
+    assert abs(np.corrcoef(np.abs(straight), points[:, 0])[0, 1]) < 0.15
+
+
+def test_proposal_survives_a_checkpoint():
+    q = small_proposal(EDGES["both"])
+    again = Proposal.from_arrays(q.arrays())
+    x = q.sample(np.random.default_rng(3), 50)
+    np.testing.assert_array_equal(again.log_density(x), q.log_density(x))
+    np.testing.assert_array_equal(
+        again.sample(np.random.default_rng(4), 9), q.sample(np.random.default_rng(4), 9)
+    )
+
+
+def test_few_points_give_few_components_not_an_error():
+    rng = np.random.default_rng(1)
+    assert len(fit_mixture(rng.standard_normal((30, 6)), rng, components=8).weights) == 1
+    q = fit_proposal(np.tile([[1.0, 2.0]], (50, 1)) + 1e-9 * rng.standard_normal((50, 2)), rng)
+    assert np.isfinite(q.log_density(q.sample(rng, 10))).all()
+    constant = fit_proposal(np.column_stack([rng.standard_normal(200), np.ones(200)]), rng)
+    assert np.isfinite(constant.log_density(constant.sample(rng, 10))).all()
