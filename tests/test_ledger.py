@@ -1,0 +1,103 @@
+"""The ledger of treatments, against mechanics that states what ignoring a mounting stretch does."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from biaxbayes.commands.ledger import command
+from biaxbayes.errors import InputError
+from biaxbayes.findings.covered_stretches import BEYOND
+from biaxbayes.findings.ledger import TREATMENTS, Treated, ledger, treat
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.sampler import Plan
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.output.figures.ledger import ledger_figure
+from biaxbayes.specimens.specimen_file import write_specimen
+from quick_posteriors import specimen
+
+MATERIAL = GOH(15.0, 60.0, 8.0, 42.0, 0.1)
+
+
+@pytest.fixture(scope="module")
+def tested():
+    return specimen(MATERIAL, increments=10)
+
+
+@pytest.fixture(scope="module")
+def treated(tested):
+    plan = Plan(ess=150, seed=1, workers=2)
+    base = {"noise": "independent"}
+    modes = dict(zip(TREATMENTS, ("noisy", "ignored", "zeroed"), strict=True))
+    return {name: treat(tested, base | {"mounting": m}, plan) for name, m in modes.items()}
+
+
+def test_inferred_holds_the_true_stress_and_the_mistakes_do_not(treated):
+    found = ledger(treated, [1.1])
+    truth = MATERIAL.cauchy(1.1, 1.1)
+    for (_, row), true in zip(found.stresses.iterrows(), truth, strict=True):
+        assert abs(row["inferred_median"] - true) < 4.0 * row["inferred_sd"]
+        # A mounted state taken as the reference makes every total stretch too small.
+        assert row["ignored_q05"] > true
+        assert row["shift_ignored_sd"] > 5.0
+        assert row["shift_zeroed_sd"] < row["shift_ignored_sd"]
+
+
+def test_shift_is_in_standard_deviations_on_the_sampling_scale(treated):
+    found = ledger(treated)
+    rows = found.parameters.set_index("quantity")
+    inferred, ignored = (np.log(treated[n].draws["C1"]) for n in ("inferred", "ignored"))
+    expected = (ignored.median() - inferred.median()) / inferred.std()
+    assert rows.loc["C1", "shift_ignored_sd"] == pytest.approx(expected, rel=0.02)
+    lm = treated["inferred"].draws["mounting_stretch_y"]
+    expected = (1.0 - lm.median()) / lm.std()
+    assert rows.loc["mounting_stretch_y", "shift_zeroed_sd"] == pytest.approx(expected, rel=0.02)
+
+
+def test_same_draws_three_times_do_not_move(treated):
+    same = dict.fromkeys(TREATMENTS, treated["inferred"])
+    found = ledger(same)
+    assert np.all(found.table[["shift_ignored_sd", "shift_zeroed_sd"]] == 0.0)
+
+
+def test_default_stretches_end_at_the_largest_tested_one(treated):
+    found = ledger(treated)
+    at = sorted(set(found.stresses["total_stretch"]))
+    assert len(at) == 5
+    assert at[-1] == pytest.approx(1.2, abs=2e-3)
+    assert ledger(treated, [1.5]).stresses["extrapolation"].unique() == [BEYOND]
+    with pytest.raises(InputError, match="unloaded"):
+        ledger(treated, [1.0])
+
+
+def test_one_unreliable_treatment_makes_the_ledger_so(treated):
+    bad = {**treated, "zeroed": Treated(*_parts(treated["zeroed"]), "tentative")}
+    assert ledger(treated).reliable
+    assert not ledger(bad).reliable
+
+
+def _parts(found: Treated) -> tuple[Posterior, pd.DataFrame]:
+    return found.posterior, found.draws
+
+
+def test_figure_has_its_width(treated):
+    figure = ledger_figure(ledger(treated), width_mm=180.0)
+    assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
+    assert len(figure.axes) == 2
+
+
+def test_command_writes_table_and_figure(tested, tmp_path):
+    path = tmp_path / "tissue.csv"
+    write_specimen(tested, path)
+    out = tmp_path / "out"
+    arguments = [str(path), "--out", str(out), "--ess", "50", "--stretch", "1.1"]
+    done = CliRunner().invoke(command, arguments, standalone_mode=False)
+    assert done.exception is None
+    assert done.return_value in (0, 3)
+    table = pd.read_csv(out / "ledger.csv")
+    assert list(table["quantity"][-2:]) == ["cauchy_x", "cauchy_y"]
+    assert (out / "ledger.pdf").stat().st_size > 5000
+    refused = CliRunner().invoke(
+        command, [str(path), "--mounting", "ignored"], standalone_mode=False
+    )
+    assert isinstance(refused.exception, InputError)
