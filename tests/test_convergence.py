@@ -1,0 +1,167 @@
+"""Convergence diagnostics against ArviZ, analytic autocorrelation times, and chains that lie."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # ArviZ announces its next version
+    import arviz as az
+
+from biaxbayes.inference.convergence import (
+    assess,
+    autocorrelation_time,
+    effective_sample_size,
+    rank_normalised,
+    split_rhat,
+)
+
+SHAPE = (4, 400, 32)  # ensembles, steps, walkers
+
+
+def ar1(rho, shape=SHAPE, seed=0):
+    """Independent stationary AR(1) walkers; tau = (1 + rho) / (1 - rho)."""
+    rng = np.random.default_rng(seed)
+    x = np.empty(shape)
+    x[:, 0] = rng.standard_normal((shape[0], shape[2]))
+    for t in range(1, shape[1]):
+        noise = rng.standard_normal((shape[0], shape[2]))
+        x[:, t] = rho * x[:, t - 1] + np.sqrt(1 - rho**2) * noise
+    return x
+
+
+def as_walkers(x):
+    """ArviZ chains, one a walker."""
+    return x.transpose(0, 2, 1).reshape(-1, x.shape[1])
+
+
+def as_ensembles(x):
+    """ArviZ chains, one an ensemble, early steps first."""
+    return x.reshape(x.shape[0], -1)
+
+
+def arviz_value(function, draws, **kwargs):
+    return float(np.asarray(function(az.convert_to_dataset(draws), **kwargs)["x"]))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, -0.3])
+def test_autocorrelation_time_is_that_of_the_process(rho):
+    x = ar1(rho)
+    assert autocorrelation_time(x) == pytest.approx((1 + rho) / (1 - rho), rel=0.12)
+    # around any mean and in any unit
+    assert autocorrelation_time(1e6 + 3 * x) == pytest.approx(autocorrelation_time(x), rel=1e-6)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_effective_sizes_agree_with_arviz(rho):
+    x = ar1(rho)
+    c = assess({"a": x}, target_ess=100)
+    bulk = arviz_value(az.ess, as_walkers(x), method="bulk")
+    tail = arviz_value(az.ess, as_walkers(x), method="tail", prob=(0.05, 0.95))
+    assert c.ess_bulk[0] == pytest.approx(bulk, rel=0.15)
+    assert c.ess_tail[0] == pytest.approx(tail, rel=0.2)
+    assert c.ess_bulk[0] <= x.size
+    assert effective_sample_size(x) == pytest.approx(
+        arviz_value(az.ess, as_walkers(x), method="mean"), rel=0.15
+    )
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.05, 0.5])
+@pytest.mark.parametrize("stretch", [1.0, 1.3])
+def test_rhat_agrees_with_arviz(shift, stretch):
+    x = ar1(0.5)
+    x[0] = shift + stretch * x[0]
+    expected = arviz_value(az.rhat, as_ensembles(x), method="rank")
+    assert split_rhat(x) == pytest.approx(expected, abs=2e-4)
+    assert assess({"a": x}, target_ess=100).rhat[0] == split_rhat(x)
+
+
+def test_rhat_sees_a_drift_within_every_ensemble():
+    x = ar1(0.3) + np.linspace(0, 0.6, SHAPE[1])[:, None]
+    assert split_rhat(x) > 1.01
+    assert assess({"a": x}, target_ess=100).state != "reliable"
+
+
+def test_rank_normalisation_is_a_normal_score_with_ties():
+    z = rank_normalised(np.random.default_rng(0).exponential(size=(2, 500, 10)))
+    assert z.mean() == pytest.approx(0, abs=1e-12)
+    assert z.std() == pytest.approx(1, abs=0.01)
+    assert np.unique(rank_normalised(np.array([[[1.0, 2.0, 2.0, 9.0]]]))).size == 3
+
+
+def test_coverage_of_intervals_of_the_mean_is_what_the_effective_size_promises():
+    hits = 0
+    for seed in range(200):
+        x = ar1(0.7, (2, 120, 16), seed)
+        error = x.std() / np.sqrt(effective_sample_size(x))
+        hits += abs(x.mean()) < 1.96 * error
+    assert 180 <= hits <= 199  # 95 % of 200, within binomial error
+
+
+# --- states ----------------------------------------------------------------------------------
+
+
+def test_independent_draws_are_reliable():
+    x = np.random.default_rng(1).standard_normal(SHAPE)
+    c = assess({"a": x, "fixed": np.full(SHAPE, 3.0)}, target_ess=2000)
+    assert (c.state, c.reason) == ("reliable", "")
+    assert c.names == ("a",)
+    assert c.worst_ess > 2000 and c.worst_rhat < 1.01
+
+
+def test_too_few_draws_are_tentative_and_say_so():
+    x = ar1(0.8, (4, 300, 2))
+    c = assess({"a": x}, target_ess=2000)
+    assert c.state == "tentative"
+    assert "effective sample size of a" in c.reason and "2000" in c.reason
+
+
+def test_short_chains_are_not_reliable_however_many_walkers():
+    x = ar1(0.97, (4, 200, 200))
+    c = assess({"a": x}, target_ess=100)
+    assert c.state != "reliable"
+    assert "autocorrelation times of a" in c.reason or "R-hat" in c.reason
+
+
+def test_two_basins_between_ensembles_are_unusable():
+    x = np.random.default_rng(2).standard_normal(SHAPE)
+    x[3] += 4.0
+    c = assess({"good": ar1(0.0, seed=5), "bad": x}, target_ess=100)
+    assert c.state == "unusable"
+    assert c.reason.startswith("R-hat of bad")
+    assert c.worst_rhat > 1.5 and c.worst_ess < 200
+
+
+def test_two_basins_that_no_walker_crosses_are_not_reliable():
+    """Every ensemble holds the same share: R-hat is blind, the autocorrelation is not."""
+    x = np.random.default_rng(3).standard_normal(SHAPE)
+    x[:, :, ::4] += 6.0
+    c = assess({"a": x}, target_ess=100)
+    assert c.worst_rhat < 1.01
+    assert c.state != "reliable"
+    assert "autocorrelation times" in c.reason
+
+
+@pytest.mark.parametrize("steps", [128, 512, 1024])
+@pytest.mark.parametrize("stuck", [1, 4])
+def test_walkers_stuck_in_a_tail_are_noticed(steps, stuck):
+    x = np.random.default_rng(4).standard_normal((4, steps, 64))
+    x[0, :, :stuck] = 3.0 + 0.1 * np.arange(stuck)
+    assert assess({"a": x}, target_ess=2000).state != "reliable"
+
+
+def test_scale_differences_between_ensembles_are_seen():
+    x = np.random.default_rng(5).standard_normal(SHAPE)
+    x[1] *= 1.6
+    c = assess({"a": x}, target_ess=100)
+    assert c.state != "reliable" and c.reason.startswith("R-hat")
+
+
+def test_nothing_moving_or_nothing_there_is_unusable():
+    still = np.broadcast_to(np.random.default_rng(6).standard_normal((4, 1, 32)), SHAPE).copy()
+    assert assess({"a": still}, target_ess=100).state == "unusable"
+    assert assess({"a": np.ones(SHAPE)}, target_ess=100).state == "unusable"
+    one = np.random.default_rng(7).standard_normal((4, 1, 32))
+    assert assess({"a": one}, target_ess=100).state == "unusable"
+    assert split_rhat(np.repeat(np.arange(4.0)[:, None, None], 10, axis=1)) == np.inf
