@@ -15,7 +15,9 @@ __all__ = ["Span", "at_edges", "curve", "interval", "levels", "span", "surface"]
 
 BINS_1D, BINS_2D = 256, 96
 TAIL = 2.5
-"""Width of the kernel outside of the region of 90 %, relative to that inside."""
+"""Width of the kernel in the tails, relative to that elsewhere."""
+THIN = 0.12
+"""Tails are outside of the region of 90 %, and below this share of the highest density."""
 MARGIN = 0.08
 """Share of the range of the draws that is left free beside them."""
 TOUCHING = 0.5
@@ -157,7 +159,7 @@ def surface(
     closed = (axes[1].closed, axes[0].closed)
     smooth = _smoothed(grid, narrow, closed)
     # Few draws make the tails: a wider kernel there, as an adaptive estimate has it.
-    tail = smooth < levels(np.pad(smooth, 1), (0.9,))[0]
+    tail = smooth < min(levels(np.pad(smooth, 1), (0.9,))[0], THIN * smooth.max())
     smooth = _smoothed(np.where(tail, 0.0, grid), narrow, closed)
     smooth += _smoothed(np.where(tail, grid, 0.0), TAIL**2 * wide, closed)
     middle = (np.arange(BINS_2D) + 0.5) / BINS_2D

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -11,17 +10,15 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.findings.bands import bands, evenly_spaced
-from biaxbayes.findings.bounded_density import Span
 from biaxbayes.inference.settings import Settings
-from biaxbayes.output.figures.ticks import choose_ticks, set_ticks
+from biaxbayes.output.figures.bands_layout import Panels
+from biaxbayes.output.figures.lettering import shortened
 from biaxbayes.output.style import (
     CREDIBLE,
-    MM,
     PAGE_MM,
     PREDICTIVE,
     colour,
     font_points,
-    plain,
     print_style,
 )
 from biaxbayes.specimens.specimen import Specimen
@@ -34,12 +31,6 @@ __all__ = ["bands_figure"]
 
 ROWS, DRAWS = 81, 500
 """States of a curve and draws that the bands are computed from."""
-POINTS = 60
-"""Readings of a curve that are drawn."""
-MAX_ROWS = 3
-"""Rows of panels; what does not fit is left out, with a note."""
-LEAST_MM = 32.0
-"""Least width of a panel."""
 LOADS = {
     "force": "force (N)",
     "piola": "first Piola-Kirchhoff\nstress (kPa)",
@@ -82,10 +73,10 @@ def bands_figure(
     Returns
     -------
     matplotlib.figure.Figure
-        One panel a protocol (the first 12) with its residuals below. Readings are thinned to 60
-        a curve.
+        One panel a protocol (the first 12) with its residuals below. Readings are
+        thinned so that they can be told apart.
     """
-    panels = _Panels(len(specimen.protocols), width_mm)
+    panels = Panels(len(specimen.protocols), width_mm)
     shown = replace(specimen, protocols=specimen.protocols[: panels.count])
     table = bands(
         shown,
@@ -104,14 +95,16 @@ def bands_figure(
     scale, unit = _residual_unit(table, specimen.unit)
     with print_style(style):
         panels.draw()
+        size = font_points("axes.titlesize")
         for trio, test in zip(panels.axes, tests, strict=True):
             places, label = _abscissa(test)
             for axis, part in test.items():
-                _curve(trio["load"], part, places[axis], axis)
-                _residuals(trio[axis], part, places[axis], axis, scale)
+                _curve(trio["load"], part, places[axis], axis, panels.points)
+                _residuals(trio[axis], part, places[axis], axis, scale, panels.points)
             trio["y"].set_xlabel(label)
             if len(specimen.protocols) > 1:
-                trio["load"].set_title(plain(test["x"]["protocol"].iloc[0], 26), pad=2.0)
+                name = shortened(test["x"]["protocol"].iloc[0], panels.panel_mm, size)
+                trio["load"].set_title(name, pad=2.0)
         panels.finish(LOADS[specimen.stress_pair], f"residual ({unit})")
         _legend(panels, specimen, probability)
     return panels.figure
@@ -126,90 +119,6 @@ QUANTILES = (
     "predictive_high",
 )
 KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
-
-
-class _Panels:
-    """For each protocol a panel of the curves and below it the residuals in x and in y.
-
-    Everything has its place in millimetres, so that the width in print is exact.
-    """
-
-    LEFT, BETWEEN, RIGHT = 16.0, 3.5, 2.0
-    TITLE, STRIP, GAP, BELOW = 5.0, 10.5, 1.6, 10.0
-
-    def __init__(self, protocols: int, width_mm: float) -> None:
-        self.width_mm, self.protocols = width_mm, protocols
-        most = max(1, int((width_mm - self.LEFT) // LEAST_MM))
-        most = min(most, 3 if protocols <= 6 else 4)
-        self.count = min(protocols, most * MAX_ROWS)
-        self.down = math.ceil(self.count / most)
-        self.across = math.ceil(self.count / self.down)
-        self.axes: list[dict[str, Axes]] = []
-
-    def draw(self) -> None:
-        """Make the figure and its empty panels."""
-        from matplotlib.figure import Figure
-
-        narrow = self.width_mm < 120.0
-        self.legend_mm = (9.0 if narrow else 5.5) + (0.0 if self.count == self.protocols else 4.0)
-        free = self.width_mm - self.LEFT - self.RIGHT - (self.across - 1) * self.BETWEEN
-        width = free / self.across
-        load = min(width, 66.0 if self.across == 1 else 50.0)
-        title = self.TITLE if self.protocols > 1 else 1.5
-        row = title + load + 2.0 * (self.GAP + self.STRIP) + self.BELOW
-        self.height_mm = self.legend_mm + self.down * row
-        self.figure: Figure = Figure((self.width_mm * MM, self.height_mm * MM))
-        for number in range(self.count):
-            x = self.LEFT + (number % self.across) * (width + self.BETWEEN)
-            y = self.height_mm - self.legend_mm - (number // self.across) * row - title - load
-            trio = {"load": self._add(x, y, width, load)}
-            for axis in "xy":
-                y -= self.GAP + self.STRIP
-                trio[axis] = self._add(x, y, width, self.STRIP, trio["load"])
-                trio[axis].axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
-            for name in ("load", "x"):
-                trio[name].tick_params(labelbottom=False)
-            self.axes.append(trio)
-
-    def _add(self, x: float, y: float, width: float, height: float, over: Any = None) -> Axes:
-        w, h = self.width_mm, self.height_mm
-        return self.figure.add_axes((x / w, y / h, width / w, height / h), sharex=over)
-
-    def finish(self, load: str, residual: str) -> None:
-        """Common scales, so that panels can be compared; names of the axes at the left."""
-        for group in (("load",), ("x", "y")):
-            limits = np.array([trio[name].get_ylim() for trio in self.axes for name in group])
-            shown = Span(float(limits[:, 0].min()), float(limits[:, 1].max()))
-            for number, trio in enumerate(self.axes):
-                for name in group:
-                    trio[name].set_ylim(shown.low, shown.high)
-                    self._ticks(trio[name], shown, "y", labels=number % self.across == 0)
-        for number, trio in enumerate(self.axes):
-            self._ticks(trio["load"], Span(*trio["load"].get_xlim()), "x", labels=True)
-            if number % self.across == 0:
-                self._name(trio["load"], load, 0.5)
-                self._name(trio["y"], residual, 1.0 + 0.5 * self.GAP / self.STRIP)
-            below = number + self.across
-            label = trio["y"].get_xlabel()
-            if below < self.count and self.axes[below]["y"].get_xlabel() == label:
-                trio["y"].set_xlabel("")
-
-    def _ticks(self, ax: Axes, shown: Span, which: str, *, labels: bool) -> None:
-        across = which == "x"
-        box = ax.get_position()
-        side = box.width * self.width_mm if across else box.height * self.height_mm
-        overhang = 0.4 * self.BETWEEN if across else 0.4 * self.GAP
-        size = font_points(f"{which}tick.labelsize")
-        ticks = choose_ticks(shown, side, size, horizontal=across, overhang=overhang, most=6)
-        set_ticks(getattr(ax, f"{which}axis"), ticks, labels=labels)
-
-    def _name(self, ax: Axes, name: str, up: float) -> None:
-        """Name of a vertical axis at a fixed distance, centred ``up`` the axis."""
-        away = -(self.LEFT - (6.8 if "\n" in name else 3.6)) / (
-            ax.get_position().width * self.width_mm
-        )
-        ax.set_ylabel(name, linespacing=1.1)
-        ax.yaxis.set_label_coords(away, up)
 
 
 def _residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
@@ -247,28 +156,30 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
     return float(np.abs(np.diff(y)).sum()) <= 1.5 * float(np.ptp(y)) + 1e-300
 
 
-def _curve(ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str) -> None:
+def _curve(ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str, points: int) -> None:
     hue = colour(axis)
     order = np.argsort(x, kind="stable")
     for kind, opacity in KINDS:
         low, high = (part[f"{kind}_{end}"].to_numpy()[order] for end in ("low", "high"))
         ax.fill_between(x[order], low, high, color=hue, alpha=opacity, linewidth=0.0)
     ax.plot(x[order], part["median"].to_numpy()[order], color=hue, linewidth=0.8)
-    _points(ax, x, part["measured"].to_numpy(), axis)
+    _points(ax, x, part["measured"].to_numpy(), axis, points)
 
 
-def _residuals(ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str, scale: float) -> None:
+def _residuals(
+    ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str, scale: float, points: int
+) -> None:
     hue = colour(axis)
     order = np.argsort(x, kind="stable")
     about = {name: scale * (part[name] - part["median"]).to_numpy() for name in QUANTILES}
     for kind, opacity in KINDS:
         low, high = (about[f"{kind}_{end}"][order] for end in ("low", "high"))
         ax.fill_between(x[order], low, high, color=hue, alpha=opacity, linewidth=0.0)
-    _points(ax, x, scale * (part["measured"] - part["median"]).to_numpy(), axis)
+    _points(ax, x, scale * (part["measured"] - part["median"]).to_numpy(), axis, points)
 
 
-def _points(ax: Axes, x: np.ndarray, y: np.ndarray, axis: str) -> None:
-    chosen = evenly_spaced(len(x), POINTS)
+def _points(ax: Axes, x: np.ndarray, y: np.ndarray, axis: str, points: int) -> None:
+    chosen = evenly_spaced(len(x), points)
     ax.plot(
         x[chosen],
         y[chosen],
@@ -279,14 +190,15 @@ def _points(ax: Axes, x: np.ndarray, y: np.ndarray, axis: str) -> None:
     )
 
 
-def _legend(panels: _Panels, specimen: Specimen, probability: float) -> None:
+def _legend(panels: Panels, specimen: Specimen, probability: float) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    size = font_points("legend.fontsize")
     handles: list[Any] = []
     for axis, name in (("x", specimen.axis_x), ("y", specimen.axis_y)):
         line = Line2D([], [], color=colour(axis), marker=MARKERS[axis], **_MARKER)
-        line.set(linewidth=0.8, label=f"{axis}: {plain(name, 18)}" if name else axis)
+        line.set(linewidth=0.8, label=f"{axis}: {shortened(name, 30.0, size)}" if name else axis)
         handles.append(line)
     for kind, opacity in reversed(KINDS):
         label = f"{kind} band, {100 * probability:g} %"

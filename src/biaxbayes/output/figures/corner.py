@@ -23,10 +23,11 @@ from biaxbayes.findings.bounded_density import (
     surface,
 )
 from biaxbayes.output.figures.corner_layout import NARROW_MM, Entry, Grid, Heading, write_table
+from biaxbayes.output.figures.lettering import shortened
 from biaxbayes.output.figures.numbers import number, range_text
 from biaxbayes.output.figures.quantities import Quantity, corner_columns
 from biaxbayes.output.figures.regions import CONTENTS, regions
-from biaxbayes.output.style import PAGE_MM, colour, plain, print_style
+from biaxbayes.output.style import PAGE_MM, colour, font_points, print_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +48,24 @@ class Column(NamedTuple):
     quantity: Quantity
     axis: Span
     draws: list[np.ndarray | None]
+    fixed: list[float | None]
     truth: float | None
+
+
+class Found(NamedTuple):
+    """Median and interval of one quantity in one run."""
+
+    median: float
+    low: float
+    high: float
+    piled: tuple[bool, bool]
+
+    def cells(self, *, log: bool) -> list[str]:
+        """As two cells of the table."""
+        if self.low == self.high:
+            return [f"{self.median:.4g}", "fixed"]
+        median = number(self.median, self.low, self.high, log=log)
+        return [median, range_text(self.low, self.high, self.piled, log=log)]
 
 
 def corner_figure(
@@ -114,13 +132,21 @@ def _columns(
     for name, (q, values) in picked[0].items():
         drawn = [values, *(other[name][1] if name in other else None for other in picked[1:])]
         present = [d for d in drawn if d is not None]
+        fixed = [_constant(run, name) for run in runs]
         known = truth.get(name)
-        seen = () if known is None or not np.isfinite(known) else (float(known),)
-        axis = span(
-            *present, edges=q.edges, log=q.scale and _spread(present) > WIDE_SPREAD, include=seen
-        )
-        out.append(Column(q, axis, drawn, seen[0] if seen else None))
+        seen = [float(v) for v in (known, *fixed) if v is not None and np.isfinite(v)]
+        log = q.scale and _spread(present) > WIDE_SPREAD
+        axis = span(*present, edges=q.edges, log=log, include=tuple(seen))
+        shown = None if known is None or not np.isfinite(known) else float(known)
+        out.append(Column(q, axis, drawn, fixed, shown))
     return out
+
+
+def _constant(run: pd.DataFrame, name: str) -> float | None:
+    """The value of a column that does not vary."""
+    if name not in run or np.ptp(run[name].to_numpy()) > 0.0:
+        return None
+    return float(run[name].iloc[0])
 
 
 def _spread(columns: list[np.ndarray]) -> float:
@@ -128,24 +154,29 @@ def _spread(columns: list[np.ndarray]) -> float:
     return float(high / low) if low > 0.0 else np.inf
 
 
-def _marginal(
-    ax: Axes, column: Column, probability: float
-) -> list[tuple[float, float, float] | None]:
+def _marginal(ax: Axes, column: Column, probability: float) -> list[Found | None]:
     """Draw one quantity alone; median and interval of each run."""
-    out: list[tuple[float, float, float] | None] = []
+    out: list[Found | None] = []
     top = 0.0
     for run, values in enumerate(column.draws):
-        if values is None or np.ptp(values) == 0.0:
+        hue = colour(ROLES[run])
+        fixed = column.fixed[run]
+        if fixed is not None:
+            ax.axvline(fixed, color=hue, linewidth=0.9)
+            out.append(Found(fixed, fixed, fixed, (False, False)))
+            continue
+        if values is None:
             out.append(None)
             continue
         x, density = curve(values, column.axis)
-        low, high = interval(values, at_edges(density, column.axis), probability)
-        inside = (x >= low) & (x <= high)
-        ax.plot(x, density, color=colour(ROLES[run]), linewidth=0.9)
+        piled = at_edges(density, column.axis)
+        low, high = interval(values, piled, probability)
+        ax.plot(x, density, color=hue, linewidth=0.9)
         if run == 0:
-            ax.fill_between(x, density, where=list(inside), color=colour(ROLES[0]), alpha=0.3, lw=0)
+            inside = list((x >= low) & (x <= high))
+            ax.fill_between(x, density, where=inside, color=hue, alpha=0.3, linewidth=0.0)
         top = max(top, float(density.max()))
-        out.append((float(np.median(values)), low, high))
+        out.append(Found(float(np.median(values)), low, high, piled))
     if column.truth is not None:
         ax.axvline(column.truth, color="black", linewidth=0.8, linestyle=(0, (3, 2)))
     ax.set_ylim(0.0, 1.08 * top)
@@ -168,7 +199,7 @@ def _joint(ax: Axes, across: Column, up: Column) -> None:
 def _tabulate(
     grid: Grid,
     columns: list[Column],
-    rows: list[list[tuple[float, float, float] | None]],
+    rows: list[list[Found | None]],
     names: tuple[str, str] | None,
     probability: float,
 ) -> None:
@@ -179,27 +210,29 @@ def _tabulate(
     for run in range(len(columns[0].draws)):
         hue = colour(ROLES[run])
         head = content if not wide else f"{content} interval"
-        head = head if names is None else plain(names[run], 18)
+        head = (
+            head if names is None else shortened(names[run], 32.0, font_points("legend.fontsize"))
+        )
         headings += [Heading("median", 3 * run + 1, hue), Heading(head, 3 * run, hue)]
     known = any(c.truth is not None for c in columns)
     if known:
         headings.append(Heading("truth", 2))
     entries = []
     for column, runs in zip(columns, rows, strict=True):
-        q, log = column.quantity, column.axis.log
         cells: list[str] = []
         for found in runs:
-            if found is None:
-                cells += ["", ""]
-            else:
-                cells += [number(*found, log=log), range_text(*found[1:], q.edges, log=log)]
+            cells += ["", ""] if found is None else found.cells(log=column.axis.log)
         if known:
             cells.append("" if column.truth is None else f"{column.truth:.5g}")
+        q = column.quantity
         entries.append(Entry(q.label if wide else q.symbol, tuple(cells)))
     contents = ", ".join(f"{100 * c:g}" for c in CONTENTS)
-    notes = [f"regions: {contents} % of the draws"]
+    notes = [(f"regions: {contents} % of the draws", "0.3")]
     if names is not None:
-        notes.insert(0, f"{content} intervals")
+        notes.insert(0, (f"{content} intervals", "0.3"))
+        size = font_points("legend.fontsize")
+        other = shortened(names[1], 32.0 if wide else 22.0, size)
+        notes.append((f"outlines: {other}, 90 %" if wide else other, colour(ROLES[1])))
     if known:
-        notes.append("dashed: truth")
+        notes.append(("dashed: truth", "0.3"))
     write_table(grid, headings, entries, notes)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.findings.bounded_density import Span
-from biaxbayes.output.figures.ticks import POINT_MM, Ticks, choose_ticks, set_ticks, text_width
+from biaxbayes.output.figures.lettering import POINT_MM, text_width
+from biaxbayes.output.figures.ticks import Ticks, choose_ticks, set_ticks
 from biaxbayes.output.style import MM, font_points
 
 if TYPE_CHECKING:
@@ -176,9 +177,20 @@ class Entry:
 
 
 def write_table(
-    grid: Grid, headings: Sequence[Heading], entries: Sequence[Entry], footnotes: Sequence[str]
+    grid: Grid,
+    headings: Sequence[Heading],
+    entries: Sequence[Entry],
+    notes: Sequence[tuple[str, str]],
 ) -> None:
-    """Write as many columns of a table as the free corner holds, and the notes below it."""
+    """Write as many columns of a table as the free corner holds, and the notes below it.
+
+    Parameters
+    ----------
+    grid : Grid
+    headings, entries : sequence
+    notes : sequence of (str, str)
+        Text and colour; those that do not fit are left out.
+    """
     size = font_points("legend.fontsize")
     spacing = 1.45 if grid.width_mm >= NARROW_MM else 1.25
     line, gap = spacing * size * POINT_MM, 0.9 * size * POINT_MM
@@ -203,9 +215,9 @@ def write_table(
         left = right + symbols
         grid.write(left, line * (row + 1.8), entry.symbol, fontsize=size)
     down = line * (len(entries) + 2.4)
-    for note in footnotes:
+    for note, hue in notes:
         if text_width(note, size) <= grid.free_width(grid.margin + down + 0.2 * line):
-            grid.write(0.0, down, note, fontsize=size, horizontalalignment="right", color="0.3")
+            grid.write(0.0, down, note, fontsize=size, horizontalalignment="right", color=hue)
             down += line
 
 

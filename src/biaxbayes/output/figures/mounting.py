@@ -15,11 +15,12 @@ from biaxbayes.findings.bands import evenly_chosen
 from biaxbayes.findings.bounded_density import Span, span, surface
 from biaxbayes.findings.material_draws import mounting_labels
 from biaxbayes.inference.assemble import mounting_names
+from biaxbayes.output.figures.lettering import shortened, text_width
 from biaxbayes.output.figures.numbers import number
 from biaxbayes.output.figures.quantities import quantity
 from biaxbayes.output.figures.regions import CONTENTS, regions
-from biaxbayes.output.figures.ticks import choose_ticks, set_ticks, text_width
-from biaxbayes.output.style import MM, PAGE_MM, colour, font_points, plain, print_style
+from biaxbayes.output.figures.ticks import choose_ticks, set_ticks
+from biaxbayes.output.style import MM, PAGE_MM, colour, font_points, print_style
 from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
@@ -142,7 +143,17 @@ def _states(specimen: Specimen, draws: pd.DataFrame) -> list[State]:
             for kind in ("stretch", "force")
         )
         hue = colour(ROLES[i % len(ROLES)])
-        out.append(State(label, plain(label, 16), hue, stretch, force, readings[row], sds[row]))
+        out.append(
+            State(
+                label,
+                shortened(label, 28.0, font_points("ytick.labelsize")),
+                hue,
+                stretch,
+                force,
+                readings[row],
+                sds[row],
+            )
+        )
     return out
 
 

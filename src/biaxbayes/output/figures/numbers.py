@@ -27,13 +27,12 @@ def number(value: float, low: float, high: float, *, log: bool = False) -> str:
     return _signed(f"{round(value, digits):.{max(digits, 0)}f}")
 
 
-def range_text(low: float, high: float, edges: tuple[float, float], *, log: bool = False) -> str:
-    """An interval; one-sided where it starts or ends at a physical edge."""
+def range_text(low: float, high: float, piled: tuple[bool, bool], *, log: bool = False) -> str:
+    """An interval; one-sided where the draws pile up at its (low, high) end."""
     first, last = (number(v, low, high, log=log) for v in (low, high))
-    size = high - low
-    if low - edges[0] <= 0.01 * size:
+    if piled == (True, False):
         return f"< {last}"
-    if edges[1] - high <= 0.01 * size:
+    if piled == (False, True):
         return f"> {first}"
     return f"{first}–{last}"
 

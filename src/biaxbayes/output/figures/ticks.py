@@ -9,16 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from biaxbayes.findings.bounded_density import Span
+from biaxbayes.output.figures.lettering import POINT_MM, text_width
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
-__all__ = ["Ticks", "choose_ticks", "set_ticks", "text_width"]
-
-POINT_MM = 25.4 / 72.0
-NARROW = {".": 0.32, ",": 0.32, " ": 0.32, "(": 0.4, ")": 0.4, "[": 0.4, "]": 0.4}
-"""Widths of characters as shares of the font size; a digit is 0.64 wide."""
-_UNPRINTED = str.maketrans("", "", "$^{}")
+__all__ = ["Ticks", "choose_ticks", "set_ticks"]
 
 
 @dataclass(frozen=True)
@@ -39,13 +35,6 @@ class Ticks:
     texts: list[str]
     upright: bool
     extent: float
-
-
-def text_width(text: str, points: float) -> float:
-    """Width of a line in print, mm, rather over- than underestimated."""
-    if text.startswith("$"):
-        text = text.replace(r"\cdot", ".").translate(_UNPRINTED)
-    return sum(NARROW.get(ch, 0.64) for ch in text) * points * POINT_MM
 
 
 def choose_ticks(
