@@ -1,0 +1,70 @@
+"""The verb plot, on a run sampled here."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from biaxbayes.cli import main
+from biaxbayes.output.run import sample
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+def call(*arguments) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return int(ended.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plot") / "media.run"
+    return sample(DATA / "donor2-media.csv", out=folder, ess=300, workers=1).path
+
+
+@pytest.mark.parametrize("figure", ["bands", "mounting", "trace", "identifiability"])
+def test_each_figure_in_the_run_folder(run, figure, capsys):
+    assert call("plot", run, "--figure", figure, "--format", "svg", "--width-mm", 85) == 0
+    written = Path(capsys.readouterr().out.strip())
+    assert written.parent == run and written.suffix == ".svg"
+    head = written.read_text(encoding="utf-8")[:1500]
+    points = float(head.split('width="')[1].split("pt")[0])
+    assert points == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
+
+
+def test_corner_with_truth_comparison_and_style(run, tmp_path, capsys):
+    style = tmp_path / "journal.mplstyle"
+    style.write_text("axes.prop_cycle: cycler('color', ['123456', '654321'])\n")
+    out = tmp_path / "figure3"
+    arguments = ("--truth", DATA / "truth.json", "--compare", run, "--style", style, "--out", out)
+    assert call("plot", run, *arguments, "--format", "svg") == 0
+    assert capsys.readouterr().out.strip() == f"{out}.svg"
+    drawn = Path(f"{out}.svg").read_text(encoding="utf-8")
+    assert "#123456" in drawn and "#654321" in drawn and "#0072b2" not in drawn
+
+
+def test_the_file_name_decides_the_format(run, tmp_path):
+    assert call("plot", run, "--figure", "mounting", "--out", tmp_path / "a.PNG") == 0
+    assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
+    assert call("plot", run, "--figure", "mounting", "--out", tmp_path / "b.run1") == 0
+    assert (tmp_path / "b.run1.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
+    wrong = tmp_path / "truth.json"
+    wrong.write_text(json.dumps({"somebody else": {"material": {}}}))
+    cases = [
+        ((run, "--figure", "trace", "--truth", wrong), "does not go with --figure trace"),
+        ((run, "--figure", "bands", "--compare", run), "does not go with --figure bands"),
+        ((run, "--truth", wrong), "no entry for specimen 'donor2-media'"),
+        ((run, "--out", tmp_path / "a.png", "--format", "pdf"), "--format pdf does not go"),
+        ((run, "--style", tmp_path / "absent"), "the style cannot be read"),
+        ((tmp_path / "absent",), "is not a run folder"),
+        ((run, "--out", tmp_path / "no" / "folder" / "a.pdf"), "no"),
+    ]
+    for arguments, said in cases:
+        assert call("plot", *arguments) == 2
+        message = capsys.readouterr().err
+        assert said in message and message.count("\n") == 1
+    assert not list(tmp_path.glob("a.*"))
