@@ -1,0 +1,166 @@
+"""What the model misses: its errors beside the load cell's noise, and whether they are random."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtr
+
+from biaxbayes.findings.bands import evenly_chosen
+from biaxbayes.findings.curves import Curves
+from biaxbayes.findings.material_draws import mounting_labels
+from biaxbayes.inference.settings import Settings
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["misfit", "misfit_in_words"]
+
+BLOCK = 500_000
+"""Model values held at once."""
+SMOOTH = -3.0
+"""Runs fewer than expected by this many standard deviations are no accident."""
+TAILS = (0.05, 0.95)
+
+
+def misfit(
+    specimen: Specimen,
+    draws: pd.DataFrame,
+    *,
+    settings: Settings | None = None,
+    max_draws: int = 200,
+) -> pd.DataFrame:
+    """Posterior predictive check of every curve.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    draws : DataFrame
+        One row a draw, columns as in ``summary.csv``.
+    settings : Settings, optional
+        Those of the run.
+    max_draws : int
+        At most so many draws, evenly chosen.
+
+    Returns
+    -------
+    DataFrame
+        One row a protocol and direction: ``protocol``, ``direction``, ``readings``, ``rms`` (of
+        reading minus median model, in the unit of the file), ``peak`` (largest absolute load),
+        ``noise`` (of the load cell), ``autocorrelation`` (of neighbouring residuals), ``runs``
+        of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
+        errors), ``inside`` (share of the readings inside their own 90 % predictive
+        band). A Cauchy file is compared as nominal stress.
+    """
+    settings = settings or Settings()
+    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+    chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
+    columns = {str(name): chosen[name].to_numpy(dtype=float) for name in chosen.columns}
+    rows = []
+    for number, protocol in enumerate(data.protocols):
+        kept = slice(protocol.rest_rows, None)
+        stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[kept]
+        measured = data.load(protocol)[kept]
+        if not len(measured):
+            continue
+        median, below = np.empty_like(measured), np.empty_like(measured)
+        step = max(1, BLOCK // (2 * len(chosen)))
+        for first in range(0, len(measured), step):
+            part = slice(first, first + step)
+            curves = Curves(
+                specimen,
+                stretch[part],
+                measured[part],
+                np.full(len(stretch[part]), number),
+                mounting_labels(draws),
+                *specimen.mounting_readings(shared=settings.mounting_stretch == "shared"),
+                settings.fibre_switch,
+            )
+            median[part], below[part] = _model(curves, columns)
+        for axis, direction in enumerate("xy"):
+            residual = measured[:, axis] - median[:, axis]
+            share = below[:, axis]
+            rows.append(
+                {
+                    "protocol": protocol.name,
+                    "direction": direction,
+                    "readings": len(residual),
+                    "rms": float(np.sqrt(np.mean(residual**2))),
+                    "peak": float(np.abs(measured[:, axis]).max()),
+                    "noise": specimen.noise_sd,
+                    **_randomness(residual),
+                    "inside": float(np.mean((share >= TAILS[0]) & (share <= TAILS[1]))),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _model(curves: Curves, draws: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Median model, and the predictive probability of a smaller reading, shape (rows, 2)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        model = curves.model(draws)
+        sd = np.maximum(curves.total_sd(model, curves.noise(draws)), 1e-300)
+        # F(y) = mean over draws of Phi((y - m) / sd)
+        below = ndtr((curves.measured[None] - model) / sd).mean(axis=0)
+    return np.median(model, axis=0), below
+
+
+def _randomness(residual: np.ndarray) -> dict[str, float]:
+    """Correlation of neighbours, and runs of one sign beside what independence would give."""
+    centred = residual - residual.mean()
+    square = float(centred @ centred)
+    correlation = float(centred[:-1] @ centred[1:]) / square if square > 0.0 else np.nan
+    above = residual > 0.0
+    n = len(residual)
+    runs = 1 + int(np.count_nonzero(above[1:] != above[:-1]))
+    # Signs of independent errors about zero change at each of n - 1 steps with probability 1/2.
+    mean, sd = 0.5 * (n + 1), 0.5 * np.sqrt(max(n - 1, 1))
+    return {
+        "autocorrelation": correlation,
+        "runs": runs,
+        "expected_runs": mean,
+        "runs_z": (runs - mean) / sd,
+    }
+
+
+def misfit_in_words(table: pd.DataFrame) -> list[str]:
+    """What the check says, as sentences.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From :func:`misfit`.
+    """
+    if table.empty:
+        return ["There are no readings beyond the mounted state to check the model with."]
+    share = table["rms"] / table["peak"].clip(lower=1e-300)
+    worst = table.loc[share.idxmax()]
+    out = [
+        f"The median model misses the readings by {100 * share.min():.2g} to "
+        f"{100 * share.max():.2g} % of the peak load of the curve (root mean square); the most "
+        f"in direction {worst['direction']} of {worst['protocol']}."
+    ]
+    noise = float(table["noise"].iloc[0])
+    if noise > 0.0:
+        ratio = table["rms"] / noise
+        words = (
+            "the load cell's noise explains the misfit"
+            if ratio.max() < 1.5
+            else "the model, not the load cell, limits the fit"
+        )
+        out.append(
+            f"That is {ratio.min():.2g} to {ratio.max():.2g} times the noise of one load "
+            f"reading: {words}."
+        )
+    smooth = table[table["runs_z"] < SMOOTH]
+    if smooth.empty:
+        out.append("The signs of the residuals change as often as those of independent errors.")
+    else:
+        first = smooth.loc[smooth["runs_z"].idxmin()]
+        out.append(
+            f"In {len(smooth)} of {len(table)} curves the model misses smoothly: at worst "
+            f"{first['runs']:.0f} runs of one sign where independent errors would show "
+            f"{first['expected_runs']:.0f} (neighbouring residuals correlate at "
+            f"{first['autocorrelation']:.2f})."
+        )
+    total = float((table["inside"] * table["readings"]).sum() / table["readings"].sum())
+    out.append(f"{100 * total:.0f} % of the readings lie inside their 90 % predictive band.")
+    return out

@@ -1,0 +1,111 @@
+"""What the page says beside its tables: specimen, test, convergence, settings, versions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from biaxbayes.output.report.methods import prior_in_words
+from biaxbayes.output.report.names import cut
+from biaxbayes.output.run import Run
+
+__all__ = ["settings_facts", "specimen_facts", "state_words", "test_rows", "version_facts"]
+
+MEASURED = {
+    "force": "forces (N)",
+    "piola": "first Piola-Kirchhoff stress (kPa)",
+    "cauchy": "Cauchy stress (kPa)",
+}
+STATES = {
+    "reliable": "Reliable: the ensembles agree and hold enough independent draws.",
+    "tentative": "Tentative: not converged. Do not publish these numbers; sample longer.",
+    "unusable": "Not usable: the ensembles disagree, so the draws say nothing.",
+}
+
+
+def state_words(run: Run) -> tuple[str, str]:
+    """What to trust, and why not."""
+    return STATES[run.state], cut(run.provenance["convergence"]["reason"], 400)
+
+
+def specimen_facts(run: Run) -> list[tuple[str, str]]:
+    """Specimen and test at a glance, as pairs."""
+    s, record = run.specimen, run.provenance
+    facts = [("Specimen", cut(s.name))]
+    if s.layer:
+        facts.append(("Layer", cut(s.layer)))
+    axes = [f"{a}: {cut(n, 60)}" for a, n in (("x", s.axis_x), ("y", s.axis_y)) if n]
+    if axes:
+        facts.append(("Axes", ", ".join(axes)))
+    if s.edge_x_mm and s.edge_y_mm and s.thickness_mm:
+        size = f"{s.edge_x_mm:g} × {s.edge_y_mm:g} mm, {s.thickness_mm:g} mm thick"
+        facts.append(("Dimensions", f"{size}, {s.geometry}"))
+    else:
+        facts.append(("Reference of the stresses", f"{s.geometry} dimensions"))
+    facts.append(("Measured", MEASURED[s.stress_pair]))
+    if s.noise_sd > 0.0:
+        whose = "stated" if s.load_noise is not None else "estimated from the record"
+        facts.append(("Noise of one load reading", f"{s.noise_sd:.3g} {s.unit} ({whose})"))
+    facts.append(("File", cut(record.get("source", ""))))
+    return facts
+
+
+def test_rows(run: Run) -> list[dict[str, str]]:
+    """One row a protocol: what was reached."""
+    s = run.specimen
+    out = []
+    for p in s.protocols:
+        fx, fy = s.mounting_reading(p)
+        load = abs(s.load(p)).max(axis=0)
+        out.append(
+            {
+                "name": cut(p.name, 60),
+                "rows": f"{p.rows:,}",
+                "stretch_x": f"{p.stretch_x.max():.3f}",
+                "stretch_y": f"{p.stretch_y.max():.3f}",
+                "load_x": f"{load[0]:.3g}",
+                "load_y": f"{load[1]:.3g}",
+                "mounting": f"{fx:.3g}, {fy:.3g}",
+            }
+        )
+    return out
+
+
+def settings_facts(run: Run) -> list[tuple[str, str]]:
+    """Settings of the model and the priors, as pairs."""
+    record = run.provenance
+    settings = record["settings"]
+    facts = [
+        ("Mounting force", cut(settings.get("mounting", ""), 30)),
+        ("Mounted states", cut(settings.get("mounting_stretch", ""), 30)),
+        ("Errors", cut(settings.get("noise", ""), 30)),
+        ("Errors grow with the load", _yes(settings.get("noise_growth"))),
+        ("Fibres in extension only", _yes(settings.get("fibre_switch"))),
+    ]
+    priors = record.get("priors")
+    if isinstance(priors, dict):
+        facts += [(f"Prior of {cut(k, 40)}", prior_in_words(v)) for k, v in priors.items()]
+    return facts
+
+
+def version_facts(run: Run) -> list[tuple[str, str]]:
+    """Seed, hash, versions and seconds, as pairs."""
+    record = run.provenance
+    facts = [
+        ("biaxbayes", cut(record.get("biaxbayes", ""), 30)),
+        ("Seed", str(record["seed"])),
+        ("SHA-256 of the specimen", cut(record.get("specimen_sha256", ""), 64)),
+    ]
+    facts += [(cut(k, 30), cut(v, 30)) for k, v in _table(record, "versions").items()]
+    total = _table(record, "seconds").get("total")
+    if isinstance(total, int | float):
+        facts.append(("Time taken", f"{total:.0f} s"))
+    return facts
+
+
+def _table(record: dict[str, Any], key: str) -> dict[str, Any]:
+    value = record.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def _yes(value: object) -> str:
+    return "yes" if value is True else "no"

@@ -1,0 +1,137 @@
+"""The rows of the parameter table: number, interval and verdict of every quantity."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from functools import partial
+
+import pandas as pd
+
+from biaxbayes.output.figures.numbers import number
+from biaxbayes.output.report.names import MEANING, split
+from biaxbayes.output.run import Run
+
+__all__ = ["Row", "parameter_rows", "percent_stretch"]
+
+SCALES = ("C1", "k1", "k2", "noise_sd", "noise_growth")
+WIDE = 8.0
+"""Ratio of the ends of an interval from which two significant digits are all it deserves."""
+UNITS = {"deg": "°", "1": ""}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity of a run, as text.
+
+    Attributes
+    ----------
+    name, meaning, unit : str
+    median, low, high : str
+        Posterior median and central 90 % interval; a dash where the chains say nothing.
+    ess, rhat : str
+    verdict, words : str
+        From identifiability.csv; empty where there is none.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    median: str
+    low: str
+    high: str
+    ess: str
+    rhat: str
+    verdict: str = ""
+    words: str = ""
+
+    @property
+    def stem(self) -> str:
+        """Name without the protocol."""
+        return split(self.name)[0]
+
+    @property
+    def interval(self) -> str:
+        """Both ends; a fixed value has none."""
+        if self.low == self.high:
+            return "fixed" if self.low != DASH else DASH
+        return f"{self.low} to {self.high}"
+
+
+DASH = "–"
+
+
+def parameter_rows(run: Run) -> list[Row]:
+    """Rows of summary.csv joined with the verdicts of identifiability.csv."""
+    verdicts = _verdicts(run)
+    rows = []
+    for record in run.summary.to_dict("records"):
+        name, unit = str(record["parameter"]), str(record["unit"])
+        q05, q50, q95 = (float(record[k]) for k in ("q05", "q50", "q95"))
+        stem = split(name)[0]
+        wide = stem in SCALES and q05 > 0.0 and q95 / q05 > WIDE
+        write = _stretch if stem.startswith("mounting_stretch") else partial(number, log=wide)
+        told = [DASH if math.isnan(v) else write(v, q05, q95) for v in (q50, q05, q95)]
+        ess = min(float(record["ess_bulk"]), float(record["ess_tail"]))
+        rhat = float(record["rhat"])
+        rows.append(
+            Row(
+                name,
+                MEANING.get(stem, ""),
+                UNITS.get(unit, unit),
+                *told,
+                DASH if math.isnan(ess) else f"{ess:,.0f}",
+                DASH if math.isnan(rhat) else f"{rhat:.4f}",
+                *verdicts.get(name, ("", "")),
+            )
+        )
+    return rows
+
+
+def _stretch(value: float, low: float, high: float) -> str:
+    """A stretch differs from one in its decimals: three digits of the width of its interval."""
+    width = high - low
+    return f"{value:.{min(max(2 - math.floor(math.log10(width)), 3), 6) if width > 0.0 else 4}f}"
+
+
+def percent_stretch(rows: list[Row], run: Run) -> list[tuple[str, str]]:
+    """Mounting stretches as sentences, one a direction and mounted state."""
+    table = run.summary.set_index("parameter")
+    out = []
+    for row in rows:
+        if not row.stem.startswith("mounting_stretch_"):
+            continue
+        q05, q50, q95 = (100.0 * (float(table.loc[row.name, q]) - 1.0) for q in QUANTILES)
+        if math.isnan(q50):
+            out.append((row.name, "not known: the chains have not converged"))
+            continue
+        low, middle, high = (number(v, q05, q95) for v in (q05, q50, q95))
+        what = "stretched" if q50 >= 0.0 else "changed in length"
+        out.append((row.name, f"{what} by {middle} % when mounted (90 %: {low} to {high} %)"))
+    return out
+
+
+QUANTILES = ("q05", "q50", "q95")
+
+
+def _verdicts(run: Run) -> dict[str, tuple[str, str]]:
+    """Verdict and words by parameter; none where the file is missing or no table of verdicts."""
+    path = run.path / "identifiability.csv"
+    if path.is_symlink() or not path.is_file():
+        return {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table = pd.read_csv(path, comment="#", dtype=str, keep_default_na=False)
+        return {
+            str(r["parameter"]): (str(r["verdict"]), str(r["in_words"]).removeprefix(head(r)))
+            for r in table.to_dict("records")
+        }
+    except (OSError, ValueError, KeyError, MemoryError):
+        return {}
+
+
+def head(record: dict) -> str:
+    """The start of a sentence that the row of a table already shows."""
+    return f"{record['parameter']}: "
