@@ -1,0 +1,392 @@
+"""Calibration: ranks, bands and coverage against things known; simulation against the model."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import binom, binomtest, kstest, norm
+
+from biaxbayes.cli import main
+from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.findings.calibration import Study, replicate
+from biaxbayes.findings.calibration_table import calibration_table, verdict
+from biaxbayes.findings.coverage import coverage
+from biaxbayes.findings.rank_bands import (
+    band_level,
+    count_band,
+    probability_inside,
+    rank_counts,
+    uniformity_p_value,
+)
+from biaxbayes.findings.replications import run_replications
+from biaxbayes.findings.simulated_specimen import draw_truth, simulate_specimen
+from biaxbayes.findings.study_prior import local_prior, priors_toml, protocol_prior
+from biaxbayes.inference.priors import Prior, Tie, read_priors
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.mechanics.virtual import virtual_test
+from biaxbayes.output.calibration import CalibrationStudy, read_ranks
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import read_specimen
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+OPTIONS = {
+    "mounting": "noisy",
+    "noise": "independent",
+    "mounting_stretch": "shared",
+    "noise_growth": False,
+    "fibre_switch": False,
+}
+
+
+def media(rows: int = 101) -> Specimen:
+    """The shipped media, with every so many rows."""
+    specimen = read_specimen(DATA / "donor2-media.csv")
+    p = specimen.protocols[0]
+    kept = np.linspace(0, p.rows - 1, rows).round().astype(int)
+    columns = {k: getattr(p, k)[kept] for k in ("stretch_x", "stretch_y", "load_x", "load_y")}
+    return replace(specimen, protocols=(replace(p, **columns),))
+
+
+def study(specimen: Specimen | None = None, broken: str = "", **options: object) -> Study:
+    specimen = specimen or media(21)
+    return Study(
+        specimen,
+        {**OPTIONS, **options},
+        protocol_prior(specimen),
+        seed=3,
+        ess=200,
+        max_steps=384,
+        population=1024,
+        broken=broken,
+    )
+
+
+# --- ranks and bands ---
+
+
+def test_one_possible_threshold_is_a_binomial_test():
+    # With one draw there is one count, binomial with probability 1/2.
+    for level in (0.01, 0.2, 0.7):
+        k = np.arange(41)
+        p = 2.0 * np.minimum(binom.cdf(k, 40, 0.5), binom.sf(k - 1, 40, 0.5))
+        expected = binom.pmf(k[p > level], 40, 0.5).sum()
+        assert probability_inside(40, 1, level) == pytest.approx(expected, rel=1e-12)
+
+
+def test_two_thresholds_are_a_multinomial():
+    n, level = 12, 0.2
+    total = 0.0
+    z = [1 / 3, 2 / 3]
+
+    def inside(count: int, at: float) -> bool:
+        return 2.0 * min(binom.cdf(count, n, at), binom.sf(count - 1, n, at)) > level
+
+    for a in range(n + 1):
+        for b in range(n + 1 - a):
+            if inside(a, z[0]) and inside(a + b, z[1]):
+                total += binom.pmf(a, n, 1 / 3) * binom.pmf(b, n - a, 1 / 2)
+    assert probability_inside(n, 2, level) == pytest.approx(total, rel=1e-12)
+
+
+def test_band_holds_uniform_ranks_as_often_as_it_says():
+    n, draws, trials = 150, 31, 2000
+    low, high = count_band(n, draws)
+    rng = np.random.default_rng(1)
+    ranks = rng.integers(0, draws + 1, (trials, n))
+    counts = np.array([rank_counts(r, draws) for r in ranks])
+    held = int(np.all((counts >= low) & (counts <= high), axis=1).sum())
+    exact = probability_inside(n, draws, band_level(n, draws))
+    assert 0.95 <= exact < 0.97
+    assert binomtest(held, trials, exact).pvalue > 1e-3
+
+
+def test_p_value_agrees_with_the_band_and_is_uniform():
+    n, draws = 80, 15
+    low, high = count_band(n, draws)
+    rng = np.random.default_rng(2)
+    p = []
+    for _ in range(400):
+        ranks = rng.integers(0, draws + 1, n)
+        counts = rank_counts(ranks, draws)
+        p.append(uniformity_p_value(ranks, draws))
+        assert (p[-1] >= 0.05) == bool(np.all((counts >= low) & (counts <= high)))
+    assert kstest(p, "uniform").pvalue > 1e-3
+
+
+def test_a_sd_off_by_a_fifth_or_a_shift_of_a_third_is_noticed_and_truth_is_not():
+    # Conjugate normal: the posterior of a mean with a flat prior is N(y, 1).
+    rng = np.random.default_rng(3)
+    truth = rng.standard_normal(500)
+    data = truth + rng.standard_normal(500)
+    wrong = {"right": (1.0, 0.0), "sd": (0.8, 0.0), "shift": (1.0, 0.33)}
+    p = {}
+    for name, (sd, shift) in wrong.items():
+        draws = data[:, None] + shift + sd * rng.standard_normal((500, 127))
+        p[name] = uniformity_p_value((draws < truth[:, None]).sum(axis=1), 127)
+    assert p["right"] > 0.05 > 1e-3 > max(p["sd"], p["shift"])
+
+
+def test_coverage_counts_and_its_interval_is_exact():
+    below = (np.arange(200) + 0.5) / 200
+    found = coverage(below, 0.8)
+    assert found.observed == pytest.approx(0.8)
+    exact = binomtest(160, 200).proportion_ci(method="exact")
+    assert (found.low, found.high) == pytest.approx((exact.low, exact.high), rel=1e-9)
+    assert coverage(np.full(5, 0.999), 0.95).low == 0.0
+    assert coverage(np.full(5, 0.5), 0.5).high == 1.0
+
+
+def test_verdict_allows_for_many_quantities():
+    rng = np.random.default_rng(4)
+    frame = pd.concat(
+        pd.DataFrame(
+            {
+                "parameter": name,
+                "unit": "-",
+                "rank": rng.integers(0, 128, 300),
+                "below": rng.random(300),
+            }
+        )
+        for name in "abcdefghij"
+    )
+    table = calibration_table(frame, 127)
+    assert verdict(table)[0]
+    frame.loc[frame["parameter"] == "c", "rank"] //= 2
+    table = calibration_table(frame, 127)
+    assert not verdict(table)[0]
+    assert table.set_index("parameter").loc["c", "inside_band"] == "no"
+
+
+# --- priors ---
+
+
+def test_priors_are_written_as_a_priors_file_reads_them(tmp_path):
+    priors = {
+        **protocol_prior(media()),
+        "kappa": 0.1,
+        "k1": Tie(2.0, "C1"),
+        "alpha": Prior("normal", 41.0, 5.0).within(0.0, 90.0),
+    }
+    path = tmp_path / "priors.toml"
+    path.write_text(priors_toml(priors, "N"))
+    assert read_priors(path) == priors
+
+
+def test_protocol_prior_has_no_absurd_draws():
+    # Peak stress of a draw within three orders around the specimen's own, never megapascals.
+    the_study = study(media())
+    rules, rng = the_study.rules(), np.random.default_rng(1)
+    peaks = []
+    for _ in range(200):
+        truth, _ = draw_truth(rules, rng)
+        assert truth["mounting_stretch_x"] > 0.98
+        simulated = simulate_specimen(rules, truth, rng)
+        peaks.append(np.max(np.abs(simulated.load(simulated.protocols[0]) / simulated.area)))
+    own = np.max(np.abs(media().load(media().protocols[0]) / media().area))
+    low, middle, high = np.quantile(peaks, [0.005, 0.5, 0.995]) / own
+    assert 0.02 < low < 0.3 < middle < 3.0 < high < 60.0
+
+
+def test_local_prior_is_twice_as_wide_as_the_posterior_and_no_wider_than_its_prior():
+    rng = np.random.default_rng(1)
+    wide = {
+        "C1": Prior("lognormal", 10.0, 2.0),
+        "k1": Prior("lognormal", 30.0, 0.5),
+        "alpha": Prior("uniform", low=0.0, high=90.0),
+        "kappa": 0.1,
+    }
+    draws = {
+        "C1": np.exp(rng.normal(1.0, 0.1, 20000)),
+        "k1": np.exp(rng.normal(2.0, 0.4, 20000)),
+        "alpha": rng.normal(88.0, 3.0, 20000),
+    }
+    local = local_prior(draws, wide)
+    assert local["C1"].location == pytest.approx(np.e, rel=0.01)
+    assert local["C1"].scale == pytest.approx(0.2, rel=0.05)
+    assert local["k1"].scale == 0.5
+    assert (local["alpha"].family, local["alpha"].high) == ("normal", 90.0)
+    assert local["kappa"] == 0.1
+
+
+# --- simulation ---
+
+
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+@pytest.mark.parametrize("stress_pair", ["force", "cauchy"])
+def test_simulated_readings_are_the_virtual_tests(geometry, stress_pair):
+    # Without noise, against the closed form of the virtual laboratory.
+    specimen = replace(media(), geometry=geometry, stress_pair=stress_pair)
+    the_study = study(specimen, mounting="exact")
+    rules, rng = the_study.rules(), np.random.default_rng(5)
+    truth, _ = draw_truth(rules, rng)
+    simulated = simulate_specimen(rules, truth, rng, noise_factor=0.0)
+    lm = np.array([truth["mounting_stretch_x"], truth["mounting_stretch_y"]])
+    edges = np.array([20.0, 20.0]) / (lm if geometry == "mounted" else 1.0)
+    thickness = 0.88 * (lm.prod() if geometry == "mounted" else 1.0)
+    material = GOH(*(truth[k] for k in ("C1", "k1", "k2", "alpha", "kappa")))
+    test = virtual_test(
+        material,
+        mounting_stretch=tuple(lm),
+        measured_stretch=(1.2, 1.2),
+        increments=100,
+        edge_x_mm=edges[0],
+        edge_y_mm=edges[1],
+        thickness_mm=thickness,
+    )
+    force = np.array([test.force_x_N, test.force_y_N])
+    p = simulated.protocols[0]
+    measured = np.array([p.load_x, p.load_y])
+    if stress_pair == "cauchy":
+        stretch = np.array([p.stretch_x, p.stretch_y])
+        measured = measured / stretch * (20.0 * 0.88e-3)
+    np.testing.assert_allclose(measured, force, rtol=1e-10)
+
+
+@pytest.mark.parametrize("mounting", ["noisy", "exact", "free"])
+def test_true_values_lie_in_the_support_of_the_posterior(mounting):
+    the_study = study(mounting=mounting)
+    # Stiff fibres in a soft matrix, pushed together: often without a stable mounted state.
+    wide = {
+        **the_study.priors,
+        "C1": Prior("lognormal", 0.1, 1.0),
+        "k1": Prior("lognormal", 100.0, 1.0),
+        "mounting_stretch_x": Prior("normal", 0.95, 0.1, low=0.5),
+    }
+    the_study = replace(the_study, priors=wide)
+    rules, rng = the_study.rules(), np.random.default_rng(6)
+    rejected = 0
+    for _ in range(60):
+        truth, n = draw_truth(rules, rng)
+        rejected += n
+        posterior = the_study.posterior(simulate_specimen(rules, truth, rng))
+        assert np.isfinite(posterior.log_density(truth))
+        back = posterior.natural(posterior.coordinates(truth))
+        for name in ("C1", "alpha", "kappa", "mounting_stretch_x", "mounting_force_y"):
+            assert back[name][0] == pytest.approx(truth[name], rel=1e-5)
+    assert rejected > 0
+
+
+def test_mounting_reading_scatters_by_the_load_noise_and_rows_by_the_true_sd():
+    the_study = study(media())
+    rules, rng = the_study.rules(), np.random.default_rng(7)
+    truth, _ = draw_truth(rules, rng)
+    still = simulate_specimen(rules, truth, rng, noise_factor=0.0)
+    z, rows = [], []
+    for _ in range(200):
+        simulated = simulate_specimen(rules, truth, rng)
+        reading, sd = simulated.mounting_readings(shared=True)
+        force = [truth["mounting_force_x"], truth["mounting_force_y"]]
+        z.extend(((reading - force) / sd).ravel())
+        a, b = simulated.protocols[0], still.protocols[0]
+        rows.extend((a.load_x - b.load_x)[1:] / truth["noise_sd"])
+    assert np.allclose(sd, 0.0006)
+    assert kstest(z, norm.cdf).pvalue > 1e-3
+    assert kstest(rows, norm.cdf).pvalue > 1e-3
+
+
+def test_several_protocols_and_unknown_dimensions_are_simulated():
+    one = media(21)
+    p = one.protocols[0]
+    second = replace(p, name="2", stretch_x=1.0 + 0.5 * (p.stretch_x - 1.0))
+    specimen = replace(
+        one, protocols=(p, second), metadata={"thickness_sd_mm": 0.05, "load_offset_sd_N": 0.001}
+    )
+    the_study = study(specimen, mounting_stretch="per-protocol", noise_growth=True)
+    rules, rng = the_study.rules(), np.random.default_rng(8)
+    truth, _ = draw_truth(rules, rng)
+    assert {"mounting_stretch_x[2]", "thickness", "load_offset_y", "noise_growth"} <= set(truth)
+    posterior = the_study.posterior(simulate_specimen(rules, truth, rng))
+    assert np.isfinite(posterior.log_density(truth))
+
+
+# --- studies ---
+
+
+def test_a_replication_is_determined_by_study_and_index():
+    a, b = replicate(study(), 2), replicate(study(), 2)
+    assert a.rank == b.rank
+    assert a.truth == b.truth
+    assert replicate(replace(study(), seed=4), 2).truth != a.truth
+    assert {"C1", "kappa", "mounting_stretch_y", "noise_sd", "log_likelihood"} <= set(a.rank)
+    assert all(0 <= r <= 127 for r in a.rank.values())
+
+
+def test_an_interrupted_study_continues_to_the_same_table(tmp_path):
+    calls = []
+
+    def stop() -> bool:
+        calls.append(1)
+        return len(calls) > 1
+
+    whole = CalibrationStudy(study(), tmp_path / "whole", 3).execute()
+    with pytest.raises(Interrupted, match="1 of 3"):
+        CalibrationStudy(study(), tmp_path / "parts", 3).execute(stop=stop)
+    parts = CalibrationStudy(study(), tmp_path / "parts", 3).execute(resume=True)
+    pd.testing.assert_frame_equal(whole.table, parts.table)
+    a, b = (
+        read_ranks(tmp_path / n / "ranks.csv").drop(columns="seconds") for n in ("whole", "parts")
+    )
+    pd.testing.assert_frame_equal(a, b)
+    for name in ("calibration.csv", "calibration.pdf", "calibration.png", "priors.toml"):
+        assert (tmp_path / "whole" / name).stat().st_size > 0
+    with pytest.raises(RunError, match="another study"):
+        CalibrationStudy(replace(study(), seed=9), tmp_path / "parts", 3).execute(resume=True)
+
+
+def test_processes_find_what_one_process_finds():
+    indices = [4, 5, 6]
+    one = {r.index: r.rank for r in run_replications(study(), indices)}
+    two = {r.index: r.rank for r in run_replications(study(), indices, workers=2)}
+    assert one == two
+
+
+def test_command_line(tmp_path, capsys):
+    out = tmp_path / "study"
+    with pytest.raises(SystemExit) as ended:
+        main(
+            ["calibrate", str(DATA / "donor2-media.csv"), "--replications", "2", "--workers", "1"]
+            + ["--noise", "independent", "--out", str(out), "--fix", "kappa=0", "--ess", "200"]
+        )
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    assert "2 replications" in printed
+    table = pd.read_csv(out / "calibration.csv")
+    assert "kappa" not in set(table["parameter"])
+    assert json.loads((out / "study.json").read_text())["priors"]["kappa"] == 0.0
+    assert read_priors(out / "priors.toml")["kappa"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["--mounting", "ignored"], "mounting stretch as an unknown"),
+        (["--replications", "0"], "at least 1"),
+        (["--mounting", "free", "--break", "determinant"], "no determinant"),
+        (["--break", "gravity"], "--break"),
+    ],
+)
+def test_what_cannot_be_studied_is_refused(arguments, problem, capsys, tmp_path):
+    with pytest.raises(SystemExit) as ended:
+        main(
+            ["calibrate", str(DATA / "donor2-media.csv"), "--noise", "independent"]
+            + ["--out", str(tmp_path / "s"), *arguments]
+        )
+    assert ended.value.code == 2
+    assert problem in capsys.readouterr().err
+
+
+def test_unknown_break_is_an_input_error():
+    with pytest.raises(InputError):
+        study(broken="noise ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("broken", ["", "determinant", "noise"])
+def test_what_is_right_is_uniform_and_what_is_broken_is_not(broken, tmp_path):
+    outcome = CalibrationStudy(study(broken=broken), tmp_path / "s", 200, workers=2).execute()
+    assert outcome.calibrated == (broken == "")
