@@ -33,7 +33,7 @@ def write_products(folder: Path, posterior: Posterior, draws: Draws) -> None:
     found = identify_draws(posterior, table, state)
     write_identifiability(found, folder / "identifiability.csv")
     if state != "reliable":
-        _save(folder, "trace", trace_figure(draws.quantities))
+        _save(folder, "trace", trace_figure(draws.quantities, unit=posterior.specimen.unit))
     if state == "unusable":
         return
     _save(folder, "corner", corner_figure(table))

@@ -25,7 +25,7 @@ from biaxbayes.findings.bounded_density import (
 from biaxbayes.output.figures.corner_layout import NARROW_MM, Entry, Grid, Heading, write_table
 from biaxbayes.output.figures.lettering import shortened
 from biaxbayes.output.figures.numbers import number, range_text
-from biaxbayes.output.figures.quantities import Quantity, corner_columns
+from biaxbayes.output.figures.quantities import MEAN, Quantity, corner_columns
 from biaxbayes.output.figures.regions import CONTENTS, regions
 from biaxbayes.output.style import PAGE_MM, colour, font_points, print_style
 
@@ -235,4 +235,6 @@ def _tabulate(
         notes.append((f"outlines: {other}, 90 %" if wide else other, colour(ROLES[1])))
     if known:
         notes.append(("dashed: truth", "0.3"))
+    if any(MEAN in c.quantity.symbol for c in columns):
+        notes.append(("bar: mean over protocols" if wide else "bar: mean", "0.3"))
     write_table(grid, headings, entries, notes)

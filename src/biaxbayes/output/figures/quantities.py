@@ -10,7 +10,10 @@ import pandas as pd
 
 from biaxbayes.output.style import plain
 
-__all__ = ["Quantity", "corner_columns", "quantity"]
+__all__ = ["MEAN", "Quantity", "corner_columns", "quantity"]
+
+MEAN = r"\bar{\lambda}"
+"""Symbol of a mean over the mounted states."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +92,8 @@ def quantity(name: str, unit: str = "") -> Quantity:
 def corner_columns(draws: pd.DataFrame) -> dict[str, tuple[Quantity, np.ndarray]]:
     """Material parameters and mounting stretches that vary, with their axes.
 
-    Where each protocol has a mounted state of its own, the mean over them stands for all: the
-    mounting figure shows them one by one.
+    Where each protocol has a mounted state of its own, the mean over them stands for all, its
+    symbol under a bar: the mounting figure shows them one by one.
 
     Parameters
     ----------
@@ -105,7 +108,7 @@ def corner_columns(draws: pd.DataFrame) -> dict[str, tuple[Quantity, np.ndarray]
             continue
         values = draws[states].to_numpy(dtype=float).mean(axis=1)
         if len(states) > 1:
-            q = Quantity(rf"mean {q.symbol}", q.unit, q.edges, q.scale)
+            q = Quantity(q.symbol.replace(r"\lambda", MEAN), q.unit, q.edges, q.scale)
         # Constant columns are fixed parameters; a tie shows as a line and stays.
         if np.ptp(values) > 1e-12 * max(float(np.abs(values).max()), 1e-300):
             out[name] = (q, values)
