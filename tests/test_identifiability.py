@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -10,14 +11,17 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import root
 from scipy.stats import norm
 
+from biaxbayes.findings.determined import determined
 from biaxbayes.findings.edges import find_edges
 from biaxbayes.findings.identifiability import identify, identify_draws
 from biaxbayes.findings.marginal import count_modes, density
 from biaxbayes.findings.partners import find_partners
 from biaxbayes.findings.power_scaling import cumulative_distance, sensitivity
 from biaxbayes.findings.sampling_scale import Scale, prior_cumulative, prior_values
+from biaxbayes.findings.sloppiness import sloppiness
 from biaxbayes.findings.verdict import (
     COMBINATION,
     FIXED,
@@ -33,6 +37,7 @@ from biaxbayes.inference.priors import Prior
 from biaxbayes.mechanics.goh import GOH, PARAMETERS
 from biaxbayes.output.figures.identifiability import VERDICT_COLOURS, identifiability_figure
 from biaxbayes.output.identifiability_file import as_json, write_identifiability
+from biaxbayes.output.identifiability_products import write_identifiability_products
 from biaxbayes.output.style import figure_bytes
 from quick_posteriors import EQUIBIAXIAL, Sampled, sampled, specimen
 
@@ -42,7 +47,7 @@ CASES = {
     "determined": {"material": GOH(10, 40, 5, 40, 0.15), "total_stretch": 1.25, "noise_N": 0.001},
     "isotropic": {"material": GOH(10, 40, 5, 30, 1 / 3), "total_stretch": 1.25},
     "aligned": {"material": GOH(10, 20, 5, 40, 0.0)},
-    "low": {"material": GOH(5, 100, 5, 40, 0.15), "total_stretch": 1.04, "noise_N": 0.003},
+    "low": {"material": GOH(10, 50, 5, 40, 0.2), "total_stretch": 1.05},
     "equibiaxial": {
         "material": GOH(10, 40, 5, 40, 0.15),
         "ratios": EQUIBIAXIAL,
@@ -342,3 +347,117 @@ def test_verdicts_are_quick():
     before = time.process_time()
     identify_draws(made.target, many, "reliable")
     assert time.process_time() - before < 1.0
+
+
+# --- what is determined, and what moves freely ---
+
+
+def test_determined_quantities_are_those_of_the_material():
+    material = GOH(10.0, 40.0, 5.0, 40.0, 0.15)
+    made = made_up(
+        C1=np.full(8000, 10.0),
+        k1=np.full(8000, 40.0),
+        k2=np.full(8000, 5.0),
+        alpha=np.full(8000, 40.0),
+        kappa=np.full(8000, 0.15),
+    )
+    lx, ly = 1.12, 1.07
+    table = determined(made.draws, made.target.specimen, stretches=[(lx, ly)])
+    value = dict(zip(table["quantity"], table["median"], strict=True))
+    np.testing.assert_allclose([value[n] for n in ("Hx", "Hy", "Hz")], material.structure_tensor())
+    h = 1e-30
+    # complex step: d s / d ln l = Im s(l exp(i h)) / h
+    for at, stem in (((lx, ly), "tangent stiffness"), ((1.0, 1.0), "small-strain stiffness")):
+        by_x = material.cauchy(at[0] * np.exp(1j * h), at[1])
+        by_y = material.cauchy(at[0], at[1] * np.exp(1j * h))
+        assert value[f"{stem} xx"] == pytest.approx(by_x[0].imag / h)
+        assert value[f"{stem} xy"] == pytest.approx(by_y[0].imag / h)
+        assert value[f"{stem} yy"] == pytest.approx(by_y[1].imag / h)
+    # the Cauchy stress is the derivative of the energy by the log stretch
+    energy = material.strain_energy(lx * np.exp(1j * h), ly)
+    assert value["Cauchy stress x"] == pytest.approx(energy.imag / h)
+    assert value["strain energy"] == pytest.approx(energy.real)
+    Hx, Hy, Hz = material.structure_tensor()
+    E = Hx * lx**2 + Hy * ly**2 + Hz / (lx * ly) ** 2 - 1.0
+    assert value["exponent k2 E^2"] == pytest.approx(5.0 * E * E)
+
+
+def test_traded_parameters_leave_the_stress_determined():
+    made = case("equibiaxial")
+    table = determined(made.draws, made.target.specimen)
+    stress = table[table["quantity"].isin(("Cauchy stress x", "Cauchy stress y"))]
+    assert stress["relative_width"].max() < 0.1
+    low, high = np.quantile(made.draws["kappa"], [0.05, 0.95])
+    assert high - low > 0.15
+
+
+def loads_along(material: GOH, load: np.ndarray, data) -> np.ndarray:
+    """Stress of every row, from the mounting load alone, with SciPy's root finder."""
+    area = data.area
+
+    def unbalanced(lm):
+        return np.array(material.piola(*lm)) - load / area
+
+    found = root(unbalanced, [1.01, 1.01], tol=1e-13)
+    assert found.success
+    return np.concatenate(
+        [
+            material.piola(p.stretch_x * found.x[0], p.stretch_y * found.x[1])
+            for p in data.protocols
+        ],
+        axis=None,
+    )
+
+
+def test_the_sloppy_direction_keeps_the_curves_as_stated():
+    made = case("equibiaxial")
+    found = sloppiness(made.posterior(), made.draws)
+    path = found.path
+    low, high = np.quantile(made.draws[path.moved], [0.05, 0.95])
+    ends = path.materials.iloc[[0, -1]]
+    np.testing.assert_allclose(ends[path.moved], [low, high], rtol=0.02)
+    assert high - low > 0.15  # it is a long way
+    curves = [
+        loads_along(
+            GOH(*(float(v) for v in row[list(PARAMETERS)])),
+            path.mounting_load[:, 0],
+            made.target.specimen,
+        )
+        for _, row in path.materials.iterrows()
+    ]
+    change = max(np.abs(curve - curves[0]).max() for curve in curves)
+    assert change == pytest.approx(path.change_kPa, rel=1e-3)
+    stated = float(re.search(r"by more than ([\d.e-]+) kPa", found.words)[1])
+    assert change <= stated <= 1.12 * change
+    # less than one reading errs by
+    assert change < float(re.search(r"errs by ([\d.e-]+) kPa", found.words)[1])
+    for name in ("C1", "k1", "k2"):
+        ratio = float(re.search(rf"{name} times ([\d.]+)", found.words)[1])
+        assert ratio == pytest.approx(ends[name].iloc[1] / ends[name].iloc[0], rel=0.01)
+
+
+def test_the_stiff_direction_is_the_known_one():
+    rng = np.random.default_rng(10)
+    C1 = np.exp(rng.normal(2.0, 0.5, 8000))
+    k1 = 30.0 / np.sqrt(C1) * np.exp(rng.normal(0.0, 0.01, 8000))
+    rest = {"k2": np.exp(rng.normal(1.0, 0.4, 8000)), "kappa": rng.uniform(0.05, 0.3, 8000)}
+    made = made_up(C1=C1, k1=k1, alpha=rng.uniform(20.0, 60.0, 8000), **rest)
+    stiff = sloppiness(made.target, made.draws).stiff
+    # k1 C1^0.5 is known to 1.645 % (90 %)
+    assert stiff.words.startswith("best known: C1^0.5 k1,")
+    assert "to 1.7 % (90 %)" in stiff.words
+
+
+def test_identify_writes_its_products_into_the_run(tmp_path):
+    made = case("aligned")
+    found = write_identifiability_products(tmp_path, made.target, made.draws, "reliable")
+    for name in ("identifiability.csv", "determined.csv", "same-curves.csv"):
+        assert len(pd.read_csv(tmp_path / name, comment="#")) > 4
+    assert (tmp_path / "identifiability.pdf").stat().st_size > 5000
+    told = json.loads(as_json(found.verdicts, found.determined, found.directions))
+    assert told["same_curves"]["in_words"] == found.directions.words
+    assert found.in_words()[-1].startswith("the same curves")
+    silent = write_identifiability_products(
+        tmp_path, made.target, made.draws, "tentative", figure=False
+    )
+    assert silent.determined is None and silent.directions is None

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+if TYPE_CHECKING:
+    from biaxbayes.output.identifiability_products import Identified
+
 __all__ = ["command"]
+
+NOT_RELIABLE = 3
+SHOWN = ("Hx", "Hy", "Hz", "small-strain stiffness xx", "small-strain stiffness yy")
 
 
 @click.command("identify")
@@ -16,26 +23,44 @@ __all__ = ["command"]
 def command(run: Path, as_json: bool, no_figure: bool) -> int:
     """Say which parameters of RUN the data determine, alone or only in combination.
 
-    Writes identifiability.csv and identifiability.pdf into the run folder. Exit code 3 where the
-    chains are not reliable: there is no verdict then.
+    Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder.
+    Exit code 3 where the chains are not reliable: there is no verdict then.
     """
-    from biaxbayes.findings.identifiability import identify
-    from biaxbayes.output.identifiability_file import write_identifiability
+    from biaxbayes.output.identifiability_products import write_identifiability_products
     from biaxbayes.output.run import open_run
 
     opened = open_run(run)
-    found = identify(opened)
-    write_identifiability(found, run / "identifiability.csv")
-    if not no_figure:
-        from biaxbayes.output.figures.identifiability import identifiability_figure
-        from biaxbayes.output.style import save_figure
-
-        save_figure(identifiability_figure(found), run / "identifiability.pdf")
+    found = write_identifiability_products(
+        run, opened.posterior(), opened.draws, opened.state, figure=not no_figure
+    )
     if as_json:
         from biaxbayes.output.identifiability_file import as_json as told
 
-        click.echo(told(found))
+        click.echo(told(found.verdicts, found.determined, found.directions))
     else:
-        for line in found.in_words():
-            click.echo(line)
-    return 0 if found.state == "reliable" else 3
+        _tell(found, run)
+    return 0 if opened.state == "reliable" else NOT_RELIABLE
+
+
+def _tell(found: Identified, run: Path) -> None:
+    for line in found.verdicts.in_words():
+        click.echo(line)
+    if found.determined is not None and found.directions is not None:
+        click.echo("\nwhat the curves themselves say:")
+        for line in [*_determined_words(found), *found.directions.in_words()]:
+            click.echo(f"  {line}")
+    click.echo(f"\nevidence in {run / 'identifiability.csv'}")
+
+
+def _determined_words(found: Identified) -> list[str]:
+    """A few quantities, and the stress at the end of the first test."""
+    assert found.determined is not None
+    table = found.determined
+    stress = table[table["quantity"].isin(("Cauchy stress x", "Cauchy stress y"))]
+    shown = [*table[table["quantity"].isin(SHOWN)].itertuples(), *list(stress.itertuples())[2:4]]
+    lines = []
+    for row in shown:
+        where = f" at {row.stretch_x:g}, {row.stretch_y:g}" if "stress" in str(row.quantity) else ""
+        numbers = f"{row.median:.3g} ({row.low_90:.3g} to {row.high_90:.3g})"
+        lines.append(f"{row.quantity}{where} {numbers} {row.unit}".rstrip())
+    return lines

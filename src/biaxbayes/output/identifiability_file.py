@@ -9,8 +9,11 @@ import math
 import textwrap
 from pathlib import Path
 
+import pandas as pd
+
 from biaxbayes.findings.edges import BOUND_TAIL, EXPONENT_DISTANCE, PRIOR_TAIL, STIFFNESS_SHARE
 from biaxbayes.findings.identifiability import Identifiability
+from biaxbayes.findings.sloppiness import Sloppiness
 from biaxbayes.specimens.text_file import atomic_write_text
 
 __all__ = ["as_json", "write_identifiability"]
@@ -61,22 +64,44 @@ def write_identifiability(found: Identifiability, path: Path) -> None:
     atomic_write_text(path, head + text.getvalue())
 
 
-def as_json(found: Identifiability) -> str:
-    """The same as JSON: state, thresholds and one object a parameter without empty fields."""
-    parameters = [
-        {key: _plain(value) for key, value in row.record().items()} for row in found.parameters
-    ]
-    return json.dumps(
-        {
-            "state": found.state,
-            "draws": found.draws,
-            "thresholds": dict(found.thresholds.items()),
-            "parameters": parameters,
-        },
-        indent=2,
-        allow_nan=False,
-        ensure_ascii=False,
-    )
+def as_json(
+    found: Identifiability,
+    determined: pd.DataFrame | None = None,
+    directions: Sloppiness | None = None,
+) -> str:
+    """The same as JSON: state, thresholds, one object a parameter without empty fields.
+
+    Parameters
+    ----------
+    found : Identifiability
+    determined : DataFrame, optional
+        From :func:`biaxbayes.findings.determined.determined`.
+    directions : Sloppiness, optional
+    """
+    told: dict[str, object] = {
+        "state": found.state,
+        "draws": found.draws,
+        "thresholds": dict(found.thresholds.items()),
+        "parameters": [
+            {key: _plain(value) for key, value in row.record().items()} for row in found.parameters
+        ],
+    }
+    if determined is not None:
+        told["determined"] = [
+            {str(key): _plain(value) for key, value in row.items()}
+            for row in determined.to_dict("records")
+        ]
+    if directions is not None:
+        told["directions"] = [
+            {"spread": d.spread, "loadings": d.loadings, "in_words": d.words}
+            for d in directions.directions
+        ]
+        told["same_curves"] = {
+            "in_words": directions.words,
+            "change_kPa": directions.path.change_kPa,
+            "materials": directions.path.to_frame().to_dict("list"),
+        }
+    return json.dumps(told, indent=2, allow_nan=False, ensure_ascii=False)
 
 
 def _plain(value: object) -> object:

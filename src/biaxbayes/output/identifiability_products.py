@@ -1,0 +1,98 @@
+"""What a run folder says about what its data determine: tables, a figure, sentences."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from biaxbayes.findings.determined import determined
+from biaxbayes.findings.identifiability import Identifiability, identify_draws
+from biaxbayes.findings.sloppiness import Sloppiness, sloppiness
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.output.identifiability_file import write_identifiability
+from biaxbayes.specimens.text_file import atomic_write_text
+
+__all__ = ["Identified", "write_identifiability_products"]
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What was found.
+
+    Attributes
+    ----------
+    verdicts : Identifiability
+    determined : DataFrame or None
+        None, as the directions, where the chains are not reliable.
+    directions : Sloppiness or None
+    """
+
+    verdicts: Identifiability
+    determined: pd.DataFrame | None
+    directions: Sloppiness | None
+
+    def in_words(self) -> list[str]:
+        """Sentences: a verdict a parameter, then the best and the least known combination."""
+        lines = self.verdicts.in_words()
+        return lines + (self.directions.in_words() if self.directions else [])
+
+
+def write_identifiability_products(
+    folder: Path, posterior: Posterior, draws: pd.DataFrame, state: str, *, figure: bool = True
+) -> Identified:
+    """Judge the draws of a run and write what was found into its folder.
+
+    Writes ``identifiability.csv``, with reliable draws ``determined.csv`` and
+    ``same-curves.csv``, and ``identifiability.pdf``.
+
+    Parameters
+    ----------
+    folder : Path
+    posterior : Posterior
+    draws : DataFrame
+        Natural quantities, ``log_likelihood`` and ``lp``, one row a draw.
+    state : {"reliable", "tentative", "unusable"}
+    figure : bool
+        Whether to draw the figure, which takes matplotlib.
+
+    Returns
+    -------
+    Identified
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    verdicts = identify_draws(posterior, draws, state)
+    write_identifiability(verdicts, folder / "identifiability.csv")
+    table, directions = None, None
+    if state == "reliable":
+        switch = posterior.settings.fibre_switch
+        table = determined(draws, posterior.specimen, fibre_switch=switch)
+        _write(
+            table,
+            folder / "determined.csv",
+            "median and 90 % interval; stretches are total; stiffnesses are derivatives of the "
+            "Cauchy stress by the log stretch; relative_width is the interval over the median",
+        )
+        directions = sloppiness(posterior, draws)
+        _write(
+            directions.path.to_frame(),
+            folder / "same-curves.csv",
+            f"{directions.words}. C1, k1 in kPa, alpha in degrees",
+        )
+    if figure:
+        from biaxbayes.output.figures.identifiability import identifiability_figure
+        from biaxbayes.output.style import save_figure
+
+        save_figure(identifiability_figure(verdicts), folder / "identifiability.pdf")
+    return Identified(verdicts, table, directions)
+
+
+def _write(table: pd.DataFrame, path: Path, note: str) -> None:
+    head = textwrap.fill(note, 98, initial_indent="# ", subsequent_indent="#   ")
+    atomic_write_text(path, f"{head}\n{table.to_csv(index=False, float_format='%.6g')}")
