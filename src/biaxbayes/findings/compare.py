@@ -1,0 +1,285 @@
+"""Several runs side by side: what each determines, and how far apart they are.
+
+A difference in a parameter that one of the runs does not determine is no difference between
+tissues: the same curves could have been described by other values of it. The stresses, the
+stiffness and the structure tensor are compared as well, and each is judged by how much the data
+say about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError
+from biaxbayes.findings.comparability import differing_settings
+from biaxbayes.findings.derived import STRESS, Derived, derived_quantities, largest_equibiaxial
+from biaxbayes.findings.distance import distance
+from biaxbayes.findings.identifiability import Identifiability, identify_draws
+from biaxbayes.findings.sampling_scale import judged_scales, prior_values
+from biaxbayes.findings.verdict import IDENTIFIED, ONE_SIDED, Thresholds
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.priors import Prior, Tie
+from biaxbayes.mechanics.goh import PARAMETERS
+
+__all__ = ["DISJOINT", "WARNING", "Comparison", "Member", "compare", "labels_of"]
+
+WARNING = (
+    "A difference in a quantity that is not determined in both runs is not a difference between "
+    "tissues: other values of it describe the same curves."
+)
+DISJOINT = 0.99
+"""Kolmogorov distance from which two posteriors count as apart: no trade in a run bridges it."""
+MOST_DRAWS = 10_000
+STRESS_STEPS = 5
+PARAMETER = "parameter"
+PRIOR_DRAWS = 4096
+
+
+@dataclass(frozen=True)
+class Member:
+    """One run of a comparison.
+
+    Attributes
+    ----------
+    label : str
+    posterior : Posterior
+    draws : DataFrame
+    state : str
+    """
+
+    label: str
+    posterior: Posterior
+    draws: pd.DataFrame
+    state: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs with their verdicts, their common quantities and the distances between them.
+
+    Attributes
+    ----------
+    members : tuple of Member
+    verdicts : tuple of Identifiability
+    derived : tuple of list of Derived
+        The same quantities of every run.
+    determined : tuple of dict
+        For each run, whether the data determine a quantity, by its key.
+    distances : DataFrame
+        One row a pair of runs and quantity.
+    stretches : list of float
+        Total equibiaxial stretches that all runs reached.
+    notes : list of str
+        Differences between the runs that are none of tissue.
+    """
+
+    members: tuple[Member, ...]
+    verdicts: tuple[Identifiability, ...]
+    derived: tuple[list[Derived], ...]
+    determined: tuple[dict[str, bool], ...]
+    distances: pd.DataFrame
+    stretches: list[float]
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def labels(self) -> list[str]:
+        """Labels of the runs."""
+        return [m.label for m in self.members]
+
+    @property
+    def reliable(self) -> bool:
+        """Whether all runs are."""
+        return all(m.state == "reliable" for m in self.members)
+
+    def matrix(self) -> pd.DataFrame:
+        """Verdicts and contractions, one row a run and parameter."""
+        tables = []
+        for member, found in zip(self.members, self.verdicts, strict=True):
+            table = found.to_frame()
+            table.insert(0, "run", member.label)
+            tables.append(table)
+        return pd.concat(tables, ignore_index=True)
+
+
+def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) -> Comparison:
+    """Compare runs of different layers, specimens or settings.
+
+    Parameters
+    ----------
+    members : sequence of Member
+        Two or more, with different labels.
+    thresholds : Thresholds, optional
+        Of the verdicts. A derived quantity counts as determined where the data shrink the variance
+        of its logarithm (of the structure tensor itself) by at least ``contraction``.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two runs, or one has unusable draws.
+    """
+    chosen = thresholds or Thresholds()
+    _check(members)
+    members = tuple(
+        Member(m.label, m.posterior, m.draws.iloc[:: -(-len(m.draws) // MOST_DRAWS)], m.state)
+        for m in members
+    )
+    verdicts = tuple(
+        identify_draws(m.posterior, m.draws, m.state, thresholds=chosen) for m in members
+    )
+    stretches = common_stretches(members)
+    derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)
+    determined = tuple(
+        _determined(*each, chosen) for each in zip(members, verdicts, derived, strict=True)
+    )
+    rows = [
+        row
+        for i, j in combinations(range(len(members)), 2)
+        for row in _distances(members, derived, determined, i, j)
+    ]
+    return Comparison(
+        members,
+        verdicts,
+        derived,
+        determined,
+        pd.DataFrame(rows),
+        stretches,
+        differing_settings([(m.label, m.posterior) for m in members]),
+    )
+
+
+def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
+    """Labels for runs: the layers if they differ, else the specimens, else the folders.
+
+    Parameters
+    ----------
+    specimens : sequence of Specimen
+    folders : sequence of str
+        Names of the run folders.
+    """
+    layers = [s.layer for s in specimens]
+    names = [s.name for s in specimens]
+    for chosen in (layers, names, list(folders)):
+        if all(chosen) and len(set(chosen)) == len(chosen):
+            return [str(c) for c in chosen]
+    return [f"{name} ({i})" for i, name in enumerate(names, start=1)]
+
+
+def common_stretches(members: Sequence[Member]) -> list[float]:
+    """Five total equibiaxial stretches, evenly up to the largest that every run reached."""
+    top = min(largest_equibiaxial(m.draws, m.posterior.specimen) for m in members)
+    if top > 1.005:
+        top = 1.0 + float(np.floor(1e3 * (top - 1.0))) / 1e3
+    return [float(round(v, 6)) for v in 1.0 + (top - 1.0) * np.arange(1, 6) / STRESS_STEPS]
+
+
+def _check(members: Sequence[Member]) -> None:
+    if len(members) < 2:
+        raise InputError("a comparison needs two runs or more")
+    labels = [m.label for m in members]
+    if len(set(labels)) < len(labels):
+        raise InputError("two runs have the same label", remedy="give --labels A,B,...")
+    for member in members:
+        if member.state == "unusable":
+            raise InputError(
+                f"the chains of {member.label} have not converged, so its draws say nothing",
+                remedy="sample it longer, or leave it out",
+            )
+
+
+def _derived(draws: pd.DataFrame, stretches: list[float], posterior: Posterior) -> list[Derived]:
+    return derived_quantities(
+        draws, stretches, (1.0, stretches[-1]), fibre_switch=posterior.settings.fibre_switch
+    )
+
+
+def _determined(
+    member: Member, found: Identifiability, derived: list[Derived], thresholds: Thresholds
+) -> dict[str, bool]:
+    """Whether the data determine each quantity of a run."""
+    reliable = member.state == "reliable"
+    out = {p.name: p.verdict in (IDENTIFIED, ONE_SIDED) for p in found.parameters}
+    stretches = [d.stretch for d in derived if d.kind == STRESS and d.name == "cauchy_x"]
+    prior = _derived(_prior_draws(member), [s for s in stretches if s], member.posterior)
+    for before, after in zip(prior, derived, strict=True):
+        wide, narrow = (_spread(d) for d in (before, after))
+        out[after.key] = reliable and 1.0 - (narrow / wide) ** 2 >= thresholds.contraction
+    return out
+
+
+def _prior_draws(member: Member) -> pd.DataFrame:
+    """Materials drawn from the priors of a run."""
+    rng = np.random.default_rng(0)
+    level = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
+    columns: dict[str, np.ndarray] = {}
+    scales = judged_scales(member.posterior.priors, member.draws)
+    for scale in scales:
+        if scale.kind in PARAMETERS and isinstance(scale.prior, Prior):
+            columns[scale.name] = prior_values(scale.prior, rng.permutation(level))
+        elif scale.kind in PARAMETERS and isinstance(scale.prior, int | float):
+            columns[scale.name] = np.full(PRIOR_DRAWS, float(scale.prior))
+    for scale in scales:
+        if isinstance(scale.prior, Tie) and scale.kind in PARAMETERS:
+            columns[scale.name] = scale.prior.factor * columns[scale.prior.other]
+    return pd.DataFrame(columns)
+
+
+def _spread(quantity: Derived) -> float:
+    """Half the width of the middle 68 %: of the logarithm, where the quantity has a unit."""
+    values = quantity.values
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = np.log(values) if quantity.unit else values
+    moved = moved[np.isfinite(moved)]
+    if not moved.size:
+        return np.inf
+    low, high = np.quantile(moved, [0.1587, 0.8413])
+    return max(0.5 * float(high - low), 1e-12)
+
+
+def _distances(
+    members: Sequence[Member],
+    derived: Sequence[list[Derived]],
+    determined: Sequence[dict[str, bool]],
+    i: int,
+    j: int,
+) -> list[dict[str, Any]]:
+    a, b = members[i], members[j]
+    rows = []
+    pairs: list[tuple[str, str, str, str, float | None, np.ndarray, np.ndarray]] = []
+    for scale in judged_scales(a.posterior.priors, a.draws):
+        # A mounting stretch is a state of the test, not a property of the tissue.
+        if scale.kind in PARAMETERS:
+            of_a, of_b = (m.draws[scale.name].to_numpy(dtype=float) for m in (a, b))
+            pairs.append((PARAMETER, scale.name, scale.name, scale.unit, None, of_a, of_b))
+    for first, second in zip(derived[i], derived[j], strict=True):
+        head = (first.kind, first.key, first.name, first.unit, first.stretch)
+        pairs.append((*head, first.values, second.values))
+    for kind, key, name, unit, stretch, of_a, of_b in pairs:
+        found = distance(of_a, of_b)
+        rows.append(
+            {
+                "run_a": a.label,
+                "run_b": b.label,
+                "kind": kind,
+                "quantity": name,
+                "unit": unit,
+                "total_stretch": stretch,
+                "determined_in_a": determined[i][key],
+                "determined_in_b": determined[j][key],
+                "median_a": float(np.median(of_a)),
+                "median_b": float(np.median(of_b)),
+                "difference_q05": found.low,
+                "difference_q50": found.median,
+                "difference_q95": found.high,
+                "standardised": found.standardised,
+                "probability_b_greater": found.probability_greater,
+                "kolmogorov": found.kolmogorov,
+                "determined_in_both": determined[i][key] and determined[j][key],
+            }
+        )
+    return rows

@@ -1,0 +1,166 @@
+"""Comparisons and distances, against closed forms and specimens of known material."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import ks_2samp, mannwhitneyu, norm
+
+from biaxbayes.cli import main
+from biaxbayes.errors import InputError
+from biaxbayes.findings.comparability import differing_settings
+from biaxbayes.findings.compare import Member, compare, labels_of
+from biaxbayes.findings.derived import derived_quantities
+from biaxbayes.findings.distance import distance
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.output.comparison import write_comparison
+from quick_posteriors import EQUIBIAXIAL, sampled, specimen
+
+SOFT, STIFF = GOH(10.0, 40.0, 8.0, 40.0, 0.1), GOH(25.0, 40.0, 8.0, 40.0, 0.1)
+
+
+# --- distances -----------------------------------------------------------------------------
+
+
+def test_distance_of_normal_draws_is_that_of_the_distributions():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(0.0, 1.0, 20_000), rng.normal(2.0, 1.5, 30_000)
+    found = distance(a, b)
+    sd = np.hypot(1.0, 1.5)
+    assert found.standardised == pytest.approx(2.0 / sd, abs=0.02)
+    assert found.probability_greater == pytest.approx(norm.cdf(2.0 / sd), abs=0.005)
+    expected = norm.ppf([0.05, 0.5, 0.95], 2.0, sd)
+    assert [found.low, found.median, found.high] == pytest.approx(expected, abs=0.05)
+
+
+def test_distance_agrees_with_scipy_ties_included():
+    rng = np.random.default_rng(2)
+    a, b = rng.integers(0, 9, 300).astype(float), rng.integers(2, 12, 200).astype(float)
+    found = distance(a, b)
+    assert found.kolmogorov == pytest.approx(ks_2samp(a, b).statistic)
+    assert found.probability_greater == pytest.approx(mannwhitneyu(b, a).statistic / 300 / 200)
+
+
+def test_distance_to_itself_is_nothing():
+    a = np.random.default_rng(3).normal(size=500)
+    found = distance(a, a)
+    assert (found.standardised, found.kolmogorov) == (0.0, 0.0)
+    assert found.probability_greater == pytest.approx(0.5)
+
+
+# --- derived quantities --------------------------------------------------------------------
+
+
+def test_derived_quantities_are_the_materials_own():
+    columns = {"C1": 10.0, "k1": 40.0, "k2": 8.0, "alpha": 40.0, "kappa": 0.1}
+    draws = pd.DataFrame({k: [v, v] for k, v in columns.items()})
+    found = {d.key: d for d in derived_quantities(draws, [1.1], [1.0])}
+    assert found["cauchy_x at 1.1"].values == pytest.approx(SOFT.cauchy(1.1, 1.1)[0])
+    H = SOFT.structure_tensor()
+    assert [found[f"H{k}"].values[0] for k in "xyz"] == pytest.approx(H)
+    # d s_x / d ln l_x by central differences
+    h = 1e-5
+    ahead, behind = (SOFT.cauchy(np.exp(s * h), 1.0)[0] for s in (1.0, -1.0))
+    assert found["stiffness_x at 1"].values[0] == pytest.approx(
+        (ahead - behind) / (2 * h), rel=1e-6
+    )
+
+
+# --- comparisons ---------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def members():
+    out = []
+    for label, material, ratios in (
+        ("soft", SOFT, None),
+        ("stiff", STIFF, None),
+        ("one <ratio>", SOFT, EQUIBIAXIAL),
+    ):
+        data = specimen(material, increments=10, **({"ratios": ratios} if ratios else {}))
+        found = sampled(data, ess=60.0)
+        out.append(Member(label, found.target, found.draws, found.state))
+    return out
+
+
+@pytest.fixture(scope="module")
+def found(members):
+    return compare(members)
+
+
+def _row(found, a, b, quantity, stretch=None):
+    t = found.distances
+    rows = t[(t.run_a == a) & (t.run_b == b) & (t.quantity == quantity)]
+    return rows[rows.total_stretch == stretch].iloc[0] if stretch else rows.iloc[0]
+
+
+def test_a_stiffer_matrix_shows_in_what_is_determined(found):
+    row = _row(found, "soft", "stiff", "C1")
+    assert row.determined_in_both
+    assert row.standardised > 5.0
+    assert row.difference_q05 < 15.0 < row.difference_q95
+    assert row.kolmogorov > 0.99
+    same = _row(found, "soft", "stiff", "Hx")
+    assert abs(same.standardised) < 4.0
+
+
+def test_what_one_run_does_not_determine_is_no_difference(found):
+    """Equibiaxial stretch alone trades kappa with alpha; its stress is known all the same."""
+    assert not _row(found, "soft", "one <ratio>", "kappa").determined_in_both
+    stress = _row(found, "soft", "one <ratio>", "cauchy_x", found.stretches[-1])
+    assert stress.determined_in_both
+    assert abs(stress.standardised) < 4.0
+
+
+def test_common_stretches_were_reached_by_every_run(members):
+    short = sampled(specimen(SOFT, total_stretch=1.1, increments=10), ess=60.0)
+    found = compare([members[0], Member("short", short.target, short.draws, short.state)])
+    assert found.stretches[-1] == pytest.approx(1.1, abs=2e-3)
+
+
+def test_unreliable_runs_determine_nothing(members):
+    shaky = Member("shaky", members[0].posterior, members[0].draws, "tentative")
+    found = compare([members[0], shaky])
+    assert not found.reliable
+    assert not found.distances["determined_in_b"].any()
+    assert any("same measurements" in note for note in found.notes)
+    bad = Member("bad", members[0].posterior, members[0].draws, "unusable")
+    with pytest.raises(InputError, match="not converged"):
+        compare([members[0], bad])
+    with pytest.raises(InputError, match="same label"):
+        compare([members[0], members[0]])
+
+
+def test_different_settings_are_pointed_out(members):
+    other = sampled(
+        specimen(SOFT, increments=10), ess=60.0, mounting="zeroed", priors={"kappa": 0.0}
+    ).target
+    notes = differing_settings([("a", members[0].posterior), ("b", other)])
+    assert any("noisy (a), zeroed (b)" in note for note in notes)
+    assert any("kappa" in note and "fixed at 0 (b)" in note for note in notes)
+    assert differing_settings([("a", members[0].posterior), ("b", members[1].posterior)]) == []
+
+
+def test_labels_come_from_layers_specimens_or_folders(members):
+    a, b = members[0].posterior.specimen, members[1].posterior.specimen
+    assert labels_of([a, b], ["run1", "run2"]) == ["run1", "run2"]
+    assert labels_of([a, b], ["run", "run"]) == ["virtual (1)", "virtual (2)"]
+
+
+def test_files_and_a_page_that_needs_nothing_else(found, tmp_path):
+    written = write_comparison(found, tmp_path / "new")
+    assert {p.name for p in written} >= {"compare.html", "compare-matrix.pdf", "compare-forest.png"}
+    page = (tmp_path / "new" / "compare.html").read_text()
+    assert "one &lt;ratio&gt;" in page
+    assert "one <ratio>" not in page
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    table = pd.read_csv(tmp_path / "new" / "compare-distances.csv")
+    assert len(table) == len(found.distances)
+
+
+def test_command_says_what_it_needs(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", str(tmp_path)])
+    assert ended.value.code == 2
+    assert "two runs" in capsys.readouterr().err
