@@ -16,16 +16,11 @@ import numpy as np
 
 from biaxbayes.inference.convergence import Convergence, assess
 from biaxbayes.inference.ensembles import Ensembles
+from biaxbayes.inference.population import POPULATION, dispersed_starts, tempered_points
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.proposal import Proposal
-from biaxbayes.inference.warmup import (
-    POPULATION,
-    WarmUp,
-    dispersed_starts,
-    search,
-    tempered_points,
-    warm_up,
-)
+from biaxbayes.inference.search import search
+from biaxbayes.inference.warmup import WarmUp, warm_up
 
 __all__ = ["Draws", "Plan", "Progress", "draw", "first_state"]
 

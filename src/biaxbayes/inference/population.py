@@ -1,0 +1,147 @@
+"""Population Monte Carlo: thousands of points that find a density and its spread.
+
+A population is drawn from a proposal, weighted by density over proposal, and the next proposal is
+fitted to it (Cappe et al., J. Comput. Graph. Stat. 13 (2004) 907). Thousands of points at once
+cost the compiled density a few milliseconds; walkers would need hundreds of steps to come as far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from biaxbayes.errors import NotConverged
+from biaxbayes.inference.proposal import Proposal, fit_proposal
+
+__all__ = [
+    "POPULATION",
+    "dispersed_starts",
+    "effective_share",
+    "explore",
+    "resample",
+    "tempered_points",
+]
+
+POPULATION = 4096
+MAX_GENERATIONS = 24
+SEARCH_COMPONENTS = 6
+TARGET_SHARE = 0.4  # effective share of a generation at which the proposal fits well enough
+TEMPERED_SHARE = 0.15  # effective share that each tempered generation keeps
+
+
+def explore(
+    log_density: Callable[[np.ndarray], np.ndarray],
+    proposal: Proposal,
+    edges: np.ndarray,
+    rng: np.random.Generator,
+    population: int = POPULATION,
+) -> tuple[Proposal, np.ndarray, np.ndarray]:
+    """From a first proposal to one that fits a density.
+
+    The first one is much wider than the density, so the weights are tempered: raised to the
+    largest power that keeps a share of the population effective. A basin that no point of a
+    generation falls into is lost; :mod:`.basins` looks for them beforehand.
+
+    Parameters
+    ----------
+    log_density : callable
+        Vectorised, (n, d) to (n,); -inf where the density is zero.
+    proposal : Proposal
+    edges : ndarray, shape (d, 2)
+    rng : numpy.random.Generator
+    population : int
+
+    Returns
+    -------
+    proposal : Proposal
+    population : ndarray, shape (n, d)
+    log_weight : ndarray, shape (n,)
+        Of the last generation.
+
+    Raises
+    ------
+    NotConverged
+        If no point has a positive density.
+    """
+    best_share, stalled = 0.0, 0
+    for _ in range(MAX_GENERATIONS):
+        u = proposal.sample(rng, population)
+        log_prob = log_density(u)
+        inside = np.isfinite(log_prob)
+        log_weight = np.full(len(u), -np.inf)
+        log_weight[inside] = log_prob[inside] - proposal.log_density(u[inside])
+        if not np.isfinite(log_weight).any():
+            raise NotConverged("no region of positive density around the deterministic fit")
+        power = _tempering(log_weight)
+        share = effective_share(log_weight)
+        if power == 1.0:
+            stalled = 0 if share > best_share + 0.02 else stalled + 1
+            best_share = max(share, best_share)
+            if share > TARGET_SHARE or stalled >= 2:
+                break
+        chosen = resample(power * log_weight, population // 2, rng)
+        with threadpool_limits(1, user_api="blas"):
+            proposal = fit_proposal(u[chosen], rng, edges=edges, components=SEARCH_COMPONENTS)
+    return proposal, u, log_weight
+
+
+def effective_share(log_weight: np.ndarray) -> float:
+    """Effective share (sum w)^2 / (n sum w^2) of an importance sample."""
+    w = np.exp(log_weight - log_weight.max())
+    return float(w.sum() ** 2 / (w.size * (w * w).sum()))
+
+
+def _tempering(log_weight: np.ndarray) -> float:
+    """Largest power of the weights, at most one, that keeps a share of them effective."""
+    if effective_share(log_weight) >= TEMPERED_SHARE:
+        return 1.0
+    low, high = 0.0, 1.0
+    finite = log_weight[np.isfinite(log_weight)]
+    needed = min(TEMPERED_SHARE, 0.5 * finite.size / log_weight.size)
+    for _ in range(40):
+        power = 0.5 * (low + high)
+        share = effective_share(power * finite) * finite.size / log_weight.size
+        low, high = (power, high) if share >= needed else (low, power)
+    return low
+
+
+def resample(log_weight: np.ndarray, size: int, rng: np.random.Generator) -> np.ndarray:
+    """Indices drawn in proportion to the weights (systematic resampling)."""
+    w = np.exp(log_weight - log_weight.max())
+    edges = np.cumsum(w) / w.sum()
+    return np.minimum(np.searchsorted(edges, (np.arange(size) + rng.random()) / size), w.size - 1)
+
+
+def tempered_points(
+    population: np.ndarray, log_weight: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Points of a population drawn by the square root of their weights, shape (n, d)."""
+    return population[resample(0.5 * log_weight, len(population) // 2, rng)]
+
+
+def dispersed_starts(
+    population: np.ndarray,
+    log_weight: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    ensembles: int,
+    walkers: int,
+) -> list[np.ndarray]:
+    """Starts of independent ensembles, spread wider than the posterior.
+
+    Drawn from a population by the square root of its weights: about twice the posterior's
+    variance.
+
+    Returns
+    -------
+    list of ndarray, shape (walkers, d)
+    """
+    starts = []
+    for _ in range(ensembles):
+        # Without replacement (Gumbel keys), so that the walkers are distinct.
+        keys = 0.5 * log_weight + rng.gumbel(size=log_weight.size)
+        keys[~np.isfinite(log_weight)] = -np.inf
+        starts.append(population[np.argsort(keys)[::-1][:walkers]])
+    return starts
