@@ -40,6 +40,14 @@ def model_options(function: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option("--noise-growth", is_flag=True, help="Let the noise sd grow with the load."),
         click.option(
+            "--thin",
+            metavar="N|none|auto",
+            default="auto",
+            show_default=True,
+            help="Average longer protocols to N rows; auto: above 200 rows to 100, for effective "
+            "noise alone.",
+        ),
+        click.option(
             "--fibre-switch", is_flag=True, help="Fibres carry no compression (Abaqus, FEBio)."
         ),
         click.option(
@@ -74,6 +82,7 @@ def read_model_options(
     noise: str,
     mounting_stretch: str,
     noise_growth: bool,
+    thin: str,
     fibre_switch: bool,
     fix: tuple[str, ...],
     priors: Path | None,
@@ -104,6 +113,7 @@ def read_model_options(
         "noise": noise,
         "mounting_stretch": mounting_stretch,
         "noise_growth": noise_growth,
+        "thin": thin,
         "fibre_switch": fibre_switch,
         "priors": chosen,
     }

@@ -29,6 +29,8 @@ class Curves:
         Labels of the mounted states; empty for the classical mistakes, where lm = 1.
     mounting_reading, mounting_reading_sd : ndarray, shape (m, 2)
     fibre_switch : bool
+    scatter : ndarray, shape (rows, 2), or 0
+        Mean square scatter of the readings that a measured load is the mean of.
     """
 
     specimen: Specimen
@@ -39,13 +41,15 @@ class Curves:
     mounting_reading: np.ndarray
     mounting_reading_sd: np.ndarray
     fibre_switch: bool
+    scatter: np.ndarray | float = 0.0
 
     @classmethod
     def of(cls, posterior: Posterior) -> Curves:
         """The curves of a posterior's own specimen."""
         settings = posterior.settings
         specimen = posterior.specimen
-        data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+        thinned = posterior.thinned
+        data = thinned.specimen
         stretch, measured, protocol = [], [], []
         for i, p in enumerate(data.protocols):
             kept = slice(p.rest_rows, None)
@@ -62,6 +66,7 @@ class Curves:
             reading,
             sd,
             settings.fibre_switch,
+            np.concatenate(thinned.scatter),
         )
 
     @property
@@ -146,7 +151,7 @@ class Curves:
     def log_likelihood(
         self, model: np.ndarray, noise: tuple[np.ndarray, np.ndarray | None]
     ) -> np.ndarray:
-        """Pointwise, untempered log likelihood, shape (draws, rows, 2)."""
+        """Pointwise, untempered log likelihood of one reading a row, shape (draws, rows, 2)."""
         sd = self.total_sd(model, noise)
-        z = (self.measured[None] - model) / sd
-        return -0.5 * z * z - np.log(sd) - 0.5 * np.log(2.0 * np.pi)
+        square = (self.measured[None] - model) ** 2 + self.scatter
+        return -0.5 * square / sd**2 - np.log(sd) - 0.5 * np.log(2.0 * np.pi)

@@ -13,6 +13,7 @@ from biaxbayes.inference.coordinates import ANGULAR, SHEAR
 from biaxbayes.inference.priors import LOG_SCALE, Prior, Tie, default_priors
 from biaxbayes.inference.settings import Settings
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import ThinnedSpecimen, thinned_specimen
 
 __all__ = ["Assembly", "assemble"]
 
@@ -91,6 +92,7 @@ def assemble(
     """
     _check(specimen, settings)
     data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+    thinned = thinned_specimen(data, settings.thin)
     shared = settings.mounting_stretch == "shared"
     labels = ("",) if shared else tuple(p.name for p in specimen.protocols)
     reading, reading_sd = specimen.mounting_readings(shared=shared)
@@ -139,9 +141,10 @@ def assemble(
         reading=reading,
         reading_sd=reading_sd if settings.mounting in ("noisy", "free") else 0.0 * reading_sd,
         area=specimen.area,
-        beta=np.broadcast_to(np.asarray(beta, dtype=float), (len(data.protocols), 2)).copy(),
+        # an averaged row counts as the rows that it stands for
+        beta=np.asarray(beta, dtype=float) * np.array(thinned.weight)[:, None] * np.ones(2),
         has_growth=settings.noise_growth,
-        **_rows(data, shared),
+        **_rows(thinned, shared),
     )
     return Assembly(problem, slots, tuple(free), priors, labels)
 
@@ -220,8 +223,9 @@ def _reference(specimen: Specimen, stretch: tuple[float, float] | None) -> np.nd
     return np.array([lx * lx, ly * ly, 1.0 / (lx * ly) ** 2])
 
 
-def _rows(specimen: Specimen, shared: bool) -> dict[str, np.ndarray]:
+def _rows(thinned: ThinnedSpecimen, shared: bool) -> dict[str, np.ndarray]:
     """The readings after the mounted state, protocol after protocol."""
+    specimen = thinned.specimen
     stretch, load, start, mount = [], [], [0], []
     for i, p in enumerate(specimen.protocols):
         kept = slice(p.rest_rows, None)
@@ -231,6 +235,7 @@ def _rows(specimen: Specimen, shared: bool) -> dict[str, np.ndarray]:
         mount.append(0 if shared else i)
     lx, ly = np.concatenate(stretch).T.copy()
     fx, fy = np.concatenate(load).T.copy()
+    vx, vy = np.concatenate(thinned.scatter).T.copy()
     return {
         "start": np.array(start, dtype=np.int64),
         "mount": np.array(mount, dtype=np.int64),
@@ -241,4 +246,6 @@ def _rows(specimen: Specimen, shared: bool) -> dict[str, np.ndarray]:
         "ily": 1.0 / ly,
         "fx": fx,
         "fy": fy,
+        "vx": vx,
+        "vy": vy,
     }

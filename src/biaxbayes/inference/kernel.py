@@ -77,6 +77,8 @@ class Problem(NamedTuple):
         Squared measured stretches, and reciprocals of the in-plane ones.
     fx, fy : ndarray, shape (n,)
         Readings after the mounted state, in the unit of the file.
+    vx, vy : ndarray, shape (n,)
+        Mean square scatter of the readings that a row is the mean of; zero for single readings.
     beta : ndarray, shape (p, 2)
         Weight of each curve's log likelihood.
     has_growth : bool
@@ -109,6 +111,8 @@ class Problem(NamedTuple):
     ily: np.ndarray
     fx: np.ndarray
     fy: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
     beta: np.ndarray
     has_growth: bool
 
@@ -224,6 +228,7 @@ def _curves(problem, value, H, p, x, y, sx, sy, strain, scratch, growth):
     ax, ay, az = problem.ax[first:last], problem.ay[first:last], problem.az[first:last]
     ilx, ily = problem.ilx[first:last], problem.ily[first:last]
     fx, fy = problem.fx[first:last], problem.fy[first:last]
+    ux, uy = problem.vx[first:last], problem.vy[first:last]
     k1, k2, c1 = value[K1], value[K2], value[C1]
     E, exponent, g = strain[:n], scratch[:n], growth[:n]
     hx, hy, hz = Hx * mx, Hy * my, Hz * mz
@@ -244,8 +249,8 @@ def _curves(problem, value, H, p, x, y, sx, sy, strain, scratch, growth):
             e = fibre_factor(k1, E[j], g[j], switch)
             rx = fx[j] - ox - cx * ilx[j] * stress_component(c1, Hx, Hz, e, mx * ax[j], mz * az[j])
             ry = fy[j] - oy - cy * ily[j] * stress_component(c1, Hy, Hz, e, my * ay[j], mz * az[j])
-            ssx += rx * rx
-            ssy += ry * ry
+            ssx += rx * rx + ux[j]
+            ssy += ry * ry + uy[j]
         log_w = 0.5 * np.log(w2) + HALF_LOG_2PI
         return -0.5 * (bx * ssx + by * ssy) / w2 - n * (bx + by) * log_w
     b2 = value[GROWTH] * value[GROWTH]
@@ -256,7 +261,8 @@ def _curves(problem, value, H, p, x, y, sx, sy, strain, scratch, growth):
         qy = cy * ily[j] * stress_component(c1, Hy, Hz, e, my * ay[j], mz * az[j])
         vx, vy = w2 + b2 * qx * qx, w2 + b2 * qy * qy
         rx, ry = fx[j] - ox - qx, fy[j] - oy - qy
-        total -= 0.5 * bx * (rx * rx / vx + np.log(vx)) + 0.5 * by * (ry * ry / vy + np.log(vy))
+        sqx, sqy = rx * rx + ux[j], ry * ry + uy[j]
+        total -= 0.5 * bx * (sqx / vx + np.log(vx)) + 0.5 * by * (sqy / vy + np.log(vy))
     return total - n * (bx + by) * HALF_LOG_2PI
 
 

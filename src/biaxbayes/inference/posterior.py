@@ -20,11 +20,12 @@ from biaxbayes.inference.coordinates import (
 )
 from biaxbayes.inference.fit import constrained_fit
 from biaxbayes.inference.fit_result import FitResult
-from biaxbayes.inference.noise import EffectiveReadings, effective_readings
+from biaxbayes.inference.noise import EffectiveReadings
 from biaxbayes.inference.priors import LOG_SCALE, Prior, Tie, parse_priors
 from biaxbayes.inference.settings import Settings
 from biaxbayes.mechanics.goh import cauchy_stress, structure_tensor
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_specimen
 
 __all__ = ["Posterior"]
 
@@ -46,6 +47,9 @@ class Posterior:
         Weight n_eff / n of the log likelihood; overrides the estimate.
     seed : int
         For the random starts of the deterministic fit.
+    thin : int, "none" or "auto"
+        Rows of a protocol that longer ones are averaged to; see
+        :func:`~biaxbayes.specimens.thinning.rows_to_keep`.
 
     Raises
     ------
@@ -68,10 +72,17 @@ class Posterior:
         beta: float | None = None,
         seed: int = 0,
         determinant: bool = True,
+        thin: int | str = "auto",
     ) -> None:
         self.specimen = specimen
         self.settings = Settings(
-            mounting, noise, mounting_stretch, noise_growth, fibre_switch, _objects(priors or {})
+            mounting,
+            noise,
+            mounting_stretch,
+            noise_growth,
+            fibre_switch,
+            rows_to_keep(specimen, thin, automatic=noise == "effective"),
+            _objects(priors or {}),
         )
         self._check_noise()
         self._start = start
@@ -79,7 +90,9 @@ class Posterior:
         self._determinant = determinant
         self.readings: EffectiveReadings | None = None
         if beta is None and noise == "effective":
-            self.readings = effective_readings(self.start.residuals)
+            from biaxbayes.inference.modal_residuals import sampled_readings  # needs this class
+
+            self.readings = sampled_readings(self)
             beta = self.readings.beta
         self._softening = DEFAULT_SOFTENING
         if self._start is not None:
@@ -92,6 +105,13 @@ class Posterior:
         self.rejected = np.zeros(4, dtype=np.int64)
 
     # --- layout ---
+
+    @property
+    def thinned(self) -> ThinnedSpecimen:
+        """The specimen as its rows enter the likelihood: zeroed and thinned where asked for."""
+        zeroed = self.settings.mounting == "zeroed"
+        source = self.specimen.zeroed() if zeroed else self.specimen
+        return thinned_specimen(source, self.settings.thin)
 
     def _assemble(self, chart: int, *, structural: bool) -> Assembly:
         reference = None

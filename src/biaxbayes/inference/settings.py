@@ -29,6 +29,8 @@ class Settings:
     noise_growth : bool
         Whether the sd grows with the load.
     fibre_switch : bool
+    thin : int
+        Rows of a protocol that longer records are averaged to; 0 keeps all.
     priors : mapping
         Overrides of the default priors: a Prior, a number (fixed) or a Tie.
     """
@@ -38,6 +40,7 @@ class Settings:
     mounting_stretch: str = "shared"
     noise_growth: bool = False
     fibre_switch: bool = False
+    thin: int = 0
     priors: Mapping[str, Prior | float | Tie] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

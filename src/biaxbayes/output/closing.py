@@ -21,6 +21,7 @@ def closing_message(run: Run) -> str:
     lines = [f"{_plain(name)}: {_verdict(record)}", ""]
     lines += _table(run)
     lines += ["", _readings(record)]
+    lines += _thinning(record)
     lines += _identifiability(run)
     lines += [_plain(f"note: {note}") for note in record["notes"][:3]]
     if record["sampler"]["message"]:
@@ -67,6 +68,17 @@ def _readings(record: dict[str, Any]) -> str:
         f"your {noise['readings']} readings carry as much information as "
         f"{noise['effective_readings']:.0f} independent ones"
     )
+
+
+def _thinning(record: dict[str, Any]) -> list[str]:
+    noise = record["noise"]
+    rows, used = noise.get("rows"), noise.get("rows_used")
+    if not rows or not used or used >= rows:
+        return []
+    return [
+        f"{rows:,} rows were averaged to {used:,} along the path; the answer does not "
+        "depend on it (--thin none)"
+    ]
 
 
 def _identifiability(run: Run) -> list[str]:

@@ -12,6 +12,7 @@ from biaxbayes.errors import RunError
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.priors import Prior, Tie, parse_priors
 from biaxbayes.inference.sampler import Draws, Plan
+from biaxbayes.inference.settings import Settings
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["identity", "parse_options", "provenance", "specimen_digest"]
@@ -54,10 +55,11 @@ def _prior_value(prior: Prior | float | Tie) -> Any:
 
 def parse_options(table: dict[str, Any]) -> dict[str, Any]:
     """Keyword arguments of :class:`Posterior` from a stored settings table."""
-    known = {"mounting", "noise", "mounting_stretch", "noise_growth", "fibre_switch", "priors"}
+    known = {*Settings.__dataclass_fields__}
     if not isinstance(table, dict) or not set(table) <= known:
         raise RunError("provenance.json: the settings are not those of a run")
-    return table | {"priors": parse_priors(table.get("priors", {}))}
+    # A run of before there was thinning has all rows.
+    return {"thin": 0} | table | {"priors": parse_priors(table.get("priors", {}))}
 
 
 def identity(posterior: Posterior, plan: Plan) -> dict[str, Any]:
@@ -91,6 +93,9 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             "beta": posterior.beta,
             "rows": int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
             "readings": int(sum(2 * (p.rows - p.rest_rows) for p in specimen.protocols)),
+            "rows_used": int(
+                sum(p.rows - p.rest_rows for p in posterior.thinned.specimen.protocols)
+            ),
             "effective_readings": None if readings is None else readings.total,
             "load_noise": specimen.noise_sd,
         },

@@ -140,6 +140,7 @@ def sample(
     mounting_stretch: str = "shared",
     noise_growth: bool = False,
     fibre_switch: bool = False,
+    thin: int | str = "auto",
     priors: Mapping[str, Any] | None = None,
     ess: float = 2000.0,
     max_steps: int = 20_000,
@@ -158,7 +159,7 @@ def sample(
         The run folder; default ``<stem>-posterior`` beside where the command runs.
     seed : int
         The same seed gives the same draws, whatever ``workers`` is.
-    mounting, noise, mounting_stretch, noise_growth, fibre_switch, priors
+    mounting, noise, mounting_stretch, noise_growth, fibre_switch, thin, priors
         As in :class:`~biaxbayes.inference.posterior.Posterior`.
     ess : float
         Effective sample size asked for, for the worst quantity.
@@ -196,6 +197,7 @@ def sample(
             "mounting_stretch": mounting_stretch,
             "noise_growth": noise_growth,
             "fibre_switch": fibre_switch,
+            "thin": thin,
             "priors": dict(priors or {}),
         },
         seed=seed,

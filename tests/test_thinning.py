@@ -1,0 +1,187 @@
+"""Averaged rows: the same likelihood as of all of them, and an answer that does not change."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from biaxbayes.errors import InputError
+from biaxbayes.findings.curves import Curves
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.sampler import Plan, draw
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.thinning import rows_to_keep, thinned_specimen
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+
+MATERIAL = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
+
+
+def long_specimen(increments: int = 400, misfit: float = 0.0, seed: int = 4) -> Specimen:
+    made, _ = virtual_specimen(
+        MATERIAL,
+        name="long",
+        mounting_stretch=(1.01, 1.02),
+        total_stretch=1.2,
+        ratios=((1.0, 1.0), (1.0, 0.5)),
+        increments=increments,
+        machine=Machine(noise_N=0.004, misfit=misfit),
+        seed=seed,
+    )
+    return made
+
+
+def test_rows_are_means_and_rest_is_kept():
+    stretch = np.concatenate([[1.0, 1.0], np.linspace(1.0, 1.2, 9)[1:]])
+    load = np.concatenate([[0.3, 0.5], np.arange(8.0)])
+    p = Protocol("a", stretch, stretch, load, 2 * load, rest_rows=2)
+    # 8 rows, three of them to be left: groups of 3, 3 and 2
+    out = thinned_specimen(Specimen("s", (p,), "piola"), 3)
+    q = out.specimen.protocols[0]
+    assert q.load_x.tolist() == [0.3, 0.5, 1.0, 4.0, 6.5]
+    assert q.stretch_x[2:] == pytest.approx(
+        [stretch[2:5].mean(), stretch[5:8].mean(), stretch[8:].mean()]
+    )
+    assert q.rest_rows == 2
+    assert out.weight == (pytest.approx(8 / 3),)
+    assert np.abs(out.scatter[0]).max() < 1e-20  # a straight line has no scatter
+
+
+@pytest.mark.parametrize("size", [2, 3, 5])
+def test_scatter_is_that_of_the_noise(size):
+    rng = np.random.default_rng(1)
+    n = 6000
+    stretch = np.linspace(1.0, 1.2, n + 1)
+    load = 50.0 * (stretch - 1.0) ** 2 + 0.2 * rng.standard_normal(n + 1)
+    data = Specimen("s", (Protocol("a", stretch, stretch, load, load),), "piola")
+    out = thinned_specimen(data, n // size)
+    # mean square of k readings about their own mean: sd^2 (k - 1) / k
+    assert out.scatter[0].mean() == pytest.approx(0.04 * (size - 1) / size, rel=0.05)
+
+
+@pytest.mark.parametrize("growth", [False, True])
+def test_likelihood_is_that_of_all_rows(growth):
+    """Over changes of the parameters that move the posterior by many units."""
+    data = long_specimen(misfit=0.02)
+    options = {"noise": "independent", "noise_growth": growth}
+    full = Posterior(data, **options, thin="none")
+    thin = Posterior(data, **options, thin=100)
+    assert thin.thinned.specimen.protocols[0].rows == 101
+    rng = np.random.default_rng(2)
+    reading = data.mounting_readings(shared=True)[0][0]
+    n = 40
+    draws = {
+        "C1": 9.0 * np.exp(0.05 * rng.standard_normal(n)),
+        "k1": 20.0 * np.exp(0.1 * rng.standard_normal(n)),
+        "k2": 4.0 * np.exp(0.1 * rng.standard_normal(n)),
+        "alpha": 42.0 + rng.standard_normal(n),
+        "kappa": 0.15 + 0.01 * rng.standard_normal(n),
+        "mounting_force_x": np.full(n, reading[0]),
+        "mounting_force_y": np.full(n, reading[1]),
+        "noise_sd": 0.01 * np.exp(0.3 * rng.standard_normal(n)),
+        "noise_growth": np.full(n, 0.01),
+    }
+    of_all, of_means = full.log_density(draws), thin.log_density(draws)
+    assert np.ptp(of_all) > 1000.0
+    change = (of_means - of_all) - (of_means - of_all).mean()
+    assert np.abs(change).max() < 0.002 * np.ptp(of_all)
+
+
+def test_pointwise_likelihood_adds_up_to_the_compiled_one():
+    posterior = Posterior(long_specimen(), thin=50)
+    u = np.array([posterior.coordinates(start(posterior))[0]])
+    natural = posterior.natural(u)
+    curves = Curves.of(posterior)
+    pointwise = curves.log_likelihood(curves.model(natural), curves.noise(natural))
+    weight = np.array(posterior.thinned.weight)[curves.protocol][None, :, None]
+    total = posterior.beta * (weight * pointwise).sum()
+    assert total == pytest.approx(float(natural["log_likelihood"][0]), rel=1e-9)
+
+
+def start(posterior: Posterior) -> dict[str, float]:
+    fit = posterior.start
+    m = fit.material
+    return {
+        "C1": m.C1_kPa,
+        "k1": m.k1_kPa,
+        "k2": m.k2,
+        "alpha": m.alpha_deg,
+        "kappa": m.kappa,
+        "mounting_force_x": fit.mounting_load[0, 0],
+        "mounting_force_y": fit.mounting_load[0, 1],
+        "noise_sd": 0.004,
+    }
+
+
+def test_automatic_only_where_it_is_long_and_noise_is_effective():
+    long, short = long_specimen(), long_specimen(increments=150)
+    assert Posterior(long).settings.thin == 100
+    assert Posterior(long, noise="independent").settings.thin == 0
+    assert Posterior(short).settings.thin == 0
+    assert Posterior(long, thin="none").settings.thin == 0
+
+
+@pytest.mark.parametrize("thin", [3, "some", -5])
+def test_other_numbers_are_refused(thin):
+    with pytest.raises(InputError):
+        rows_to_keep(long_specimen(increments=150), thin, automatic=True)
+
+
+def test_mounting_reading_and_weight_do_not_change():
+    data = long_specimen()
+    full, thin = Posterior(data, thin="none"), Posterior(data)
+    assert thin.beta == full.beta
+    assert np.array_equal(thin._assembly.problem.reading_sd, full._assembly.problem.reading_sd)
+
+
+def test_growing_noise_is_worth_what_its_own_residuals_say():
+    """Independent errors of an sd that grows: in units of their own sd nothing correlates."""
+    data = long_specimen(increments=100)
+    rng = np.random.default_rng(7)
+    protocols = tuple(
+        replace(
+            p,
+            load_x=np.append(
+                p.load_x[:1], (p.load_x * (1 + 0.03 * rng.standard_normal(p.rows)))[1:]
+            ),
+            load_y=np.append(
+                p.load_y[:1], (p.load_y * (1 + 0.03 * rng.standard_normal(p.rows)))[1:]
+            ),
+        )
+        for p in data.protocols
+    )
+    posterior = Posterior(replace(data, protocols=protocols), noise_growth=True)
+    assert posterior.beta > 0.6
+
+
+@pytest.mark.real
+@pytest.mark.slow
+def test_real_tissue_thinned_or_not():
+    """Five protocols, 1,526 rows, readings that correlate: the same quantiles, much sooner."""
+    folder = os.environ.get("BIAXBAYES_REAL")
+    if not folder:
+        pytest.skip("BIAXBAYES_REAL is not set")
+    data = aorta(Path(folder) / "aorta-tbad")
+    found = [draw(Posterior(data, thin=t), Plan(ess=2000, workers=1)) for t in ("none", "auto")]
+    for name, all_rows in found[0].quantities.items():
+        if name in ("lp", "log_likelihood"):
+            continue
+        of_means = found[1].quantities[name]
+        for level in (0.05, 0.5, 0.95):
+            change = np.quantile(of_means, level) - np.quantile(all_rows, level)
+            assert abs(change) < 0.15 * all_rows.std(), name
+    assert found[1].seconds["sampling"] < found[0].seconds["sampling"]
+
+
+def aorta(folder: Path) -> Specimen:
+    """The five protocols, each relative to its own mounted state."""
+    protocols = []
+    for path in sorted(folder.glob("*.csv")):
+        table = pd.read_csv(path)
+        columns = [table[c].to_numpy() for c in ("F11", "F22", "P11_kPa", "P22_kPa")]
+        x, y = columns[0] / columns[0][0], columns[1] / columns[1][0]
+        protocols.append(Protocol(path.stem.rsplit("_", 1)[1], x, y, *columns[2:]))
+    return Specimen("aorta", tuple(protocols), "piola")
