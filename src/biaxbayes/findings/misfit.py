@@ -132,7 +132,7 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
     if table.empty:
         return ["There are no readings beyond the mounted state to check the model with."]
     share = table["rms"] / table["peak"].clip(lower=1e-300)
-    worst = table.loc[share.idxmax()]
+    worst = table.iloc[int(np.argmax(share))]
     out = [
         f"The median model misses the readings by {100 * share.min():.2g} to "
         f"{100 * share.max():.2g} % of the peak load of the curve (root mean square); the most "
@@ -154,7 +154,7 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
     if smooth.empty:
         out.append("The signs of the residuals change as often as those of independent errors.")
     else:
-        first = smooth.loc[smooth["runs_z"].idxmin()]
+        first = smooth.iloc[int(np.argmin(smooth["runs_z"]))]
         out.append(
             f"In {len(smooth)} of {len(table)} curves the model misses smoothly: at worst "
             f"{first['runs']:.0f} runs of one sign where independent errors would show "

@@ -42,7 +42,13 @@ def determined_rows(run: Run) -> list[dict[str, str]]:
                 "unit": str(r["unit"]),
                 "median": told[0],
                 "interval": f"{told[1]} to {told[2]}",
-                "width": f"{100.0 * float(r['relative_width']):.2g} %",
+                "width": _percent(100.0 * float(r["relative_width"])),
             }
         )
     return out
+
+
+def _percent(value: float) -> str:
+    return (
+        f"{value:.2g} %" if value < 10.0 else f"{value:.0f} %" if value < 1e4 else "over 10,000 %"
+    )

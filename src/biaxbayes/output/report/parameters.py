@@ -59,7 +59,7 @@ class Row:
         return f"{self.low} to {self.high}"
 
 
-DASH = "–"
+DASH, MINUS = "–", "\N{MINUS SIGN}"
 
 
 def parameter_rows(run: Run) -> list[Row]:
@@ -72,7 +72,8 @@ def parameter_rows(run: Run) -> list[Row]:
         stem = split(name)[0]
         wide = stem in SCALES and q05 > 0.0 and q95 / q05 > WIDE
         write = _stretch if stem.startswith("mounting_stretch") else partial(number, log=wide)
-        told = [DASH if math.isnan(v) else write(v, q05, q95) for v in (q50, q05, q95)]
+        verdict, words = verdicts.get(name, ("", ""))
+        median, low, high = (DASH if math.isnan(v) else write(v, q05, q95) for v in (q50, q05, q95))
         ess = min(float(record["ess_bulk"]), float(record["ess_tail"]))
         rhat = float(record["rhat"])
         rows.append(
@@ -80,10 +81,13 @@ def parameter_rows(run: Run) -> list[Row]:
                 name,
                 MEANING.get(stem, ""),
                 UNITS.get(unit, unit),
-                *told,
+                median,
+                low,
+                high,
                 DASH if math.isnan(ess) else f"{ess:,.0f}",
                 DASH if math.isnan(rhat) else f"{rhat:.4f}",
-                *verdicts.get(name, ("", "")),
+                verdict,
+                words,
             )
         )
     return rows
@@ -97,16 +101,17 @@ def _stretch(value: float, low: float, high: float) -> str:
 
 def percent_stretch(rows: list[Row], run: Run) -> list[tuple[str, str]]:
     """Mounting stretches as sentences, one a direction and mounted state."""
-    table = run.summary.set_index("parameter")
+    values = {str(r["parameter"]): r for r in run.summary.to_dict("records")}
     out = []
     for row in rows:
         if not row.stem.startswith("mounting_stretch_"):
             continue
-        q05, q50, q95 = (100.0 * (float(table.loc[row.name, q]) - 1.0) for q in QUANTILES)
+        q05, q50, q95 = (100.0 * (float(values[row.name][q]) - 1.0) for q in QUANTILES)
         if math.isnan(q50):
             out.append((row.name, "not known: the chains have not converged"))
             continue
-        low, middle, high = (number(v, q05, q95) for v in (q05, q50, q95))
+        digits = 1 if q95 - q05 > 0.2 else 2
+        low, middle, high = (f"{v:.{digits}f}".replace("-", MINUS) for v in (q05, q50, q95))
         what = "stretched" if q50 >= 0.0 else "changed in length"
         out.append((row.name, f"{what} by {middle} % when mounted (90 %: {low} to {high} %)"))
     return out

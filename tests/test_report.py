@@ -1,0 +1,306 @@
+"""The report of a run: its structure, its numbers, and names that try to break it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import quick_posteriors as quick
+import reported
+from biaxbayes.cli import main
+from biaxbayes.findings.misfit import misfit, misfit_in_words
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.output.report import page as report
+from biaxbayes.output.report.methods import prior_in_words
+from biaxbayes.output.report.names import latex_text, markdown_text
+from biaxbayes.output.report.page import write_report
+from biaxbayes.output.report.pictures import TOTAL_BYTES, pictures
+from biaxbayes.output.run import open_run
+
+VOID = {"meta", "link", "img", "br", "hr"}
+
+
+class Outline(HTMLParser):
+    """What a page consists of; elements must be closed in the order they were opened."""
+
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.text: list[str] = []
+        self.headings: list[int] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] != "style":
+            self.text.append(data)
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attrs for name, attrs in self.elements if name == tag]
+
+
+def outline(text: str) -> Outline:
+    parsed = Outline()
+    parsed.feed(text)
+    parsed.close()
+    assert parsed.open == []
+    return parsed
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return reported.hostile_run(tmp_path_factory.mktemp("run") / "hostile")
+
+
+@pytest.fixture(scope="module")
+def html(run):
+    return write_report(run.path, run).read_text(encoding="utf-8")
+
+
+def altered(run, tmp_path: Path, change) -> Path:
+    """The same run folder with another provenance."""
+    folder = tmp_path / "altered"
+    shutil.copytree(run.path, folder)
+    record = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    change(record)
+    (folder / "provenance.json").write_text(json.dumps(record), encoding="utf-8")
+    return folder
+
+
+def test_page_is_whole_and_needs_nothing_else(html):
+    page = outline(html)
+    assert len(html.encode()) < 5_000_000
+    names = {tag for tag, _ in page.elements}
+    assert not names & {"script", "iframe", "object", "embed", "form", "base", "svg"}
+    for _, attrs in page.elements:
+        assert not [key for key in attrs if key.startswith("on")]
+        for key in ("src", "srcset", "action", "data", "poster"):
+            assert (attrs.get(key) or "data:").startswith("data:")
+    assert all((a["href"] or "").startswith("data:") for a in page.all("link"))
+    assert all(re.match(r"#|https://doi\.org/10\.", a["href"] or "") for a in page.all("a"))
+    assert "@import" not in html and "url(" not in html
+
+
+def test_headings_landmarks_and_tables_speak(html):
+    page = outline(html)
+    assert page.headings[0] == 1 and page.headings.count(1) == 1
+    assert all(b - a <= 1 for a, b in zip(page.headings, page.headings[1:], strict=False))
+    for landmark in ("header", "nav", "main", "footer"):
+        assert len(page.all(landmark)) == 1
+    assert page.all("html")[0]["lang"] == "en"
+    assert all(th.get("scope") in ("col", "row") for th in page.all("th"))
+    assert len(page.all("caption")) == len(page.all("table")) >= 4
+    assert all(len(img.get("alt") or "") > 20 for img in page.all("img"))
+    ids = [a["id"] for _, a in page.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    targets = [a["href"][1:] for a in page.all("a") if (a["href"] or "").startswith("#")]
+    assert set(targets) <= set(ids) and page.all("a")[0]["href"] == "#main"
+    labels = [a["aria-labelledby"] for _, a in page.elements if "aria-labelledby" in a]
+    assert set(labels) <= set(ids)
+
+
+def test_numbers_are_those_of_the_run(run, html):
+    text = " ".join(" ".join(outline(html).text).split())
+    for name in ("C1", "k1", "k2", "alpha"):
+        draws = run.draws[name].to_numpy()
+        row = next(r for r in report.parameter_rows(run) if r.name == name)
+        width = np.quantile(draws, 0.95) - np.quantile(draws, 0.05)
+        assert abs(float(row.median) - np.median(draws)) < 0.06 * width
+        assert abs(float(row.low) - np.quantile(draws, 0.05)) < 0.06 * width
+        assert f"{row.median} {row.interval}" in text
+    seed, steps = run.provenance["seed"], run.provenance["sampler"]["steps"]
+    assert f"seed {seed}" in text and f"{steps:,} steps" in text
+    assert "3 loading paths (" in text
+    assert f"{sum(p.rows for p in run.specimen.protocols):,} rows" in text
+
+
+def test_every_verdict_stands_in_words(run, html):
+    text = " ".join("".join(outline(html).text).split())
+    table = pd.read_csv(run.path / "identifiability.csv", comment="#")
+    assert len(table) > 4
+    for words in table["in_words"]:
+        # Names are written as symbols; the rest of the sentence is as it is.
+        said = words.partition(": ")[2] if "[" not in words else words.rpartition("]: ")[2]
+        assert " ".join(said.split()) in text
+
+
+def test_hostile_names_are_text(html):
+    page = outline(html)
+    text = "".join(page.text)
+    assert "<script>document.title='broken'</script>" in text
+    assert "{{ 7*7 }}" in text
+    assert reported.LAYER in text
+    for name in reported.PROTOCOLS:
+        assert name in text
+    title = html.partition("<title>")[2].partition("</title>")[0]
+    assert "&lt;script&gt;" in title and len(title) < 250
+
+
+@pytest.mark.parametrize(
+    ("state", "word"), [("unusable", "Not usable"), ("tentative", "Tentative")]
+)
+def test_a_run_that_did_not_converge_says_so(run, tmp_path, state, word, capsys):
+    def change(record):
+        record["convergence"] |= {"state": state, "reason": "the ensembles <disagree>"}
+
+    folder = altered(run, tmp_path, change)
+    with pytest.raises(SystemExit) as ended:
+        main(["report", str(folder)])
+    assert ended.value.code == 3
+    text = "".join(outline((folder / "report.html").read_text(encoding="utf-8")).text)
+    assert word in text and "the ensembles <disagree>" in text
+    assert "The chains did NOT converge" in text
+    assert ("Nothing can be said" in text) == (state == "unusable")
+    assert ("Posterior medians with" in text) == (state != "unusable")
+
+
+@pytest.mark.parametrize("mounting", ["ignored", "zeroed"])
+def test_a_run_that_ignores_the_mounting_says_so(run, tmp_path, mounting):
+    folder = altered(run, tmp_path, lambda r: r["settings"].update(mounting=mounting))
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert "mounting stretch was ignored" in " ".join("".join(outline(text).text).split())
+
+
+def test_markdown_and_latex_keep_their_cells(run, tmp_path, capsys):
+    for kind in ("md", "latex"):
+        with pytest.raises(SystemExit) as ended:
+            main(["report", str(run.path), "--format", kind, "--out", str(tmp_path / kind)])
+        assert ended.value.code == 0
+    markdown = (tmp_path / "md").read_text(encoding="utf-8")
+    rows = [line for line in markdown.splitlines() if line.startswith("|")]
+    assert len(rows) == 2 + len(run.summary)
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {6}
+    assert not re.search(r"(?<!\\)<", markdown)
+    latex = (tmp_path / "latex").read_text(encoding="utf-8")
+    body = latex.partition("\\midrule")[2].partition("\\bottomrule")[0].strip().splitlines()
+    assert len(body) == len(run.summary)
+    assert {len(re.findall(r"(?<!\\)&", row)) for row in body} == {4}
+    comment, _, table = latex.partition("\\begin{table}")
+    assert all(line.startswith("%") for line in comment.strip().splitlines())
+    assert "%" not in re.sub(r"\\%", "", table)
+    assert table.count("\\end{table}") == 1
+
+
+def test_bad_folder_and_bad_target_are_one_line(run, tmp_path, capsys):
+    for arguments in (
+        ["report", str(tmp_path)],
+        ["report", str(run.path), "--out", str(tmp_path)],
+        ["report", str(run.path), "--out", str(tmp_path / "no" / "such" / "f.html")],
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2
+        told = capsys.readouterr().err
+        assert len(told.strip().splitlines()) == 1 and "Traceback" not in told
+
+
+def test_only_pictures_that_are_pictures(run, tmp_path):
+    real = (run.path / "corner.png").read_bytes()
+    (tmp_path / "good.png").write_bytes(real)
+    (tmp_path / "script.png").write_bytes(b"<svg onload=alert(1)>")
+    (tmp_path / "large.png").write_bytes(real + bytes(TOTAL_BYTES))
+    (tmp_path / "link.png").symlink_to(run.path / "corner.png")
+    found = pictures(tmp_path, ("script", "large", "link", "good", "none"))
+    assert set(found) == {"good"}
+    assert found["good"].width > 300 and found["good"].uri.startswith("data:image/png;base64,")
+
+
+def test_page_without_figures_and_verdicts(run, tmp_path):
+    folder = altered(run, tmp_path, lambda r: None)
+    for path in (*folder.glob("*.png"), folder / "identifiability.csv"):
+        path.unlink()
+    page = outline(write_report(folder).read_text(encoding="utf-8"))
+    assert page.all("img") == []
+    assert "holds no corner.png" in "".join(page.text)
+    assert "biaxbayes identify" in "".join(page.text)
+
+
+def test_report_is_the_same_twice(run, html):
+    assert write_report(run.path).read_text(encoding="utf-8") == html
+    assert open_run(run.path).state == "reliable"
+
+
+def luminance(colour: str) -> float:
+    """Relative luminance, WCAG 2.1."""
+    c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    linear = np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.parametrize("theme", [0, 1])
+def test_contrast(theme):
+    style = (Path(report.__file__).parent / "style.css").read_text(encoding="utf-8")
+    block = re.findall(r":root \{([^}]*)\}", style)[theme]
+    colours = dict(re.findall(r"--(\w+): (#\w{6})", block))
+    for name in ("text", "soft", "link", "good", "doubt", "bad"):
+        for ground in ("page", "card"):
+            pair = sorted(luminance(colours[k]) for k in (name, ground))
+            assert (pair[1] + 0.05) / (pair[0] + 0.05) >= 4.5
+
+
+TRUTH = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.1}
+
+
+def truth_draws(noise: float) -> pd.DataFrame:
+    one = {**TRUTH, "mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02, "noise_sd": noise}
+    return pd.DataFrame([one] * 3)
+
+
+def test_misfit_of_the_truth_is_the_noise():
+    made = quick.specimen(GOH(*TRUTH.values()), noise_N=0.002, increments=400)
+    table = misfit(made, truth_draws(0.002))
+    assert len(table) == 6
+    # Standard error of an rms of 400 readings: 3.5 %.
+    assert table["rms"].to_numpy() == pytest.approx(0.002, rel=0.15)
+    assert (table["runs_z"].abs() < 3.5).all()
+    assert (table["autocorrelation"].abs() < 0.2).all()
+    share = float(table["inside"].mean())
+    assert 0.87 < share < 0.93
+    words = " ".join(misfit_in_words(table))
+    assert "change as often as those of independent errors" in words
+    assert "noise explains the misfit" in words
+
+
+def test_a_model_that_misses_smoothly_is_told():
+    made = quick.specimen(GOH(*TRUTH.values()), noise_N=0.0002, increments=400)
+    wrong = truth_draws(0.0002).assign(C1=12.0)
+    table = misfit(made, wrong)
+    assert (table["runs_z"] < -10.0).all() and (table["autocorrelation"] > 0.9).all()
+    words = " ".join(misfit_in_words(table))
+    assert "6 of 6 curves the model misses smoothly" in words
+    assert "the model, not the load cell, limits the fit" in words
+
+
+def test_text_from_files_is_escaped():
+    assert latex_text("50 % & a_b {x} \\end{table} #1 $y$ ~^") == (
+        r"50 \% \& a\_b \{x\} \textbackslash{}end\{table\} \#1 \$y\$ "
+        r"\textasciitilde{}\textasciicircum{}"
+    )
+    assert markdown_text("a|b <i> *c* [d](e)") == r"a\|b &lt;i&gt; \*c\* \[d\]\(e\)"
+    assert latex_text("line\nbreak\u202ereversed") == "line break reversed"
+
+
+def test_priors_in_words():
+    assert prior_in_words({"distribution": "uniform", "low": 0.0, "high": 90.0}) == (
+        "uniform from 0 to 90"
+    )
+    told = prior_in_words({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0})
+    assert told == "lognormal (median 10, log sd 2)"
+    assert prior_in_words(5.0) == "fixed at 5"
+    assert prior_in_words("2.0 * k1") == "tied: 2.0 * k1"
