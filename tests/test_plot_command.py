@@ -68,3 +68,10 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
         message = capsys.readouterr().err
         assert said in message and message.count("\n") == 1
     assert not list(tmp_path.glob("a.*"))
+
+
+def test_help_shows_its_examples_line_by_line(capsys):
+    assert call("plot", "--help") == 0
+    shown = capsys.readouterr().out
+    assert "\n  biaxbayes plot media-posterior --figure corner --width-mm 180\n" in shown
+    assert "\\b" not in shown

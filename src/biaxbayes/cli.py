@@ -48,7 +48,10 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in VERBS:
             return None
-        return import_module(f"biaxbayes.commands.{cmd_name}").command
+        command: click.Command = import_module(f"biaxbayes.commands.{cmd_name}").command
+        # Raw docstrings hold click's mark of a paragraph to leave alone as two characters.
+        command.help = (command.help or "").replace("\\b\n", "\b\n")
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -22,7 +22,6 @@ FILES = {
     "identifiability": "identifiability",
     "mounting": "mounting",
     "trace": "trace",
-    "profile": "profile",
 }
 """Figures and the stems of their files."""
 WITH_TRUTH, WITH_COMPARE = ("corner", "mounting"), ("corner",)
@@ -73,9 +72,9 @@ def command(run: Path, **options: Any) -> None:
     r"""Draw a figure of RUN for a paper: fonts embedded, 7 to 8 pt at print size.
 
     \b
-    biaxbayes plot media.run --figure corner --width-mm 180
-    biaxbayes plot media.run --figure bands --width-mm 85 --format svg --out fig3.svg
-    biaxbayes plot media.run --figure corner --compare adventitia.run --style journal.mplstyle
+    biaxbayes plot media-posterior --figure corner --width-mm 180
+    biaxbayes plot media-posterior --figure bands --width-mm 85 --format svg --out fig3.svg
+    biaxbayes plot media-posterior --figure corner --compare adventitia-posterior --style journal.mplstyle
     """
     from biaxbayes.output.style import read_style, save_figure
 
