@@ -186,30 +186,30 @@ def _rows(table) -> list[str]:
 
 HEAD = """# Calibration
 
-An interval that says 90 % should hold the truth nine times in ten. `biaxbayes calibrate` checks it on
-a specimen's own protocols, dimensions and load noise (simulation-based calibration, Talts et al.,
-arXiv:1804.06788): true values of every unknown are drawn from a prior, readings are simulated from
-them, the readings are sampled as a measured specimen's are, with the same prior, and the rank of
-each true value among 127 posterior draws is noted. If density and sampler are right the ranks are
-uniform. *p* is the exact probability that uniform ranks leave uniformity as far behind somewhere
-(Saeilynoja et al., Statistics and Computing 32 (2022) 32); below 0.05 they leave the simultaneous
-95 % band. One right quantity in twenty does so by chance, which is why *p, all together* multiplies
-the smallest by the number of quantities. Coverage is that of central intervals, in percent, with
-its binomial interval.
+An interval that says 90 % should hold the truth nine times in ten. `biaxbayes calibrate` checks
+it on a specimen's own protocols, dimensions and load noise (simulation-based calibration, Talts
+et al., arXiv:1804.06788): true values of every unknown are drawn from a prior, readings are
+simulated from them, the readings are sampled as a measured specimen's are, with the same prior,
+and the rank of each true value among 127 posterior draws is noted. If density and sampler are
+right the ranks are uniform. *p* is the exact probability that uniform ranks leave uniformity as
+far behind somewhere (Saeilynoja et al., Statistics and Computing 32 (2022) 32); below 0.05 they
+leave the simultaneous 95 % band. One right quantity in twenty does so by chance, which is why *p,
+all together* multiplies the smallest by the number of quantities. Coverage is that of central
+intervals, in percent, with its binomial interval.
 
 The prior is scaled to the protocol, and written beside the ranks as a priors file: C1, k1 and k2
 lognormal (sd of the log 0.8) around values at which the exponent k2 E^2 is one at the largest
 stretch and matrix and fibres carry 30 and 70 % of the specimen's peak stress; alpha and kappa
 uniform over their ranges; mounting stretches N(1.02, 0.01); noise sd lognormal (0.7) around 0.5 %
-of the specimen's peak load. The default priors of `biaxbayes sample` would draw tissue of 10 MPa, or
-pushed together at mounting. True values without a stable mounted state are rejected, as the posterior
-does. The log likelihood of the readings at the true values is ranked as well: it notices errors
-that no single parameter shows. Replications whose chains did not reach their target are counted and
-stay in every figure.
+of the specimen's peak load. The default priors of `biaxbayes sample` would draw tissue of 10 MPa,
+or pushed together at mounting. True values without a stable mounted state are rejected, as the
+posterior does. The log likelihood of the readings at the true values is ranked as well: it
+notices errors that no single parameter shows. Replications whose chains did not reach their
+target are counted and stay in every figure.
 
-The deliberately broken studies show that the check can fail: in one the density lacks the change of
-variables from mounting force to mounting stretch, in the other the readings have a noise sd 20 %
-above the true value that is ranked.
+The deliberately broken studies show that the check can fail: in one the density lacks the change
+of variables from mounting force to mounting stretch, in the other the readings have a noise sd 20
+% above the true value that is ranked.
 
 With `effective` noise the likelihood is weighted by n_eff / n, estimated from each record's own
 residuals. On independent errors, as here, the weight is below one by chance, so intervals are on
