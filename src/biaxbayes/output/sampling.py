@@ -150,6 +150,8 @@ class Sampling:
             self._write_files(folder, posterior, draws, clock)
 
     def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
+        from biaxbayes.output.report.page import write_report
+        from biaxbayes.output.run import Run
         from biaxbayes.output.run_products import write_products
 
         specimen = self.specimen
@@ -170,8 +172,9 @@ class Sampling:
         write_summary(folder / "summary.csv", table)
         atomic_write_text(folder / "fit.json", _json([posterior.start.record()]))
         write_products(folder, posterior, draws)
-        record["files"] = manifest(folder)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
+        write_report(folder, Run(folder, record))
+        record["files"] = manifest(folder)
         atomic_write_text(folder / PROVENANCE, _json(record))
 
 

@@ -88,7 +88,7 @@ def settings_facts(run: Run) -> list[tuple[str, str]]:
 
 
 def version_facts(run: Run) -> list[tuple[str, str]]:
-    """Seed, hash, versions and seconds, as pairs."""
+    """Seed, hash and versions, as pairs; no times, so that the same run writes the same page."""
     record = run.provenance
     facts = [
         ("biaxbayes", cut(record.get("biaxbayes", ""), 30)),
@@ -96,9 +96,6 @@ def version_facts(run: Run) -> list[tuple[str, str]]:
         ("SHA-256 of the specimen", cut(record.get("specimen_sha256", ""), 64)),
     ]
     facts += [(cut(k, 30), cut(v, 30)) for k, v in _table(record, "versions").items()]
-    total = _table(record, "seconds").get("total")
-    if isinstance(total, int | float):
-        facts.append(("Time taken", f"{total:.0f} s"))
     return facts
 
 
