@@ -44,7 +44,8 @@ def misfit(
     -------
     DataFrame
         One row a protocol and direction: ``protocol``, ``direction``, ``readings``, ``rms`` (of
-        reading minus median model, in the unit of the file), ``peak`` (largest absolute load),
+        reading minus median model, in the unit of the file), ``largest`` (of the same, with its
+        sign) and ``at`` (the measured stretch there), ``peak`` (largest absolute load),
         ``noise`` (of the load cell), ``autocorrelation`` (of neighbouring residuals), ``runs``
         of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
         errors), ``inside`` (share of the readings inside their own 90 % predictive
@@ -77,6 +78,7 @@ def misfit(
             median[part], below[part] = _model(curves, columns)
         for axis, direction in enumerate("xy"):
             residual = measured[:, axis] - median[:, axis]
+            worst = int(np.argmax(np.abs(residual)))
             share = below[:, axis]
             rows.append(
                 {
@@ -84,6 +86,8 @@ def misfit(
                     "direction": direction,
                     "readings": len(residual),
                     "rms": float(np.sqrt(np.mean(residual**2))),
+                    "largest": float(residual[worst]),
+                    "at": float(stretch[worst, axis]),
                     "peak": float(np.abs(measured[:, axis]).max()),
                     "noise": specimen.noise_sd,
                     **_randomness(residual),

@@ -23,6 +23,7 @@ def closing_message(run: Run) -> str:
     lines += ["", _readings(record)]
     lines += _thinning(record)
     lines += _identifiability(run)
+    lines += _misses(run)
     lines += [_plain(f"note: {note}") for note in record["notes"][:3]]
     if record["sampler"]["message"]:
         lines.append(f"note: {record['sampler']['message']}")
@@ -92,6 +93,22 @@ def _identifiability(run: Run) -> list[str]:
     if not loose:
         return ["every parameter is identified"]
     return ["not determined on its own: " + "; ".join(_plain(t) for t in loose)]
+
+
+def _misses(run: Run) -> list[str]:
+    """Paths that the model must not be used for, two at most."""
+    if run.state == "unusable":
+        return []
+    from biaxbayes.findings.predictive_checks import path_warnings, predictive_checks
+    from biaxbayes.inference.settings import Settings
+    from biaxbayes.output.provenance import parse_options
+
+    settings = Settings(**parse_options(run.provenance["settings"]))
+    said = path_warnings(
+        predictive_checks(run.specimen, run.draws, settings=settings), run.specimen.unit
+    )
+    more = [f"... and {len(said) - 2} more protocols (report.html)"] if len(said) > 2 else []
+    return [_plain(text) for text in said[:2]] + more
 
 
 def _plain(text: str) -> str:
