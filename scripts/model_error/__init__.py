@@ -1,0 +1,1 @@
+"""Truths that GOH cannot represent, and the error models that are to survive them."""
