@@ -1,0 +1,183 @@
+"""Designs against exact Gaussian answers, and against sampling again."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from scipy.stats import multivariate_normal
+
+from biaxbayes.errors import InputError
+from biaxbayes.findings.candidates import FurtherProtocol, Reading, standard_candidates
+from biaxbayes.findings.design import design, expect, targets
+from biaxbayes.findings.design_check import resample
+from biaxbayes.inference.sampler import Plan
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.output.figures.design import design_figure
+from biaxbayes.specimens.specimen_file import write_specimen
+from quick_posteriors import EQUIBIAXIAL, sampled, specimen
+
+MATERIAL = GOH(15.0, 60.0, 8.0, 42.0, 0.1)
+
+
+def _gaussian(sd_alpha=6.0, sd_kappa=0.05, correlation=-0.8, n=30_000):
+    covariance = np.array([[sd_alpha**2, 0.0], [0.0, sd_kappa**2]])
+    covariance[0, 1] = covariance[1, 0] = correlation * sd_alpha * sd_kappa
+    values = np.random.default_rng(4).multivariate_normal([45.0, 0.15], covariance, n)
+    return pd.DataFrame(values, columns=["alpha", "kappa"]), covariance
+
+
+@pytest.mark.parametrize("accuracy", [2.0, 6.0, 20.0])
+def test_histology_agrees_with_the_exact_gaussian_answer(accuracy):
+    draws, covariance = _gaussian()
+    quantities = {n: draws[n].to_numpy() for n in draws}
+    reading = Reading("histology", ("alpha",), accuracy)
+    found = expect(reading, draws, quantities, np.random.default_rng(1), outcomes=400)
+    # var(q | y) = var(q) - cov(q, alpha)^2 / (var(alpha) + s^2)
+    total = covariance[0, 0] + accuracy**2
+    after = np.diag(covariance) - covariance[:, 0] ** 2 / total
+    exact = 1.0 - np.sqrt(after / np.diag(covariance))
+    assert np.all(np.abs(found.reduction - exact) < 4.0 * found.error + 0.005)
+    assert found.error.max() < 0.02
+    assert found.at_least == pytest.approx(exact, abs=0.01)
+    # EIG = ln(1 + var(alpha) / s^2) / 2
+    gain = 0.5 * np.log1p(covariance[0, 0] / accuracy**2)
+    assert abs(found.gain - gain) < 4.0 * found.gain_error
+    assert found.gain_error < 0.1
+
+
+def test_two_readings_agree_with_the_exact_gaussian_answer():
+    draws, covariance = _gaussian()
+    scaled = pd.DataFrame({"alpha": draws["alpha"], "kappa": 100.0 * draws["kappa"]})
+    covariance = covariance * np.outer([1.0, 100.0], [1.0, 100.0])
+    reading = Reading("both", ("alpha", "kappa"), 3.0)
+    quantities = {n: scaled[n].to_numpy() for n in scaled}
+    found = expect(reading, scaled, quantities, np.random.default_rng(2), outcomes=400)
+    after = np.linalg.inv(np.linalg.inv(covariance) + np.eye(2) / 9.0)
+    exact = 1.0 - np.sqrt(np.diag(after) / np.diag(covariance))
+    assert np.all(np.abs(found.reduction - exact) < 4.0 * found.error + 0.005)
+
+
+def test_an_outcome_that_leaves_too_few_draws_is_not_trusted():
+    draws, _ = _gaussian(n=2000)
+    quantities = {"alpha": draws["alpha"].to_numpy()}
+    found = expect(Reading("exact", ("alpha",), 0.005), draws, quantities, np.random.default_rng(3))
+    assert not found.trusted
+
+
+@pytest.fixture(scope="module")
+def run():
+    return sampled(specimen(MATERIAL, ratios=EQUIBIAXIAL, increments=15), ess=200.0)
+
+
+@pytest.fixture(scope="module")
+def candidates(run):
+    return {c.name: c for c in standard_candidates(run.posterior())}
+
+
+def test_protocol_likelihood_is_a_normal_density(run, candidates):
+    protocol = candidates["1:0.5"]
+    draws = run.draws.iloc[[3, 500, 900]]
+    outcomes = protocol.outcomes(draws, np.random.default_rng(5))
+    found = protocol.log_likelihood(outcomes, draws)
+    load, variance = protocol._model(draws)
+    exact = np.column_stack(
+        [
+            multivariate_normal.logpdf(outcomes, mean.ravel(), np.diag(v.ravel()))
+            for mean, v in zip(load, variance, strict=True)
+        ]
+    )
+    # Up to a term common to all draws: differences between draws are what counts.
+    assert found - found[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
+
+
+def test_rows_worth_less_come_with_errors_that_are_worth_less(run, candidates):
+    base = candidates["1:1 to " + " x ".join(f"{v:.3g}" for v in _further(run))]
+    path = 1.0 + np.linspace(0.0, 0.1, 401)[:, None] * np.ones(2)
+    tempered = FurtherProtocol("x", base.specimen, path, 0.1, base.mounting_sd, False)
+    draws = pd.concat([run.draws.iloc[[7]]] * 400, ignore_index=True)
+    load, variance = tempered._model(draws.iloc[[0]])
+    noise = tempered.outcomes(draws, np.random.default_rng(6)).reshape(400, 401, 2) - load
+    noise = noise[:, 1:] / np.sqrt(variance[0, 1:])
+    assert noise.var() == pytest.approx(1.0, rel=0.05)
+    # var(mean of n) = 1 / n_eff = 1 / (beta n)
+    assert noise.mean(axis=1).var() == pytest.approx(1.0 / (0.1 * 400), rel=0.2)
+
+
+def _further(run):
+    p = run.posterior().specimen.protocols[0]
+    return 1.0 + 1.25 * (np.array([p.stretch_x.max(), p.stretch_y.max()]) - 1.0)
+
+
+def test_other_ratios_tell_more_than_a_repeat(run):
+    """Equibiaxial stretch alone trades kappa with alpha: only another ratio settles it."""
+    chosen = [c for c in standard_candidates(run.posterior()) if ":" in c.name]
+    found = design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=60)
+    names = [e.name for e in found.expected]
+    rank = {name: i for i, name in enumerate(names)}
+    assert rank["1:0"] < rank["repeat 1:1"]
+    assert rank["0:1"] < rank["repeat 1:1"]
+    kappa = found.quantities.index("kappa")
+    repeat = found.expected[rank["repeat 1:1"]]
+    assert 0.0 <= repeat.at_least[kappa] < 0.3
+    table = found.to_frame()
+    assert len(table) == len(chosen) * len(found.quantities)
+    figure = design_figure(found)
+    assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
+    again = design(run.posterior(), run.draws, chosen, rank_by="kappa", outcomes=60)
+    pd.testing.assert_frame_equal(table, again.to_frame())
+
+
+def test_an_unknown_quantity_cannot_rank(run):
+    with pytest.raises(InputError, match="C1"):
+        design(run.posterior(), run.draws, rank_by="nonsense")
+
+
+def test_fixed_parameters_are_no_candidates():
+    fixed = sampled(
+        specimen(MATERIAL, increments=10), ess=50.0, mounting="zeroed", priors={"alpha": 42.0}
+    )
+    names = [c.name for c in standard_candidates(fixed.posterior())]
+    assert not any("angle" in n or "image" in n for n in names)
+    assert "alpha" not in targets(fixed.posterior(), fixed.draws)
+
+
+def test_an_outcome_can_be_added_to_the_specimen(run, candidates):
+    protocol = candidates["1:0"]
+    outcome = protocol.outcomes(run.draws.iloc[:1], np.random.default_rng(7))[0]
+    data, options = protocol.added_to(run.posterior(), outcome)
+    assert [p.name for p in data.protocols][1:] == ["next"]
+    assert data.load(data.protocols[1]).ravel() == pytest.approx(outcome)
+    reading = Reading("alpha", ("alpha",), 5.0)
+    _, options = reading.added_to(run.posterior(), np.array([41.0]))
+    assert options["priors"]["alpha"].as_table()["sd"] == 5.0
+
+
+def test_command_writes_a_ranked_table(tmp_path):
+    from biaxbayes.commands.design import command
+    from biaxbayes.output.run import sample
+
+    path = tmp_path / "tissue.csv"
+    write_specimen(specimen(MATERIAL, increments=10), path)
+    sample(path, out=tmp_path / "run", ess=50, noise="independent")
+    arguments = [str(tmp_path / "run"), "--ratio", "1:0.75"]
+    done = CliRunner().invoke(command, arguments, standalone_mode=False)
+    assert done.exception is None
+    table = pd.read_csv(tmp_path / "run" / "design.csv")
+    assert "1:0.75" in set(table["candidate"])
+    assert table["information_gain_nats"].is_monotonic_decreasing
+    assert (tmp_path / "run" / "design.pdf").stat().st_size > 5000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["fibre angle ± 5°", "1:0.5"])
+def test_prediction_agrees_with_sampling_again(run, candidates, name):
+    candidate = candidates[name]
+    posterior = run.posterior()
+    rng = np.random.default_rng(8)
+    found = expect(candidate, run.draws, targets(posterior, run.draws), rng, outcomes=400)
+    plan = Plan(ess=200, seed=2, workers=2)
+    again = resample(posterior, run.draws, candidate, outcomes=8, plan=plan)
+    for i, quantity in enumerate(again.quantities):
+        j = list(targets(posterior, run.draws)).index(quantity)
+        error = np.hypot(again.error[i], found.error[j])
+        assert abs(again.reduction[i] - found.reduction[j]) < 4.0 * error + 0.03, quantity
