@@ -81,6 +81,8 @@ def settings_facts(run: Run) -> list[tuple[str, str]]:
         ("Errors grow with the load", _yes(settings.get("noise_growth"))),
         ("Fibres in extension only", _yes(settings.get("fibre_switch"))),
     ]
+    if settings.get("thin"):
+        facts.append(("Longer protocols averaged to", f"{settings['thin']} rows"))
     priors = record.get("priors")
     if isinstance(priors, dict):
         facts += [(f"Prior of {cut(k, 40)}", prior_in_words(v)) for k, v in priors.items()]

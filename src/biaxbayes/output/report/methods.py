@@ -66,7 +66,9 @@ def _test(run: Run) -> str:
         )
     paths = "one loading path" if count == 1 else f"{count} loading paths"
     rows = sum(p.rows for p in s.protocols)
-    return f"A specimen{size} was tested planar-biaxially on {paths} ({rows:,} rows)."
+    thin = run.provenance["settings"].get("thin")
+    kept = f" Longer protocols were averaged to {thin} rows." if thin else ""
+    return f"A specimen{size} was tested planar-biaxially on {paths} ({rows:,} rows).{kept}"
 
 
 def _model(run: Run) -> str:

@@ -1,0 +1,176 @@
+"""Every command and Python example of the README and of docs/ does what a reader expects: it runs.
+
+Blocks of a ``console`` or ``python`` fence are run page after page in one folder, as a reader goes
+on; a block behind ``<!-- slow -->`` only with ``-m slow``. What samples is given fewer draws.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shlex
+import shutil
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from biaxbayes.cli import VERBS, main
+from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from hostile.machine_exports import biotester_export
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("tutorial.md", "how-to.md", "python.md")
+FENCE = re.compile(r"(<!-- slow -->\n)?```(\w*)\n(.*?)\n```", re.DOTALL)
+FEWER = ("--ess", "100")
+SAMPLING = {"sample": FEWER, "ledger": FEWER, "compare": FEWER, "calibrate": FEWER}
+TRIED = {0, 3}
+"""With so few draws a run may end as not converged; the command is run, not the science."""
+
+
+class Block(NamedTuple):
+    """A fenced block of a page."""
+
+    page: str
+    language: str
+    text: str
+    slow: bool
+
+
+def blocks(path: Path) -> list[Block]:
+    text = path.read_text(encoding="utf-8")
+    return [Block(path.name, m[2], m[3], bool(m[1])) for m in FENCE.finditer(text)]
+
+
+def commands(block: Block) -> list[list[str]]:
+    lines = [line[2:] for line in block.text.splitlines() if line.startswith("$ ")]
+    assert lines, f"{block.page}: a console block without a command"
+    return [shlex.split(line) for line in lines]
+
+
+def run_command(words: list[str]) -> None:
+    """Run a command of this program in this process; its error is the test's."""
+    assert words[0] == "biaxbayes"
+    arguments = [*words[1:], *SAMPLING.get(words[1], ())]
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        pytest.raises(SystemExit) as ended,
+    ):
+        main(arguments)
+    code = int(ended.value.code or 0)
+    told = err.getvalue()[-1500:]
+    assert code in (TRIED if words[1] in SAMPLING else {0}), f"{shlex.join(words)}\n{code}: {told}"
+
+
+def run_python(text: str) -> None:
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(compile(text, "example", "exec"), {"__name__": "example"})
+
+
+def prepare(folder: Path) -> None:
+    """What a reader of the pages has: an export of their own, the repository's data."""
+    (folder / "export.csv").write_text(biotester_export(cycles=6).text(), encoding="utf-8")
+    shutil.copytree(ROOT / "data", folder / "data")
+    shutil.copy(ROOT / "data" / "donor2-media.csv", folder / "specimen.csv")
+    write_specimen(read_specimen(folder / "specimen.csv").zeroed(), folder / "tared.csv")
+    for block in blocks(ROOT / "docs" / "how-to.md"):
+        if block.language == "toml":
+            (folder / "histology.toml").write_text(block.text, encoding="utf-8")
+
+
+def run_pages(folder: Path, *, slow: bool) -> int:
+    prepare(folder)
+    count = 0
+    for page in PAGES:
+        for block in blocks(ROOT / "docs" / page):
+            if block.slow and not slow:
+                continue
+            if block.language == "console":
+                for words in commands(block):
+                    run_command(words)
+                    count += 1
+            elif block.language == "python":
+                run_python(block.text)
+                count += 1
+    return count
+
+
+def test_every_quick_command_of_the_pages_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run_pages(tmp_path, slow=False) >= 14
+    for name in ("media-posterior/report.html", "figure2.svg", "table1.tex", "virtual.csv"):
+        assert (tmp_path / name).stat().st_size > 500
+
+
+@pytest.mark.slow
+def test_every_command_of_the_pages_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run_pages(tmp_path, slow=True) >= 22
+    page = (tmp_path / "media-posterior" / "report.html").read_text(encoding="utf-8")
+    assert "The cost of ignoring the mounting stretch" in page
+
+
+def readme_lines() -> list[list[str]]:
+    text = "\n".join(b.text for b in blocks(ROOT / "README.md") if b.language != "python")
+    return [shlex.split(line) for line in text.splitlines() if re.match(r"(biaxbayes|bash) ", line)]
+
+
+def test_readme_commands_exist():
+    lines = readme_lines()
+    assert len(lines) >= 4
+    for words in lines:
+        if words[0] == "bash":
+            assert (ROOT / words[1]).is_file()
+        else:
+            assert words[1] in VERBS
+    named = set(re.findall(r"`([a-z]+)`", (ROOT / "README.md").read_text(encoding="utf-8")))
+    assert set(VERBS) - named <= {"batch"}
+
+
+def test_readme_check_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    prepare(tmp_path)
+    quick = [words for words in readme_lines() if words[:2] == ["biaxbayes", "check"]]
+    assert quick
+    for words in quick:
+        run_command(words)
+
+
+@pytest.mark.slow
+def test_readme_and_demo_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    prepare(tmp_path)
+    demo = (ROOT / "scripts" / "demo.sh").read_text(encoding="utf-8").splitlines()
+    ours = [shlex.split(line) for line in demo if line.startswith("biaxbayes ")]
+    assert ours
+    for words in [w for w in readme_lines() if w[0] == "biaxbayes"] + ours:
+        run_command(words)
+    for block in blocks(ROOT / "README.md"):
+        if block.language == "python":
+            run_python(block.text)
+
+
+def test_console_blocks_are_ours_and_links_lead_somewhere():
+    for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+        for block in blocks(path):
+            if block.language == "console":
+                assert path.name in PAGES, f"{path.name} is not among the pages that are run"
+                assert all(words[0] == "biaxbayes" for words in commands(block))
+        text = path.read_text(encoding="utf-8")
+        for target in re.findall(r"\]\(([^)#:]+)\)", text):
+            assert (path.parent / target).exists(), f"{path.name}: {target}"
+
+
+def test_the_reference_shows_every_verb(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    sys.modules.pop("docs_verbs", None)
+    import docs_verbs
+
+    page = docs_verbs.on_page_markdown((ROOT / "docs" / "cli.md").read_text(encoding="utf-8"))
+    assert docs_verbs.MARK not in page
+    for verb in ("sample", "fit", "check", "convert", "identify", "report", "export"):
+        assert f"## {verb}\n" in page and f"Usage: biaxbayes {verb}" in page
