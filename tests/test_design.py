@@ -91,7 +91,7 @@ def test_protocol_likelihood_is_a_normal_density(run, candidates):
 
 
 def test_rows_worth_less_come_with_errors_that_are_worth_less(run, candidates):
-    base = candidates["1:1 to " + " x ".join(f"{v:.3g}" for v in _further(run))]
+    base = candidates["1:1 to " + " × ".join(f"{v:.3g}" for v in _further(run))]
     path = 1.0 + np.linspace(0.0, 0.1, 401)[:, None] * np.ones(2)
     tempered = FurtherProtocol("x", base.specimen, path, 0.1, base.mounting_sd, False)
     draws = pd.concat([run.draws.iloc[[7]]] * 400, ignore_index=True)
@@ -159,7 +159,7 @@ def test_command_writes_a_ranked_table(tmp_path):
     path = tmp_path / "tissue.csv"
     write_specimen(specimen(MATERIAL, increments=10), path)
     sample(path, out=tmp_path / "run", ess=50, noise="independent")
-    arguments = [str(tmp_path / "run"), "--ratio", "1:0.75"]
+    arguments = [str(tmp_path / "run"), "--ratio", "1:0.75", "--rank-by", "information"]
     done = CliRunner().invoke(command, arguments, standalone_mode=False)
     assert done.exception is None
     table = pd.read_csv(tmp_path / "run" / "design.csv")

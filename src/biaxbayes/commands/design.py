@@ -42,9 +42,9 @@ TOLD = ("C1", "k1", "k2", "alpha", "kappa")
 )
 @click.option(
     "--rank-by",
-    default="information",
+    default="parameters",
     show_default=True,
-    help="The information gain, or a parameter whose spread is to shrink most.",
+    help="The mean over the parameters, 'information', or one quantity, such as kappa.",
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Same seed, same bytes.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the files [the run's].")

@@ -276,7 +276,7 @@ def standard_candidates(
         same = [np.allclose(end, e, atol=0.03 * top.max()) for e in ends]
         out.append(protocol(f"{'repeat ' if any(same) else ''}{x:g}:{y:g}", end))
     if further != 1.0:
-        stretch = " x ".join(f"{v:.3g}" for v in 1.0 + further * top)
+        stretch = " × ".join(f"{v:.3g}" for v in 1.0 + further * top)
         out.append(protocol(f"1:1 to {stretch}", further * top))
     free = {n for n, p in posterior.priors.items() if isinstance(p, Prior)}
     for name, sd, unit in (("alpha", alpha_sd_deg, "°"), ("kappa", kappa_sd, "")):

@@ -23,6 +23,7 @@ from biaxbayes.findings.derived import STRESS, derived_quantities, largest_equib
 from biaxbayes.findings.sampling_scale import judged_scales
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.priors import Prior
+from biaxbayes.mechanics.goh import PARAMETERS
 
 __all__ = ["Design", "Expected", "design", "expect", "targets"]
 
@@ -138,7 +139,7 @@ def design(
     draws: pd.DataFrame,
     candidates: Sequence[Candidate] | None = None,
     *,
-    rank_by: str = "information",
+    rank_by: str = "parameters",
     seed: int = 1,
     outcomes: int = OUTCOMES,
     progress: Callable[[str], None] = lambda name: None,
@@ -153,7 +154,8 @@ def design(
     candidates : sequence of Candidate, optional
         Default :func:`~biaxbayes.findings.candidates.standard_candidates`.
     rank_by : str
-        ``information``, or the name of a quantity whose spread is to shrink most.
+        ``parameters`` (mean reduction over the free material parameters), ``information``, or
+        the name of a quantity whose spread is to shrink most.
     seed : int
     outcomes : int
         Simulated outcomes of each candidate.
@@ -167,10 +169,10 @@ def design(
     """
     chosen = list(standard_candidates(posterior) if candidates is None else candidates)
     quantities = targets(posterior, draws)
-    if rank_by != "information" and rank_by not in quantities:
+    if rank_by not in ("parameters", "information", *quantities):
         raise InputError(
             f"--rank-by {rank_by[:60]!r} is no quantity of this run",
-            remedy=f"choose information, {', '.join(quantities)}",
+            remedy=f"choose parameters, information, {', '.join(quantities)}",
         )
     found, skipped = [], []
     for number, candidate in enumerate(chosen):
@@ -183,9 +185,12 @@ def design(
             found.append((expected, candidate))
     names = tuple(quantities)
 
+    wanted = [n in PARAMETERS if rank_by == "parameters" else n == rank_by for n in names]
+
     def rank(pair: tuple[Expected, Any]) -> float:
-        e = pair[0]
-        return -(e.gain if rank_by == "information" else e.reduction[names.index(rank_by)])
+        expected = pair[0]
+        # Where all material parameters are fixed there is the information alone.
+        return -float(expected.reduction[wanted].mean() if any(wanted) else expected.gain)
 
     found.sort(key=rank)
     return Design(names, tuple(e for e, _ in found), tuple(skipped), tuple(c for _, c in found))

@@ -48,7 +48,7 @@ def design_figure(
         )
         _cells(cells, found)
         _bars(bars, found.expected)
-        note = "cells: expected reduction of the standard deviation, per cent"
+        note = "expected reduction of the sd, per cent; below a symbol: total stretch"
         if not all(e.trusted for e in found.expected):
             note += "\n* too few effective draws: a rough number, see at_least in design.csv"
         figure.text(
@@ -74,6 +74,7 @@ def _cells(ax: Axes, found: Design) -> None:
     ax.set_yticks(range(len(names)), names)
     ax.set_xticks(range(len(found.quantities)), [_symbol(q) for q in found.quantities])
     ax.xaxis.tick_top()
+    ax.tick_params(axis="x", labelsize=7.0)
     ax.tick_params(length=0.0)
     for edge in range(1, len(found.quantities)):
         ax.axvline(edge - 0.5, color="white", linewidth=0.8)
@@ -107,4 +108,4 @@ def _symbol(name: str) -> str:
     symbol = known.get(stem[:-2])
     if symbol is None:
         symbol = f"$H_{axis}$" if stem in ("Hx", "Hy") else quantity(stem).symbol
-    return f"{symbol}\nat {at}" if at else symbol
+    return f"{symbol}\n{at}" if at else symbol
