@@ -33,6 +33,15 @@ def test_each_figure_in_the_run_folder(run, figure, capsys):
     assert points == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
 
 
+def test_profile_and_trace_of_named_parameters(run, tmp_path):
+    out = tmp_path / "kappa.svg"
+    for figure in ("profile", "trace"):
+        arguments = ("--figure", figure, "--parameter", "kappa", "--out", out)
+        assert call("plot", run, *arguments) == 0
+        assert out.stat().st_size > 1000
+        out.unlink()
+
+
 def test_corner_with_truth_comparison_and_style(run, tmp_path, capsys):
     style = tmp_path / "journal.mplstyle"
     style.write_text("axes.prop_cycle: cycler('color', ['123456', '654321'])\n")
@@ -57,6 +66,9 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
     cases = [
         ((run, "--figure", "trace", "--truth", wrong), "does not go with --figure trace"),
         ((run, "--figure", "bands", "--compare", run), "does not go with --figure bands"),
+        ((run, "--parameter", "C1"), "--parameter does not go with --figure corner"),
+        ((run, "--figure", "trace", "--parameter", "beta"), "no quantity 'beta'"),
+        ((run, "--figure", "profile", "--parameter", "beta"), "beta"),
         ((run, "--truth", wrong), "no entry for specimen 'donor2-media'"),
         ((run, "--out", tmp_path / "a.png", "--format", "pdf"), "--format pdf does not go"),
         ((run, "--style", tmp_path / "absent"), "the style cannot be read"),

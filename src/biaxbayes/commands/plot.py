@@ -22,9 +22,15 @@ FILES = {
     "identifiability": "identifiability",
     "mounting": "mounting",
     "trace": "trace",
+    "profile": "profile",
 }
 """Figures and the stems of their files."""
-WITH_TRUTH, WITH_COMPARE = ("corner", "mounting"), ("corner",)
+TAKEN_BY = {
+    "truth": ("corner", "mounting"),
+    "compare": ("corner",),
+    "parameters": ("profile", "trace"),
+}
+"""Options that go with some figures only."""
 
 
 @click.command("plot")
@@ -62,6 +68,13 @@ WITH_TRUTH, WITH_COMPARE = ("corner", "mounting"), ("corner",)
     help="Another run to draw over this one: corner.",
 )
 @click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    metavar="NAME",
+    help="What to show, repeatable: profile and trace.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE",
@@ -74,7 +87,8 @@ def command(run: Path, **options: Any) -> None:
     \b
     biaxbayes plot media-posterior --figure corner --width-mm 180
     biaxbayes plot media-posterior --figure bands --width-mm 85 --format svg --out fig3.svg
-    biaxbayes plot media-posterior --figure corner --compare adventitia-posterior --style journal.mplstyle
+    biaxbayes plot media-posterior --compare adventitia-posterior --style journal.mplstyle
+    biaxbayes plot media-posterior --figure profile --parameter kappa
     """
     from biaxbayes.output.style import read_style, save_figure
 
@@ -86,10 +100,10 @@ def command(run: Path, **options: Any) -> None:
 
 
 def _check(options: dict[str, Any]) -> None:
-    for name, figures in (("truth", WITH_TRUTH), ("compare", WITH_COMPARE)):
-        if options[name] is not None and options["figure"] not in figures:
+    for name, figures in TAKEN_BY.items():
+        if options[name] and options["figure"] not in figures:
             raise InputError(
-                f"--{name} does not go with --figure {options['figure']}",
+                f"--{name.removesuffix('s')} does not go with --figure {options['figure']}",
                 remedy=f"it goes with {' and '.join(figures)}",
             )
 
@@ -115,9 +129,15 @@ def _draw(path: Path, options: dict[str, Any], style: dict[str, Any] | None) -> 
     from biaxbayes.output.run import open_run
 
     kind = options["figure"]
-    # Traces are there to see why a run is not reliable.
-    run = open_run(path) if kind == "trace" else open_usable_run(path, anyway=options["anyway"])
+    # Traces are there to see why a run is not reliable; a profile rests on no draws.
+    run = (
+        open_run(path)
+        if kind in ("trace", "profile")
+        else open_usable_run(path, anyway=options["anyway"])
+    )
     how: dict[str, Any] = {"width_mm": options["width_mm"], "style": style}
+    if options["parameters"]:
+        how["names"] = tuple(dict.fromkeys(options["parameters"]))
     if options["truth"] is not None:
         from biaxbayes.output.truth_file import read_truth
 
@@ -167,10 +187,21 @@ def _identifiability(run: Run, how: dict[str, Any]) -> Figure:
     return identifiability_figure(identify(run), **how)
 
 
+def _profile(run: Run, how: dict[str, Any]) -> Figure:
+    from biaxbayes.findings.profile import profiles
+    from biaxbayes.mechanics.goh import PARAMETERS
+    from biaxbayes.output.figures.profile import profile_figure
+
+    posterior = run.posterior()
+    names = how.pop("names", None) or [n for n in PARAMETERS if n in posterior.free]
+    return profile_figure(profiles(posterior, names), **how)
+
+
 _FIGURES = {
     "corner": _corner,
     "bands": _bands,
     "identifiability": _identifiability,
     "mounting": _mounting,
     "trace": _trace,
+    "profile": _profile,
 }
