@@ -95,10 +95,6 @@ class Posterior:
             self.readings = sampled_readings(self)
             beta = self.readings.beta
         self._softening = DEFAULT_SOFTENING
-        if self._start is not None:
-            self._softening = softening_of(
-                self._start.material.theta[3], self._start.material.kappa
-            )
         self.beta = 1.0 if beta is None else float(beta)
         self._assembly = self._assemble(SHEAR, structural=True)
         self._natural = self._assemble(ANGULAR, structural=False)
@@ -209,9 +205,21 @@ class Posterior:
         """Scale of the sampling chart near isotropy (see :mod:`.coordinates`)."""
         return float(self._assembly.problem.softening)
 
-    def use_softening(self, softening: float) -> None:
-        """Change the scale of the sampling chart."""
-        self._softening = float(softening)
+    def use_chart(self, softening: float | None = None) -> None:
+        """Lay the sampling coordinates out around the deterministic fit.
+
+        Coordinates mean nothing without their reference stretch and softening: whoever draws,
+        or continues from stored coordinates, calls this first.
+
+        Parameters
+        ----------
+        softening : float, optional
+            Scale of the chart near isotropy; default that of the fit's own material.
+        """
+        material = self.start.material
+        self._softening = (
+            softening_of(material.theta[3], material.kappa) if softening is None else softening
+        )
         self._assembly = self._assemble(SHEAR, structural=True)
 
     @property

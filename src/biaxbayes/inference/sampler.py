@@ -211,7 +211,7 @@ def first_state(
     seconds = {}
     clock = time.perf_counter()
     progress(Progress("fitting"))
-    _ = posterior.start
+    posterior.use_chart()
     seconds["fit"] = time.perf_counter() - clock
     clock = time.perf_counter()
     progress(Progress("compiling (once; cached for later runs)"))
@@ -254,8 +254,7 @@ def first_state(
 
 def _ensembles(posterior: Posterior, plan: Plan, state: State) -> Ensembles:
     """Ensembles that continue from a state."""
-    if posterior.softening != state.softening:
-        posterior.use_softening(state.softening)
+    posterior.use_chart(state.softening)
     ensembles = Ensembles(
         posterior.log_prob,
         [m["coordinates"] for m in state.members],

@@ -61,7 +61,7 @@ def _recharted(
         return None
     # Weights are ratios of densities in the same coordinates: they carry over.
     weights = log_weight[np.isfinite(log_weight)]
-    posterior.use_softening(softening)
+    posterior.use_chart(softening)
     u = posterior.coordinates(natural)
     edges = edge_array(posterior.edges, posterior.dimension)
     picked = u[resample(weights, half, rng)]

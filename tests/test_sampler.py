@@ -1,0 +1,402 @@
+"""From a posterior to judged draws, and from a file to a run folder."""
+
+import json
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import norm
+
+import biaxbayes
+from biaxbayes.cli import main
+from biaxbayes.errors import RunError
+from biaxbayes.inference import checkpoint
+from biaxbayes.inference.convergence import effective_sample_size
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.sampler import Plan, draw
+from biaxbayes.output.summary import COLUMNS
+from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    import arviz as az
+
+DATA = Path(__file__).parents[1] / "data"
+THETA = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x", "mounting_stretch_y")
+QUICK = Plan(ess=3000, workers=2)
+
+
+def specimen(name="donor2-media"):
+    return read_specimen(DATA / f"{name}.csv")
+
+
+def departures(first, second, names=THETA, levels=(0.05, 0.5, 0.95)):
+    """z-scores of the quantiles of two posteriors, each with its own effective sample size."""
+    out = []
+    for name in names:
+        a, b = first.quantities[name], second.quantities[name]
+        pooled = np.concatenate([a.ravel(), b.ravel()])
+        for level in levels:
+            below = [(x < np.quantile(pooled, level)).astype(float) for x in (a, b)]
+            error = np.sqrt(sum(level * (1 - level) / effective_sample_size(x) for x in below))
+            out.append((below[0].mean() - below[1].mean()) / error)
+    return np.abs(out)
+
+
+def limit(tests, level=1e-3):
+    return norm.isf(0.5 * level / tests)
+
+
+# --- ways to the same posterior ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "noise"), [("donor2-media", "effective"), ("donor2-adventitia", "independent")]
+)
+def test_free_and_noisy_are_the_same_posterior(name, noise):
+    reference = Posterior(specimen(name), mounting="noisy", noise=noise)
+    runs = [
+        draw(Posterior(specimen(name), mounting=m, noise=noise, beta=reference.beta), QUICK)
+        for m in ("noisy", "free")
+    ]
+    assert [r.convergence.state for r in runs] == ["reliable"] * 2
+    z = departures(*runs)
+    assert z.size == 21
+    assert z.max() < limit(z.size)
+    # the check has teeth: a posterior with another prior fails it
+    other = Posterior(
+        specimen(name),
+        noise=noise,
+        beta=reference.beta,
+        priors={"mounting_stretch": {"distribution": "normal", "mean": 1.03, "sd": 0.01}},
+    )
+    assert departures(runs[1], draw(other, QUICK)).max() > 2 * limit(z.size)
+
+
+def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_determinant():
+    """The determinant matters where the toe is soft and few readings count."""
+    media = specimen()
+    options = {"noise": "effective", "beta": 0.05}
+    exact = draw(Posterior(media, mounting="exact", **options), QUICK)
+    still = replace(media, load_noise=1e-7)
+    noisy = draw(Posterior(still, mounting="noisy", **options), QUICK)
+    assert exact.convergence.state == noisy.convergence.state == "reliable"
+    z = departures(exact, noisy)
+    assert z.max() < limit(z.size)
+    wrong = draw(Posterior(still, mounting="noisy", determinant=False, **options), QUICK)
+    assert wrong.convergence.state == "reliable"
+    assert departures(exact, wrong).max() > 3 * limit(z.size)
+
+
+# --- seeds, workers, interruption -------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return draw(Posterior(specimen()), Plan(ess=500, seed=4, workers=1))
+
+
+def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
+    again = draw(Posterior(specimen()), Plan(ess=500, seed=4, workers=2))
+    np.testing.assert_array_equal(chain.chain, again.chain)
+    assert again.rejected == chain.rejected
+    other = draw(Posterior(specimen()), Plan(ess=500, seed=5, workers=2))
+    assert not np.array_equal(chain.chain, other.chain)
+
+
+@pytest.mark.parametrize(
+    ("name", "noise", "stops"),
+    [("donor2-media", "effective", (2,)), ("donor2-adventitia", "independent", (0,))],
+)
+def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, noise, stops, tmp_path):
+    plan = Plan(ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048)
+    whole = draw(Posterior(specimen(name), noise=noise), plan)
+    assert whole.convergence.state != "reliable"  # the target is out of reach: the budget ended it
+    assert whole.chain.shape[1] == 300
+    identity = {"test": "interruption"}
+    for stop_after in stops:
+        folder = tmp_path / str(stop_after)
+        folder.mkdir()
+        seen = []
+
+        def save(state, folder=folder, seen=seen):
+            seen.append(state.steps)
+            checkpoint.save(folder, state, identity)
+
+        part = draw(
+            Posterior(specimen(name), noise=noise),
+            plan,
+            on_block=save,
+            stop=lambda seen=seen, stop_after=stop_after: len(seen) > stop_after,
+        )
+        assert part.interrupted
+        assert len(seen) == stop_after + 1
+        assert part.chain.shape[1] == seen[-1] < 300
+        state, note = checkpoint.load(folder, identity)
+        assert note == ""
+        resumed = draw(Posterior(specimen(name), noise=noise), plan, state=state)
+        np.testing.assert_array_equal(resumed.chain, whole.chain)
+        assert (resumed.evaluations, resumed.rejected) == (whole.evaluations, whole.rejected)
+        for quantity, values in whole.quantities.items():
+            np.testing.assert_array_equal(resumed.quantities[quantity], values)
+
+
+def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
+    """And a posterior that was drawn from before gives the same draws again."""
+    from biaxbayes.inference import sampler
+
+    posterior = Posterior(specimen("donor2-adventitia"), noise="independent")
+    plan = Plan(ess=1e9, max_steps=300, seed=3, first_block=64, population=2048)
+    whole = draw(posterior, plan)
+    monkeypatch.setattr(sampler, "MAX_KEPT_STEPS", 70)
+    thinned = draw(posterior, plan)
+    assert thinned.thin == 8
+    np.testing.assert_array_equal(thinned.chain, whole.chain[:, ::8])
+
+
+def test_draws_carry_what_they_claim(chain):
+    assert chain.convergence.state == "reliable"
+    posterior = Posterior(specimen())
+    ensembles, steps, walkers, d = chain.chain.shape
+    assert (ensembles, d) == (4, posterior.dimension)
+    for values in chain.quantities.values():
+        assert values.shape == (ensembles, steps, walkers)
+    natural = {n: chain.quantities[n].ravel()[:500] for n in posterior.free}
+    np.testing.assert_allclose(
+        posterior.log_density(natural), chain.quantities["lp"].ravel()[:500], rtol=1e-9
+    )
+    assert chain.evaluations >= ensembles * steps * walkers
+    assert chain.rejected["evaluated"] >= chain.evaluations
+    assert 0.2 < chain.acceptance <= 1
+
+
+# --- the run folder ---------------------------------------------------------------------------
+
+FILES = {
+    "posterior.nc",
+    "summary.csv",
+    "corner.pdf",
+    "corner.png",
+    "stress-bands.pdf",
+    "stress-bands.png",
+    "fit.json",
+    "provenance.json",
+}
+GROUPS = {
+    "posterior",
+    "sample_stats",
+    "log_likelihood",
+    "posterior_predictive",
+    "observed_data",
+    "constant_data",
+}
+ROWS = (*THETA, "mounting_force_x", "mounting_force_y", "noise_sd")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "media"
+    return biaxbayes.sample(DATA / "donor2-media.csv", out=folder, seed=11, ess=500, workers=1)
+
+
+def test_run_folder_holds_every_file_and_reopens(run):
+    assert {p.name for p in run.path.iterdir()} >= FILES
+    assert run.state == "reliable"
+    again = biaxbayes.open_run(run.path)
+    assert again.specimen == read_specimen(DATA / "donor2-media.csv")
+    assert len(again.draws) == again.chains["C1"].size
+    np.testing.assert_array_equal(
+        again.chains["k2"].transpose(0, 2, 1).ravel(), again.draws["k2"].to_numpy()
+    )
+    posterior = again.posterior()
+    assert posterior.beta == run.beta
+    few = {n: again.draws[n].to_numpy()[:50] for n in posterior.free}
+    np.testing.assert_allclose(
+        posterior.log_density(few), again.draws["lp"].to_numpy()[:50], rtol=1e-9
+    )
+    (record,) = again.fit
+    assert record["method"] == "constrained"
+    for name in ("corner.png", "stress-bands.png"):
+        assert (run.path / name).read_bytes().startswith(b"\x89PNG")
+    for name in ("corner.pdf", "stress-bands.pdf"):
+        assert (run.path / name).read_bytes().startswith(b"%PDF")
+
+
+def test_summary_is_that_of_the_draws(run):
+    table = pd.read_csv(run.path / "summary.csv")
+    assert tuple(table.columns) == COLUMNS
+    assert tuple(table["parameter"]) == ROWS
+    units = dict(zip(table["parameter"], table["unit"], strict=True))
+    assert (units["C1"], units["alpha"], units["noise_sd"]) == ("kPa", "deg", "N")
+    for row in table.itertuples():
+        values = run.draws[row.parameter]
+        assert row.mean == pytest.approx(values.mean(), rel=1e-6)
+        assert row.q05 == pytest.approx(np.quantile(values, 0.05), rel=1e-6)
+        assert row.q95 == pytest.approx(np.quantile(values, 0.95), rel=1e-6)
+    assert (table["rhat"] < 1.01).all() and (table["ess_bulk"] >= 500).all()
+
+
+def test_archive_opens_with_arviz_and_has_its_groups_and_dimensions(run):
+    opened = az.from_netcdf(run.path / "posterior.nc")
+    names = getattr(opened, "groups", None)
+    names = names() if callable(names) else names
+    assert {str(n).strip("/") for n in names} >= GROUPS
+    posterior = opened["posterior"]
+    assert set(posterior["C1"].dims) == {"chain", "draw"}
+    assert posterior.sizes["chain"] == 4
+    assert posterior["C1"].attrs["units"] == "kPa"
+    assert posterior.attrs["biaxbayes_version"] == biaxbayes.__version__
+    np.testing.assert_array_equal(posterior["k1"].to_numpy().ravel(), run.draws["k1"])
+    rows = specimen().protocols[0].rows - specimen().protocols[0].rest_rows
+    for group in ("log_likelihood", "posterior_predictive"):
+        sizes = opened[group]["load"].sizes
+        assert (sizes["chain"], sizes["row"], sizes["direction"]) == (4, rows, 2)
+    summary = az.summary(
+        posterior if hasattr(az, "InferenceData") else opened, var_names=["C1", "alpha"]
+    )
+    mean = summary.loc["C1", "mean"]
+    assert float(mean) == pytest.approx(run.draws["C1"].mean(), rel=0.05)
+    # R-hat as ArviZ computes it, ensembles as chains
+    rhat = az.rhat(posterior if hasattr(az, "InferenceData") else opened)
+    assert float(np.asarray(rhat["C1"])) < 1.05
+    if hasattr(az, "from_datatree"):
+        assert "posterior" in az.from_datatree(run.tree).groups()
+
+
+def test_stored_pointwise_likelihood_is_untempered(run):
+    """Its sum over readings times beta is the tempered likelihood that was sampled."""
+    logs = run.tree["log_likelihood"]["load"]
+    picked = logs["draw"].to_numpy()
+    total = logs.to_numpy().astype(float).sum(axis=(-2, -1))
+    stored = run.tree["sample_stats"]["tempered_log_likelihood"].to_numpy()[:, picked]
+    assert run.beta < 0.9
+    np.testing.assert_allclose(run.beta * total, stored, rtol=1e-4, atol=1e-2)
+
+
+def test_provenance_says_what_was_run_and_how_long_each_part_took(run):
+    record = run.provenance
+    assert record["biaxbayes"] == biaxbayes.__version__
+    assert record["seed"] == 11
+    assert record["settings"]["mounting"] == "noisy"
+    assert 0 < record["noise"]["effective_readings"] < record["noise"]["readings"] == 200
+    assert {"fit", "warm-up", "sampling", "total"} <= set(record["seconds"])
+    parts = record["seconds"]
+    assert parts["total"] >= parts["warm-up"] + parts["sampling"]
+
+
+def test_same_seed_same_bytes_whatever_the_workers(run, tmp_path):
+    again = biaxbayes.sample(
+        DATA / "donor2-media.csv", out=tmp_path / "again", seed=11, ess=500, workers=2
+    )
+    for name in ("summary.csv", "fit.json"):
+        assert (again.path / name).read_bytes() == (run.path / name).read_bytes()
+    np.testing.assert_array_equal(again.draws.to_numpy(), run.draws.to_numpy())
+
+
+# --- the command ------------------------------------------------------------------------------
+
+
+def call(*arguments):
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return 0 if ended.value.code is None else ended.value.code
+
+
+def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
+    out = tmp_path / "run"
+    code = call(
+        "sample", DATA / "donor2-media.csv", "--out", out, "--ess", 300, "--workers", 2,
+        "--noise", "independent",
+    )  # fmt: skip
+    text = capsys.readouterr().out
+    assert code == 0
+    assert {p.name for p in out.iterdir()} >= FILES
+    assert len(text.splitlines()) <= 40
+    for word in ("C1", "kappa", "mounting_stretch_x", "reliable", "R-hat", str(out)):
+        assert word in text
+
+
+def test_a_run_that_does_not_converge_ends_with_3_and_shows_nothing_to_trust(tmp_path, capsys):
+    out = tmp_path / "short"
+    code = call("sample", DATA / "donor2-media.csv", "--out", out, "--max-steps", 128, "--ess", 1e7)
+    text = capsys.readouterr().out
+    assert code == 3
+    assert "not converged" in text
+    record = json.loads((out / "provenance.json").read_text())
+    assert record["convergence"]["state"] != "reliable"
+    assert record["convergence"]["reason"]
+    table = pd.read_csv(out / "summary.csv")
+    assert table["ess_bulk"].isna().all() and table["ess_tail"].isna().all()
+    assert (out / "posterior.nc").is_file()  # the draws are kept
+
+
+def tared(tmp_path):
+    media = specimen()
+    path = tmp_path / "tared.csv"
+    write_specimen(media.zeroed(), path)
+    return path
+
+
+def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
+    path = tared(tmp_path)
+    code = call("sample", path, "--out", tmp_path / "run")
+    text = capsys.readouterr().err
+    assert code == 2
+    assert len(text.strip().splitlines()) == 1
+    for words in ("tared", "--mounting-force X Y", "--mounting zeroed"):
+        assert words in text
+    assert not (tmp_path / "run" / "provenance.json").exists()
+
+
+@pytest.mark.parametrize(
+    "way", [["--mounting", "zeroed"], ["--mounting-force", "0.013", "0.016"]], ids=lambda w: w[0]
+)
+def test_the_ways_on_lead_on(tmp_path, capsys, way):
+    code = call("sample", tared(tmp_path), "--out", tmp_path / "run", "--ess", 100, *way)
+    assert code == 0, capsys.readouterr()
+    names = set(pd.read_csv(tmp_path / "run" / "summary.csv")["parameter"])
+    assert ("mounting_stretch_x" in names) == (way[0] == "--mounting-force")
+
+
+def test_a_foreign_folder_is_not_written_into(tmp_path, capsys):
+    (tmp_path / "thesis.docx").write_text("years of work")
+    code = call("sample", DATA / "donor2-media.csv", "--out", tmp_path)
+    assert code == 2
+    assert "choose another --out" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == ["thesis.docx"]
+
+
+def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
+    posterior = Posterior(specimen())
+    plan = Plan(ess=1e9, max_steps=128, first_block=64)
+    draw(
+        posterior,
+        plan,
+        on_block=lambda s: checkpoint.save(tmp_path, s, {"specimen": "one", "seed": 1}),
+        stop=lambda: True,
+    )
+    with pytest.raises(RunError, match="specimen"):
+        checkpoint.load(tmp_path, {"specimen": "two", "seed": 1})
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["sample", "--help"]])
+def test_help_imports_nothing_heavy(arguments):
+    code = (
+        "import sys\n"
+        "from biaxbayes.cli import main\n"
+        "try:\n"
+        f"    main({arguments!r})\n"
+        "except SystemExit as end:\n"
+        "    assert not end.code, end.code\n"
+        "heavy = {'numpy', 'matplotlib', 'scipy', 'numba', 'emcee', 'pandas', 'xarray'}\n"
+        "loaded = heavy & set(sys.modules)\n"
+        "assert not loaded, loaded\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Usage" in done.stdout
