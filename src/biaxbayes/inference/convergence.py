@@ -22,6 +22,8 @@ TENTATIVE_RHAT = 1.05
 MIN_STEPS_PER_TAU = 25.0
 """A chain shorter than this many autocorrelation times cannot measure the time itself."""
 TENTATIVE_ESS = 100.0
+LONGEST_HOLD = 1.0 / 3.0
+"""Share of the run that no walker may stand still for: one that does never left its start."""
 
 
 def rank_normalised(draws: np.ndarray) -> np.ndarray:
@@ -94,6 +96,18 @@ def effective_sample_size(draws: np.ndarray) -> float:
     return float(min(draws.size / autocorrelation_time(draws), draws.size))
 
 
+def longest_hold(quantities: dict[str, np.ndarray]) -> int:
+    """Most steps that any walker stood still for, of draws of shape (ensembles, steps, walkers)."""
+    draws = list(quantities.values())
+    moved = np.zeros(draws[0][:, 1:].shape, dtype=bool)
+    for values in draws:
+        moved |= values[:, 1:] != values[:, :-1]
+    steps = np.arange(1, draws[0].shape[1])[None, :, None]
+    # The step at which the current stand began.
+    began = np.maximum.accumulate(np.where(moved, steps, 0), axis=1)
+    return int((steps - began).max(initial=0)) + 1
+
+
 @dataclass(frozen=True)
 class Convergence:
     """Diagnostics of every quantity and the state of the run.
@@ -143,8 +157,9 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     Returns
     -------
     Convergence
-        ``reliable``: R-hat below 1.01, ESS on target and chains longer than 25 autocorrelation
-        times. ``tentative``: R-hat below 1.05 and ESS above 100. ``unusable`` otherwise.
+        ``reliable``: R-hat below 1.01, ESS on target, chains longer than 25 autocorrelation
+        times and no walker that stood still for a third of them. ``tentative``: R-hat below 1.05
+        and ESS above 100. ``unusable`` otherwise.
     """
     names, bulk, tail, rhat, tau = [], [], [], [], []
     steps = 0
@@ -169,6 +184,9 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     state, reason = _state(
         names, ess_bulk, ess_tail, np.array(rhat), np.array(tau), steps, target_ess
     )
+    held = longest_hold(quantities) if names else 0
+    if state == "reliable" and held > LONGEST_HOLD * steps:
+        state, reason = "tentative", f"a walker stood still for {held} of {steps} kept steps"
     return Convergence(
         tuple(names), ess_bulk, ess_tail, np.array(rhat), np.array(tau), steps, state, reason
     )
