@@ -82,7 +82,7 @@ def read_model_options(
     noise: str,
     mounting_stretch: str,
     noise_growth: bool,
-    thin: str,
+    thin: str = "auto",
     fibre_switch: bool,
     fix: tuple[str, ...],
     priors: Path | None,

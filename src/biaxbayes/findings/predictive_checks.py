@@ -64,10 +64,10 @@ def path_warnings(checks: pd.DataFrame, unit: str) -> list[str]:
     for protocol in dict.fromkeys(row["protocol"] for row in missed):
         worst = max((r for r in missed if r["protocol"] == protocol), key=lambda r: r["share"])
         out.append(
-            f"GOH misses the {protocol} protocol by {abs(worst['largest']):.2g} {unit} "
-            f"({100 * worst['share']:.0f} % of its peak) in {worst['direction']} at a measured "
-            f"stretch of {worst['at']:.3f}: do not use these parameters for that path where "
-            "this matters."
+            f"GOH misses the {protocol} protocol by {worst['rms']:.2g} {unit} root mean square "
+            f"and {abs(worst['largest']):.2g} {unit} ({100 * worst['share']:.0f} % of its peak) at "
+            f"most, in {worst['direction']} at a measured stretch of {worst['at']:.3f}: do not use "
+            "these parameters for that path where this matters."
         )
     return out
 
