@@ -106,8 +106,13 @@ def _determined(run: Run) -> list[dict[str, str]]:
 def _misfit(run: Run) -> dict[str, Any]:
     """The posterior predictive check in words and as a table."""
     if run.state == "unusable":
-        return {"words": [], "rows": []}
-    from biaxbayes.findings.misfit import misfit, misfit_in_words
+        return {"words": [], "rows": [], "warnings": []}
+    from biaxbayes.findings.misfit import misfit_in_words
+    from biaxbayes.findings.predictive_checks import (
+        checks_in_words,
+        path_warnings,
+        predictive_checks,
+    )
 
     chosen = run.provenance["settings"]
     settings = Settings(
@@ -116,9 +121,15 @@ def _misfit(run: Run) -> dict[str, Any]:
         noise_growth=chosen.get("noise_growth") is True,
         fibre_switch=chosen.get("fibre_switch") is True,
     )
-    table = misfit(run.specimen, run.draws, settings=settings)
+    table = predictive_checks(run.specimen, run.draws, settings=settings)
     table["protocol"] = [cut(name, 60) for name in table["protocol"]]
-    return {"words": misfit_in_words(table), "rows": table.to_dict("records")}
+    unit = run.specimen.unit
+    words = dict.fromkeys([*checks_in_words(table, unit), *misfit_in_words(table)])
+    return {
+        "words": list(words),
+        "rows": table.to_dict("records"),
+        "warnings": path_warnings(table, unit),
+    }
 
 
 @cache
