@@ -15,7 +15,7 @@ NAME = (
     "{{ 7*7 }} $x_1$ & 50 % \\end{table} \u05e9\u05dc\u05d5\u05dd | a_b " + "very long " * 40
 ).strip()
 LAYER = "media</style><script>alert(2)</script>"
-PROTOCOLS = ("<b onclick='x'>1:1", "a|b & \u0645\u0631\u062d\u0628\u0627", "{% raw %}")
+PROTOCOLS = ("<b onclick='x'>1:1</b>", "a|b & \u0645\u0631\u062d\u0628\u0627", "{% raw %}")
 
 
 def hostile_run(folder: Path) -> Run:

@@ -304,3 +304,12 @@ def test_priors_in_words():
     assert told == "lognormal (median 10, log sd 2)"
     assert prior_in_words(5.0) == "fixed at 5"
     assert prior_in_words("2.0 * k1") == "tied: 2.0 * k1"
+
+
+def test_a_protocol_with_a_slash_comes_back_by_its_name(run):
+    stretch = f"mounting_stretch_x[{reported.PROTOCOLS[0]}]"
+    assert "/" in stretch
+    opened = open_run(run.path)
+    assert stretch in opened.draws and stretch in opened.chains
+    row = opened.summary.set_index("parameter").loc[stretch]
+    assert float(row["q50"]) == pytest.approx(float(opened.draws[stretch].median()), rel=1e-6)

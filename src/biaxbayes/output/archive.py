@@ -48,9 +48,22 @@ def units(unit: str) -> dict[str, str]:
     }
 
 
+SLASH = "\N{DIVISION SLASH}"
+
+
 def unit_of(name: str, unit: str) -> str:
     """Unit of one quantity, its protocol label disregarded."""
     return units(unit).get(name.split("[", 1)[0], "1")
+
+
+def stored_name(name: str) -> str:
+    """Name of a quantity in the archive, where a slash would be a path (protocol ``1/1``)."""
+    return name.replace("/", SLASH)
+
+
+def quantity_name(stored: object) -> str:
+    """Name of a quantity from that in the archive."""
+    return str(stored).replace(SLASH, "/")
 
 
 def flatten(values: np.ndarray) -> np.ndarray:
@@ -93,7 +106,7 @@ def build_tree(
     }
     flat = {name: flatten(v) for name, v in draws.quantities.items()}
     variables = {
-        name: (("chain", "draw"), flat[name], {"units": unit_of(name, specimen.unit)})
+        stored_name(name): (("chain", "draw"), flat[name], {"units": unit_of(name, specimen.unit)})
         for name in posterior.parameter_names
     }
     stats = {

@@ -13,7 +13,7 @@ import pandas as pd
 
 from biaxbayes.errors import RunError
 from biaxbayes.inference.posterior import Posterior
-from biaxbayes.output.archive import read_archive
+from biaxbayes.output.archive import quantity_name, read_archive
 from biaxbayes.output.lock import folder_lock
 from biaxbayes.output.provenance import parse_options
 from biaxbayes.output.record import read_json, read_record, trusted_path
@@ -52,7 +52,8 @@ class Run:
     @cached_property
     def draws(self) -> pd.DataFrame:
         """One row a draw: natural quantities, ``log_likelihood`` (tempered) and ``lp``."""
-        columns = {str(k): v.to_numpy().ravel() for k, v in self.tree["posterior"].items()}
+        posterior = self.tree["posterior"]
+        columns = {quantity_name(k): v.to_numpy().ravel() for k, v in posterior.items()}
         stats = self.tree["sample_stats"]
         columns["log_likelihood"] = stats["tempered_log_likelihood"].to_numpy().ravel()
         columns["lp"] = stats["lp"].to_numpy().ravel()
@@ -66,7 +67,7 @@ class Run:
         out = {}
         for name, values in posterior.items():
             flat = values.to_numpy()
-            out[str(name)] = flat.reshape(flat.shape[0], walkers, -1).transpose(0, 2, 1)
+            out[quantity_name(name)] = flat.reshape(flat.shape[0], walkers, -1).transpose(0, 2, 1)
         return out
 
     @cached_property
