@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = ("tutorial.md", "how-to.md", "python.md")
 FENCE = re.compile(r"(<!-- slow -->\n)?```(\w*)\n(.*?)\n```", re.DOTALL)
 FEWER = ("--ess", "100")
-SAMPLING = {"sample": FEWER, "ledger": FEWER, "compare": FEWER, "calibrate": FEWER}
+SAMPLING = {"sample": FEWER, "ledger": FEWER, "compare": FEWER, "calibrate": ("--ess", "200")}
 TRIED = {0, 3}
 """With so few draws a run may end as not converged; the command is run, not the science."""
 
