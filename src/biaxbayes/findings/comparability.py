@@ -56,7 +56,9 @@ def _in_words(posterior: Posterior, name: str) -> str:
     if prior is None:
         prior = posterior.priors.get(next((k for k in posterior.priors if k.startswith(name)), ""))
     if isinstance(prior, Prior):
-        return " ".join(f"{k} {v}" for k, v in prior.as_table().items())
+        table = prior.as_table()
+        family = str(table.pop("distribution"))
+        return " ".join([family, *(f"{k} {v:.4g}" for k, v in table.items())])
     if isinstance(prior, Tie):
         return f"tied to {prior.other}"
     return "" if prior is None else f"fixed at {prior:g}"

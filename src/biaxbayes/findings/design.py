@@ -114,18 +114,20 @@ class Design:
         return pd.DataFrame(rows)
 
 
-def targets(posterior: Posterior, draws: pd.DataFrame) -> dict[str, np.ndarray]:
+def targets(
+    posterior: Posterior, draws: pd.DataFrame, stretch: float | None = None
+) -> dict[str, np.ndarray]:
     """Quantities whose spread is to shrink, on the scales of the verdicts.
 
     Free material parameters and mounting stretches (C1, k1 and k2 in logs), the in-plane
-    structure tensor, and in logs the small-strain stiffness and the stress at the largest tested
-    equibiaxial stretch.
+    structure tensor, and in logs the small-strain stiffness and the stress at a total equibiaxial
+    stretch (the largest tested one where none is given).
     """
     out = {}
     for scale in judged_scales(posterior.priors, draws):
         if isinstance(scale.prior, Prior):
             out[scale.name] = scale.of(draws[scale.name].to_numpy(dtype=float))
-    top = round(largest_equibiaxial(draws, posterior.specimen), 3)
+    top = round(stretch or largest_equibiaxial(draws, posterior.specimen), 3)
     switch = posterior.settings.fibre_switch
     for d in derived_quantities(draws, [top], [1.0], fibre_switch=switch):
         if d.name != "Hz":

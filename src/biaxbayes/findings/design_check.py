@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from biaxbayes.errors import NotConverged
 from biaxbayes.findings.candidates import Candidate
+from biaxbayes.findings.derived import largest_equibiaxial
 from biaxbayes.findings.design import targets
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.sampler import Plan, draw
@@ -58,13 +60,18 @@ def resample(
     Returns
     -------
     Resampled
+
+    Raises
+    ------
+    NotConverged
+        If fewer than two outcomes could be sampled.
     """
     rng = np.random.default_rng([seed, 1])
     truths = draws.iloc[rng.choice(len(draws), outcomes, replace=False)]
     simulated = candidate.outcomes(truths, rng)
-    before = {name: v.std() for name, v in targets(posterior, draws).items()}
     # The stress is compared at the stretch of the run, whatever the new protocol reached.
-    at = {name for name in before if " at " not in name}
+    top = largest_equibiaxial(draws, posterior.specimen)
+    before = {name: v.std() for name, v in targets(posterior, draws, top).items()}
     rows = []
     for outcome in simulated:
         specimen, options = candidate.added_to(posterior, outcome)
@@ -73,9 +80,11 @@ def resample(
         if found.convergence.state != "reliable":
             continue
         table = pd.DataFrame({name: q.ravel() for name, q in found.quantities.items()})
-        after = targets(again, table)
-        rows.append([1.0 - after[name].std() / before[name] for name in before if name in at])
+        after = targets(again, table, top)
+        rows.append([1.0 - after[name].std() / before[name] for name in before])
+    if len(rows) < 2:
+        raise NotConverged("fewer than two simulated outcomes led to chains that converged")
     values = np.array(rows)
-    names = tuple(name for name in before if name in at)
+    names = tuple(before)
     error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
     return Resampled(names, values.mean(axis=0), error, len(values))
