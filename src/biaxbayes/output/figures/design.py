@@ -63,7 +63,9 @@ def design_figure(
 
 
 def _cells(ax: Axes, found: Design) -> None:
-    values = np.array([e.reduction for e in found.expected])
+    # Where each protocol has a mounted state of its own, these are left to the table.
+    shown = [i for i, name in enumerate(found.quantities) if "[" not in name]
+    values = np.array([e.reduction[shown] for e in found.expected])
     shade = np.clip(values / LARGEST, 0.0, 1.0)
     ax.imshow(shade, cmap="Blues", vmin=0.0, vmax=1.35, aspect="auto", interpolation="nearest")
     for (i, j), value in np.ndenumerate(values):
@@ -72,11 +74,11 @@ def _cells(ax: Axes, found: Design) -> None:
         ax.text(j, i, text, ha="center", va="center", fontsize=7.0, color=hue)
     names = [e.name + ("" if e.trusted else " *") for e in found.expected]
     ax.set_yticks(range(len(names)), names)
-    ax.set_xticks(range(len(found.quantities)), [_symbol(q) for q in found.quantities])
+    ax.set_xticks(range(len(shown)), [_symbol(found.quantities[i]) for i in shown])
     ax.xaxis.tick_top()
     ax.tick_params(axis="x", labelsize=7.0)
     ax.tick_params(length=0.0)
-    for edge in range(1, len(found.quantities)):
+    for edge in range(1, len(shown)):
         ax.axvline(edge - 0.5, color="white", linewidth=0.8)
     for edge in range(1, len(names)):
         ax.axhline(edge - 0.5, color="white", linewidth=0.8)

@@ -10,7 +10,7 @@ import numpy as np
 from biaxbayes.findings.ledger import TREATMENTS, Ledger
 from biaxbayes.output.figures.numbers import number
 from biaxbayes.output.figures.quantities import quantity
-from biaxbayes.output.style import MM, PAGE_MM, colour, print_style
+from biaxbayes.output.style import MM, PAGE_MM, colour, plain, print_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,8 +76,15 @@ def _parameters(ax: Axes, table: Any) -> None:
             largest = max(largest, *(abs(s) for s in shifts if np.isfinite(s)))
             _draw(ax, shifts, i - offset, name, first=i == 0)
     _scale(ax, (1.6 if largest > LARGEST_LINEAR else 1.1) * largest)
-    labels = [quantity(str(n)).symbol for n in table["quantity"]]
+    labels = [_symbol(str(name)) for name in table["quantity"]]
     _finish(ax, labels, "shift (standard deviations of the inferred posterior)")
+
+
+def _symbol(name: str) -> str:
+    """Symbol of a quantity; the protocol of its own mounted state on a second line."""
+    stem, _, protocol = name.partition("[")
+    symbol = quantity(stem).symbol
+    return f"{symbol}\n{plain(protocol.removesuffix(']'), 8)}" if protocol else symbol
 
 
 def _shift(row: Any, name: str, level: str) -> float:
