@@ -16,7 +16,7 @@ MEASURED = {
     "cauchy": "Cauchy stress (kPa)",
 }
 STATES = {
-    "reliable": "Reliable: the ensembles agree and hold enough independent draws.",
+    "reliable": "Reliable chains: the ensembles agree and hold enough independent draws.",
     "tentative": "Tentative: not converged. Do not publish these numbers; sample longer.",
     "unusable": "Not usable: the ensembles disagree, so the draws say nothing.",
 }
