@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 from biaxbayes.cli import main
-from biaxbayes.output.run import sample
+from biaxbayes.findings.identifiability import identify
+from biaxbayes.output.figures.identifiability import identifiability_figure
+from biaxbayes.output.run import open_run, sample
+from readable import assert_readable
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -31,6 +34,12 @@ def test_each_figure_in_the_run_folder(run, figure, capsys):
     head = written.read_text(encoding="utf-8")[:1500]
     points = float(head.split('width="')[1].split("pt")[0])
     assert points == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
+
+
+@pytest.mark.parametrize("width", [85.0, 180.0])
+def test_verdicts_are_readable(run, width):
+    figure = identifiability_figure(identify(open_run(run)), width_mm=width)
+    assert_readable(figure, width)
 
 
 def test_profile_and_trace_of_named_parameters(run, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,10 +38,30 @@ VERDICT_COLOURS = {
     NO_VERDICT: "#999999",
     FIXED: "#DDDDDD",
 }
-ROW_MM, HEAD_MM, FOOT_MM = 11.5, 7.0, 2.0
+HEAD_MM, FOOT_MM = 7.0, 2.0
+SMALL = 7.0  # points
 PRIOR_GREY, POSTERIOR = "0.82", "#0072B2"
-EDGES = (0.0, 0.125, 0.42, 0.57, 1.0)  # of the columns, as shares of the width
 MOST_ROWS = 16
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Where the parts of a row stand, mm."""
+
+    row: float
+    densities: tuple[float, float]
+    contraction: tuple[float, float] | None
+    verdict: float
+    aside: float
+    stacked: bool
+
+    @classmethod
+    def of(cls, width_mm: float) -> _Columns:
+        """One line a row on a page; in one column the words stand below the verdict."""
+        if width_mm < 120.0:
+            return cls(15.0, (17.0, 0.53 * width_mm), None, 0.6 * width_mm, 0.6 * width_mm, True)
+        left, bar, words = 24.0, 0.43 * width_mm, 0.58 * width_mm
+        return cls(11.5, (left, bar - 6.0), (bar, words - 13.0), words, words + 33.0, False)
 
 
 def identifiability_figure(
@@ -66,50 +87,68 @@ def identifiability_figure(
     from matplotlib.figure import Figure
 
     rows = found.parameters[:MOST_ROWS]
+    columns = _Columns.of(width_mm)
     with print_style(style):
-        height = HEAD_MM + ROW_MM * len(rows) + FOOT_MM
+        height = HEAD_MM + columns.row * len(rows) + FOOT_MM
         figure = Figure((width_mm * MM, height * MM))
-        _heads(figure, height)
+        _heads(figure, columns)
         for i, row in enumerate(rows):
-            bottom = (FOOT_MM + ROW_MM * (len(rows) - 1 - i)) / height
-            _row(figure, row, bottom, ROW_MM / height)
+            _row(figure, row, columns, height - HEAD_MM - columns.row * (i + 1))
     return figure
 
 
-def _heads(figure: Figure, height: float) -> None:
-    y = 1.0 - 0.45 * HEAD_MM / height
-    heads = ("parameter", "prior (grey), posterior (blue)", "contraction", "verdict, 90 % interval")
-    for x, text, shift in zip(EDGES, heads, (0.01, 0.01, 0.02, 0.02), strict=False):
-        figure.text(x + shift, y, text, va="center", ha="left", fontsize=7.0, color="0.35")
+def _text(figure: Figure, x: float, y: float, text: str, **how: Any) -> None:
+    """Text with its left end at a place in mm."""
+    width, height = (side / MM for side in figure.get_size_inches())
+    drawn: dict[str, Any] = {"va": "center", "ha": "left", "fontsize": SMALL}
+    figure.text(x / width, y / height, text, **(drawn | how))
 
 
-def _row(figure: Figure, row: ParameterVerdict, bottom: float, height: float) -> None:
-    q = quantity(row.name)
-    middle = bottom + 0.55 * height
-    figure.text(0.01, middle, q.label, va="center", ha="left", fontsize=8.0)
+def _axes(figure: Figure, left: float, right: float, bottom: float, tall: float) -> Axes:
+    width, height = (side / MM for side in figure.get_size_inches())
+    return figure.add_axes((left / width, bottom / height, (right - left) / width, tall / height))
+
+
+def _heads(figure: Figure, columns: _Columns) -> None:
+    y = figure.get_size_inches()[1] / MM - 0.45 * HEAD_MM
+    short = columns.stacked
+    heads: dict[float, str] = {
+        1.0: "" if short else "parameter",
+        columns.densities[0]: "prior, posterior" if short else "prior (grey), posterior (blue)",
+        columns.verdict: "verdict, 90 %" if short else "verdict, 90 % interval",
+    }
+    if columns.contraction is not None:
+        heads[columns.contraction[0]] = "contraction"
+    for x, text in heads.items():
+        _text(figure, x, y, text, color="0.35")
+
+
+def _row(figure: Figure, row: ParameterVerdict, columns: _Columns, bottom: float) -> None:
+    tall = columns.row
+    middle = bottom + 0.55 * tall
+    _text(figure, 1.0, middle, quantity(row.name).label, fontsize=8.0)
     if row.evidence is not None:
-        x0, x1 = EDGES[1] + 0.01, EDGES[2] - 0.015
-        ax = figure.add_axes((x0, bottom + 0.36 * height, x1 - x0, 0.58 * height))
-        _densities(ax, row)
-        x0, x1 = EDGES[2] + 0.02, EDGES[3] - 0.05
-        bar = figure.add_axes((x0, bottom + 0.45 * height, x1 - x0, 0.22 * height))
-        _contraction(bar, row.evidence.contraction)
+        _densities(
+            _axes(figure, *columns.densities, bottom + 0.36 * tall, 0.58 * tall), row, columns
+        )
+        if columns.contraction is not None:
+            bar = _axes(figure, *columns.contraction, bottom + 0.45 * tall, 0.22 * tall)
+            _contraction(bar, row.evidence.contraction)
     colour = VERDICT_COLOURS[row.verdict]
     dark = row.verdict in (IDENTIFIED, PRIOR, NO_VERDICT)
-    figure.text(
-        EDGES[3] + 0.025,
-        middle,
+    _text(
+        figure,
+        columns.verdict + 1.0,
+        bottom + 0.8 * tall if columns.stacked else middle,
         row.verdict,
-        va="center",
-        ha="left",
-        fontsize=7.0,
         color="white" if dark else "black",
-        bbox={"boxstyle": "round,pad=0.35", "facecolor": colour, "edgecolor": "none"},
+        bbox={"boxstyle": "round,pad=0.3", "facecolor": colour, "edgecolor": "none"},
     )
-    figure.text(EDGES[3] + 0.2, middle, _aside(row), va="center", ha="left", fontsize=7.0)
+    aside = bottom + 0.38 * tall if columns.stacked else middle
+    _text(figure, columns.aside, aside, _aside(row))
 
 
-def _densities(ax: Axes, row: ParameterVerdict) -> None:
+def _densities(ax: Axes, row: ParameterVerdict, columns: _Columns) -> None:
     assert row.prior and row.posterior and isinstance(row.scale.prior, Prior)
     low, high = _range(row)
     for density, face, line in ((row.prior, PRIOR_GREY, "0.6"), (row.posterior, POSTERIOR, None)):
@@ -120,8 +159,8 @@ def _densities(ax: Axes, row: ParameterVerdict) -> None:
     ax.set_ylim(0.0, 1.08)
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
-    ticks = _ticks(row, low, high)
-    ax.set_xticks([t for t, _ in ticks], [text for _, text in ticks], fontsize=6.0)
+    ticks = _ticks(row, low, high, 3 if columns.stacked else 5)
+    ax.set_xticks([t for t, _ in ticks], [text for _, text in ticks], fontsize=SMALL)
     ax.tick_params(axis="x", length=2.0, pad=1.0)
 
 
@@ -138,11 +177,11 @@ def _range(row: ParameterVerdict) -> tuple[float, float]:
     return min(float(ends[0]), posterior.x[0]), max(float(ends[1]), posterior.x[-1])
 
 
-def _ticks(row: ParameterVerdict, low: float, high: float) -> list[tuple[float, str]]:
+def _ticks(row: ParameterVerdict, low: float, high: float, most: int) -> list[tuple[float, str]]:
     """Round natural values within the range, few enough to read."""
     if row.scale.logarithmic:
         powers = range(int(np.ceil(low / np.log(10.0))), int(np.floor(high / np.log(10.0))) + 1)
-        step = max(1, len(powers) // 4)
+        step = -(-len(powers) // most)
         return [(p * np.log(10.0), f"{10.0**p:g}") for p in powers[::step]]
     if row.scale.kind == "kappa":
         return [(v, t) for v, t in ((0.0, "0"), (1 / 6, "1/6"), (1 / 3, "1/3")) if low <= v <= high]
@@ -160,7 +199,7 @@ def _contraction(ax: Axes, contraction: float) -> None:
     ax.set_xlim(0.0, 1.0)
     ax.set_axis_off()
     text = f"{100.0 * min(share, 0.999):.1f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
-    ax.text(1.06, 0.0, text, va="center", ha="left", fontsize=6.5, transform=ax.transData)
+    ax.text(1.06, 0.0, text, va="center", ha="left", fontsize=SMALL, transform=ax.transData)
 
 
 def _aside(row: ParameterVerdict) -> str:
