@@ -10,6 +10,7 @@ __all__ = ["local_mode"]
 
 MAX_STEPS = 40
 STEP_FACTORS = np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 1e-3])
+STEEPEST = 1e14  # curvature in units of scale; beyond it differences are noise
 SETTLED = 1e-2  # rise of the log density below which a start is good enough
 
 
@@ -51,8 +52,13 @@ def local_mode(
         gradient, hessian = _differences(log_density, x, value, step, low, high)
         # Directions in units of scale, so that the eigenvalues compare with one.
         h = -hessian * np.outer(scale, scale)
-        curvature, directions = np.linalg.eigh(0.5 * (h + h.T))
-        curvature = np.maximum(np.abs(curvature), 1.0)
+        if not (np.isfinite(h).all() and np.isfinite(gradient).all()):
+            break
+        try:
+            curvature, directions = np.linalg.eigh(0.5 * (h + h.T))
+        except np.linalg.LinAlgError:
+            break
+        curvature = np.clip(np.abs(curvature), 1.0, STEEPEST)
         factor = scale[:, None] * directions / np.sqrt(curvature)
         move = factor @ (factor.T @ gradient)
         candidates = np.clip(x + STEP_FACTORS[:, None] * move, low, high)
@@ -61,10 +67,8 @@ def local_mode(
         rise = float(values[best]) - value
         if rise > 0.0:
             x, value = candidates[best], float(values[best])
-        width = np.sqrt((factor**2).sum(axis=1))
-        step = np.minimum(
-            0.3 * np.abs(1.0 / np.sqrt(np.diag(np.linalg.inv(factor @ factor.T)))), width
-        )
+        # A fraction of the conditional sd of each coordinate, from the diagonal of the precision.
+        step = 0.3 * scale / np.sqrt((directions**2 * curvature).sum(axis=1))
         if rise < SETTLED:
             break
     return x, factor
