@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-import textwrap
 from pathlib import Path
 
 import pandas as pd
@@ -14,7 +11,7 @@ import pandas as pd
 from biaxbayes.findings.edges import BOUND_TAIL, EXPONENT_DISTANCE, PRIOR_TAIL, STIFFNESS_SHARE
 from biaxbayes.findings.identifiability import Identifiability
 from biaxbayes.findings.sloppiness import Sloppiness
-from biaxbayes.specimens.text_file import atomic_write_text
+from biaxbayes.output.annotated_table import write_annotated
 
 __all__ = ["as_json", "write_identifiability"]
 
@@ -54,14 +51,7 @@ def write_identifiability(found: Identifiability, path: Path) -> None:
         f"thresholds: {thresholds}",
         *NOTES,
     )
-    head = "".join(
-        textwrap.fill(note, 98, initial_indent="# ", subsequent_indent="#   ") + "\n"
-        for note in told
-    )
-    text = io.StringIO()
-    # Text is quoted, so that a '#' in the name of a protocol starts no comment.
-    found.to_frame().to_csv(text, index=False, float_format="%.6g", quoting=csv.QUOTE_NONNUMERIC)
-    atomic_write_text(path, head + text.getvalue())
+    write_annotated(found.to_frame(), told, path)
 
 
 def as_json(

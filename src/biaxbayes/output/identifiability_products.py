@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,10 +11,15 @@ from biaxbayes.findings.determined import determined
 from biaxbayes.findings.identifiability import Identifiability, identify_draws
 from biaxbayes.findings.sloppiness import Sloppiness, sloppiness
 from biaxbayes.inference.posterior import Posterior
+from biaxbayes.output.annotated_table import write_annotated
 from biaxbayes.output.identifiability_file import write_identifiability
-from biaxbayes.specimens.text_file import atomic_write_text
 
 __all__ = ["Identified", "write_identifiability_products"]
+
+DETERMINED_NOTE = (
+    "median and 90 % interval; stretches are total; stiffnesses are derivatives of the Cauchy "
+    "stress by the log stretch; relative_width is the interval over the median"
+)
 
 
 @dataclass(frozen=True)
@@ -73,26 +77,13 @@ def write_identifiability_products(
     if state == "reliable":
         switch = posterior.settings.fibre_switch
         table = determined(draws, posterior.specimen, fibre_switch=switch)
-        _write(
-            table,
-            folder / "determined.csv",
-            "median and 90 % interval; stretches are total; stiffnesses are derivatives of the "
-            "Cauchy stress by the log stretch; relative_width is the interval over the median",
-        )
+        write_annotated(table, [DETERMINED_NOTE], folder / "determined.csv")
         directions = sloppiness(posterior, draws)
-        _write(
-            directions.path.to_frame(),
-            folder / "same-curves.csv",
-            f"{directions.words}. C1, k1 in kPa, alpha in degrees",
-        )
+        notes = [directions.words, "C1, k1 in kPa, alpha in degrees"]
+        write_annotated(directions.path.to_frame(), notes, folder / "same-curves.csv")
     if figure:
         from biaxbayes.output.figures.identifiability import identifiability_figure
         from biaxbayes.output.style import save_figure
 
         save_figure(identifiability_figure(verdicts), folder / "identifiability.pdf")
     return Identified(verdicts, table, directions)
-
-
-def _write(table: pd.DataFrame, path: Path, note: str) -> None:
-    head = textwrap.fill(note, 98, initial_indent="# ", subsequent_indent="#   ")
-    atomic_write_text(path, f"{head}\n{table.to_csv(index=False, float_format='%.6g')}")

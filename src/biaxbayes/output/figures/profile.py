@@ -1,0 +1,184 @@
+"""Profile likelihoods: the curve with its threshold, and how the other parameters follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from biaxbayes.findings.profile import THRESHOLD, Profile
+from biaxbayes.output.figures.quantities import quantity
+from biaxbayes.output.style import MM, PAGE_MM, colour, plain, print_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["profile_figure"]
+
+ROW_MM, HEAD_MM = 46.0, 2.0
+CEILING = 6.0
+"""Deviance up to which a curve is drawn."""
+STYLES = (("run", "-"), ("other", "--"), ("third", "-."))
+LOGARITHMIC = ("C1", "k1", "k2")
+
+
+def profile_figure(
+    profiles: Sequence[Profile],
+    *,
+    titles: Sequence[str] | None = None,
+    width_mm: float = PAGE_MM,
+    style: Mapping[str, Any] | None = None,
+) -> Figure:
+    """One row a profile.
+
+    Parameters
+    ----------
+    profiles : sequence of Profile
+    titles : sequence of str, optional
+        One a row, such as the layer.
+    width_mm : float
+    style : mapping, optional
+        From :func:`biaxbayes.output.style.read_style`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        From left to right the deviance with the 95 % threshold and interval, and the values that
+        C1, k1 and k2 (relative to the best fit), alpha and kappa, and the mounting stretches take.
+    """
+    from matplotlib.figure import Figure
+
+    with print_style(style):
+        height = (HEAD_MM + ROW_MM * len(profiles)) * MM
+        figure = Figure((width_mm * MM, height), layout="constrained")
+        grid = figure.subplots(len(profiles), 4, squeeze=False)
+        for i, (row, profile) in enumerate(zip(grid, profiles, strict=True)):
+            _deviance(row[0], profile)
+            _stiffness(row[1], profile)
+            _structure(row[2], profile)
+            _mounting(row[3], profile)
+            label = quantity(profile.parameter).label
+            for ax in row:
+                ax.set_xlabel(label)
+                _scale(ax, profile)
+            if titles is not None:
+                row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
+    return figure
+
+
+def _shown(profile: Profile) -> np.ndarray:
+    """Rows of the table that are drawn: up to a little beyond the threshold."""
+    table = profile.table
+    shown = table["deviance"].to_numpy() <= CEILING
+    if profile.parameter in LOGARITHMIC:
+        shown &= table["value"].to_numpy() > 0.0
+    return shown
+
+
+def _scale(ax: Axes, profile: Profile) -> None:
+    value = profile.table["value"].to_numpy()[_shown(profile)]
+    logarithmic = profile.parameter in LOGARITHMIC and value.max() > 5.0 * value.min()
+    if logarithmic:
+        ax.set_xscale("log")
+        return
+    margin = 0.03 * float(np.ptp(value))
+    ax.set_xlim(value.min() - margin, value.max() + margin)
+    ax.locator_params(axis="x", nbins=4)
+
+
+def _deviance(ax: Axes, profile: Profile) -> None:
+    shown = profile.table[_shown(profile)]
+    blue = colour("run")
+    inside = shown[(shown["value"] >= profile.low) & (shown["value"] <= profile.high)]
+    if len(inside):
+        ax.axvspan(
+            max(profile.low, float(shown["value"].min())),
+            min(profile.high, float(shown["value"].max())),
+            color=blue,
+            alpha=0.12,
+            linewidth=0.0,
+        )
+    ax.plot(shown["value"], shown["deviance"], color=blue, marker="o", markersize=1.6)
+    ax.axhline(THRESHOLD, color="0.35", linewidth=0.8, linestyle=(0, (4, 2)))
+    ax.annotate(
+        "95 %",
+        (0.5, THRESHOLD),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, 1.5),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=6.5,
+        color="0.35",
+    )
+    ax.set_ylim(0.0, CEILING)
+    ax.set_ylabel(r"$-2\,\Delta\ln L$")
+
+
+def _stiffness(ax: Axes, profile: Profile) -> None:
+    """C1, k1 and k2 relative to the best fit, on a logarithmic axis."""
+    shown = profile.table[_shown(profile)]
+    best = profile.table.iloc[int(profile.table["deviance"].argmin())]
+    for (role, line), name in zip(STYLES, ("C1", "k1", "k2"), strict=True):
+        if name == profile.parameter or not best[name] > 0.0:
+            continue
+        ratio = np.maximum(shown[name].to_numpy() / best[name], 1e-4)
+        label = quantity(name).symbol
+        ax.plot(shown["value"], ratio, color=colour(role), linestyle=line, label=label)
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, 0.5), max(high, 2.0))
+    ax.set_ylabel("relative to best")
+    _plain_ticks(ax)
+    ax.legend(loc="best", handlelength=1.8)
+
+
+def _plain_ticks(ax: Axes) -> None:
+    """1, 2, 5 rather than powers of ten where the range is short."""
+    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
+
+    low, high = ax.get_ylim()
+    subs = (1.0, 2.0, 5.0) if high < 60.0 * low else (1.0,)
+    ax.yaxis.set_major_locator(LogLocator(10.0, subs=subs))
+    ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _structure(ax: Axes, profile: Profile) -> None:
+    """Angle on the left, dispersion on the right, but for the one that is profiled."""
+    shown = profile.table[_shown(profile)]
+    names = [n for n in ("alpha", "kappa") if n != profile.parameter]
+    for k, name in enumerate(names):
+        side = ax if k == 0 else ax.twinx()
+        role, line = STYLES[k]
+        side.plot(shown["value"], shown[name], color=colour(role), linestyle=line)
+        side.set_ylabel(quantity(name).label, color=colour(role) if len(names) > 1 else "black")
+        values = shown[name].to_numpy()
+        pad = max(0.08 * float(np.ptp(values)), 1.0 if name == "alpha" else 0.005)
+        top = 90.0 if name == "alpha" else 1.0 / 3.0
+        side.set_ylim(max(values.min() - pad, -0.02 * top), min(values.max() + pad, 1.02 * top))
+        if k == 1:
+            side.spines["right"].set_visible(True)
+
+
+def _mounting(ax: Axes, profile: Profile) -> None:
+    """Mounting stretches; the mean over the protocols where each has its own."""
+    shown = profile.table[_shown(profile)]
+    for (role, line), axis in zip((("x", "-"), ("y", "--")), "xy", strict=True):
+        stem = f"mounting_stretch_{axis}"
+        columns = [c for c in map(str, shown.columns) if c.split("[")[0] == stem]
+        if not columns:
+            continue
+        lm = shown[columns].mean(axis=1)
+        ax.plot(shown["value"], lm, color=colour(role), linestyle=line, label=f"${axis}$")
+    if not ax.lines:
+        ax.axhline(1.0, color="0.6", linewidth=0.8)
+    low, high = ax.get_ylim()
+    middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.004)
+    ax.set_ylim(middle - half, middle + half)
+    ax.set_ylabel("mounting stretch")
+    if len(ax.lines) > 1:
+        ax.legend(loc="best", handlelength=1.8)

@@ -1,0 +1,306 @@
+"""Profile likelihoods against SciPy, theory and posteriors under flat priors."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from scipy.optimize import least_squares
+
+from biaxbayes.commands.profile import command
+from biaxbayes.errors import InputError
+from biaxbayes.findings.held_fit import Target
+from biaxbayes.findings.profile import THRESHOLD, profile_likelihood, profiles
+from biaxbayes.findings.profile_axis import axis_of
+from biaxbayes.findings.profile_walk import Walk
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.mechanics.goh import GOH, PARAMETERS
+from biaxbayes.output.figures.profile import profile_figure
+from biaxbayes.output.style import figure_bytes
+from biaxbayes.specimens.specimen_file import write_specimen
+from quick_posteriors import EQUIBIAXIAL, sampled, specimen
+
+TRUTH = GOH(10.0, 40.0, 5.0, 40.0, 0.15)
+
+
+@cache
+def determined() -> Posterior:
+    """Three ratios to high stretch: everything is known, so that theory has an answer."""
+    return Posterior(specimen(TRUTH, total_stretch=1.25), noise="independent")
+
+
+@cache
+def traded() -> Posterior:
+    data = specimen(TRUTH, ratios=EQUIBIAXIAL, noise_N=0.005)
+    return Posterior(data, noise="independent")
+
+
+@cache
+def traded_kappa():
+    return profile_likelihood(traded(), "kappa")
+
+
+@cache
+def profiled(name: str):
+    return profile_likelihood(determined(), name)
+
+
+def residuals(data, theta, lm) -> tuple[np.ndarray, np.ndarray]:
+    """Loads minus model and mounting readings minus model over their sd; written afresh."""
+    C1, k1, k2, alpha, kappa = theta
+
+    def piola(lx, ly):
+        # sums over the two fibre families; stress as force over unloaded area, sz = 0
+        lz2 = 1.0 / (lx * ly) ** 2
+        cos2, sin2 = np.cos(np.radians(alpha)) ** 2, np.sin(np.radians(alpha)) ** 2
+        H = [kappa + (1 - 3 * kappa) * c for c in (cos2, sin2, 0.0)]
+        E = H[0] * lx**2 + H[1] * ly**2 + H[2] * lz2 - 1.0
+        e = 4.0 * k1 * E * np.exp(k2 * E**2)
+        out = []
+        for Hk, lk in ((H[0], lx), (H[1], ly)):
+            out.append(((2 * C1 + Hk * e) * lk**2 - (2 * C1 + H[2] * e) * lz2) / lk)
+        return out
+
+    miss = []
+    for p in data.protocols:
+        P = piola(p.stretch_x[1:] * lm[0], p.stretch_y[1:] * lm[1])
+        miss.append(np.column_stack([p.load_x, p.load_y])[1:] - np.column_stack(P) * data.area)
+    reading, sd = data.mounting_readings(shared=True)
+    z = (reading[0] - np.array(piola(*lm)) * data.area) / sd[0]
+    return np.concatenate(miss, axis=None), z
+
+
+def deviance(data, row) -> float:
+    r, z = residuals(
+        data,
+        [row[n] for n in PARAMETERS],
+        [row["mounting_stretch_x"], row["mounting_stretch_y"]],
+    )
+    return r.size * np.log(r @ r) + float(z @ z)
+
+
+def test_the_deviance_is_that_of_the_likelihood():
+    table = profiled("kappa").table
+    data = determined().specimen
+    found = np.array([deviance(data, row) for _, row in table.iterrows()])
+    np.testing.assert_allclose(found - found.min(), table["deviance"], atol=1e-5)
+
+
+@pytest.mark.parametrize("end", ["first", "last"])
+def test_no_other_fit_beats_a_point_of_the_profile(end):
+    table = traded_kappa().table
+    data = traded().specimen
+    row = table.iloc[3 if end == "first" else -4]
+    sd = row["error_sd"]
+
+    def unknown(x):
+        r, z = residuals(data, [*np.exp(x[:3]), x[3], row["kappa"]], x[4:])
+        return np.concatenate([r / sd, z])
+
+    start = np.concatenate(
+        [
+            np.log(row[["C1", "k1", "k2"]].to_numpy(dtype=float)) + 0.02,
+            [row["alpha"] - 0.5, row["mounting_stretch_x"], row["mounting_stretch_y"]],
+        ]
+    )
+    other = least_squares(unknown, start, xtol=1e-14, ftol=1e-14, gtol=1e-14, x_scale="jac")
+    moved = row.copy()
+    moved[["C1", "k1", "k2"]] = np.exp(other.x[:3])
+    moved[["alpha", "mounting_stretch_x", "mounting_stretch_y"]] = other.x[3:]
+    assert deviance(data, moved) > deviance(data, row) - 1e-4
+
+
+def test_a_sharp_profile_is_the_parabola_of_the_fisher_information():
+    data = determined().specimen
+    best = profiled("kappa").table
+    best = best.iloc[int(best["deviance"].argmin())]
+    names = [*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"]
+    x = best[names].to_numpy(dtype=float)
+
+    def scaled(v):
+        r, z = residuals(data, v[:5], v[5:])
+        return np.concatenate([r / best["error_sd"], z])
+
+    steps = 1e-5 * np.abs(x)
+    J = np.column_stack(
+        [
+            (scaled(x + h * unit) - scaled(x - h * unit)) / (2.0 * h)
+            for h, unit in zip(steps, np.eye(7), strict=True)
+        ]
+    )
+    sd = np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
+    for name in PARAMETERS:
+        found = profiled(name)
+        assert found.kind == "finite"
+        half = 0.5 * (found.high - found.low)
+        assert half == pytest.approx(np.sqrt(THRESHOLD) * sd[names.index(name)], rel=0.05)
+
+
+def test_profile_and_flat_prior_posterior_agree():
+    flat = {
+        name: {"distribution": "uniform", "low": low, "high": high}
+        for name, low, high in (("C1", 5.0, 20.0), ("k1", 10.0, 90.0), ("k2", 1.0, 12.0))
+    }
+    made = sampled(determined().specimen, ess=400.0, priors=flat)
+    assert made.state == "reliable"
+    for name in PARAMETERS:
+        found = profiled(name)
+        low, high = np.quantile(made.draws[name], [0.025, 0.975])
+        width = found.high - found.low
+        assert abs(found.low - low) < 0.08 * width
+        assert abs(found.high - high) < 0.08 * width
+        truth = dict(zip(PARAMETERS, (10.0, 40.0, 5.0, 40.0, 0.15), strict=True))[name]
+        assert found.low - 0.5 * width < truth < found.high + 0.5 * width
+
+
+def test_tempering_widens_the_interval_by_the_root_of_the_weight():
+    data = determined().specimen
+    quarter = profile_likelihood(Posterior(data, noise="effective", beta=0.25, thin=0), "kappa")
+    whole = profiled("kappa")
+    ratio = (quarter.high - quarter.low) / (whole.high - whole.low)
+    assert ratio == pytest.approx(2.0, rel=0.06)
+
+
+def test_the_angle_of_an_isotropic_material_is_structurally_unidentifiable():
+    posterior = Posterior(determined().specimen, noise="independent", priors={"kappa": 1.0 / 3.0})
+    found = profile_likelihood(posterior, "alpha")
+    assert found.kind == "structural"
+    assert (found.low, found.high) == (0.0, 90.0)
+    assert found.table["deviance"].max() < 1e-6
+    assert "structurally" in found.in_words()
+
+
+def test_one_ratio_leaves_the_dispersion_open():
+    found = traded_kappa()
+    assert found.kind == "practical" and found.open_low
+    assert found.low == 0.0
+    alpha = found.table["alpha"].to_numpy()
+    inside = (found.table["deviance"] < THRESHOLD).to_numpy()
+    assert np.ptp(alpha[inside]) > 20.0  # the angle follows
+
+
+def test_aligned_fibres_are_open_towards_zero_only():
+    data = specimen(GOH(10.0, 20.0, 5.0, 40.0, 0.0))
+    found = profile_likelihood(Posterior(data, noise="independent"), "kappa")
+    assert found.kind == "practical" and found.open_low and not found.open_high
+    assert found.high < 0.05
+    assert "open towards 0" in found.in_words()
+
+
+def test_an_angle_at_a_mirror_is_closed():
+    data = specimen(GOH(10.0, 20.0, 5.0, 90.0, 0.15), total_stretch=1.25)
+    found = profile_likelihood(Posterior(data, noise="independent"), "alpha")
+    assert found.kind == "finite"
+    assert found.high == 90.0 and 70.0 < found.low < 90.0
+
+
+@cache
+def low_stretch():
+    data = specimen(GOH(10.0, 50.0, 5.0, 40.0, 0.2), total_stretch=1.05)
+    return profile_likelihood(Posterior(data, noise="independent"), "k2")
+
+
+def test_the_exponent_goes_to_zero_exactly():
+    found = low_stretch()
+    assert found.open_low and found.low == 0.0
+    assert found.table["k2"].iloc[0] == 0.0
+    assert (np.diff(found.table["value"]) > 0.0).all()
+
+
+def test_a_branch_that_a_walk_would_miss_is_found():
+    # With kappa on its bound the fit at low k2 is bad, with kappa inside it is good.
+    table = low_stretch().table
+    low = table[table["value"] < 10.0]
+    assert (low["deviance"] < THRESHOLD).all()
+    assert (low["kappa"] > 0.0).all()
+    assert (table["kappa"] == 0.0).any()
+    # without jumps: neighbours lie close
+    assert np.abs(np.diff(table["deviance"])).max() < 2.0
+
+
+def test_mounting_stretches_have_profiles():
+    found = profiled("mounting_stretch_y")
+    assert found.kind == "finite"
+    assert found.low < 1.02 < found.high
+    exact = Posterior(determined().specimen, mounting="exact", noise="independent")
+    with pytest.raises(InputError, match="follows from the material"):
+        profile_likelihood(exact, "mounting_stretch_y")
+
+
+def test_an_exact_mounting_force_is_balanced_at_every_point():
+    data = traded().specimen
+    found = profile_likelihood(Posterior(data, mounting="exact", noise="independent"), "kappa")
+    load = data.mounting_readings(shared=True)[0][0]
+    for _, row in found.table.iterrows():
+        lm = (row["mounting_stretch_x"], row["mounting_stretch_y"])
+        P = np.array(GOH(*(row[n] for n in PARAMETERS)).piola(*lm))
+        np.testing.assert_allclose(P * data.area, load, rtol=1e-8)
+
+
+def test_fixed_and_unknown_parameters_are_refused():
+    fixed = Posterior(determined().specimen, noise="independent", priors={"kappa": 0.1})
+    for name, text in (("kappa", "fixed"), ("gamma", "unknown parameter")):
+        with pytest.raises(InputError, match=text):
+            profiles(fixed, [name])
+
+
+def test_walking_back_finds_nothing_lower():
+    posterior = traded()
+    target = Target(posterior.specimen, posterior.settings, posterior.beta, {})
+    table = traded_kappa().table
+    names = [*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"]
+    best = table.iloc[int(table["deviance"].argmin())][names].to_numpy(dtype=float, copy=True)
+    best[3] = np.cos(np.radians(best[3])) ** 2
+    walk = Walk(target, axis_of("kappa", 4), target.best({}, best, 0.005))
+    walk.out(-1)
+    walk.out(1)
+    walk.sweep()
+    assert not walk.sweep()
+
+
+def test_the_reading_enters_with_its_exact_derivative():
+    posterior = determined()
+    target = Target(posterior.specimen, posterior.settings, 1.0, {})
+    x = np.array([9.0, 35.0, 4.0, 0.55, 0.12, 1.012, 1.017])
+    problem = target._problem(x, target.adjustable, 0.01)
+    J = problem.jacobian(x)
+    for j, h in enumerate(1e-6 * np.abs(x)):
+        step = np.zeros(7)
+        step[j] = h
+        numeric = (problem.residual(x + step) - problem.residual(x - step)) / (2.0 * h)
+        np.testing.assert_allclose(J[:, j], numeric, rtol=1e-5, atol=1e-6 * np.abs(numeric).max())
+
+
+def test_the_command_writes_curves_intervals_and_figure(tmp_path):
+    path = tmp_path / "virtual.csv"
+    write_specimen(traded().specimen, path)
+    out = tmp_path / "out"
+    options = ["--parameter", "kappa", "--noise", "independent", "--out", str(out)]
+    told = CliRunner().invoke(command, [str(path), *options, "--json"])
+    assert told.exit_code == 0, told.output
+    record = json.loads(told.output)[0]
+    back = pd.read_csv(out / "profile.csv", comment="#")
+    np.testing.assert_allclose(back["deviance"], record["curve"]["deviance"], rtol=1e-6, atol=1e-6)
+    ends = pd.read_csv(out / "profile-intervals.csv", comment="#")
+    assert ends["kind"][0] == record["kind"] == "practical"
+    assert bool(ends["open_low"][0])
+    assert (out / "profile.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_figure_is_drawn_at_print_size():
+    figure = profile_figure([profiled("kappa"), profiled("C1")], titles=["one", "two"])
+    assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
+    assert figure_bytes(figure, "png")
+
+
+@pytest.mark.slow
+def test_processes_change_nothing():
+    names = ["kappa", "k1"]
+    for one, other in zip(
+        profiles(determined(), names), profiles(determined(), names, workers=2), strict=True
+    ):
+        pd.testing.assert_frame_equal(one.table, other.table)
