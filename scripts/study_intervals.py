@@ -58,24 +58,31 @@ def interval(name: str, draws: np.ndarray, truth: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def sampled(specimen, noise: str, ess: float) -> Draws:
-    return draw(Posterior(specimen, noise=noise), Plan(ess=ess, max_steps=6000))
+CHEAP = Plan(ess=200, max_steps=1500, ensembles=2, walkers=32)
+"""For counts over many seeds: enough draws for a 5 % quantile."""
 
 
-def one_seed(task: tuple[str, str, int]) -> tuple[str, str, dict[str, bool] | None]:
+def sampled(specimen, noise: str, plan: Plan) -> Draws:
+    return draw(Posterior(specimen, noise=noise), plan)
+
+
+Task = tuple[str, str, int]
+
+
+def one_seed(task: Task) -> tuple[Task, dict[str, bool] | None]:
     name, noise, seed = task
     truth = truth_of(name)
     try:
-        result = sampled(table6_specimen(name, seed)[0], noise, 400.0)
+        result = sampled(table6_specimen(name, seed)[0], noise, CHEAP)
     except BiaxbayesError:
-        return name, noise, None
+        return task, None
     if result.convergence.state == "unusable":
-        return name, noise, None
+        return task, None
     hits = {}
     for parameter in PARAMETERS:
         low, high = interval(parameter, result.quantities[parameter], truth[parameter])
         hits[parameter] = low <= truth[parameter] <= high
-    return name, noise, hits
+    return task, hits
 
 
 def shipped_table() -> list[str]:
@@ -85,7 +92,9 @@ def shipped_table() -> list[str]:
     ]
     for name in (*SPECIMENS, *HOOKED):
         truth = truth_of(name)
-        results = {n: sampled(read_specimen(DATA / f"{name}.csv"), n, 2000.0) for n in NOISES}
+        results = {
+            n: sampled(read_specimen(DATA / f"{name}.csv"), n, Plan(workers=2)) for n in NOISES
+        }
         for parameter in PARAMETERS:
             cells = []
             for noise in NOISES:
@@ -105,7 +114,15 @@ def shipped_table() -> list[str]:
     return lines
 
 
-def seeds_table(seeds: int, workers: int) -> list[str]:
+def _finished(record: Path) -> dict[tuple[str, str, int], dict[str, bool] | None]:
+    """Runs of an interrupted study, from its record."""
+    if not record.exists():
+        return {}
+    rows = [json.loads(line) for line in record.read_text().splitlines()]
+    return {(name, noise, seed): hits for name, noise, seed, hits in rows}
+
+
+def seeds_table(seeds: int, workers: int, record: Path) -> list[str]:
     tasks = [
         (name, noise, FIRST_SEED + s)
         for s in range(seeds)
@@ -115,16 +132,21 @@ def seeds_table(seeds: int, workers: int) -> list[str]:
     counts = {(n, e): dict.fromkeys(PARAMETERS, 0) for n in SPECIMENS for e in NOISES}
     done = dict.fromkeys(counts, 0)
     lost = dict.fromkeys(counts, 0)
+    known = _finished(record)
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        for i, (name, noise, hits) in enumerate(pool.imap(one_seed, tasks, chunksize=2)):
-            if hits is None:
-                lost[name, noise] += 1
-                continue
-            done[name, noise] += 1
-            for parameter, hit in hits.items():
-                counts[name, noise][parameter] += hit
-            if i % 50 == 49:
-                print(f"{i + 1} of {len(tasks)}", flush=True)
+        left = [task for task in tasks if task not in known]
+        for task, hits in pool.imap_unordered(one_seed, left):
+            known[task] = hits
+            with record.open("a") as file:
+                file.write(json.dumps([*task, hits]) + "\n")
+    for name, noise, seed in tasks:
+        hits = known[name, noise, seed]
+        if hits is None:
+            lost[name, noise] += 1
+            continue
+        done[name, noise] += 1
+        for parameter, hit in hits.items():
+            counts[name, noise][parameter] += hit
     lines = [
         "| specimen | noise | " + " | ".join(PARAMETERS) + " | not converged |",
         "|---|---|" + "---|" * (len(PARAMETERS) + 1),
@@ -140,6 +162,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--record", type=Path, default=Path("intervals.jsonl"))
     options = parser.parse_args()
     page = DATA / "README.md"
     begin, end = "<!-- intervals: begin -->", "<!-- intervals: end -->"
@@ -156,7 +179,7 @@ def main() -> None:
         "truth.",
         "With a smooth misfit of 2 % that GOH cannot represent, `effective` aims at 90 %.",
         "",
-        *seeds_table(options.seeds, options.workers),
+        *seeds_table(options.seeds, options.workers, options.record),
         "",
     ]
     atomic_write_text(page, head + "\n".join(middle) + tail)

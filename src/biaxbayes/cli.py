@@ -34,7 +34,6 @@ VERBS = {
     "plot": "Figures of a run, sized for a paper.",
     "report": "The report of a run: HTML page, Markdown or LaTeX tables.",
     "export": "Material cards for Abaqus and FEBio.",
-    "batch": "Many specimens, resumable, in parallel.",
 }
 """Verbs in the order of the help page; each lives in ``commands/<verb>.py`` as ``command``."""
 
