@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
+import numba
 import platformdirs
-from numba.core import config
 
 __all__ = ["use_own_cache"]
 
 
 def use_own_cache() -> None:
     """Keep compiled code in the user's cache, unless ``NUMBA_CACHE_DIR`` says where."""
+    config: Any = numba.config
     if config.CACHE_DIR:
         return
     digest = hashlib.sha256()
