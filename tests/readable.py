@@ -16,7 +16,7 @@ def in_view(figure) -> list[tuple[str, object]]:
             for tick in axis.get_major_ticks() + axis.get_minor_ticks():
                 margin = 1e-6 * (high - low)
                 outside = not low - margin <= tick.get_loc() <= high + margin
-                drawn = ax.axison and tick in axis._update_ticks()
+                drawn = ax.axison and axis.get_visible() and tick in axis._update_ticks()
                 for label in (tick.label1, tick.label2):
                     if outside or not drawn or not label.get_visible():
                         spare.add(id(label))

@@ -7,7 +7,9 @@ import pytest
 
 from biaxbayes.cli import main
 from biaxbayes.findings.identifiability import identify
+from biaxbayes.findings.profile import profiles
 from biaxbayes.output.figures.identifiability import identifiability_figure
+from biaxbayes.output.figures.profile import profile_figure
 from biaxbayes.output.run import open_run, sample
 from readable import assert_readable
 
@@ -40,6 +42,12 @@ def test_each_figure_in_the_run_folder(run, figure, capsys):
 def test_verdicts_are_readable(run, width):
     figure = identifiability_figure(identify(open_run(run)), width_mm=width)
     assert_readable(figure, width)
+
+
+def test_profiles_are_readable(run):
+    found = profiles(open_run(run).posterior(), ["kappa", "C1"])
+    for width in (85.0, 180.0):
+        assert_readable(profile_figure(found, width_mm=width), width)
 
 
 def test_profile_and_trace_of_named_parameters(run, tmp_path):
@@ -75,6 +83,7 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
     cases = [
         ((run, "--figure", "trace", "--truth", wrong), "does not go with --figure trace"),
         ((run, "--figure", "bands", "--compare", run), "does not go with --figure bands"),
+        ((run, "--figure", "profile", "--width-mm", 85), "5 profiles do not fit one column"),
         ((run, "--parameter", "C1"), "--parameter does not go with --figure corner"),
         ((run, "--figure", "trace", "--parameter", "beta"), "no quantity 'beta'"),
         ((run, "--figure", "profile", "--parameter", "beta"), "beta"),

@@ -31,6 +31,8 @@ TAKEN_BY = {
     "parameters": ("profile", "trace"),
 }
 """Options that go with some figures only."""
+MOST_IN_COLUMN = 3
+"""Profiles in a figure of one column."""
 
 
 @click.command("plot")
@@ -194,6 +196,11 @@ def _profile(run: Run, how: dict[str, Any]) -> Figure:
 
     posterior = run.posterior()
     names = how.pop("names", None) or [n for n in PARAMETERS if n in posterior.free]
+    if how["width_mm"] < 120.0 and len(names) > MOST_IN_COLUMN:
+        raise InputError(
+            f"{len(names)} profiles do not fit one column of a page",
+            remedy=f"name up to {MOST_IN_COLUMN} with --parameter, or ask for --width-mm 180",
+        )
     return profile_figure(profiles(posterior, names), **how)
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["profile_figure"]
 
-ROW_MM, HEAD_MM = 46.0, 2.0
+ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
 CEILING = 6.0
 """Deviance up to which a curve is drawn."""
 STYLES = (("run", "-"), ("other", "--"), ("third", "-."))
@@ -46,14 +46,17 @@ def profile_figure(
     -------
     matplotlib.figure.Figure
         From left to right the deviance with the 95 % threshold and interval, and the values that
-        C1, k1 and k2 (relative to the best fit), alpha and kappa, and the mounting stretches take.
+        C1, k1 and k2 (relative to the best fit), alpha and kappa, and the mounting stretches take;
+        below 120 mm two and two.
     """
     from matplotlib.figure import Figure
 
     with print_style(style):
-        height = (HEAD_MM + ROW_MM * len(profiles)) * MM
+        lines = 2 if width_mm < 120.0 else 1
+        height = (HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)) * MM
         figure = Figure((width_mm * MM, height), layout="constrained")
-        grid = figure.subplots(len(profiles), 4, squeeze=False)
+        panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
+        grid = panels.reshape(len(profiles), 4)
         for i, (row, profile) in enumerate(zip(grid, profiles, strict=True)):
             _deviance(row[0], profile)
             _stiffness(row[1], profile)
@@ -110,7 +113,7 @@ def _deviance(ax: Axes, profile: Profile) -> None:
         textcoords="offset points",
         ha="center",
         va="bottom",
-        fontsize=6.5,
+        fontsize=7.0,
         color="0.35",
     )
     ax.set_ylim(0.0, CEILING)
