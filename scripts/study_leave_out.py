@@ -1,7 +1,7 @@
 """Leave-one-protocol-out on a measured specimen, for every error model.
 
     biaxbayes convert ... --out aorta.csv
-    python scripts/study_leave_out.py aorta.csv
+    python scripts/study_leave_out.py aorta.csv [--page docs/model-error.md]
 
 Prints the tables of docs/model-error.md. Rows are thinned with every error model, which for
 independent errors too leaves the posterior as it is (biaxbayes.specimens.thinning).
@@ -21,6 +21,7 @@ import pandas as pd
 from biaxbayes import read_specimen
 from biaxbayes.findings.leave_out import leave_out
 from biaxbayes.inference.sampler import Plan
+from model_error.page import put
 
 MODELS = {
     "effective": {},
@@ -40,6 +41,7 @@ def main() -> None:
     parser.add_argument("specimen", type=Path)
     parser.add_argument("--out", type=Path, default=Path("leave-out.csv"))
     parser.add_argument("--ess", type=float, default=1000.0)
+    parser.add_argument("--page", type=Path, help="Put the table into this page.")
     options = parser.parse_args()
     specimen = read_specimen(options.specimen)
     done = pd.read_csv(options.out) if options.out.exists() else pd.DataFrame()
@@ -55,7 +57,10 @@ def main() -> None:
             done = pd.concat([done, table], ignore_index=True)
             done.to_csv(options.out, index=False)
             print(table.to_string(header=False), flush=True)
-    print(report(done))
+    text = report(done)
+    print(text)
+    if options.page:
+        put(options.page, "leave-out", text)
 
 
 def report(done: pd.DataFrame) -> str:

@@ -1,7 +1,10 @@
 """Which error model is to be believed? Many specimens that GOH cannot represent.
 
     python scripts/study_model_error.py run --specimens 120 --out model-error.csv
-    python scripts/study_model_error.py table --out model-error.csv
+    python scripts/study_model_error.py table --out model-error.csv [--page docs/model-error.md]
+
+Several shares (--first 0 --step 2 and --first 1 --step 2, each with its own --out) run side by
+side; ``table`` takes them all.
 
 Each specimen has three protocols of 40 rows and one of five truths: four fibre families; two
 layers of different GOH tissue in parallel; fibres that are recruited gradually, so that the toe is
@@ -27,6 +30,7 @@ from biaxbayes.errors import BiaxbayesError
 from biaxbayes.findings.bands import bands
 from biaxbayes.mechanics.goh import cauchy_stress
 from model_error.candidates import CANDIDATES, Answer
+from model_error.page import put
 from model_error.truths import HELD_OUT, Case, make_case, path
 
 SHARES = (0.25, 0.5, 0.75, 1.0)
@@ -132,9 +136,9 @@ GROUPS = {
 }
 
 
-def table(out: Path) -> str:
+def table(out: list[Path]) -> str:
     """The table of docs/model-error.md."""
-    data = pd.read_csv(out)
+    data = pd.concat([pd.read_csv(path) for path in out])
     data["inside"] = (data["true"] >= data["low"]) & (data["true"] <= data["high"])
     data["width"] = (data["high"] - data["low"]) / data["true"].abs()
     common = data.groupby("candidate")["seed"].agg(set)
@@ -142,7 +146,8 @@ def table(out: Path) -> str:
     data = data[data["seed"].isin(seeds)]
     names = [c for c in ORDER if c in set(data["candidate"])]
     lines = [
-        f"{len(seeds)} specimens.",
+        f"{len(seeds)} specimens. Share of 90 % intervals that hold the truth (median width, as "
+        "a share of it).",
         "",
         "| 90 % intervals of | " + " | ".join(names) + " |",
         "|---|" + "---|" * len(names),
@@ -177,16 +182,20 @@ def table(out: Path) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["run", "table"])
-    parser.add_argument("--out", type=Path, default=Path("model-error.csv"))
+    parser.add_argument("--out", type=Path, nargs="+", default=[Path("model-error.csv")])
+    parser.add_argument("--page", type=Path, help="Put the table into this page.")
     parser.add_argument("--specimens", type=int, default=120)
     parser.add_argument("--ess", type=float, default=200.0)
     parser.add_argument("--first", type=int, default=0, help="First seed, for a share of the work.")
     parser.add_argument("--step", type=int, default=1)
     options = parser.parse_args()
     if options.what == "run":
-        run(options.out, options.specimens, options.ess, options.first, options.step)
-    else:
-        print(table(options.out))
+        run(options.out[0], options.specimens, options.ess, options.first, options.step)
+        return
+    text = table(options.out)
+    print(text)
+    if options.page:
+        put(options.page, "model-error", text)
 
 
 if __name__ == "__main__":
