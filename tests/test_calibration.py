@@ -199,11 +199,13 @@ def test_local_prior_is_twice_as_wide_as_the_posterior_and_no_wider_than_its_pri
         "k1": Prior("lognormal", 30.0, 0.5),
         "alpha": Prior("uniform", low=0.0, high=90.0),
         "kappa": 0.1,
+        "mounting_stretch_x": Prior("normal", 1.0, 0.1, low=0.0),
     }
     draws = {
         "C1": np.exp(rng.normal(1.0, 0.1, 20000)),
         "k1": np.exp(rng.normal(2.0, 0.4, 20000)),
         "alpha": rng.normal(88.0, 3.0, 20000),
+        "mounting_stretch_x": rng.normal(1.0147, 0.0005, 20000),
     }
     local = local_prior(draws, wide)
     assert local["C1"].location == pytest.approx(np.e, rel=0.01)
@@ -211,6 +213,8 @@ def test_local_prior_is_twice_as_wide_as_the_posterior_and_no_wider_than_its_pri
     assert local["k1"].scale == 0.5
     assert (local["alpha"].family, local["alpha"].high) == ("normal", 90.0)
     assert local["kappa"] == 0.1
+    # Not rounded away where the posterior is narrow.
+    assert local["mounting_stretch_x"].location == pytest.approx(1.0147, abs=5e-5)
 
 
 # --- simulation ---

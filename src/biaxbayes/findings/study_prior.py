@@ -98,7 +98,7 @@ def local_prior(
         centre = float(np.exp(middle) if logs else middle)
         family = "lognormal" if logs else "normal"
         bounds = DEFAULT_BOUNDS.get(name, (prior.low, prior.high))
-        out[name] = Prior(family, _rounded(centre), _rounded(scale)).within(*bounds)
+        out[name] = Prior(family, float(f"{centre:.6g}"), _rounded(scale)).within(*bounds)
     return out
 
 
