@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import os
+import pkgutil
 import random
 import re
 import resource
@@ -32,12 +34,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-import biaxbayes.commands.sample
-import biaxbayes.output.sampling  # noqa: F401
+import biaxbayes
 from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.inference import checkpoint
+from biaxbayes.output import run_products
+from biaxbayes.output.report import page
 from biaxbayes.output.run import open_run
+
+for module in pkgutil.walk_packages(biaxbayes.__path__, "biaxbayes."):
+    if ".commands.sample" in module.name or ".output." in module.name:
+        importlib.import_module(module.name)
 
 SPECIMEN = Path(__file__).resolve().parent.parent / "data" / "donor2-adventitia.csv"
 CALLS = "openat,write,pwrite64,fsync,fdatasync,ftruncate,rename,renameat,renameat2,unlink,mkdir"
@@ -346,8 +353,12 @@ def main() -> int:
     parser.add_argument("--calls", type=int, default=80, help="most system calls of a kind")
     parser.add_argument("--disks", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--no-figures", action="store_true", help="for a quick look")
     parser.add_argument("--write", type=Path, help="Markdown page whose table is replaced")
     arguments = parser.parse_args()
+    if arguments.no_figures:
+        run_products.write_products = lambda *a: None
+        page.write_report = lambda *a: None
     with tempfile.TemporaryDirectory() as place:
         tallies = study(
             Path(place),
@@ -359,8 +370,8 @@ def main() -> int:
     table = report(tallies)
     print(table)
     if arguments.write:
-        page = arguments.write.read_text()
-        parts = re.split(r"(<!-- crashes -->\n|<!-- /crashes -->)", page)
+        text = arguments.write.read_text()
+        parts = re.split(r"(<!-- crashes -->\n|<!-- /crashes -->)", text)
         arguments.write.write_text("".join([*parts[:2], table, *parts[3:]]))
     return int(any(t.identical != t.trials or t.problems for t in tallies))
 

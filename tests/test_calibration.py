@@ -13,6 +13,7 @@ from scipy.stats import binom, binomtest, kstest, norm
 
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.executors.local_processes import LocalProcesses
 from biaxbayes.findings.calibration import Study, replicate
 from biaxbayes.findings.calibration_table import calibration_table, verdict
 from biaxbayes.findings.coverage import coverage
@@ -26,7 +27,8 @@ from biaxbayes.findings.rank_bands import (
 from biaxbayes.findings.replications import run_replications
 from biaxbayes.findings.simulated_specimen import draw_truth, simulate_specimen
 from biaxbayes.findings.study_prior import local_prior, priors_toml, protocol_prior
-from biaxbayes.inference.priors import Prior, Tie, read_priors
+from biaxbayes.inference.priors import Prior, Tie
+from biaxbayes.inference.priors_file import read_priors
 from biaxbayes.mechanics.goh import GOH
 from biaxbayes.mechanics.virtual import virtual_test
 from biaxbayes.output.calibration import CalibrationStudy, read_ranks
@@ -344,7 +346,7 @@ def test_an_interrupted_study_continues_to_the_same_table(tmp_path):
 def test_processes_find_what_one_process_finds():
     indices = [4, 5]
     one = {r.index: r.rank for r in run_replications(study(), indices)}
-    two = {r.index: r.rank for r in run_replications(study(), indices, workers=2)}
+    two = {r.index: r.rank for r in run_replications(study(), indices, executor=LocalProcesses(2))}
     assert one == two
 
 
@@ -392,7 +394,7 @@ def test_unknown_break_is_an_input_error():
 @pytest.mark.parametrize("broken", ["", "noise"])
 def test_a_wrong_noise_sd_is_caught_and_the_right_one_is_not(broken, tmp_path):
     the_study = replace(study(broken=broken), max_steps=2000)
-    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, workers=2).execute()
+    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, LocalProcesses(2)).execute()
     assert outcome.calibrated == (broken == "")
 
 
@@ -403,5 +405,5 @@ def test_a_missing_determinant_is_caught_where_the_readings_are_loose(broken, tm
     the_study = study(media(101), broken=broken)
     loose = {**the_study.priors, "noise_sd": Prior("lognormal", 0.3, 0.3)}
     the_study = replace(the_study, priors=loose, max_steps=2000)
-    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, workers=2).execute()
+    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, LocalProcesses(2)).execute()
     assert outcome.calibrated == (broken == "")

@@ -139,7 +139,8 @@ def made_up(priors=None, **columns: np.ndarray) -> Sampled:
     draws = {}
     for name in (*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"):
         prior = target.priors[name]
-        draws[name] = prior.sample(rng, n) if isinstance(prior, Prior) else np.full(n, prior)
+        fixed = prior if isinstance(prior, float | int) else 1.0
+        draws[name] = prior.sample(rng, n) if isinstance(prior, Prior) else np.full(n, fixed)
     reading, sd = target.specimen.mounting_readings(shared=True)
     for k, axis in enumerate("xy"):
         draws[f"mounting_force_{axis}"] = rng.normal(reading[0, k], sd[0, k], n)
@@ -461,3 +462,26 @@ def test_identify_writes_its_products_into_the_run(tmp_path):
         tmp_path, made.target, made.draws, "tentative", figure=False
     )
     assert silent.determined is None and silent.directions is None
+
+
+def test_ties_and_fixed_materials_have_no_sloppy_direction(tmp_path):
+    mild = np.random.default_rng(12).uniform(1.0, 3.0, 8000)
+    tied = made_up(priors={"k1": "2.0 * C1"}, k2=mild)
+    draws = tied.draws.assign(k1=2.0 * tied.draws["C1"])
+    found = write_identifiability_products(tmp_path, tied.target, draws, "reliable", figure=False)
+    assert found.directions is None and found.determined is not None
+    assert "tied, 2 times C1" in found.verdicts["k1"].words
+    fixed = dict(zip(PARAMETERS, (10.0, 20.0, 5.0, 40.0, 0.15), strict=True))
+    held = made_up(priors=fixed)
+    assert sloppiness(held.target, held.draws) is None
+    assert identify(held)["C1"].verdict == FIXED
+
+
+def test_two_narrow_peaks_are_no_prior():
+    rng = np.random.default_rng(11)
+    alpha = np.where(rng.random(8000) < 0.5, 15.0, 75.0) + rng.normal(0.0, 2.0, 8000)
+    found = identify(made_up(alpha=alpha, kappa=rng.normal(0.1, 0.01, 8000)))["alpha"]
+    assert found.verdict == IDENTIFIED and found.evidence.modes == 2
+    assert "loosely" in found.words and "2 separate peaks" in found.words
+    wide = identify(made_up(alpha=rng.uniform(5.0, 70.0, 8000)))["alpha"]
+    assert wide.verdict == PRIOR

@@ -378,6 +378,29 @@ def test_folding_adds_up_the_images_exactly(edges):
     assert np.isneginf(q.log_density(beyond)).all()
 
 
+@pytest.mark.parametrize("d", [3, 4])
+def test_folding_at_two_coordinates_adds_up_every_combination(d):
+    """Even and odd powers, one edge and two, against SciPy image by image."""
+    rng = np.random.default_rng(d)
+    factors = [np.linalg.cholesky(np.cov(rng.standard_normal((d, 20)))) for _ in range(3)]
+    means, weights = rng.standard_normal((3, d)), np.array([0.5, 0.2, 0.3])
+    edges = edge_array({0: (-1.0, np.inf), 2: (-0.5, 2.0)}, d)
+    q = first_proposal(means, factors, weights, edges)
+    x = rng.standard_normal((150, d))
+    x = x[(x[:, 0] > -1) & (x[:, 2] > -0.5) & (x[:, 2] < 2)]
+    total = np.zeros(len(x))
+    for first in (None, -1.0):
+        for third in (None, -0.5, 2.0):
+            image = x.copy()
+            if first is not None:
+                image[:, 0] = 2 * first - x[:, 0]
+            if third is not None:
+                image[:, 2] = 2 * third - x[:, 2]
+            for w, m, f in zip(weights, means, factors, strict=True):
+                total += w * multivariate_t(m, f @ f.T, df=6.0).pdf(image)
+    np.testing.assert_allclose(q.log_density(x), np.log(total), rtol=1e-9)
+
+
 def test_first_proposal_is_the_stated_mixture_and_needs_no_triangle():
     rng = np.random.default_rng(5)
     factor = rng.standard_normal((3, 3))  # any square root

@@ -45,9 +45,10 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
 def _tell(found: Identified, run: Path) -> None:
     for line in found.verdicts.in_words():
         click.echo(line)
-    if found.determined is not None and found.directions is not None:
+    if found.determined is not None:
         click.echo("\nwhat the curves themselves say:")
-        for line in [*_determined_words(found), *found.directions.in_words()]:
+        directions = found.directions.in_words() if found.directions else []
+        for line in [*_determined_words(found), *directions]:
             click.echo(f"  {line}")
     click.echo(f"\nevidence in {run / 'identifiability.csv'}")
 

@@ -95,7 +95,7 @@ def read_model_options(
         Naming the option or the key of the priors file that cannot be used.
     """
     from biaxbayes.errors import InputError
-    from biaxbayes.inference.priors import check_fixed, read_priors
+    from biaxbayes.inference.priors_file import check_fixed, read_priors
 
     chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors))
     for text in fix:

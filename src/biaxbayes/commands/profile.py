@@ -111,7 +111,7 @@ def command(
 
 
 def _fixed(texts: tuple[str, ...]) -> dict[str, float]:
-    from biaxbayes.inference.priors import check_fixed
+    from biaxbayes.inference.priors_file import check_fixed
 
     out = {}
     for text in texts:

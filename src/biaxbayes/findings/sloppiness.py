@@ -18,7 +18,7 @@ from biaxbayes.findings.representative_draws import median_draw
 from biaxbayes.findings.same_curves import SameCurves, same_curves
 from biaxbayes.findings.sampling_scale import Scale, judged_scales, prior_values
 from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.priors import Prior
+from biaxbayes.inference.priors import Prior, Tie
 from biaxbayes.mechanics.goh import PARAMETERS
 
 __all__ = ["Direction", "Sloppiness", "sloppiness"]
@@ -79,7 +79,7 @@ class Sloppiness:
         return [self.stiff.words, self.words]
 
 
-def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness:
+def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     """Find the directions and walk the sloppy one.
 
     Parameters
@@ -90,9 +90,10 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness:
 
     Returns
     -------
-    Sloppiness
-        The path moves the parameter with the largest loading on the sloppy direction over its 90 %
-        interval, from the curves of the median draw.
+    Sloppiness or None
+        None where no material parameter is free, or two are tied: curves cannot be followed then
+        without letting go of the tie. The path moves the parameter with the largest loading on
+        the sloppy direction over its 90 % interval, from the curves of the median draw.
     """
     few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     scales = [
@@ -100,6 +101,9 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness:
         for s in judged_scales(posterior.priors, few)
         if s.kind in PARAMETERS and isinstance(s.prior, Prior)
     ]
+    tied = any(isinstance(posterior.priors[name], Tie) for name in PARAMETERS)
+    if not scales or tied:
+        return None
     directions = _directions(scales, few)
     loadings = directions[-1].loadings
     moved = max(loadings, key=lambda name: abs(loadings[name]))

@@ -44,9 +44,10 @@ class Thresholds:
     one_sided_excluded : float
         One-sided needs data that exclude at least this share of the prior.
     contraction, prior_excluded : float
-        Prior-dominated where the variance shrinks by less than the first and the data exclude
-        less than the second of the prior. A contraction of 0.75 is a spread of half the prior's;
-        for normal densities the data then tell three times as much as the prior.
+        Prior-dominated where the variance shrinks by less than the first; with separate peaks
+        only if the data exclude less than the second of the prior as well. A contraction of 0.75
+        is a spread of half the prior's; for normal densities the data then tell three times as
+        much as the prior.
     sharp_log, sharp_alpha_deg, sharp_kappa, sharp_mounting_stretch : float
         A 90 % interval narrower than this is sharp: a sharp parameter is known in practice,
         whatever it correlates with. The first is for the ratio of the ends for C1, k1 and k2.
@@ -141,6 +142,7 @@ def decide(evidence: Evidence, thresholds: Thresholds, *, isotropy_open: bool = 
         return PRIOR
     if ends and e.prior_excluded >= t.one_sided_excluded:
         return ONE_SIDED
-    if e.contraction < t.contraction and e.prior_excluded < t.prior_excluded:
+    # Two narrow peaks have a wide spread and are no prior: what they exclude tells.
+    if e.contraction < t.contraction and (e.modes < 2 or e.prior_excluded < t.prior_excluded):
         return PRIOR
     return ONE_SIDED if ends else IDENTIFIED

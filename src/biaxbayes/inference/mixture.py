@@ -5,13 +5,42 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
-__all__ = ["StudentMixture", "fit_mixture"]
+__all__ = ["Mirrors", "StudentMixture", "fit_mixture"]
 
-DEGREES = 6.0  # of freedom: tails heavier than any posterior that falls like a Gaussian
+BLOCK = 160  # points evaluated side by side
+DEGREES = (
+    6.0  # of freedom, a whole number: tails heavier than any posterior that falls like a Gaussian
+)
+
+
+class Mirrors(NamedTuple):
+    """Reflections of a point at edges, each at one edge or at several in turn.
+
+    Attributes
+    ----------
+    coordinates : int64 ndarray, shape (b,)
+        Coordinates that have an edge.
+    doubled : ndarray, shape (s, b)
+        Twice the edge that each is reflected at in each of s images; NaN where it is not.
+    """
+
+    coordinates: np.ndarray
+    doubled: np.ndarray
+
+    @classmethod
+    def at(cls, edges: np.ndarray) -> Mirrors:
+        """Every way to reflect at edges of shape (d, 2), infinite where there is none."""
+        bounded = np.flatnonzero(np.isfinite(edges).any(axis=1))
+        ways = [[np.nan, *(2.0 * e for e in edges[j] if np.isfinite(e))] for j in bounded]
+        doubled = list(product(*ways))[1:]  # the first reflects nothing
+        return cls(bounded, np.array(doubled, dtype=float).reshape(len(doubled), len(bounded)))
 
 
 @dataclass(frozen=True)
@@ -36,10 +65,26 @@ class StudentMixture:
     inverses: np.ndarray
     degrees: float = DEGREES
 
-    def log_density(self, x: np.ndarray) -> np.ndarray:
-        """Log density at points of shape (n, d); shape (n,)."""
-        return _log_density(
-            np.ascontiguousarray(x), self._log_scale(), self.means, self.inverses, self.degrees
+    def log_density(self, x: np.ndarray, mirrors: Mirrors | None = None) -> np.ndarray:
+        """Log density at points of shape (n, d); shape (n,).
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, d)
+        mirrors : Mirrors, optional
+            Images of each point whose densities are added to its own.
+        """
+        if mirrors is None:
+            mirrors = Mirrors(np.empty(0, dtype=np.int64), np.empty((0, 0)))
+        log_scale = self._log_scale()
+        top = log_scale.max()
+        return top + _log_density(
+            np.ascontiguousarray(x.T),
+            np.exp(log_scale - top),
+            self.means,
+            self.inverses,
+            self.degrees,
+            *mirrors,
         )
 
     def _log_scale(self) -> np.ndarray:
@@ -112,30 +157,112 @@ def fit_mixture(
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def _log_density(x, log_scale, means, inverses, nu):
-    n, d = x.shape
-    count = log_scale.size
+LOOSE = {"reassoc", "contract", "arcp", "nsz"}
+"""What the compiler may do to sums; infinities and NaN keep their meaning."""
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+def _log_density(x, scale, means, inverses, nu, coordinates, doubled):
+    """Log of the summed component densities; ``x`` of shape (d, n).
+
+    Points are taken in blocks, and every inner loop runs along a block, so that the compiler
+    evaluates several points at a time. nu is a whole number: its power needs no logarithm.
+    """
+    d, n = x.shape
+    bounded = coordinates.size
     out = np.empty(n)
-    logs = np.empty(count)
-    power = 0.5 * (nu + d)
-    for i in range(n):
-        top = -np.inf
-        for k in range(count):
-            distance = 0.0
-            for a in range(d):
-                z = 0.0
-                for b in range(a + 1):
-                    z += inverses[k, a, b] * (x[i, b] - means[k, b])
-                distance += z * z
-            # ln t_nu(x) = ln norm - (nu + d)/2 ln(1 + distance / nu)
-            logs[k] = log_scale[k] - power * np.log1p(distance / nu)
-            top = max(top, logs[k])
-        total = 0.0
-        for k in range(count):
-            total += np.exp(logs[k] - top)
-        out[i] = top + np.log(total)
+    z, slope, shift = np.empty(BLOCK), np.empty((bounded, BLOCK)), np.empty((bounded, BLOCK))
+    distance, image = np.empty(BLOCK), np.empty(BLOCK)
+    work, total = np.empty(BLOCK), np.empty(BLOCK)
+    for first in range(0, n, BLOCK):
+        m = min(BLOCK, n - first)
+        total[:m] = 0.0
+        for k in range(scale.size):
+            _distances(x, first, m, means[k], inverses[k], coordinates, z, distance, slope)
+            for s in range(doubled.shape[0]):
+                image[:m] = distance[:m]
+                _reflect(image, x, first, m, inverses[k], coordinates, doubled[s], slope, shift)
+                _add_t_density(image, m, nu, d, scale[k], work, total)
+            _add_t_density(distance, m, nu, d, scale[k], work, total)
+        for i in range(m):
+            out[first + i] = np.log(total[i])
     return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+def _distances(x, first, m, mean, inverse, coordinates, z, distance, slope):
+    """Squared distances |z|^2, z = L^-1 (x - mean), and (L^-T z)_b of the coordinates b."""
+    distance[:m] = 0.0
+    slope[:, :m] = 0.0
+    for a in range(mean.size):
+        z[:m] = 0.0
+        for b in range(a + 1):
+            factor, centre, column = inverse[a, b], mean[b], x[b, first : first + m]
+            for i in range(m):
+                z[i] += factor * (column[i] - centre)
+        for i in range(m):
+            distance[i] += z[i] * z[i]
+        for c in range(coordinates.size):
+            if coordinates[c] <= a:
+                factor, along = inverse[a, coordinates[c]], slope[c]
+                for i in range(m):
+                    along[i] += factor * z[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+def _reflect(distance, x, first, m, inverse, coordinates, doubled, slope, shift):
+    """Squared distances of the points reflected where ``doubled`` is a number.
+
+    A reflection adds t_b = 2 edge - 2 x_b to coordinate b:
+
+        |z + L^-1 t|^2 = |z|^2 + 2 sum_b t_b (L^-T z)_b + t^T (L^-T L^-1) t
+    """
+    for c in range(coordinates.size):
+        if np.isnan(doubled[c]):
+            continue
+        t, along, column = shift[c], slope[c], x[coordinates[c], first : first + m]
+        square = _product(inverse, coordinates[c], coordinates[c])
+        for i in range(m):
+            t[i] = doubled[c] - 2.0 * column[i]
+            distance[i] += t[i] * (2.0 * along[i] + square * t[i])
+        for e in range(c):
+            if not np.isnan(doubled[e]):
+                cross = 2.0 * _product(inverse, coordinates[c], coordinates[e])
+                other = shift[e]
+                for i in range(m):
+                    distance[i] += cross * t[i] * other[i]
+
+
+@register_jitable
+def _product(inverse, b, c):
+    """(L^-T L^-1)_bc."""
+    total = 0.0
+    for a in range(inverse.shape[0]):
+        total += inverse[a, b] * inverse[a, c]
+    return total
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+def _add_t_density(distance, m, nu, d, scale, work, total):
+    """Add scale (1 + distance / nu)^(-(nu + d) / 2) to ``total``; the first arrays are used up."""
+    power = int(nu) + d
+    for i in range(m):
+        distance[i] = 1.0 / (1.0 + max(distance[i], 0.0) / nu)
+    if power % 2 == 1:
+        for i in range(m):
+            work[i] = scale * np.sqrt(distance[i])
+    else:
+        work[:m] = scale
+    power //= 2
+    while power > 0:
+        if power % 2 == 1:
+            for i in range(m):
+                work[i] *= distance[i]
+        power //= 2
+        for i in range(m):
+            distance[i] *= distance[i]
+    for i in range(m):
+        total[i] += work[i]
 
 
 @njit(cache=True, nogil=True)

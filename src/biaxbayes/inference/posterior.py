@@ -21,7 +21,8 @@ from biaxbayes.inference.coordinates import (
 from biaxbayes.inference.fit import constrained_fit
 from biaxbayes.inference.fit_result import FitResult
 from biaxbayes.inference.noise import EffectiveReadings
-from biaxbayes.inference.priors import LOG_SCALE, Prior, Tie, parse_priors
+from biaxbayes.inference.priors import LOG_SCALE, Prior, Tie
+from biaxbayes.inference.priors_file import parse_priors
 from biaxbayes.inference.settings import Settings
 from biaxbayes.mechanics.goh import cauchy_stress, structure_tensor
 from biaxbayes.specimens.specimen import Specimen

@@ -1,34 +1,17 @@
-"""Priors: a number is fixed, a string is tied, a table is a distribution.
-
-The file format is TOML, one key a parameter::
-
-    kappa = 0.0                                          # fixed
-    k1 = "2.0 * C1"                                      # tied
-    alpha = { distribution = "normal", mean = 41, sd = 5 }
-    C1 = { distribution = "lognormal", median = 10, sd_log = 2 }
-    k2 = { distribution = "loguniform", low = 0.01, high = 500 }
-    mounting_stretch = { distribution = "normal", mean = 1, sd = 0.1 }
-
-Units are kPa for C1 and k1, degrees for alpha, and the file's own (N or kPa) for noise_sd.
-"""
+"""Priors: a number is fixed, a tie follows another parameter, a distribution is free."""
 
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import norm
 
-from biaxbayes.errors import InputError
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import measured_stretch
-from biaxbayes.specimens.text_file import read_text
 
-__all__ = ["DEFAULT_BOUNDS", "Prior", "Tie", "default_priors", "read_priors"]
+__all__ = ["DEFAULT_BOUNDS", "FAMILIES", "LOG_SCALE", "Prior", "Tie", "default_priors"]
 
 LOG_SCALE = ("C1", "k1", "k2", "noise_sd", "noise_growth")
 """Parameters sampled as natural logs."""
@@ -39,14 +22,6 @@ DEFAULT_BOUNDS: dict[str, tuple[float, float]] = {
 }
 """Physical ranges that no prior can widen."""
 
-FIXABLE = ("C1", "k1", "k2", "alpha", "kappa", "noise_sd")
-SETTABLE = (
-    *FIXABLE,
-    "noise_growth",
-    "mounting_stretch",
-    "mounting_stretch_x",
-    "mounting_stretch_y",
-)
 FAMILIES = {
     "normal": ("mean", "sd"),
     "lognormal": ("median", "sd_log"),
@@ -111,6 +86,15 @@ class Prior:
     @property
     def _uniform(self) -> bool:
         return self.family in ("uniform", "loguniform")
+
+    def mass(self, *, positive: bool) -> float:
+        """Probability of the range, of positive values only where only these count."""
+        if self._uniform:
+            return float(self.high > 0.0 or not positive)
+        location, scale, low, high = self._standard_range()
+        if positive and not self._logs:
+            low = max(low, 0.0)
+        return float(norm.cdf((high - location) / scale) - norm.cdf((low - location) / scale))
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Independent draws in natural units, shape (size,)."""
@@ -189,131 +173,3 @@ def default_priors(specimen: Specimen) -> dict[str, Prior | float | Tie]:
         mean, sd = (1.0, 0.1) if stated is None else measured_stretch(str(stated))
         priors[name] = Prior("normal", mean, sd, low=0.0)
     return priors
-
-
-def read_priors(path: Path) -> dict[str, Prior | float | Tie]:
-    """Read a priors file.
-
-    Raises
-    ------
-    InputError
-        Naming the key that cannot be used.
-    """
-    try:
-        table = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not valid TOML ({error})", file=path) from None
-    except RecursionError:
-        raise InputError("not valid TOML (nested too deeply)", file=path) from None
-    return parse_priors(table, path)
-
-
-def parse_priors(
-    table: Mapping[str, object], path: object = None
-) -> dict[str, Prior | float | Tie]:
-    """Priors from a parsed table; see the module's docstring for the format."""
-    out: dict[str, Prior | float | Tie] = {}
-    for name, value in table.items():
-        if name not in SETTABLE:
-            raise InputError(
-                f"unknown parameter {name[:60]!r}",
-                file=path,
-                remedy=f"parameters are {', '.join(SETTABLE)}",
-            )
-        parsed = _parse(name, value, path)
-        names = [f"{name}_x", f"{name}_y"] if name == "mounting_stretch" else [name]
-        for each in names:
-            if each in out:
-                raise InputError(f"{each} is given twice", file=path)
-            out[each] = parsed
-    return out
-
-
-def _parse(name: str, value: object, path: object) -> Prior | float | Tie:
-    if isinstance(value, bool):
-        raise InputError(f"{name} must be a number, a tie or a distribution", file=path)
-    if isinstance(value, int | float):
-        return check_fixed(name, float(value), path)
-    if isinstance(value, str):
-        return _parse_tie(name, value, path)
-    if not isinstance(value, dict):
-        raise InputError(f"{name} must be a number, a tie or a distribution", file=path)
-    return _parse_distribution(name, value, path)
-
-
-def check_fixed(name: str, value: float, path: object = None) -> float:
-    """A fixed value, checked against the physical range of its parameter."""
-    if name not in FIXABLE:
-        raise InputError(
-            f"{name[:60]!r} cannot be fixed", file=path, remedy=f"fix one of {', '.join(FIXABLE)}"
-        )
-    low, high = DEFAULT_BOUNDS.get(name, (0.0, math.inf))
-    positive = name in ("C1", "noise_sd")
-    if not (low <= value <= high and math.isfinite(value)) or (positive and value == 0.0):
-        raise InputError(
-            f"{name} cannot be fixed at {value:g}",
-            file=path,
-            remedy=f"its range is {low:g} to {high:.6g}" + (", above zero" if positive else ""),
-        )
-    return value
-
-
-def _parse_tie(name: str, text: str, path: object) -> Tie:
-    factor_text, star, other = text.rpartition("*")
-    other = other.strip()
-    try:
-        factor = float(factor_text) if star else 1.0
-    except ValueError:
-        factor = math.nan
-    allowed = {("k1", "C1"), ("C1", "k1"), ("mounting_stretch_y", "mounting_stretch_x")}
-    good = (name, other) in allowed and factor > 0 and math.isfinite(factor)
-    if not good or (name == "mounting_stretch_y" and factor != 1.0):
-        raise InputError(
-            f"{name} cannot be tied to {text[:60]!r}",
-            file=path,
-            remedy="ties read 'k1 = \"2.0 * C1\"' or 'mounting_stretch_y = \"mounting_stretch_x\"'",
-        )
-    return Tie(factor, other)
-
-
-def _parse_distribution(name: str, table: Mapping[str, object], path: object) -> Prior:
-    family = table.get("distribution")
-    if family not in FAMILIES:
-        raise InputError(
-            f"{name}: unknown distribution {str(family)[:40]!r}",
-            file=path,
-            remedy=f"use one of {', '.join(FAMILIES)}",
-        )
-    first, second = FAMILIES[str(family)]
-    values: dict[str, float] = {}
-    for key, value in table.items():
-        if key == "distribution":
-            continue
-        if key not in {first, second, "low", "high"}:
-            raise InputError(
-                f"{name}: a {family} prior has no {key[:40]!r}",
-                file=path,
-                remedy=f"it has {first} and {second}, and optionally low and high",
-            )
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not math.isfinite(value)
-        ):
-            raise InputError(f"{name}: {key} must be a finite number", file=path)
-        values[key] = float(value)
-    for key in (first, second):
-        if key not in values:
-            raise InputError(f"{name}: the {family} prior lacks {key}", file=path)
-    try:
-        prior = Prior(
-            str(family),
-            values.get(first, 0.0) if first != "low" else 0.0,
-            values.get(second, 1.0) if second != "high" else 1.0,
-            values.get("low", -math.inf),
-            values.get("high", math.inf),
-        ).within(*DEFAULT_BOUNDS.get(name, (-math.inf, math.inf)))
-        prior.encode(log_scale=name in LOG_SCALE)
-    except ValueError as error:
-        raise InputError(f"{name}: {error}", file=path) from None
-    return prior

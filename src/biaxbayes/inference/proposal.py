@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from biaxbayes.inference.mixture import StudentMixture, fit_mixture
+from biaxbayes.inference.mixture import Mirrors, StudentMixture, fit_mixture
 from biaxbayes.inference.trend import Trend, fit_trend
 
 __all__ = ["Proposal", "edge_array", "first_proposal", "fit_proposal"]
@@ -45,6 +46,10 @@ class Proposal:
     def _bounded(self) -> np.ndarray:
         return np.flatnonzero(np.isfinite(self.edges).any(axis=1))
 
+    @cached_property
+    def _mirrors(self) -> Mirrors:
+        return Mirrors.at(self.edges)
+
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Independent draws, shape (size, d)."""
         r = self.mixture.sample(rng, size)
@@ -59,17 +64,7 @@ class Proposal:
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond an edge."""
         r, log_jacobian = self.trend.straighten(x)
-        images = [r]
-        for j in self._bounded:
-            mirrored = []
-            for edge in self.edges[j][np.isfinite(self.edges[j])]:
-                for source in images:
-                    image = source.copy()
-                    image[:, j] = 2.0 * edge - image[:, j]
-                    mirrored.append(image)
-            images += mirrored
-        total = self.mixture.log_density(np.concatenate(images)).reshape(len(images), -1)
-        out = np.logaddexp.reduce(total, axis=0) + log_jacobian
+        out = self.mixture.log_density(r, self._mirrors) + log_jacobian
         for j in self._bounded:
             low, high = self.edges[j]
             out[(r[:, j] < low) | (r[:, j] > high)] = -np.inf

@@ -6,6 +6,7 @@ order, so that the autocorrelation that ArviZ sees is that of a walker.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -80,16 +81,13 @@ def write_archive(
     observed_data, constant_data.
     """
     tree = build_tree(posterior, draws, attributes, seed)
-    # DataTree writes to a path; the bytes are then put in place atomically.
-    temporary = path.with_name(f".{path.name}.building")
+    # In memory: on a full disk the HDF5 library can crash the process while it closes a file.
+    whole = io.BytesIO()
+    tree.to_netcdf(whole, engine="h5netcdf")
     try:
-        tree.to_netcdf(temporary, engine="h5netcdf")
-        data = temporary.read_bytes()
+        atomic_write_bytes(path, whole.getvalue())
     except OSError as error:
         raise RunError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        temporary.unlink(missing_ok=True)
-    atomic_write_bytes(path, data)
 
 
 def build_tree(

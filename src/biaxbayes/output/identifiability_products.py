@@ -30,8 +30,9 @@ class Identified:
     ----------
     verdicts : Identifiability
     determined : DataFrame or None
-        None, as the directions, where the chains are not reliable.
+        None where the chains are not reliable.
     directions : Sloppiness or None
+        None there too, and where no material parameter is free or some are tied.
     """
 
     verdicts: Identifiability
@@ -79,8 +80,9 @@ def write_identifiability_products(
         table = determined(draws, posterior.specimen, fibre_switch=switch)
         write_annotated(table, [DETERMINED_NOTE], folder / "determined.csv")
         directions = sloppiness(posterior, draws)
-        notes = [directions.words, "C1, k1 in kPa, alpha in degrees"]
-        write_annotated(directions.path.to_frame(), notes, folder / "same-curves.csv")
+        if directions is not None:
+            notes = [directions.words, "C1, k1 in kPa, alpha in degrees"]
+            write_annotated(directions.path.to_frame(), notes, folder / "same-curves.csv")
     if figure:
         from biaxbayes.output.figures.identifiability import identifiability_figure
         from biaxbayes.output.style import save_figure

@@ -9,8 +9,10 @@ from typing import Any
 
 import biaxbayes
 from biaxbayes.errors import RunError
+from biaxbayes.inference.evidence import evidence_record
 from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.priors import Prior, Tie, parse_priors
+from biaxbayes.inference.priors import Prior, Tie
+from biaxbayes.inference.priors_file import parse_priors
 from biaxbayes.inference.sampler import Draws, Plan
 from biaxbayes.inference.settings import Settings
 from biaxbayes.specimens.specimen import Specimen
@@ -119,6 +121,7 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             "worst_rhat": convergence.worst_rhat if reliable else None,
             "interrupted": draws.interrupted,
         },
+        "evidence": evidence_record(posterior, draws, plan.seed),
         "seconds": {k: round(v, 3) for k, v in draws.seconds.items()},
         "versions": _versions(),
     }

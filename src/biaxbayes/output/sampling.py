@@ -117,7 +117,7 @@ class Sampling:
             f"interrupted {done}, all saved in {self.folder}; "
             "the same command with --resume continues"
         )
-        if signal > 1:  # a signal's number, not just True
+        if not isinstance(signal, bool):  # the number of a signal (a hang-up is 1)
             error.exit_code = 128 + signal
         return error
 

@@ -1,0 +1,190 @@
+"""Log evidence against integrals that are known, computed by quadrature or by a nested sampler."""
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+import biaxbayes
+from analytic_targets import TARGETS, gaussian
+from biaxbayes.inference.evidence import bridge, evidence, evidence_record
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.proposal import edge_array, fit_proposal
+from biaxbayes.inference.sampler import Plan, draw
+from biaxbayes.specimens.specimen_file import read_specimen
+
+DATA = Path(__file__).parents[1] / "data"
+PLAN = Plan(ess=2000, workers=2, population=2048)
+
+
+def media():
+    return read_specimen(DATA / "donor2-media.csv")
+
+
+def bridged(target, seed, *, draws=(4, 100, 20), constant=0.0):
+    """Evidence of an analytic target, its density multiplied by exp(constant)."""
+    rng = np.random.default_rng(seed)
+    edges = edge_array(target.edges, target.dimension)
+    q = fit_proposal(target.sample(rng, 2000), rng, edges=edges)
+    x, y = target.sample(rng, int(np.prod(draws))), q.sample(rng, 5000)
+    at_y = target.log_density(y)
+    inside = np.isfinite(at_y)
+    ratio = np.full(len(y), -np.inf)
+    ratio[inside] = at_y[inside] + constant - q.log_density(y[inside])
+    return bridge((target.log_density(x) + constant - q.log_density(x)).reshape(draws), ratio)
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda t: t.name)
+def test_normalised_targets_have_no_log_evidence(target):
+    value, error = bridged(target, 3)
+    assert abs(value) < 4.5 * error
+    assert 0.0 < error < 0.1
+
+
+def test_a_constant_comes_back_and_errors_are_honest():
+    results = np.array(
+        [bridged(gaussian(6), s, draws=(4, 20, 20), constant=-712.5) for s in range(60)]
+    )
+    z = (results[:, 0] + 712.5) / results[:, 1]
+    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.3  # sixty draws: 1 +- 0.09
+    assert np.abs(z).max() < 4.5
+
+
+def test_correlated_draws_widen_the_error():
+    target = gaussian(6)
+    rng = np.random.default_rng(4)
+    q = fit_proposal(target.sample(rng, 2000), rng)
+    x, y = target.sample(rng, 4 * 50 * 10), q.sample(rng, 50_000)
+    first = (target.log_density(x) - q.log_density(x)).reshape(4, 50, 10)
+    second = target.log_density(y) - q.log_density(y)
+    _, error = bridge(first, second)
+    _, repeated = bridge(np.repeat(first, 8, axis=1), second)
+    assert 0.8 < repeated / error < 1.5  # eight times the rows, the same information
+    # and a wrong normaliser of the proposal is seen at once
+    value, error = bridge(first + 0.2, second + 0.2)
+    assert value == pytest.approx(0.2, abs=5 * error)
+
+
+# --- posteriors small enough for quadrature -----------------------------------------------------
+
+
+def by_quadrature(posterior, grids):
+    """Trapezoidal integral of exp(log_density) over natural parameters on regular grids."""
+    names = list(posterior.free)
+    mesh = np.meshgrid(*(grids[n] for n in names), indexing="ij")
+    logs = posterior.log_density(dict(zip(names, mesh, strict=True)))
+    for axis, name in enumerate(names):
+        x = grids[name]
+        scaled = np.deg2rad(x) if name == "alpha" else np.log(x) if name != "kappa" else x
+        weights = np.gradient(scaled)
+        weights[[0, -1]] *= 0.5 if name == "kappa" else 1.0
+        shape = [1] * len(names)
+        shape[axis] = -1
+        logs = logs + np.log(weights).reshape(shape)
+    return logsumexp(logs)
+
+
+@pytest.mark.parametrize("mounting", ["ignored", "exact"])
+def test_two_parameters_against_quadrature(mounting):
+    fixed = {"k1": 12.0, "k2": 2.0, "kappa": 0.05, "noise_sd": 0.02}
+    posterior = Posterior(media(), mounting=mounting, noise="independent", priors=fixed)
+    found = evidence(posterior, draw(posterior, PLAN))
+    grids = {"C1": np.geomspace(0.02, 60, 1500), "alpha": np.linspace(0.01, 89.99, 700)}
+    expected = by_quadrature(posterior, grids)
+    assert found.error < 0.05
+    assert found.log_evidence == pytest.approx(expected, abs=4.5 * found.error + 1e-3)
+
+
+def test_dispersion_and_angle_in_their_chart_against_quadrature():
+    """The chart's Jacobian, its edges and the prior per radian all count here."""
+    fixed = {"C1": 3.0, "k2": 2.0, "noise_sd": 0.05}
+    posterior = Posterior(media(), mounting="exact", noise="independent", priors=fixed)
+    found = evidence(posterior, draw(posterior, PLAN))
+    grids = {
+        "k1": np.geomspace(4, 60, 160),
+        "alpha": np.linspace(0.05, 89.95, 240),
+        "kappa": np.linspace(0, 1 / 3, 161),
+    }
+    expected = by_quadrature(posterior, grids)
+    assert found.log_evidence == pytest.approx(expected, abs=4.5 * found.error + 0.01)
+
+
+# --- what a run records ------------------------------------------------------------------------
+
+
+def test_a_tempered_likelihood_has_none():
+    posterior = Posterior(media())
+    with pytest.raises(ValueError, match="tempered"):
+        evidence(posterior, None)
+    record = evidence_record(posterior, None, 1)
+    assert record["log_evidence"] is None and "tempered" in record["reason"]
+    averaged = Posterior(media(), noise="independent", thin=20)
+    assert "averaged" in evidence_record(averaged, None, 1)["reason"]
+
+
+def test_a_run_records_it_and_prestretch_can_be_judged(tmp_path):
+    """The specimen was mounted at a stretch: without one, its mounting force is a wonder."""
+    found = {}
+    for mounting in ("noisy", "free", "ignored"):
+        run = biaxbayes.sample(
+            media(), out=tmp_path / mounting, mounting=mounting, noise="independent", ess=1000
+        )
+        found[mounting] = json.loads((run.path / "provenance.json").read_text())["evidence"]
+    noisy, free, ignored = found["noisy"], found["free"], found["ignored"]
+    error = np.hypot(noisy["error"], free["error"])
+    assert abs(noisy["log_evidence"] - free["log_evidence"]) < 4.5 * error
+    assert noisy["log_density_of_mounting_reading"] is None
+    reading, sd = media().mounting_readings(shared=True)
+    expected = norm.logpdf(reading, 0.0, sd).sum()
+    assert ignored["log_density_of_mounting_reading"] == pytest.approx(expected, rel=1e-9)
+    without = ignored["log_evidence"] + ignored["log_density_of_mounting_reading"]
+    assert noisy["log_evidence"] > without + 10
+
+
+@pytest.mark.slow
+def test_evidence_against_a_nested_sampler():
+    nautilus = pytest.importorskip("nautilus")
+    posterior = Posterior(media(), mounting="free", noise="independent")
+    ours = evidence(posterior, draw(posterior, Plan(ess=10_000, workers=2)))
+    names = posterior.free
+    widths = {"C1": (np.log(10), 2.0), "k1": (np.log(30), 2.5), "k2": (np.log(10), 2.0)}
+    widths["noise_sd"] = (np.log(0.005 * media().peak_load), 1.5)
+
+    def transform(cube):
+        out = {}
+        for i, name in enumerate(names):
+            if name in widths:
+                out[name] = np.exp(norm.ppf(cube[:, i], *widths[name]))
+            elif name.startswith("mounting"):
+                out[name] = norm.ppf(norm.cdf(0, 1, 0.1) + cube[:, i] * norm.sf(0, 1, 0.1), 1, 0.1)
+            else:
+                out[name] = cube[:, i] * (90.0 if name == "alpha" else 1 / 3)
+        return out
+
+    def log_prior(p):
+        total = -np.log(np.pi / 2) + np.log(3)
+        for name in names:
+            if name in widths:
+                total = total + norm.logpdf(np.log(p[name]), *widths[name])
+            elif name.startswith("mounting"):
+                total = total + norm.logpdf(p[name], 1, 0.1)
+        return total
+
+    def log_likelihood(cube):
+        p = transform(np.atleast_2d(cube))
+        return np.maximum(posterior.log_density(p) - log_prior(p), -1e300)
+
+    sampler = nautilus.Sampler(
+        lambda cube: cube, log_likelihood, n_dim=len(names), vectorized=True, n_live=1500,
+        pass_dict=False, seed=1,
+    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sampler.run(n_eff=10_000, verbose=False)
+    theirs = sampler.log_z
+    error = 1 / np.sqrt(sampler.n_eff) * 3
+    assert ours.log_evidence == pytest.approx(theirs, abs=4.5 * np.hypot(ours.error, error))

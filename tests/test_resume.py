@@ -1,0 +1,503 @@
+"""A run that was stopped, killed, damaged or starved continues to the same bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import biaxbayes
+from biaxbayes.cli import main
+from biaxbayes.commands.progress_line import StoppedAtOnce, graceful_stop
+from biaxbayes.errors import RunError
+from biaxbayes.inference import checkpoint
+from biaxbayes.inference.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
+from biaxbayes.inference.sampler import State
+from biaxbayes.output import sampling
+from biaxbayes.output.staging import PROVENANCE
+
+ROOT = Path(__file__).parents[1]
+SPECIMEN = ROOT / "data" / "donor2-adventitia.csv"
+OPTIONS = ("--ess", "60000", "--seed", "3", "--quiet")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def without_figures():
+    """Figures and report are the same whatever happened before: they are left out here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("biaxbayes.output.run_products.write_products", lambda *a: None)
+        patch.setattr("biaxbayes.output.report.page.write_report", lambda *a: None)
+        yield
+
+
+def sample(out, *more, specimen=SPECIMEN, options=OPTIONS):
+    with pytest.raises(SystemExit) as ended:
+        main(["sample", str(specimen), "--out", str(out), *options, *map(str, more)])
+    return ended.value.code or 0
+
+
+def compared(folder):
+    """Every byte of a run, but for the provenance, which says how long it took."""
+    assert not [p.name for p in folder.iterdir() if p.name.startswith(".")]
+    return {
+        p.name: hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in folder.iterdir()
+        if p.name not in (PROVENANCE, NAME, PREVIOUS)
+    }
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A run left alone, with a copy of its folder after every checkpoint."""
+    place = tmp_path_factory.mktemp("whole")
+    with pytest.MonkeyPatch.context() as patch:
+        real = checkpoint.save
+
+        def save(folder, state, identity):
+            real(folder, state, identity)
+            copy = place / f"after-{len(list(place.glob('after-*')))}"
+            shutil.copytree(folder, copy, ignore=shutil.ignore_patterns(".lock"))
+
+        patch.setattr(checkpoint, "save", save)
+        assert sample(place / "run", "--workers", 1) == 0
+    assert len(list(place.glob("after-*"))) >= 4
+    return place
+
+
+@pytest.fixture(scope="module")
+def expected(whole):
+    return compared(whole / "run")
+
+
+@pytest.fixture
+def halfway(whole, tmp_path):
+    """A folder with two checkpoints of the run, as after a kill."""
+    return Path(shutil.copytree(whole / "after-2", tmp_path / "halfway"))
+
+
+# --- the same bytes ----------------------------------------------------------------------------
+
+
+def test_from_any_checkpoint_and_with_other_workers(whole, expected, tmp_path):
+    assert {"posterior.nc", "summary.csv", "specimen.csv", "fit.json"} <= set(expected)
+    for number in range(len(list(whole.glob("after-*")))):
+        folder = shutil.copytree(whole / f"after-{number}", tmp_path / str(number))
+        assert sample(folder, "--resume", "--workers", 2) == 0
+        assert compared(folder) == expected
+
+
+def test_in_a_new_folder_resuming_is_starting(expected, tmp_path):
+    """So does a run killed during warm-up: it left a lock and half a file at most."""
+    folder = tmp_path / "new" / "run"
+    folder.mkdir(parents=True)
+    (folder / ".lock").write_text('{"host": "" , "pid": 2147483646}')
+    (folder / ".checkpoint-following.npz.4711.tmp").write_bytes(b"half")
+    assert sample(folder, "--resume") == 0
+    assert compared(folder) == expected
+
+
+def test_a_finished_run_continues_when_more_is_asked_for(expected, tmp_path):
+    assert sample(tmp_path / "run", options=("--ess", "100", "--seed", "3", "--quiet")) == 0
+    fewer = compared(tmp_path / "run")
+    assert fewer["posterior.nc"] != expected["posterior.nc"]
+    assert sample(tmp_path / "run", "--resume") == 0
+    assert compared(tmp_path / "run") == expected
+
+
+def test_killed_at_random_and_starved_of_space():
+    """A few trials of the study that counts them; figures left out."""
+    command = [sys.executable, ROOT / "scripts" / "study_crashes.py", "--no-figures"]
+    done = subprocess.run(
+        [*command, "--kills", "3", "--calls", "0", "--disks", "1"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "| SIGKILL at a random moment | 3 | " in done.stdout
+
+
+# --- stopped by the user -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_a_signal_finishes_the_block_saves_and_says_how_to_continue(
+    expected, tmp_path, capsys, monkeypatch, number, code
+):
+    real, saved = checkpoint.save, []
+
+    def save(folder, state, identity):
+        real(folder, state, identity)
+        saved.append(state.steps)
+        if len(saved) == 2:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(checkpoint, "save", save)
+    before = signal.getsignal(number)
+    assert sample(tmp_path / "run") == code
+    assert signal.getsignal(number) is before
+    message = capsys.readouterr().err
+    assert f"interrupted after {saved[1]} kept steps, all saved in {tmp_path / 'run'}" in message
+    assert "--resume continues" in message
+    assert len(saved) == 2
+    assert not (tmp_path / "run" / PROVENANCE).exists()
+    if number == signal.SIGINT:
+        monkeypatch.undo()
+        assert sample(tmp_path / "run", "--resume") == 0
+        assert set(compared(tmp_path / "run")) >= {"posterior.nc"}
+
+
+def test_a_second_signal_stops_at_once_without_damage(expected, halfway, capsys, monkeypatch):
+    """Also in the middle of a block, with the ensembles in threads."""
+    from biaxbayes.inference.ensembles import Ensembles
+
+    real, begun = Ensembles.run, []
+
+    def run(self, steps):
+        begun.append(time.monotonic())
+
+        def twice():
+            for _ in range(2):
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.05)
+
+        threading.Timer(0.05, twice).start()
+        return real(self, 50_000)
+
+    monkeypatch.setattr(Ensembles, "run", run)
+    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    assert sample(halfway, "--resume", "--workers", 2) == 130
+    assert time.monotonic() - begun[0] < 5.0
+    assert "stopped at once; what was saved is safe" in capsys.readouterr().err
+    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+    monkeypatch.undo()
+    assert sample(halfway, "--resume") == 0
+    assert compared(halfway) == expected
+
+
+def test_stop_requests():
+    with graceful_stop() as stop:
+        assert stop() == 0
+        signal.raise_signal(signal.SIGTERM)
+        assert stop() == signal.SIGTERM
+        with pytest.raises(StoppedAtOnce) as stopped:
+            signal.raise_signal(signal.SIGTERM)
+        assert stopped.value.args == (signal.SIGTERM,)
+
+
+def test_a_signal_that_nohup_ignores_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with graceful_stop() as stop:
+            signal.raise_signal(signal.SIGHUP)
+            assert stop() == 0
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_outside_the_main_thread_signals_are_left_alone():
+    before, seen = signal.getsignal(signal.SIGINT), []
+
+    def work():
+        with graceful_stop() as stop:
+            seen.append((stop(), signal.getsignal(signal.SIGINT)))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [(0, before)]
+
+
+# --- another problem ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        (("--seed", "4"), ["seed (3 there, 4 now)"]),
+        (("--fix", "kappa=0.1"), ["option priors: kappa (default there, 0.1 now)"]),
+        (("--mounting", "exact"), ["option mounting (noisy there, exact now)"]),
+        (
+            ("--noise", "independent", "--fibre-switch"),
+            ["option noise (effective there, independent now)", "option fibre_switch"],
+        ),
+    ],
+)
+def test_other_options_are_refused_by_name(halfway, capsys, more, named):
+    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    assert sample(halfway, "--resume", *more) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    for words in (*named, "start again without --resume", str(halfway / NAME)):
+        assert words in message
+    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+
+
+def test_another_file_is_refused(halfway, capsys):
+    assert sample(halfway, "--resume", specimen=SPECIMEN.with_name("donor2-media.csv")) == 2
+    assert "differs in specimen (" in capsys.readouterr().err
+
+
+def test_one_changed_digit_is_another_file(halfway, capsys, tmp_path):
+    text = SPECIMEN.read_text()
+    lines = text.splitlines(keepends=True)
+    lines[-1] = lines[-1].rstrip("\n")[:-1] + ("1" if lines[-1].strip()[-1] != "1" else "2") + "\n"
+    changed = tmp_path / SPECIMEN.name
+    changed.write_text("".join(lines))
+    assert sample(halfway, "--resume", specimen=changed) == 2
+    assert "differs in specimen (" in capsys.readouterr().err
+
+
+def test_another_version_is_refused(halfway, capsys, monkeypatch):
+    monkeypatch.setattr(biaxbayes, "__version__", "99.0")
+    assert sample(halfway, "--resume") == 2
+    assert "version (" in capsys.readouterr().err
+
+
+def test_starting_again_needs_no_permission_and_keeps_the_checkpoint_until_its_first(
+    halfway, expected, monkeypatch
+):
+    before = (halfway / NAME).read_bytes()
+    monkeypatch.setattr(sampling, "draw", lambda *a, **k: (_ for _ in ()).throw(MemoryError))
+    assert sample(halfway, "--seed", "3") == 2
+    assert (halfway / NAME).read_bytes() == before
+    monkeypatch.undo()
+    assert sample(halfway) == 0
+    assert compared(halfway) == expected
+
+
+# --- damage ------------------------------------------------------------------------------------
+
+
+def body_of(path):
+    return path.read_bytes()[32:]
+
+
+def sealed(body):
+    """Bytes with the right checksum: whoever made them knew how."""
+    return hashlib.sha256(body).digest() + body
+
+
+def test_a_damaged_checkpoint_is_reported_and_the_one_before_used(halfway, expected, capsys):
+    raw = (halfway / NAME).read_bytes()
+    (halfway / NAME).write_bytes(raw[: len(raw) // 2])
+    assert sample(halfway, "--resume") == 0
+    message = capsys.readouterr().err
+    assert f"{NAME} is damaged" in message and f"continuing from {PREVIOUS}" in message
+    assert message.count("\n") == 1
+    assert compared(halfway) == expected
+
+
+def test_a_library_call_warns_of_it(halfway):
+    (halfway / NAME).write_bytes(b"")
+    with pytest.warns(RuntimeWarning, match=f"{NAME} is empty; continuing from {PREVIOUS}"):
+        biaxbayes.sample(SPECIMEN, out=halfway, seed=3, ess=60000, resume=True)
+
+
+def test_with_the_newest_missing_the_one_before_is_used(halfway, expected):
+    (halfway / NAME).unlink()
+    assert sample(halfway, "--resume") == 0
+    assert compared(halfway) == expected
+
+
+def test_with_none_readable_nothing_is_guessed(halfway, capsys):
+    for name in (NAME, PREVIOUS):
+        (halfway / name).write_bytes(b"not a checkpoint")
+    assert sample(halfway, "--resume") == 2
+    message = capsys.readouterr().err
+    assert f"{NAME} is damaged" in message and f"{PREVIOUS} is damaged" in message
+    assert "start again without --resume" in message
+
+
+@pytest.mark.parametrize("kind", ["folder", "loop", "pipe"])
+def test_what_is_no_file_is_no_checkpoint(halfway, expected, kind):
+    path = halfway / NAME
+    path.unlink()
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "loop":
+        path.symlink_to(path)
+    else:
+        os.mkfifo(path)
+    state, note = checkpoint.load(halfway, stored_identity(halfway / PREVIOUS))
+    assert isinstance(state, State) and f"continuing from {PREVIOUS}" in note
+
+
+def stored_identity(path):
+    return checkpoint.unpack(path.read_bytes())[1]
+
+
+def test_cut_short_anywhere_or_with_any_bit_flipped(whole):
+    raw = (whole / "after-0" / NAME).read_bytes()
+    for size in range(0, len(raw), 1000):
+        with pytest.raises(DamagedCheckpoint):
+            checkpoint.unpack(raw[:size])
+    rng = np.random.default_rng(1)
+    for position in range(0, len(raw), 997):
+        flipped = bytearray(raw)
+        flipped[position] ^= 1 << rng.integers(8)
+        with pytest.raises(DamagedCheckpoint):
+            checkpoint.unpack(bytes(flipped))
+
+
+def hostile_bodies(body):
+    """Archives with the right checksum that no run wrote."""
+
+    def changed(**arrays):
+        with np.load(io.BytesIO(body)) as archive:
+            parts = {k: archive[k] for k in archive.files} | arrays
+        out = io.BytesIO()
+        np.savez(out, **{k: v for k, v in parts.items() if v is not None})
+        return out.getvalue()
+
+    def text(**values):
+        with np.load(io.BytesIO(body)) as archive:
+            stored = json.loads(archive["text"].tobytes().decode())
+        return changed(text=np.frombuffer(json.dumps(stored | values).encode(), dtype=np.uint8))
+
+    def with_header(shape):
+        out = io.BytesIO()
+        header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}"
+        header = header.ljust(117) + "\n"
+        with zipfile.ZipFile(out, "w") as archive:
+            archive.writestr(
+                "chain.npy", b"\x93NUMPY\x01\x00\x76\x00" + header.encode() + b"0" * 64
+            )
+        return out.getvalue()
+
+    bomb = io.BytesIO()
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("chain.npy", bytes(50_000_000))
+    with np.load(io.BytesIO(body)) as archive:
+        chain, coordinates = archive["chain"], archive["coordinates_0"]
+    return {
+        "no archive": b"hello",
+        "bomb": bomb.getvalue(),
+        "terabytes claimed": with_header("(1000000000000,)"),
+        "negative shape": with_header("(-5,)"),
+        "header is code": with_header("__import__('os').getpid()"),
+        "no text": changed(text=None),
+        "text is not JSON": changed(text=np.frombuffer(b"{", dtype=np.uint8)),
+        "text is deep": changed(text=np.frombuffer(b"[" * 100_000, dtype=np.uint8)),
+        "no chain": changed(chain=None),
+        "chain of text": changed(chain=np.array("a")),
+        "chain of NaN": changed(
+            chain=np.full_like(chain, np.nan), coordinates_0=coordinates * np.nan
+        ),
+        "walkers of another size": changed(coordinates_0=coordinates[:, :-1]),
+        "half precision": changed(chain=chain.astype(np.float16)),
+        "order beyond the end": changed(proposal_order=np.full(coordinates.shape[1], 10**6)),
+        "no members": text(members=[]),
+        "members are numbers": text(members=[1, 2, 3, 4]),
+        "negative steps": text(steps=-5),
+        "thinning of zero": text(thin=0),
+        "warm-up of another kind": text(warmup={"import": "os"}),
+        "random state of another kind": changed(walker_key_0=np.zeros(3, dtype=np.uint32)),
+    }
+
+
+def test_with_a_forged_checksum_it_is_still_only_data(whole):
+    for name, body in hostile_bodies(body_of(whole / "after-0" / NAME)).items():
+        with pytest.raises(DamagedCheckpoint):
+            checkpoint.unpack(sealed(body))
+            pytest.fail(name)
+
+
+def test_nothing_is_unpickled(whole, tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (Path.write_text, (tmp_path / "owned", "yes"))
+
+    trap = np.empty(1, dtype=object)
+    trap[0] = Trap()
+    out = io.BytesIO()
+    np.savez(out, chain=trap)
+    with pytest.raises(DamagedCheckpoint):
+        checkpoint.unpack(sealed(out.getvalue()))
+    assert not (tmp_path / "owned").exists()
+
+
+def test_another_format_is_said_to_be_one(whole, halfway):
+    body = body_of(halfway / NAME)
+    with np.load(io.BytesIO(body)) as archive:
+        parts = {k: archive[k] for k in archive.files}
+    stored = json.loads(parts["text"].tobytes().decode())
+    parts["text"] = np.frombuffer(json.dumps(stored | {"format": 99}).encode(), dtype=np.uint8)
+    out = io.BytesIO()
+    np.savez(out, **parts)
+    (halfway / NAME).write_bytes(sealed(out.getvalue()))
+    with pytest.raises(RunError, match=r"checkpoint format 99, this version reads \d+; finish"):
+        checkpoint.load(halfway, stored["identity"])
+
+
+# --- no room -----------------------------------------------------------------------------------
+
+
+def test_a_checkpoint_that_does_not_fit_leaves_the_two_before(halfway, capsys):
+    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    limited(sample, halfway, "--resume", size=200_000, code=2)
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "the checkpoint could not be saved" in message
+    assert "File too large" in message and "--resume continues" in message
+    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+
+
+def test_products_that_do_not_fit_leave_the_finished_run_before(whole, expected, tmp_path, capsys):
+    folder = shutil.copytree(whole / "run", tmp_path / "run")
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    for size in (2_000, 1_000_000):
+        limited(sample, folder, "--resume", size=size, code=2)
+        message = capsys.readouterr().err
+        assert message.count("\n") == 1
+        assert "cannot be written" in message and "untouched" in message
+        assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+    biaxbayes.open_run(folder).tree.close()
+    assert sample(folder, "--resume") == 0
+    assert compared(folder) == expected
+
+
+def limited(call, *arguments, size, code):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        assert call(*arguments) == code
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_folder_that_is_being_written_is_left_alone(halfway, capsys):
+    from biaxbayes.output.lock import folder_lock
+
+    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    with folder_lock(halfway):
+        assert sample(halfway, "--resume") == 2
+    assert f"process {os.getpid()} on " in capsys.readouterr().err
+    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+
+
+def test_a_worker_that_fails_ends_the_run_in_one_line(halfway, capsys, monkeypatch):
+    from biaxbayes.inference.ensembles import Ensemble
+
+    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    monkeypatch.setattr(Ensemble, "run", lambda *a: (_ for _ in ()).throw(MemoryError))
+    assert sample(halfway, "--resume", "--workers", "2") == 2
+    assert capsys.readouterr().err.startswith("biaxbayes: not enough memory")
+    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
