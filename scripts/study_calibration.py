@@ -100,6 +100,7 @@ def main() -> int:
 
 def run(case: Case, folder: Path, workers: int, at_most: int) -> None:
     """Run one case, or what is missing of it."""
+    from biaxbayes.executors.executor import executor_for
     from biaxbayes.findings.calibration import Study
     from biaxbayes.output.calibration import CalibrationStudy
     from biaxbayes.specimens.specimen_file import read_specimen
@@ -114,7 +115,8 @@ def run(case: Case, folder: Path, workers: int, at_most: int) -> None:
     }
     study = Study(specimen, options, case.priors(specimen), seed=case.seed, broken=case.broken)
     clock = time.perf_counter()
-    kept = CalibrationStudy(study, folder / case.name, min(case.replications, at_most), workers)
+    count = min(case.replications, at_most)
+    kept = CalibrationStudy(study, folder / case.name, count, executor_for(workers))
     outcome = kept.execute(resume=True)
     minutes = (time.perf_counter() - clock) / 60.0
     print(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from biaxbayes.commands.executor_options import executor_options
 from biaxbayes.commands.model_options import (
     model_options,
     read_model_options,
@@ -26,7 +26,7 @@ __all__ = ["command"]
 @click.command("calibrate")
 @click.argument("specimen", type=click.Path(path_type=Path))
 @click.option("--replications", type=int, default=200, show_default=True)
-@click.option("--workers", type=int, default=None, help="Processes [processors, at most 4].")
+@executor_options
 @click.option(
     "--from",
     "source",
@@ -46,6 +46,7 @@ def command(
     specimen: Path,
     replications: int,
     workers: int | None,
+    scheduler: str | None,
     source: str,
     out: Path | None,
     seed: int,
@@ -65,14 +66,15 @@ def command(
     are not uniform.
     """
     from biaxbayes.errors import InputError
+    from biaxbayes.executors.executor import executor_for
 
-    for name, value, least in (("replications", replications, 1), ("workers", workers, 1)):
-        if value is not None and value < least:
-            raise InputError(f"--{name} must be at least {least}")
+    if replications < 1:
+        raise InputError("--replications must be at least 1")
     if not ess >= 200:
         raise InputError("--ess must be at least 200: 127 draws are ranked against")
     if not 0 <= seed < 2**63:
         raise InputError("--seed must be a whole number from 0 up")
+    executor = executor_for(workers, scheduler)
     options = read_model_options(**model)
     read = specimen_with_mounting_force(specimen, mounting_force)
     from biaxbayes.output.calibration import CalibrationStudy
@@ -81,7 +83,7 @@ def command(
         _study(read, options, source, seed, ess, broken),
         out or Path(f"{specimen.stem}-calibration"),
         replications,
-        workers or min(os.cpu_count() or 1, 4),
+        executor,
     )
     with progress_line(quiet=quiet) as tell, graceful_stop() as stop:
         outcome = study.execute(resume=resume, progress=tell, stop=stop)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from biaxbayes.commands.executor_options import executor_options
 from biaxbayes.commands.number_pair import Pair
 from biaxbayes.errors import InputError
 
@@ -47,6 +48,7 @@ TOLD = ("C1", "k1", "k2", "alpha", "kappa")
     help="The mean over the parameters, 'information', or one quantity, such as kappa.",
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Same seed, same bytes.")
+@executor_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the files [the run's].")
 def command(
     run: Path,
@@ -57,6 +59,8 @@ def command(
     image_sd: float,
     rank_by: str,
     seed: int,
+    workers: int | None,
+    scheduler: str | None,
     out: Path | None,
 ) -> int:
     """Say which further measurement would narrow the posterior of RUN most.
@@ -65,6 +69,7 @@ def command(
     Writes design.csv, design.pdf and design.png. Exit code 3 where the run is not reliable.
     """
     from biaxbayes.commands.run_state import open_usable_run
+    from biaxbayes.executors.executor import executor_for
     from biaxbayes.findings.candidates import standard_candidates
     from biaxbayes.findings.design import design
 
@@ -73,6 +78,7 @@ def command(
             raise InputError(f"--{name}-sd must be a positive number")
     if seed < 0:
         raise InputError("--seed must not be negative")
+    executor = executor_for(1 if workers is None and scheduler is None else workers, scheduler)
     opened = open_usable_run(run, anyway=False)
     posterior = opened.posterior()
     candidates = standard_candidates(
@@ -83,7 +89,9 @@ def command(
         kappa_sd=kappa_sd,
         image_sd=image_sd,
     )
-    found = design(posterior, opened.draws, candidates, rank_by=rank_by, seed=seed)
+    found = design(
+        posterior, opened.draws, candidates, rank_by=rank_by, seed=seed, executor=executor
+    )
     folder = out or run
     _write(found, folder)
     _tell(found, opened.draws, opened.specimen.unit)

@@ -9,15 +9,17 @@ The expected information gain is, by nested Monte Carlo over outcomes j and draw
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.special import logsumexp
 
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, RunError
+from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.findings.candidates import Candidate, standard_candidates
 from biaxbayes.findings.derived import STRESS, derived_quantities, largest_equibiaxial
 from biaxbayes.findings.sampling_scale import judged_scales
@@ -144,7 +146,7 @@ def design(
     rank_by: str = "parameters",
     seed: int = 1,
     outcomes: int = OUTCOMES,
-    progress: Callable[[str], None] = lambda name: None,
+    executor: Executor | None = None,
 ) -> Design:
     """Rank candidate measurements by what they are expected to bring.
 
@@ -161,8 +163,8 @@ def design(
     seed : int
     outcomes : int
         Simulated outcomes of each candidate.
-    progress : callable
-        Told each candidate's name.
+    executor : Executor, optional
+        Works off the candidates; default this process. The result does not depend on it.
 
     Raises
     ------
@@ -176,15 +178,9 @@ def design(
             f"--rank-by {rank_by[:60]!r} is no quantity of this run",
             remedy=f"choose parameters, information, {', '.join(quantities)}",
         )
-    found, skipped = [], []
-    for number, candidate in enumerate(chosen):
-        progress(candidate.name)
-        rng = np.random.default_rng([seed, number])
-        expected = expect(candidate, draws, quantities, rng, outcomes=outcomes)
-        if expected is None:
-            skipped.append(candidate.name)
-        else:
-            found.append((expected, candidate))
+    told = _each(chosen, draws, quantities, seed, outcomes, executor or InThisProcess())
+    found = [(e, c) for e, c in zip(told, chosen, strict=True) if e is not None]
+    skipped = [c.name for e, c in zip(told, chosen, strict=True) if e is None]
     names = tuple(quantities)
 
     wanted = [n in PARAMETERS if rank_by == "parameters" else n == rank_by for n in names]
@@ -196,6 +192,36 @@ def design(
 
     found.sort(key=rank)
     return Design(names, tuple(e for e, _ in found), tuple(skipped), tuple(c for _, c in found))
+
+
+def _each(
+    candidates: Sequence[Candidate],
+    draws: pd.DataFrame,
+    quantities: dict[str, np.ndarray],
+    seed: int,
+    outcomes: int,
+    executor: Executor,
+) -> list[Expected | None]:
+    """What each candidate is expected to bring, in their order."""
+    tasks = [(candidate, [seed, number]) for number, candidate in enumerate(candidates)]
+    told: list[Expected | None] = [None] * len(tasks)
+    work = partial(_expect_one, draws=draws, quantities=quantities, outcomes=outcomes)
+    for outcome in executor.run(work, tasks):
+        if outcome.lost:
+            raise RunError(f"candidate {candidates[outcome.index].name}: {outcome.lost}")
+        told[outcome.index] = outcome.value
+    return told
+
+
+def _expect_one(
+    task: tuple[Candidate, list[int]],
+    *,
+    draws: pd.DataFrame,
+    quantities: dict[str, np.ndarray],
+    outcomes: int,
+) -> Expected | None:
+    candidate, seed = task
+    return expect(candidate, draws, quantities, np.random.default_rng(seed), outcomes=outcomes)
 
 
 def expect(

@@ -7,7 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import Interrupted, NotConverged, RunError
+from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.findings.calibration import RANKED_DRAWS, Replication, Study
 from biaxbayes.findings.calibration_table import calibration_table, verdict
 from biaxbayes.findings.replications import run_replications
@@ -77,7 +78,7 @@ class CalibrationStudy:
     study: Study
     folder: Path
     replications: int
-    workers: int = 1
+    executor: Executor = field(default_factory=InThisProcess)
 
     def execute(
         self,
@@ -148,7 +149,7 @@ class CalibrationStudy:
         progress(Progress("compiling (once; cached for later runs)"))
         saved = time.monotonic()
         done = self.replications - len(missing)
-        for replication in run_replications(self.study, missing, workers=self.workers, stop=stop):
+        for replication in run_replications(self.study, missing, executor=self.executor, stop=stop):
             rows[replication.index] = rows_of(replication, self.study.specimen.unit)
             done += 1
             progress(

@@ -1,0 +1,1 @@
+"""Where many independent tasks are worked off: this process, local processes, a Dask cluster."""
