@@ -15,7 +15,7 @@ from biaxbayes.findings.predictive_checks import (
 )
 from biaxbayes.inference.sampler import Plan
 from biaxbayes.mechanics.goh import GOH
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from model_cases import bent
 from quick_posteriors import THREE_RATIOS, specimen
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
@@ -33,20 +33,6 @@ def true_draws(noise_sd: float, n: int = 50) -> pd.DataFrame:
         "noise_sd": noise_sd,
     }
     return pd.DataFrame({k: np.full(n, v) for k, v in values.items()})
-
-
-def bent(data: Specimen, name: str, share: float) -> Specimen:
-    """The specimen with one protocol's y loads off by a share of their peak halfway."""
-    protocols = []
-    for p in data.protocols:
-        load = np.array(p.load_y)
-        if p.name == name:
-            load += share * load.max() * np.sin(np.linspace(0.0, np.pi, p.rows))
-        protocols.append(
-            Protocol(p.name, p.stretch_x, p.stretch_y, p.load_x, load, rest_rows=p.rest_rows)
-        )
-    fields = {k: getattr(data, k) for k in data.__dataclass_fields__}
-    return Specimen(**fields | {"protocols": tuple(protocols)})
 
 
 def test_truth_misses_by_noise_alone():

@@ -26,7 +26,7 @@ def model_options(function: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option(
             "--noise",
-            type=click.Choice(["effective", "independent"]),
+            type=click.Choice(["effective", "systematic", "independent"]),
             default="effective",
             show_default=True,
             help="Weigh the rows by the independent readings they are worth, or not.",

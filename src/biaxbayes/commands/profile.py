@@ -31,7 +31,7 @@ DEFAULT = ("C1", "k1", "k2", "alpha", "kappa")
 )
 @click.option(
     "--noise",
-    type=click.Choice(["effective", "independent"]),
+    type=click.Choice(["effective", "systematic", "independent"]),
     default="effective",
     show_default=True,
     help="Weigh the rows by the independent readings they are worth, or not.",

@@ -11,7 +11,11 @@ import numpy as np
 
 from biaxbayes.inference.assemble import mounting_names
 from biaxbayes.inference.basins import find_basins
-from biaxbayes.inference.noise import EffectiveReadings, effective_readings
+from biaxbayes.inference.noise import (
+    EffectiveReadings,
+    effective_readings,
+    systematic_readings,
+)
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.proposal import edge_array
 from biaxbayes.inference.search import start_parameters
@@ -22,7 +26,9 @@ __all__ = ["modal_residuals", "sampled_readings"]
 
 def sampled_readings(posterior: Posterior) -> EffectiveReadings:
     """What the rows are worth, from the residuals of the model that is sampled."""
-    readings = effective_readings(posterior.start.residuals)
+    systematic = posterior.settings.noise == "systematic"
+    judged = systematic_readings if systematic else effective_readings
+    readings = judged(posterior.start.residuals)
     if not posterior.settings.noise_growth:
         return readings
     provisional = Posterior(
@@ -31,7 +37,7 @@ def sampled_readings(posterior: Posterior) -> EffectiveReadings:
         start=posterior.start,
         beta=readings.beta,
     )
-    return effective_readings(*modal_residuals(provisional))
+    return judged(*modal_residuals(provisional))
 
 
 def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -82,7 +82,7 @@ class Posterior:
             mounting_stretch,
             noise_growth,
             fibre_switch,
-            rows_to_keep(specimen, thin, automatic=noise == "effective"),
+            rows_to_keep(specimen, thin, automatic=noise != "independent"),
             _objects(priors or {}),
         )
         self._check_noise()
@@ -90,7 +90,7 @@ class Posterior:
         self._seed = seed
         self._determinant = determinant
         self.readings: EffectiveReadings | None = None
-        if beta is None and noise == "effective":
+        if beta is None and noise != "independent":
             from biaxbayes.inference.modal_residuals import sampled_readings  # needs this class
 
             self.readings = sampled_readings(self)

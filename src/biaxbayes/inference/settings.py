@@ -11,7 +11,7 @@ from biaxbayes.inference.priors import Prior, Tie
 __all__ = ["MOUNTING", "MOUNTING_STRETCH", "NOISE", "Settings"]
 
 MOUNTING = ("noisy", "exact", "free", "ignored", "zeroed")
-NOISE = ("effective", "independent")
+NOISE = ("effective", "systematic", "independent")
 MOUNTING_STRETCH = ("shared", "per-protocol")
 
 
@@ -23,8 +23,8 @@ class Settings:
     ----------
     mounting : {"noisy", "exact", "free", "ignored", "zeroed"}
         How the mounting force enters.
-    noise : {"effective", "independent"}
-        Tempered by n_eff / n, or not.
+    noise : {"effective", "systematic", "independent"}
+        Tempered by n_eff / n, by that with a smooth misfit as one error a curve, or not.
     mounting_stretch : {"shared", "per-protocol"}
     noise_growth : bool
         Whether the sd grows with the load.

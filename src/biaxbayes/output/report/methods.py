@@ -95,9 +95,12 @@ def _noise(run: Run) -> str:
         return f"{text} and taken as independent ({noise['readings']:,} readings)."
     if run.beta > INDEPENDENT:
         return f"{text}; their residuals showed no correlation that would lower their number."
+    counted = "the autocorrelation of the residuals"
+    if run.provenance["settings"].get("noise") == "systematic":
+        counted += " and with what is common to an eighth of a curve as one error of the curve"
     return (
         f"{text}. Because the residuals are correlated, the log likelihood was weighted by "
-        f"{run.beta:.3g}: by the autocorrelation of the residuals, the {noise['readings']:,} "
+        f"{run.beta:.3g}: by {counted}, the {noise['readings']:,} "
         f"readings carry as much information as {noise['effective_readings']:.0f} independent ones."
     )
 
