@@ -97,16 +97,9 @@ def _identifiability(run: Run) -> list[str]:
 
 def _misses(run: Run) -> list[str]:
     """Paths that the model must not be used for, two at most."""
-    if run.state == "unusable":
-        return []
-    from biaxbayes.findings.predictive_checks import path_warnings, predictive_checks
-    from biaxbayes.inference.settings import Settings
-    from biaxbayes.output.provenance import parse_options
+    from biaxbayes.output.model_checks import missed_paths
 
-    settings = Settings(**parse_options(run.provenance["settings"]))
-    said = path_warnings(
-        predictive_checks(run.specimen, run.draws, settings=settings), run.specimen.unit
-    )
+    said = missed_paths(run)
     more = [f"... and {len(said) - 2} more protocols (report.html)"] if len(said) > 2 else []
     return [_plain(text) for text in said[:2]] + more
 

@@ -6,7 +6,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from biaxbayes.inference.settings import Settings
 from biaxbayes.output.report.citation import citations
 from biaxbayes.output.report.facts import (
     settings_facts,
@@ -108,22 +107,10 @@ def _misfit(run: Run) -> dict[str, Any]:
     if run.state == "unusable":
         return {"words": [], "rows": [], "warnings": []}
     from biaxbayes.findings.misfit import misfit_in_words
-    from biaxbayes.findings.predictive_checks import (
-        checks_in_words,
-        path_warnings,
-        predictive_checks,
-    )
+    from biaxbayes.findings.predictive_checks import checks_in_words, path_warnings
+    from biaxbayes.output.model_checks import model_checks
 
-    chosen = run.provenance["settings"]
-    settings = Settings(
-        mounting=chosen["mounting"],
-        mounting_stretch=chosen["mounting_stretch"],
-        noise_growth=chosen.get("noise_growth") is True,
-        fibre_switch=chosen.get("fibre_switch") is True,
-    )
-    table = predictive_checks(run.specimen, run.draws, settings=settings)
-    table["protocol"] = [cut(name, 60) for name in table["protocol"]]
-    unit = run.specimen.unit
+    table, unit = model_checks(run), run.specimen.unit
     words = dict.fromkeys([*checks_in_words(table, unit), *misfit_in_words(table)])
     return {
         "words": list(words),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from biaxbayes.output.model_checks import missed_paths
 from biaxbayes.output.report.facts import state_words
 from biaxbayes.output.report.methods import methods
 from biaxbayes.output.report.names import as_latex, as_markdown, latex_text, markdown_text
@@ -12,13 +13,14 @@ __all__ = ["latex_table", "markdown_table"]
 
 
 def markdown_table(run: Run) -> str:
-    """Table, verdicts and methods paragraph as Markdown."""
+    """Table, paths that the model misses, verdicts and methods paragraph as Markdown."""
     rows = parameter_rows(run)
     lines = [
         f"# {markdown_text(run.specimen.name)}",
         "",
         markdown_text(" ".join(state_words(run)).strip(), 500),
         "",
+        *_missed_markdown(run),
         "| parameter | unit | median | 90 % interval | verdict |",
         "|---|---|--:|--:|---|",
     ]
@@ -33,7 +35,10 @@ def markdown_table(run: Run) -> str:
 
 
 def latex_table(run: Run) -> str:
-    """A floating table with booktabs rules, as LaTeX; the methods paragraph as a comment."""
+    """A floating table with booktabs rules, as LaTeX; the methods paragraph as a comment.
+
+    Paths that the model misses stand below the table.
+    """
     rows = parameter_rows(run)
     name = latex_text(run.specimen.name)
     caption = f"{name}: posterior median and central 90\\,\\% interval."
@@ -55,10 +60,23 @@ def latex_table(run: Run) -> str:
             *body,
             "    \\bottomrule",
             "  \\end{tabular}",
+            *[f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in missed_paths(run)],
             "\\end{table}",
             "",
         ]
     )
+
+
+def _missed_markdown(run: Run) -> list[str]:
+    missed = missed_paths(run)
+    if not missed:
+        return []
+    return [
+        "**The model misses some paths.**",
+        "",
+        *(f"- {markdown_text(text, 500)}" for text in missed),
+        "",
+    ]
 
 
 def _latex_row(row: Row) -> str:
