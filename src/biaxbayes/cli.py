@@ -20,6 +20,7 @@ __all__ = ["main"]
 
 VERBS = {
     "sample": "Joint posterior of the GOH parameters and the mounting stretches.",
+    "batch": "A whole study: many specimens, layers and donors compared.",
     "fit": "Deterministic fits, with and without the mounting stretch.",
     "check": "What the tool understands of a specimen file, and its warnings.",
     "convert": "Machine exports to a specimen file.",

@@ -4,6 +4,7 @@ BiaxbayesError
 |-- InputError        a file, an option or a prior that cannot be used (exit 2)
 |   `-- TaredSpecimen the mounting force was zeroed; prestretch cannot be inferred (exit 2)
 |-- RunError          a run folder that is damaged, locked or of another problem (exit 2)
+|   `-- CannotResume  what is stored there is damaged or of another problem (exit 2)
 `-- NotConverged      ran, but the result cannot be trusted (exit 3)
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 __all__ = [
     "BiaxbayesError",
+    "CannotResume",
     "InputError",
     "Interrupted",
     "NotConverged",
@@ -73,6 +75,10 @@ class RunError(BiaxbayesError):
 
     def __init__(self, problem: str) -> None:
         super().__init__(one_line(problem))
+
+
+class CannotResume(RunError):
+    """A checkpoint that cannot be continued; the run can be started again."""
 
 
 class NotConverged(BiaxbayesError):

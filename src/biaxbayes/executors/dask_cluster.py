@@ -11,7 +11,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from threadpoolctl import threadpool_limits
 
@@ -54,6 +54,16 @@ class DaskCluster:
                 "--scheduler needs dask.distributed", remedy="pip install 'biaxbayes[cluster]'"
             ) from None
         self.scheduler = scheduler
+        self._kept: Client | None = None
+
+    def __enter__(self) -> Self:
+        self._kept = self._connected()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._kept is not None:
+            self._kept.close()
+        self._kept = None
 
     def run(
         self,
@@ -65,14 +75,18 @@ class DaskCluster:
         """As :meth:`~biaxbayes.executors.executor.Executor.run`."""
         if not tasks:
             return
-        with _without_log(), self._client() as client:
-            self._check_workers(client)
+        client = self._kept or self._connected()
+        try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that a specimen is large
                 futures = [client.submit(_alone, function, t, pure=False) for t in tasks]
             index_of = {future: index for index, future in enumerate(futures)}
             del futures  # a future that nobody holds is forgotten by the scheduler
-            yield from self._outcomes(client, index_of, stop)
+            with _without_log():
+                yield from self._outcomes(client, index_of, stop)
+        finally:
+            if client is not self._kept:
+                client.close()
 
     def _outcomes(
         self, client: Client, index_of: dict[Any, int], stop: Callable[[], object]
@@ -104,6 +118,17 @@ class DaskCluster:
                 )
             raise error
         raise RunError(f"{self.scheduler}: the scheduler has gone, or has dropped the work")
+
+    def _connected(self) -> Client:
+        """A connection to a cluster that has workers, and workers that have what is here."""
+        with _without_log():
+            client = self._client()
+            try:
+                self._check_workers(client)
+            except BaseException:
+                client.close()
+                raise
+        return client
 
     def _client(self) -> Any:
         from distributed import Client

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -45,8 +45,12 @@ class Executor(Protocol):
 
     Functions are defined at the top of a module, tasks and results can be pickled. The result of
     a task must depend on nothing but the task; then the executor changes the time and nothing
-    else.
+    else. In a ``with`` block the workers stay from one run to the next.
     """
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *error: object) -> None: ...
 
     def run(
         self,
@@ -77,6 +81,12 @@ class Executor(Protocol):
 
 class InThisProcess:
     """One task after the other, here."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
 
     def run(
         self,

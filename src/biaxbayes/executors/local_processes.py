@@ -15,7 +15,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
-from typing import Any
+from typing import Any, Self
 
 from threadpoolctl import threadpool_limits
 
@@ -39,6 +39,16 @@ class LocalProcesses:
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
+        self._crew: list[_Worker] = []
+        self._stay = False
+
+    def __enter__(self) -> Self:
+        self._stay = True
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stay = False
+        self._dismiss()
 
     def run(
         self,
@@ -50,7 +60,8 @@ class LocalProcesses:
         """As :meth:`~biaxbayes.executors.executor.Executor.run`."""
         waiting = deque(range(len(tasks)))
         attempts = [0] * len(tasks)
-        crew = [_Worker() for _ in range(min(self.workers, len(tasks)))]
+        crew = self._crew
+        crew += [_Worker() for _ in range(min(self.workers, len(tasks)) - len(crew))]
         try:
             while True:
                 stopped = bool(stop())
@@ -76,8 +87,13 @@ class LocalProcesses:
                     else:
                         yield _lost(worker.task)
         finally:
-            for worker in crew:
-                worker.dismiss()
+            if not self._stay or any(w.task is not None for w in crew):
+                self._dismiss()
+
+    def _dismiss(self) -> None:
+        for worker in self._crew:
+            worker.dismiss()
+        self._crew.clear()
 
 
 def _lost(index: int) -> Outcome[Any]:

@@ -21,10 +21,10 @@ from biaxbayes.findings.comparability import differing_settings
 from biaxbayes.findings.derived import STRESS, Derived, derived_quantities, largest_equibiaxial
 from biaxbayes.findings.distance import distance
 from biaxbayes.findings.identifiability import Identifiability, identify_draws
-from biaxbayes.findings.sampling_scale import judged_scales, prior_values
+from biaxbayes.findings.prior_material import contractions, prior_material
+from biaxbayes.findings.sampling_scale import judged_scales
 from biaxbayes.findings.verdict import IDENTIFIED, ONE_SIDED, Thresholds
 from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.priors import Prior, Tie
 from biaxbayes.mechanics.goh import PARAMETERS
 
 __all__ = ["DISJOINT", "WARNING", "Comparison", "Member", "compare", "labels_of"]
@@ -38,7 +38,6 @@ DISJOINT = 0.99
 MOST_DRAWS = 10_000
 STRESS_STEPS = 5
 PARAMETER = "parameter"
-PRIOR_DRAWS = 4096
 
 
 @dataclass(frozen=True)
@@ -205,40 +204,15 @@ def _determined(
     reliable = member.state == "reliable"
     out = {p.name: p.verdict in (IDENTIFIED, ONE_SIDED) for p in found.parameters}
     stretches = [d.stretch for d in derived if d.kind == STRESS and d.name == "cauchy_x"]
-    prior = _derived(_prior_draws(member), [s for s in stretches if s], member.posterior)
-    for before, after in zip(prior, derived, strict=True):
-        wide, narrow = (_spread(d) for d in (before, after))
-        out[after.key] = reliable and 1.0 - (narrow / wide) ** 2 >= thresholds.contraction
+    prior = _derived(
+        prior_material(member.posterior, member.draws),
+        [s for s in stretches if s],
+        member.posterior,
+    )
+    shrunk = contractions(prior, derived)
+    for quantity, share in zip(derived, shrunk, strict=True):
+        out[quantity.key] = reliable and share >= thresholds.contraction
     return out
-
-
-def _prior_draws(member: Member) -> pd.DataFrame:
-    """Materials drawn from the priors of a run."""
-    rng = np.random.default_rng(0)
-    level = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
-    columns: dict[str, np.ndarray] = {}
-    scales = judged_scales(member.posterior.priors, member.draws)
-    for scale in scales:
-        if scale.kind in PARAMETERS and isinstance(scale.prior, Prior):
-            columns[scale.name] = prior_values(scale.prior, rng.permutation(level))
-        elif scale.kind in PARAMETERS and isinstance(scale.prior, int | float):
-            columns[scale.name] = np.full(PRIOR_DRAWS, float(scale.prior))
-    for scale in scales:
-        if isinstance(scale.prior, Tie) and scale.kind in PARAMETERS:
-            columns[scale.name] = scale.prior.factor * columns[scale.prior.other]
-    return pd.DataFrame(columns)
-
-
-def _spread(quantity: Derived) -> float:
-    """Half the width of the middle 68 %: of the logarithm, where the quantity has a unit."""
-    values = quantity.values
-    with np.errstate(divide="ignore", invalid="ignore"):
-        moved = np.log(values) if quantity.unit else values
-    moved = moved[np.isfinite(moved)]
-    if not moved.size:
-        return np.inf
-    low, high = np.quantile(moved, [0.1587, 0.8413])
-    return max(0.5 * float(high - low), 1e-12)
 
 
 def _distances(

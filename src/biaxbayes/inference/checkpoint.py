@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.errors import InputError, RunError
+from biaxbayes.errors import CannotResume, InputError, RunError
 from biaxbayes.inference.proposal import Proposal
 from biaxbayes.inference.sampler import State
 from biaxbayes.inference.warmup import WarmUp
@@ -94,7 +94,7 @@ def load(folder: Path, identity: dict[str, Any]) -> tuple[State | None, str]:
             damaged.append(f"{name} {problem}")
             continue
         except RunError as error:
-            raise RunError(f"{path}: {error}") from None
+            raise CannotResume(f"{path}: {error}") from None
         now = json.loads(json.dumps(identity))
         differing = [
             _difference(key, stored.get(key), now.get(key))
@@ -102,13 +102,13 @@ def load(folder: Path, identity: dict[str, Any]) -> tuple[State | None, str]:
             if stored.get(key) != now.get(key)
         ]
         if differing:
-            raise RunError(
+            raise CannotResume(
                 f"{path}: belongs to another run, which differs in {', '.join(differing)}; use "
                 "the same file and options, or another --out, or start again without --resume"
             )
         return state, f"{damaged[0]}; continuing from {name}" if damaged else ""
     if damaged:
-        raise RunError(f"{folder}: {' and '.join(damaged)}; start again without --resume")
+        raise CannotResume(f"{folder}: {' and '.join(damaged)}; start again without --resume")
     return None, ""
 
 

@@ -7,14 +7,23 @@ mechanics.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
 import platformdirs
 
-__all__ = ["use_own_cache"]
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+__all__ = ["first_alone", "use_own_cache"]
+
+FILLED = "filled"
 
 
 def use_own_cache() -> None:
@@ -28,3 +37,27 @@ def use_own_cache() -> None:
         for source in sorted((package / folder).glob("*.py")):
             digest.update(source.read_bytes())
     config.CACHE_DIR = str(Path(platformdirs.user_cache_dir("biaxbayes")) / digest.hexdigest()[:16])
+
+
+@contextlib.contextmanager
+def first_alone() -> Iterator[None]:
+    """Let one process fill an empty cache while the others that use it wait.
+
+    Numba's cache is not made for several processes that compile the same function at once. Where
+    the folder cannot be written or locked, nobody waits.
+    """
+    config: Any = numba.config
+    folder = Path(config.CACHE_DIR or ".")
+    if fcntl is None or not config.CACHE_DIR or (folder / FILLED).exists():
+        yield
+        return
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            handle = stack.enter_context((folder / ".filling").open("a"))
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if (folder / FILLED).exists():
+            stack.close()
+        yield
+        with contextlib.suppress(OSError):
+            (folder / FILLED).touch()

@@ -21,7 +21,17 @@ __all__ = [
     "read_header",
 ]
 
-TEXT_KEYS = ("specimen", "layer", "axis_x", "axis_y", "geometry", "source", "cycle", "branch")
+TEXT_KEYS = (
+    "specimen",
+    "donor",
+    "layer",
+    "axis_x",
+    "axis_y",
+    "geometry",
+    "source",
+    "cycle",
+    "branch",
+)
 MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
 NUMBER_RANGES = {
     "edge_x_mm": (0.01, 10_000.0),
@@ -39,6 +49,7 @@ NUMBER_RANGES = {
 }
 """Numbers, and the range outside of which the unit or the value must be wrong."""
 METADATA_KEYS = (
+    "donor",
     *MEASURED_STRETCH_KEYS,
     "edge_sd_mm",
     "thickness_sd_mm",
