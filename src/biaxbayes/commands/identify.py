@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -63,5 +64,9 @@ def _determined_words(found: Identified) -> list[str]:
     for row in shown:
         where = f" at {row.stretch_x:g}, {row.stretch_y:g}" if "stress" in str(row.quantity) else ""
         numbers = f"{row.median:.3g} ({row.low_90:.3g} to {row.high_90:.3g})"
-        lines.append(f"{row.quantity}{where} {numbers} {row.unit}".rstrip())
+        line = f"{row.quantity}{where} {numbers} {row.unit}".rstrip()
+        ends = [float(str(v)) for v in (row.tissue_low_90, row.tissue_high_90)]
+        if not math.isnan(ends[0]):  # the interval to state: with the error of the model
+            line += f"; of the tissue {ends[0]:.3g} to {ends[1]:.3g}"
+        lines.append(line)
     return lines

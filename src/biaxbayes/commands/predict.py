@@ -256,6 +256,10 @@ def _tell(table: pd.DataFrame, *files: Path) -> None:
     from biaxbayes.findings.covered_stretches import INSIDE
 
     click.echo(", ".join(map(str, files)))
+    click.echo(
+        "the predictive band is the interval of the tissue's response: it holds the error that "
+        "the run inferred; the credible band is that of the model"
+    )
     outside = int((table["extrapolation"] != INSIDE).sum())
     if outside:
         click.echo(

@@ -1,6 +1,8 @@
 """What the data do determine: the structure tensor, stiffness, stress and energy.
 
 Parameters that trade with each other can leave these sharp: the same curves mean the same stress.
+A stress has two intervals. The model's holds what the parameters leave open; the tissue's holds,
+with it, the error that the run inferred, which is mostly what the model misses.
 """
 
 from __future__ import annotations
@@ -14,20 +16,30 @@ from biaxbayes.findings.material_draws import (
     fibre_strains,
     mounting_labels,
     parameters,
+    piola_noise,
     protocol_mounting,
 )
+from biaxbayes.findings.percentile_bands import mixture_percentiles
 from biaxbayes.mechanics.goh import (
-    cauchy_stress,
     cauchy_stress_by_log_stretch,
+    piola_stress,
     strain_energy,
     structure_tensor,
 )
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen import Protocol, Specimen
 
-__all__ = ["determined", "stated_stretches"]
+__all__ = ["MEASURED", "determined", "stated_stretches"]
 
 MOST_DRAWS = 8000
 INTERVAL = (0.05, 0.95)
+MEASURED = " at the measured stretch"
+"""Ending of a stress whose stretches refer to the mounted state."""
+SHARES = (0.5, 1.0)
+
+
+State = tuple[float, float]
+Quantity = tuple[str, str, State, np.ndarray, np.ndarray | None]
+"""Name, unit, stretches, values of the draws, and the sd of the inferred error about them."""
 
 
 def stated_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[float, float]]:
@@ -37,15 +49,24 @@ def stated_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[floa
     """
     out: list[tuple[float, float]] = []
     for protocol in specimen.protocols:
-        lm = np.ones(2)
-        if mounting_labels(draws):
-            lm = np.median(protocol_mounting(draws, protocol), axis=0)
-        top = np.array([protocol.stretch_x.max(), protocol.stretch_y.max()])
-        for share in (0.5, 1.0):
-            x, y = np.round((1.0 + share * (top - 1.0)) * lm, 3)
+        lm = np.median(_mounting(draws, protocol), axis=0)
+        for measured in _measured(protocol):
+            x, y = np.round(measured * lm, 3)
             if (state := (float(x), float(y))) not in out:
                 out.append(state)
     return out
+
+
+def _measured(protocol: Protocol) -> np.ndarray:
+    """Measured stretches half-way and at the end, (2, 2)."""
+    top = np.array([protocol.stretch_x.max(), protocol.stretch_y.max()])
+    return 1.0 + np.array(SHARES)[:, None] * (top - 1.0)
+
+
+def _mounting(draws: pd.DataFrame, protocol: Protocol) -> np.ndarray:
+    if not mounting_labels(draws):
+        return np.ones((len(draws), 2))
+    return protocol_mounting(draws, protocol)
 
 
 def determined(
@@ -70,7 +91,13 @@ def determined(
     -------
     DataFrame
         Columns quantity, unit, stretch_x, stretch_y (NaN where there is none), median, low_90,
-        high_90 and relative_width, the interval over the median's magnitude.
+        high_90, relative_width, the interval over the median's magnitude, and for stresses
+        tissue_low_90 and tissue_high_90 (else NaN), which hold the error that the run inferred
+        as well: the interval to state for the tissue.
+
+        Stretches are total, but for the Cauchy stresses "at the measured stretch", half-way and
+        at the end of every protocol and relative to its mounted state. These do not rest on how
+        far the model extrapolates to the unloaded state.
 
         Hx, Hy, Hz are the diagonal of the generalised structure tensor. Stiffnesses are derivatives
         of the Cauchy stress by the log stretch: d s_x / d ln l_x (xx), d s_y / d ln l_y (yy) and
@@ -78,44 +105,101 @@ def determined(
     """
     few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     states = list(stretches) if stretches is not None else stated_stretches(draws, specimen)
-    rows = []
-    for name, unit, state, values in _quantities(few, states, fibre_switch):
-        low, median, high = np.quantile(values, [INTERVAL[0], 0.5, INTERVAL[1]])
-        rows.append(
-            {
-                "quantity": name,
-                "unit": unit,
-                "stretch_x": state[0],
-                "stretch_y": state[1],
-                "median": float(median),
-                "low_90": float(low),
-                "high_90": float(high),
-                "relative_width": float((high - low) / max(abs(median), 1e-300)),
-            }
-        )
+    rows = [_row(*of) for of in _quantities(few, specimen, states, fibre_switch)]
+    if stretches is None:
+        rows += [_row(*of) for of in _measured_stresses(few, specimen, fibre_switch)]
     return pd.DataFrame(rows)
 
 
+def _row(
+    name: str, unit: str, state: State, values: np.ndarray, error: np.ndarray | None
+) -> dict[str, object]:
+    low, median, high = (float(q) for q in np.quantile(values, [INTERVAL[0], 0.5, INTERVAL[1]]))
+    tissue = (np.nan, np.nan)
+    if error is not None:
+        known = np.isfinite(values)
+        found = mixture_percentiles(values[known, None], error[known, None], INTERVAL)
+        tissue = (float(found[0][0]), float(found[1][0]))
+    return {
+        "quantity": name,
+        "unit": unit,
+        "stretch_x": state[0],
+        "stretch_y": state[1],
+        "median": median,
+        "low_90": low,
+        "high_90": high,
+        "relative_width": float((high - low) / max(abs(median), 1e-300)),
+        "tissue_low_90": tissue[0],
+        "tissue_high_90": tissue[1],
+    }
+
+
 def _quantities(
-    draws: pd.DataFrame, states: list[tuple[float, float]], fibre_switch: bool
-) -> Iterator[tuple[str, str, tuple[float, float], np.ndarray]]:
+    draws: pd.DataFrame, specimen: Specimen, states: list[State], fibre_switch: bool
+) -> Iterator[Quantity]:
     theta = parameters(draws)
     nowhere = (np.nan, np.nan)
     for name, H in zip(("Hx", "Hy", "Hz"), structure_tensor(*theta[3:]), strict=True):
-        yield name, "", nowhere, H[:, 0]
+        yield name, "", nowhere, H[:, 0], None
     small = cauchy_stress_by_log_stretch(*theta, 1.0, 1.0, fibre_switch=fibre_switch)
-    for name, i, j in (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1)):
-        yield f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0]
+    for name, i, j in TANGENTS:
+        yield f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0], None
     strain2 = np.zeros(len(draws))
+    lm = np.mean([_mounting(draws, p) for p in specimen.protocols], axis=0)
     for state in states:
         at = [np.array([v]) for v in state]
-        stress = cauchy_stress(*theta, *at, fibre_switch=fibre_switch)
         tangent = cauchy_stress_by_log_stretch(*theta, *at, fibre_switch=fibre_switch)
         energy = strain_energy(*theta, *at, fibre_switch=fibre_switch)
-        for name, column in zip("xy", stress, strict=True):
-            yield f"Cauchy stress {name}", "kPa", state, column[:, 0]
-        for name, i, j in (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1)):
-            yield f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0]
-        yield "strain energy", "kPa", state, energy[:, 0]
+        total = np.tile(state, (len(draws), 1))
+        yield from _stresses(draws, specimen, state, total, lm, "", fibre_switch)
+        for name, i, j in TANGENTS:
+            yield f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0], None
+        yield "strain energy", "kPa", state, energy[:, 0], None
         strain2 = np.maximum(strain2, fibre_strains(draws, *at)[:, 0] ** 2)
-    yield "exponent k2 E^2", "", nowhere, draws["k2"].to_numpy(dtype=float) * strain2
+    yield "exponent k2 E^2", "", nowhere, draws["k2"].to_numpy(dtype=float) * strain2, None
+
+
+TANGENTS = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1))
+
+
+def _measured_stresses(
+    draws: pd.DataFrame, specimen: Specimen, fibre_switch: bool
+) -> Iterator[Quantity]:
+    """Cauchy stresses half-way and at the end of every protocol, from its own mounted state."""
+    if not mounting_labels(draws):
+        return
+    for protocol in specimen.protocols:
+        lm = _mounting(draws, protocol)
+        for measured in _measured(protocol):
+            x, y = np.round(measured, 4)
+            state = (float(x), float(y))
+            ending = MEASURED if len(specimen.protocols) == 1 else f"{MEASURED} of {protocol.name}"
+            yield from _stresses(draws, specimen, state, lm * state, lm, ending, fibre_switch)
+
+
+def _stresses(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    state: State,
+    total: np.ndarray,
+    lm: np.ndarray,
+    ending: str,
+    fibre_switch: bool,
+) -> Iterator[Quantity]:
+    """Cauchy stress of every draw at total stretches (n, 2), and the sd of its error."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        piola = piola_stress(
+            *parameters(draws), total[:, :1], total[:, 1:], fibre_switch=fibre_switch
+        )
+        for axis, name in enumerate("xy"):
+            error = piola_noise(draws, specimen, axis, piola[axis], lm)
+            # s_k = l_k P_k
+            values, sd = (total[:, axis] * v[:, 0] for v in (piola[axis], error))
+            # A stress that overflows is a large one.
+            yield (
+                f"Cauchy stress {name}{ending}",
+                "kPa",
+                state,
+                np.nan_to_num(values, nan=np.inf),
+                sd,
+            )

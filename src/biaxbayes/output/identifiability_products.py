@@ -16,9 +16,12 @@ from biaxbayes.output.identifiability_file import write_identifiability
 
 __all__ = ["Identified", "write_identifiability_products"]
 
-DETERMINED_NOTE = (
-    "median and 90 % interval; stretches are total; stiffnesses are derivatives of the Cauchy "
-    "stress by the log stretch; relative_width is the interval over the median"
+DETERMINED_NOTES = (
+    "median and 90 % interval of the model; stretches are total, or relative to the mounted state "
+    "for stresses at a measured stretch; stiffnesses are derivatives of the Cauchy stress by the "
+    "log stretch; relative_width is the interval over the median",
+    "tissue_low_90, tissue_high_90: the interval of the tissue's stress, which holds the error "
+    "that the run inferred as well; use it where the model misses the curves",
 )
 
 
@@ -78,7 +81,7 @@ def write_identifiability_products(
     if state == "reliable":
         switch = posterior.settings.fibre_switch
         table = determined(draws, posterior.specimen, fibre_switch=switch)
-        write_annotated(table, [DETERMINED_NOTE], folder / "determined.csv")
+        write_annotated(table, DETERMINED_NOTES, folder / "determined.csv")
         directions = sloppiness(posterior, draws)
         if directions is not None:
             notes = [directions.words, "C1, k1 in kPa, alpha in degrees"]

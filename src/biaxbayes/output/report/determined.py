@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 
-from biaxbayes.findings.determined import determined
+import pandas as pd
+
+from biaxbayes.findings.determined import MEASURED, determined
 from biaxbayes.output.figures.numbers import number
+from biaxbayes.output.report.names import cut
 from biaxbayes.output.run import Run
 
 __all__ = ["determined_rows"]
 
 STATES = 3
-"""Stretches that the page states; the table of all comes from the Python function."""
+"""Stretches of each kind that the page states; determined.csv has all."""
 WORDS = {
     "Hx": "structure tensor, x",
     "Hy": "structure tensor, y",
@@ -21,30 +24,43 @@ WORDS = {
 
 def determined_rows(run: Run) -> list[dict[str, str]]:
     """Quantities that do not depend on how the parameters are split."""
-    from biaxbayes.findings.determined import stated_stretches
-
     draws = run.draws.iloc[:: max(1, len(run.draws) // 2000)]
-    states = stated_stretches(draws, run.specimen)
-    # The largest states last: they are what the test was made for.
-    shown = states[-STATES:] if len(states) > STATES else states
     switch = run.provenance["settings"].get("fibre_switch") is True
+    table = determined(draws, run.specimen, fibre_switch=switch)
     out = []
-    table = determined(draws, run.specimen, stretches=shown, fibre_switch=switch)
-    for r in table.to_dict("records"):
+    for r in table[_shown(table)].to_dict("records"):
         low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
         wide = low > 0.0 and high / low > 8.0
         told = [number(v, low, high, log=wide) for v in (median, low, high)]
+        ends = [float(r[k]) for k in ("tissue_low_90", "tissue_high_90")]
+        tissue = "" if math.isnan(ends[0]) else " to ".join(number(v, *ends) for v in ends)
         x, y = float(r["stretch_x"]), float(r["stretch_y"])
+        name = cut(r["quantity"], 90)
         out.append(
             {
-                "quantity": WORDS.get(str(r["quantity"]), str(r["quantity"])),
+                "quantity": WORDS.get(name, name),
                 "at": "" if math.isnan(x) else f"{x:g}, {y:g}",
                 "unit": str(r["unit"]),
                 "median": told[0],
                 "interval": f"{told[1]} to {told[2]}",
+                "tissue": tissue,
                 "width": _percent(100.0 * float(r["relative_width"])),
             }
         )
+    return out
+
+
+def _shown(table: pd.DataFrame) -> pd.Series:
+    """The largest states of each kind: they are what the test was made for."""
+    measured = table["quantity"].str.contains(MEASURED, regex=False)
+    beyond = ~measured & (table["stretch_x"].notna()) & ~table["quantity"].str.startswith("small")
+    out = ~measured & ~beyond
+    for kind in (beyond, measured):
+        # A stress at a measured stretch names its protocol: a state is that and the stretches.
+        state = table["quantity"].where(measured, "").str.split(MEASURED).str[-1]
+        state = state + table["stretch_x"].astype(str) + " " + table["stretch_y"].astype(str)
+        last = list(dict.fromkeys(state[kind]))[-STATES:]
+        out |= kind & state.isin(last)
     return out
 
 

@@ -1,0 +1,81 @@
+"""The interval of the tissue's stress: the model's, with the error that the run inferred."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from biaxbayes.findings.determined import MEASURED, determined
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.specimens.specimen import Protocol, Specimen
+
+TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
+MOUNTING = (1.03, 1.05)
+
+
+def stress_specimen(geometry: str = "unloaded") -> Specimen:
+    """Two protocols without noise, loads as first Piola-Kirchhoff stress."""
+    protocols = []
+    for name, ratio in (("one", (1.0, 1.0)), ("two", (1.0, 0.5))):
+        stretch = 1.0 + np.linspace(0.0, 0.15, 16)[:, None] * ratio
+        total = stretch * MOUNTING
+        cauchy = np.column_stack(TRUTH.cauchy(*total.T))
+        load = cauchy / (total if geometry == "unloaded" else stretch)
+        protocols.append(Protocol(name, *stretch.T, *load.T))
+    return Specimen("made", tuple(protocols), "piola", geometry=geometry, load_noise=0.01)
+
+
+def draws(rng: np.random.Generator, n: int = 4000, **columns) -> pd.DataFrame:
+    values = {
+        "C1": TRUTH.C1_kPa * np.exp(0.05 * rng.standard_normal(n)),
+        "k1": np.full(n, TRUTH.k1_kPa),
+        "k2": np.full(n, TRUTH.k2),
+        "alpha": np.full(n, TRUTH.alpha_deg),
+        "kappa": np.full(n, TRUTH.kappa),
+        "mounting_stretch_x": np.full(n, MOUNTING[0]),
+        "mounting_stretch_y": np.full(n, MOUNTING[1]),
+        "noise_sd": np.full(n, 2.0),
+    }
+    return pd.DataFrame(values | columns)
+
+
+@pytest.mark.parametrize("growth", [False, True])
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_the_interval_is_that_of_simulated_stresses(geometry, growth):
+    rng = np.random.default_rng(1)
+    data = stress_specimen(geometry)
+    table = draws(rng, **({"noise_growth": np.full(4000, 0.1)} if growth else {}))
+    found = determined(table, data).set_index("quantity")
+    for ending, where in (("", 1), (f"{MEASURED} of two", 1)):
+        row = found.loc[f"Cauchy stress x{ending}"].iloc[where]
+        total = np.array([row.stretch_x, row.stretch_y]) * (MOUNTING if ending else (1.0, 1.0))
+        C1 = table["C1"].to_numpy()
+        model = np.array([GOH(c, 20.0, 4.0, 42.0, 0.15).cauchy(*total)[0] for c in C1])
+        # The error is one of the load: s = l P (unloaded), s = l / lm P (mounted dimensions)
+        load = model / total[0] * (MOUNTING[0] if geometry == "mounted" else 1.0)
+        sd = np.hypot(2.0, 0.1 * load) if growth else 2.0
+        noisy = model * (1.0 + sd * rng.standard_normal((50, len(C1))) / load)
+        expected = np.quantile(noisy, [0.05, 0.95])
+        assert [row.tissue_low_90, row.tissue_high_90] == pytest.approx(expected, rel=0.01)
+        assert [row.low_90, row.high_90] == pytest.approx(np.quantile(model, [0.05, 0.95]))
+
+
+def test_a_measured_stretch_is_stated_with_the_stress_that_was_measured_there():
+    data = stress_specimen()
+    found = determined(draws(np.random.default_rng(2)), data)
+    ends = found[found["quantity"].str.endswith(" of one")]
+    assert len(ends) == 4
+    last = data.protocols[0]
+    for axis, mounting in enumerate(MOUNTING):
+        row = ends.iloc[2 + axis]
+        assert (row.stretch_x, row.stretch_y) == pytest.approx((1.15, 1.15))
+        load = (last.load_x, last.load_y)[axis][-1]
+        assert row["median"] == pytest.approx(load * 1.15 * mounting, rel=0.01)
+
+
+def test_what_is_no_stress_has_no_such_interval():
+    found = determined(draws(np.random.default_rng(3)), stress_specimen())
+    stress = found["quantity"].str.startswith("Cauchy stress")
+    assert found.loc[stress, "tissue_low_90"].notna().all()
+    assert (found.loc[stress, "tissue_low_90"] < found.loc[stress, "low_90"]).all()
+    assert (found.loc[stress, "tissue_high_90"] > found.loc[stress, "high_90"]).all()
+    assert found.loc[~stress, "tissue_low_90"].isna().all()
