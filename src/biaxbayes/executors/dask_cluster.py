@@ -136,7 +136,7 @@ class DaskCluster:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that versions of Dask differ a little
-                return Client(self.scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
+                return Client(self.scheduler, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(
                 f"--scheduler {self.scheduler[:80]}: no Dask scheduler answers there "
@@ -184,7 +184,11 @@ def _without_log() -> Iterator[None]:
 
 
 def _alone(function: Callable[[Task], Result], task: Task) -> Result:
-    with ONE_AT_A_TIME, threadpool_limits(1):
+    import dask
+
+    # A task that writes files must not take its locks from the cluster, as xarray would.
+    plain = dask.config.set(scheduler="synchronous")
+    with ONE_AT_A_TIME, threadpool_limits(1), plain:
         return function(task)
 
 

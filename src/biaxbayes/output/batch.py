@@ -81,15 +81,15 @@ class Batch:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
+            if names - {RUNS} and RECORD not in names:
+                raise RunError(
+                    f"{self.folder}: is a folder that is not a study's; choose another --out"
+                )
             (self.folder / RUNS).mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(
                 f"{self.folder}: cannot be made ({error.strerror}); choose another --out"
             ) from None
-        if names - {RUNS} and RECORD not in names:
-            raise RunError(
-                f"{self.folder}: is a folder that is not a study's; choose another --out"
-            )
 
     @contextlib.contextmanager
     def _going(self) -> Iterator[Path]:

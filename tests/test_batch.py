@@ -1,0 +1,260 @@
+"""A study in a folder: done once, continued, and never stopped by one specimen."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import quick_posteriors
+from biaxbayes.cli import main
+from biaxbayes.errors import Interrupted, RunError
+from biaxbayes.executors.executor import InThisProcess, Outcome
+from biaxbayes.inference.study_file import read_study
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.output import batch as batch_module
+from biaxbayes.output import run_products
+from biaxbayes.output.batch import Batch
+from biaxbayes.output.batch_task import SpecimenTask, Tried, try_specimen
+from biaxbayes.output.run import open_run
+from biaxbayes.specimens.specimen_file import write_specimen
+
+MEDIA = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=38.0, kappa=0.1)
+INTIMA = GOH(C1_kPa=30.0, k1_kPa=120.0, k2=12.0, alpha_deg=55.0, kappa=0.1)
+STUDY = """
+name = "two layers & <one> failure"
+ess = 60
+max_steps = 600
+options = { noise = "independent", mounting = "exact" }
+priors = { kappa = 0.1 }
+
+[[specimen]]
+file = "media.csv"
+donor = "D <i>1</i>"
+layer = "media"
+
+[[specimen]]
+file = "broken.csv"
+label = "<script>alert(1)</script>"
+
+[[specimen]]
+file = "intima.csv"
+donor = "D <i>1</i>"
+layer = "intima"
+"""
+
+
+@pytest.fixture(scope="module")
+def quick_figures():
+    """Runs without their figures, which other tests look at."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(run_products, "_save", lambda folder, stem, figure: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory, quick_figures):
+    folder = tmp_path_factory.mktemp("specimens")
+    for name, material in (("media", MEDIA), ("intima", INTIMA)):
+        data = quick_posteriors.specimen(material, increments=8)
+        write_specimen(replace(data, name=name), folder / f"{name}.csv")
+    (folder / "broken.csv").write_text("stretch_x,stretch_y\n1,1\n1.1,1.1\n")
+    (folder / "study.toml").write_text(STUDY)
+    return read_study(folder / "study.toml")
+
+
+@pytest.fixture(scope="module")
+def result(study, tmp_path_factory):
+    return Batch(study, tmp_path_factory.mktemp("done") / "study").execute()
+
+
+def test_one_failure_stops_nobody_and_is_named(result):
+    states = dict(zip(result.specimens["specimen"], result.specimens["state"], strict=True))
+    assert states["<script>alert(1)</script>"] == "failed"
+    assert set(states.values()) <= {"reliable", "tentative", "failed"}
+    assert not result.reliable
+    [reason] = result.failures.values()
+    assert "broken.csv" in reason and "\n" not in reason
+
+
+def test_the_table_says_what_the_runs_say(result):
+    table = pd.read_csv(result.folder / "study.csv")
+    assert not table.duplicated(["specimen", "quantity"]).any()
+    media = table[table["specimen"] == "media"].set_index("quantity")
+    run = open_run(result.folder / "runs" / "media")
+    assert media.loc["C1", "q50"] == pytest.approx(run.draws["C1"].median(), rel=1e-6)
+    assert media.loc["C1", "scale_sd"] == pytest.approx(np.log(run.draws["C1"]).std(ddof=0))
+    assert media.loc["kappa", "verdict"] == "fixed"
+    # Hx = kappa + (1 - 3 kappa) cos^2 alpha, at the fixed kappa
+    Hx = 0.1 + 0.7 * np.cos(np.deg2rad(run.draws["alpha"])) ** 2
+    assert media.loc["Hx", "q50"] == pytest.approx(np.median(Hx), rel=1e-3)
+    assert set(media["state"]) == {run.state}
+    failed = table[table["state"] == "failed"]
+    assert list(failed["quantity"]) == ["C1", "k1", "k2", "alpha", "kappa"]
+    assert failed["q50"].isna().all() and failed["reason"].str.contains("broken").all()
+    pytest.importorskip("pyarrow")
+    parquet = pd.read_parquet(result.folder / "study.parquet")
+    assert list(parquet.columns) == list(table.columns)
+    np.testing.assert_allclose(
+        parquet["q50"].astype(float).to_numpy(), table["q50"].to_numpy(), rtol=1e-7
+    )
+
+
+def test_layers_of_a_donor_are_compared(result):
+    pair = result.distances[result.distances["quantity"] == "C1"].iloc[0]
+    assert (pair.donor, pair.layer_a, pair.layer_b) == ("D <i>1</i>", "media", "intima")
+    apart = pair.median_b - pair.median_a
+    assert apart == pytest.approx(16.0, abs=8.0)
+    assert set(result.groups["group"]) == {"media", "intima", "D <i>1</i>", "all"}
+
+
+def test_the_page_needs_nothing_and_believes_nobody(result):
+    page = (result.folder / "study.html").read_text()
+    assert "<script" not in page and "<i>1" not in page and "<one>" not in page
+    assert not re.search(r'src="(?!data:)', page)
+    links = re.findall(r'href="([^#d][^"]*)"', page)
+    assert links == ["runs/media/report.html", "runs/intima/report.html"]
+    assert all((result.folder / link).is_file() for link in links)
+
+
+def test_what_is_finished_is_read_and_not_sampled_again(result, study, monkeypatch):
+    from biaxbayes.output import batch_task
+
+    def no_sampling(*args, **kwargs):
+        raise AssertionError("sampled again")
+
+    monkeypatch.setattr(batch_task.Sampling, "execute", no_sampling)
+    again = Batch(study, result.folder).execute()
+    pd.testing.assert_frame_equal(again.table, result.table)
+
+
+def spy(monkeypatch):
+    """Tasks that are handed out, each ending as if its run folder had gone."""
+    seen: list[SpecimenTask] = []
+
+    def note(task):
+        seen.append(task)
+        return Tried("failed", "not tried", [])
+
+    monkeypatch.setattr(batch_module, "try_specimen", note)
+    return seen
+
+
+def test_other_options_or_data_are_sampled_again(result, study, monkeypatch, tmp_path):
+    seen = spy(monkeypatch)
+    first, broken, last = study.specimens
+    changed = replace(study, specimens=(replace(first, seed=2), broken, last))
+    record = (result.folder / "study.json").read_text()
+    try:
+        Batch(changed, result.folder).execute()
+        assert {t.source: t.finished for t in seen} == {"media.csv": False, "intima.csv": True}
+        seen.clear()
+        # Fingerprints of before must not come back with the options of before.
+        assert len(json.loads((result.folder / "study.json").read_text())["done"]) == 1
+        Batch(replace(study, ess=70.0), result.folder).execute()
+        assert not any(t.finished for t in seen)
+    finally:
+        (result.folder / "study.json").write_text(record)
+
+
+def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_path):
+    first = replace(study, specimens=study.specimens[:1])
+    asked = []
+
+    class Stopped(InThisProcess):
+        """Asked to stop while its task is under way."""
+
+        def run(self, function, tasks, *, stop=lambda: False):
+            [task] = tasks
+            found = function(replace(task, going=_GoneLater()))
+            asked.append(True)
+            assert stop()
+            yield Outcome(0, found)
+
+    with pytest.raises(Interrupted, match=r"0 of 1 specimens.*the same command"):
+        Batch(first, tmp_path / "study", Stopped()).execute(stop=lambda: bool(asked))
+    assert (tmp_path / "study" / "runs" / "media" / "checkpoint.npz").is_file()
+    assert not (tmp_path / "study" / "runs" / "media" / "summary.csv").exists()
+    Batch(first, tmp_path / "study").execute()
+    ours, whole = (
+        p / "runs" / "media" / "summary.csv" for p in (tmp_path / "study", result.folder)
+    )
+    assert ours.read_bytes() == whole.read_bytes()
+
+
+class _GoneLater:
+    """A file that is there once, and then is not."""
+
+    asked = 0
+
+    def exists(self):
+        self.asked += 1
+        return self.asked == 1
+
+
+def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):
+    class Losing(InThisProcess):
+        def run(self, function, tasks, *, stop=lambda: False):
+            for index, _ in enumerate(tasks):
+                yield Outcome(index, None, "its worker process died 3 times")
+
+    found = Batch(study, tmp_path / "study", Losing()).execute()
+    assert found.states == {"failed": 3}
+    assert sum("died 3 times" in reason for reason in found.failures.values()) == 2
+    assert (tmp_path / "study" / "study.html").is_file()
+    assert not (tmp_path / "study" / "study-specimens.png").exists()
+
+
+def test_a_folder_that_a_worker_does_not_see_is_said(study, tmp_path):
+    class Elsewhere(InThisProcess):
+        def run(self, function, tasks, *, stop=lambda: False):
+            for index, task in enumerate(tasks):
+                gone = tmp_path / "not" / "mounted"
+                yield Outcome(index, try_specimen(replace(task, going=gone)))
+
+    with pytest.raises(RunError, match="does not see the study folder"):
+        Batch(study, tmp_path / "study", Elsewhere()).execute()
+
+
+def test_a_foreign_folder_is_left_alone(study, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(RunError, match="not a study's"):
+        Batch(study, tmp_path).execute()
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["study.toml", "--noise", "effective"], "--noise is for CSV files"),
+        (["study.toml", "--ess", "100"], "under ess"),
+        (["study.toml", "media.csv"], "a study file stands alone"),
+        (["none.toml"], "no such file"),
+        (["media.csv", "none.csv"], "no such file"),
+        (["media.csv", "--mounting-force", "1", "1"], "of one specimen"),
+        (["media.csv", "--workers", "0"], "--workers must be at least 1"),
+        (["media.csv", "--workers", "2", "--scheduler", "tcp://x:1"], "both"),
+        (["media.csv", "--ess", "1"], "--ess must be"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(study, words, said, monkeypatch, capsys):
+    monkeypatch.chdir(study.specimens[0].file.parent)
+    with pytest.raises(SystemExit) as ended:
+        main(["batch", *words])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err.strip()
+    assert said in told and "\n" not in told
+
+
+def test_the_command_ends_with_3_and_names_the_failures(result, study, monkeypatch, capsys):
+    monkeypatch.chdir(study.specimens[0].file.parent)
+    with pytest.raises(SystemExit) as ended:
+        main(["batch", "broken.csv", "--workers", "1", "--out", str(result.folder.parent / "b")])
+    assert ended.value.code == 3
+    out, err = capsys.readouterr()
+    assert "1 specimens: 1 failed" in out or "1 failed" in out
+    assert err.count("\n") == 1 and "broken" in err
