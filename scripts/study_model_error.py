@@ -28,16 +28,16 @@ from model_error.kept_draws import kept, write
 from model_error.truths import make_case
 
 
-def run(folder: Path, seeds: range, ess: float) -> None:
-    """Sample what is not there yet."""
-    for seed in seeds:
-        case = make_case(seed)
-        for candidate, sampler in CANDIDATES.items():
+def run(folder: Path, seeds: range, candidates: list[str], ess: float) -> None:
+    """Sample what is not there yet, one candidate after the other."""
+    for candidate in candidates:
+        for seed in seeds:
             if kept(folder, seed, candidate):
                 continue
+            case = make_case(seed)
             clock = time.process_time()
             try:
-                answers = sampler(case.specimen, ess)
+                answers = CANDIDATES[candidate](case.specimen, ess)
             except (BiaxbayesError, np.linalg.LinAlgError) as error:
                 print(f"{seed} {case.kind} {candidate}: {error}", flush=True)
                 continue
@@ -54,12 +54,14 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("model-error"))
     parser.add_argument("--page", type=Path, help="Put the table into this page.")
     parser.add_argument("--specimens", type=int, default=120)
+    parser.add_argument("--candidates", nargs="+", choices=list(CANDIDATES), help="These alone.")
     parser.add_argument("--ess", type=float, default=200.0)
     parser.add_argument("--first", type=int, default=0, help="First seed, for a share of the work.")
     parser.add_argument("--step", type=int, default=1)
     options = parser.parse_args()
     if options.what == "run":
-        run(options.folder, range(options.first, options.specimens, options.step), options.ess)
+        seeds = range(options.first, options.specimens, options.step)
+        run(options.folder, seeds, options.candidates or list(CANDIDATES), options.ess)
 
 
 if __name__ == "__main__":

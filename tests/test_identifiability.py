@@ -323,7 +323,11 @@ def test_the_protocols_name_may_hold_anything(tmp_path):
     protocol = replace(made.target.specimen.protocols[0], name="a#1, b")
     data = replace(made.target.specimen, protocols=(protocol,))
     relabelled = SimpleNamespace(
-        priors=priors, mounts=mounts, specimen=data, settings=made.target.settings
+        priors=priors,
+        mounts=mounts,
+        specimen=data,
+        settings=made.target.settings,
+        start=made.target.start,
     )
     found = identify_draws(relabelled, draws, "reliable")
     write_identifiability(found, tmp_path / "i.csv")

@@ -6,7 +6,7 @@ threshold are in ``docs/identifiability.md``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import pandas as pd
 from biaxbayes.findings import power_scaling
 from biaxbayes.findings.edges import edge_distances, find_edges
 from biaxbayes.findings.marginal import Density, count_modes, density
+from biaxbayes.findings.mounting_refits import mounting_refits
 from biaxbayes.findings.partners import Partners, find_partners
 from biaxbayes.findings.sampling_scale import Scale, judged_scales, prior_cumulative, prior_values
 from biaxbayes.findings.verdict import FIXED, NO_VERDICT, Evidence, Thresholds, decide
@@ -25,6 +26,7 @@ from biaxbayes.inference.priors import Prior
 __all__ = ["Identifiability", "ParameterVerdict", "identify", "identify_draws"]
 
 INTERVAL = (0.05, 0.95)
+PRIOR_TAIL = 0.001
 MOST_DRAWS = 20_000  # evenly chosen; more change no digit that matters
 
 
@@ -100,6 +102,8 @@ class ParameterVerdict:
             "modes": e.modes,
             "prior_sensitivity": e.prior_sensitivity,
             "likelihood_sensitivity": e.likelihood_sensitivity,
+            "refit_low": e.refits[0] if e.refits else np.nan,
+            "refit_high": e.refits[1] if e.refits else np.nan,
         }
 
 
@@ -210,7 +214,7 @@ def _evidence(
     by_prior = power_scaling.sensitivity(values, power_scaling.log_prior(free, draws))
     by_data = power_scaling.sensitivity(values, power_scaling.log_likelihood(posterior, draws))
     distances = edge_distances(draws, posterior.specimen)
-    return {
+    found = {
         scale.name: _evidence_of(
             scale,
             draws[scale.name].to_numpy(dtype=float),
@@ -221,6 +225,30 @@ def _evidence(
         )
         for j, scale in enumerate(free)
     }
+    return _with_refits(found, posterior, free, thresholds)
+
+
+def _with_refits(
+    found: dict[str, tuple[Evidence, Density, Density]],
+    posterior: Posterior,
+    free: tuple[Scale, ...],
+    thresholds: Thresholds,
+) -> dict[str, tuple[Evidence, Density, Density]]:
+    """Ranges of the mounting stretches in fits to parts of a record that the model misses."""
+    mounting = [s for s in free if s.kind.startswith("mounting_stretch")]
+    refits = mounting_refits(posterior) if mounting else None
+    if refits is None:
+        return found
+    out = dict(found)
+    for scale in mounting:
+        assert isinstance(scale.prior, Prior)
+        e, before, after = found[scale.name]
+        low, high = refits.range(scale.name, e.low, e.high, thresholds.refit_errors)
+        # No further than the prior goes, as for a stretch that was seen in an image.
+        ends = prior_values(scale.prior, np.array([PRIOR_TAIL, 1.0 - PRIOR_TAIL]))
+        span = (min(max(low, float(ends[0])), e.low), max(min(high, float(ends[1])), e.high))
+        out[scale.name] = (replace(e, refits=span), before, after)
+    return out
 
 
 def _evidence_of(

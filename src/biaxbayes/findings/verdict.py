@@ -11,6 +11,7 @@ __all__ = [
     "COMBINATION",
     "FIXED",
     "IDENTIFIED",
+    "NOT_IDENTIFIED",
     "NO_VERDICT",
     "ONE_SIDED",
     "PRIOR",
@@ -24,9 +25,10 @@ IDENTIFIED = "identified"
 ONE_SIDED = "one-sided"
 COMBINATION = "only in combination"
 PRIOR = "prior-dominated"
+NOT_IDENTIFIED = "not identified"
 NO_VERDICT = "no verdict"
 FIXED = "fixed"
-VERDICTS = (IDENTIFIED, ONE_SIDED, COMBINATION, PRIOR, NO_VERDICT, FIXED)
+VERDICTS = (IDENTIFIED, ONE_SIDED, COMBINATION, PRIOR, NOT_IDENTIFIED, NO_VERDICT, FIXED)
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,12 @@ class Thresholds:
     sharp_log, sharp_alpha_deg, sharp_kappa, sharp_mounting_stretch : float
         A 90 % interval narrower than this is sharp: a sharp parameter is known in practice,
         whatever it correlates with. The first is for the ratio of the ends for C1, k1 and k2.
+    refit_errors : float
+        Where the model misses smoothly, so many times the change of the mounting stretch that
+        balances the largest miss near the mounted state are added to the range of the refits.
+    refit_share : float
+        A mounting stretch is not identified where its interval is less than this share of that
+        range.
     """
 
     edge_support: float = 0.147
@@ -62,6 +70,8 @@ class Thresholds:
     sharp_alpha_deg: float = 15.0
     sharp_kappa: float = 0.1
     sharp_mounting_stretch: float = 0.02
+    refit_errors: float = 1.645
+    refit_share: float = 0.5
 
     def sharp(self, kind: str, low: float, high: float) -> bool:
         """Whether a 90 % interval in natural units is sharp for its kind of parameter."""
@@ -93,6 +103,8 @@ class Evidence:
     modes : int
     prior_sensitivity, likelihood_sensitivity : float
         By power-scaling.
+    refits : (float, float), optional
+        Range of a mounting stretch in fits to parts of a record that the model misses.
     """
 
     kind: str
@@ -107,6 +119,7 @@ class Evidence:
     modes: int
     prior_sensitivity: float
     likelihood_sensitivity: float
+    refits: tuple[float, float] | None = None
 
     @property
     def contraction(self) -> float:
@@ -121,7 +134,8 @@ class Evidence:
 def decide(evidence: Evidence, thresholds: Thresholds, *, isotropy_open: bool = False) -> str:
     """The verdict on a sampled parameter of reliable draws.
 
-    Traded with others comes first, unless the interval is sharp: then it is known in practice.
+    A mounting stretch that the data contradict is not identified, whatever else. Else traded with
+    others comes first, unless the interval is sharp: then it is known in practice.
 
     Parameters
     ----------
@@ -132,6 +146,8 @@ def decide(evidence: Evidence, thresholds: Thresholds, *, isotropy_open: bool = 
         excluded then, however narrow its posterior.
     """
     e, t = evidence, thresholds
+    if e.refits is not None and e.high - e.low < t.refit_share * (e.refits[1] - e.refits[0]):
+        return NOT_IDENTIFIED
     traded = e.partners.spread_given_partners <= t.combination_spread
     if e.kind == "alpha" and isotropy_open:
         return COMBINATION if traded else PRIOR

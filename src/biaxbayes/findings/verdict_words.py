@@ -9,6 +9,7 @@ from biaxbayes.findings.verdict import (
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
+    NOT_IDENTIFIED,
     ONE_SIDED,
     PRIOR,
     Evidence,
@@ -75,6 +76,7 @@ def in_words(
         ONE_SIDED: _one_sided,
         COMBINATION: _combination,
         PRIOR: _prior_dominated,
+        NOT_IDENTIFIED: _not_identified,
     }[verdict]
     text = tell(scale, evidence, thresholds)
     if isotropy_open and scale.kind == "alpha":
@@ -120,6 +122,15 @@ def _prior_dominated(scale: Scale, e: Evidence, t: Thresholds) -> str:
     return (
         f"prior-dominated, {interval_words(scale, e)}; the data take "
         f"{100.0 * max(e.contraction, 0.0):.0f} % off the prior's variance"
+    )
+
+
+def _not_identified(scale: Scale, e: Evidence, t: Thresholds) -> str:
+    assert e.refits is not None
+    low, high = (number(v, e.kind) for v in e.refits)
+    return (
+        f"not identified, between {low} and {high} by fits to parts of the record; "
+        f"{interval_words(scale, e)} rests on the model's toe, which these data contradict"
     )
 
 

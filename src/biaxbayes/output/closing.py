@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from biaxbayes.output.run import Run
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["closing_message"]
 
@@ -45,13 +48,29 @@ def _verdict(record: dict[str, Any]) -> str:
 
 def _table(run: Run) -> list[str]:
     lines = [f"{'parameter':<26}{'unit':<6}{'median':>10}{'5 %':>10}{'95 %':>10}"]
+    refits = _refits(run)
     for row in run.summary.itertuples():
-        cells = "".join(f"{_number(float(str(v))):>10}" for v in (row.q50, row.q05, row.q95))
+        name = str(row.parameter)
+        ends = refits.get(name, (row.q05, row.q95))
+        cells = "".join(f"{_number(float(str(v))):>10}" for v in (row.q50, *ends))
+        cells += "  not identified: range of refits" if name in refits else ""
         lines.append(f"{_plain(str(row.parameter))[:25]:<26}{row.unit:<6}{cells}")
     if len(lines) > 24:
         hidden = len(lines) - 22
         lines = [*lines[:22], f"... and {hidden} more rows in summary.csv"]
     return lines
+
+
+def _refits(run: Run) -> dict[str, tuple[float, float]]:
+    """Ranges that stand in place of an interval which the data contradict."""
+    table = _verdicts(run)
+    if table is None or "refit_low" not in table:
+        return {}
+    lost = table[table["verdict"] == "not identified"]
+    return {
+        str(r.parameter): (float(str(r.refit_low)), float(str(r.refit_high)))
+        for r in lost.itertuples()
+    }
 
 
 def _number(value: float) -> str:
@@ -83,16 +102,28 @@ def _thinning(record: dict[str, Any]) -> list[str]:
 
 
 def _identifiability(run: Run) -> list[str]:
-    path = run.path / "identifiability.csv"
-    if not path.is_file():
+    table = _verdicts(run)
+    if table is None:
         return []
-    import pandas as pd
-
-    table = pd.read_csv(path, comment="#")
     loose = [f"{r.parameter}: {r.verdict}" for r in table.itertuples() if r.verdict != "identified"]
     if not loose:
         return ["every parameter is identified"]
-    return ["not determined on its own: " + "; ".join(_plain(t) for t in loose)]
+    said = ["not determined on its own: " + "; ".join(_plain(t) for t in loose)]
+    if _refits(run):
+        said.append(
+            "the mounting stretch rests on the toe of the model, which these data contradict; "
+            "stresses at measured stretches (report.html) do not"
+        )
+    return said
+
+
+def _verdicts(run: Run) -> pd.DataFrame | None:
+    path = run.path / "identifiability.csv"
+    if not path.is_file():
+        return None
+    import pandas as pd
+
+    return pd.read_csv(path, comment="#")
 
 
 def _misses(run: Run) -> list[str]:

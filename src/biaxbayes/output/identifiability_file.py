@@ -25,6 +25,8 @@ NOTES = (
     "*_edge_mass, *_edge_prior_mass: share of the draws and of the prior near the edge; "
     "*_edge_support: likelihood at the edge, everything else averaged out, over its maximum",
     "spread_given_all, spread_given_partners: sd with the others known over the marginal sd",
+    "refit_low, refit_high: range of a mounting stretch in fits to parts of the record, where the "
+    "model misses it smoothly",
     "*_sensitivity: power-scaling, cumulative Jensen-Shannon distance per doubling",
 )
 

@@ -15,6 +15,7 @@ from biaxbayes.findings.verdict import (
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
+    NOT_IDENTIFIED,
     ONE_SIDED,
     PRIOR,
 )
@@ -35,6 +36,7 @@ VERDICT_COLOURS = {
     ONE_SIDED: "#56B4E9",
     COMBINATION: "#E69F00",
     PRIOR: "#D55E00",
+    NOT_IDENTIFIED: "#CC79A7",
     NO_VERDICT: "#999999",
     FIXED: "#DDDDDD",
 }
@@ -213,6 +215,9 @@ def _aside(row: ParameterVerdict) -> str:
     if row.verdict == COMBINATION:
         names = ", ".join(_symbol(name) for name in row.partners)
         return f"with {names}\n(alone {interval})"
+    if row.verdict == NOT_IDENTIFIED and e.refits:
+        low, high = (number(v, e.kind) for v in e.refits)
+        return f"refits {low} to {high}\n(model {interval})"
     if row.verdict == ONE_SIDED:
         low_open = e.edges[0].support >= e.edges[-1].support
         value = number(e.high if low_open else e.low, e.kind)

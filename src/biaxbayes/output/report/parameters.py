@@ -9,6 +9,7 @@ from functools import partial
 
 import pandas as pd
 
+from biaxbayes.findings.verdict import NOT_IDENTIFIED
 from biaxbayes.output.figures.numbers import number
 from biaxbayes.output.report.names import MEANING, split
 from biaxbayes.output.run import Run
@@ -33,6 +34,9 @@ class Row:
     ess, rhat : str
     verdict, words : str
         From identifiability.csv; empty where there is none.
+    refits : bool
+        Whether the ends are those of fits to parts of the record, in place of an interval that
+        the data contradict.
     """
 
     name: str
@@ -45,6 +49,7 @@ class Row:
     rhat: str
     verdict: str = ""
     words: str = ""
+    refits: bool = False
 
     @property
     def stem(self) -> str:
@@ -56,7 +61,7 @@ class Row:
         """Both ends; a fixed value has none."""
         if self.low == self.high:
             return "fixed" if self.low != DASH else DASH
-        return f"{self.low} to {self.high}"
+        return f"{self.low} to {self.high}{' (refits)' if self.refits else ''}"
 
 
 DASH, MINUS = "–", "\N{MINUS SIGN}"
@@ -72,7 +77,10 @@ def parameter_rows(run: Run) -> list[Row]:
         stem = split(name)[0]
         wide = stem in SCALES and q05 > 0.0 and q95 / q05 > WIDE
         write = _stretch if stem.startswith("mounting_stretch") else partial(number, log=wide)
-        verdict, words = verdicts.get(name, ("", ""))
+        verdict, words, ends = verdicts.get(name, ("", "", None))
+        refits = verdict == NOT_IDENTIFIED and ends is not None
+        if refits and ends is not None:
+            q05, q95 = ends
         median, low, high = (DASH if math.isnan(v) else write(v, q05, q95) for v in (q50, q05, q95))
         ess = min(float(record["ess_bulk"]), float(record["ess_tail"]))
         rhat = float(record["rhat"])
@@ -88,6 +96,7 @@ def parameter_rows(run: Run) -> list[Row]:
                 DASH if math.isnan(rhat) else f"{rhat:.4f}",
                 verdict,
                 words,
+                refits,
             )
         )
     return rows
@@ -110,6 +119,14 @@ def percent_stretch(rows: list[Row], run: Run) -> list[tuple[str, str]]:
         if math.isnan(q50):
             out.append((row.name, "not known: the chains have not converged"))
             continue
+        if row.refits:
+            low, high = (
+                f"{100.0 * (float(v) - 1.0):.1f}".replace("-", MINUS) for v in (row.low, row.high)
+            )
+            out.append(
+                (row.name, f"is not identified: {low} to {high} % by fits to parts of {TOE}")
+            )
+            continue
         digits = 1 if q95 - q05 > 0.2 else 2
         low, middle, high = (f"{v:.{digits}f}".replace("-", MINUS) for v in (q05, q50, q95))
         what = "stretched" if q50 >= 0.0 else "changed in length"
@@ -118,10 +135,12 @@ def percent_stretch(rows: list[Row], run: Run) -> list[tuple[str, str]]:
 
 
 QUANTILES = ("q05", "q50", "q95")
+TOE = "the record; the value rests on the model's toe, which these data contradict"
+Verdict = tuple[str, str, tuple[float, float] | None]
 
 
-def _verdicts(run: Run) -> dict[str, tuple[str, str]]:
-    """Verdict and words by parameter; none where the file is missing or no table of verdicts."""
+def _verdicts(run: Run) -> dict[str, Verdict]:
+    """Verdict, words and range of refits; none where the file is missing or no such table."""
     path = run.path / "identifiability.csv"
     if path.is_symlink() or not path.is_file():
         return {}
@@ -130,7 +149,11 @@ def _verdicts(run: Run) -> dict[str, tuple[str, str]]:
             warnings.simplefilter("ignore")
             table = pd.read_csv(path, comment="#", dtype=str, keep_default_na=False)
         return {
-            str(r["parameter"]): (str(r["verdict"]), str(r["in_words"]).removeprefix(head(r)))
+            str(r["parameter"]): (
+                str(r["verdict"]),
+                str(r["in_words"]).removeprefix(head(r)),
+                refit_range(r),
+            )
             for r in table.to_dict("records")
         }
     except (OSError, ValueError, KeyError, MemoryError):
@@ -140,3 +163,12 @@ def _verdicts(run: Run) -> dict[str, tuple[str, str]]:
 def head(record: dict) -> str:
     """The start of a sentence that the row of a table already shows."""
     return f"{record['parameter']}: "
+
+
+def refit_range(record: dict) -> tuple[float, float] | None:
+    """Range of a mounting stretch in fits to parts of the record, where the file has one."""
+    try:
+        low, high = (float(record[f"refit_{end}"]) for end in ("low", "high"))
+    except (KeyError, ValueError):
+        return None
+    return (low, high) if math.isfinite(low) and math.isfinite(high) else None

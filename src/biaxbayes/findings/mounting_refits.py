@@ -1,0 +1,171 @@
+"""Whether the data tell the mounting stretch, or the shape that the model gives the toe.
+
+The way from the unloaded to the mounted state is not measured. The model extrapolates it from the
+curves beyond, so a model that misses those curves gives a mounting stretch that is no more certain
+than the miss. Fits to other parts of the same record show how far it moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from biaxbayes.inference.assemble import mounting_names
+from biaxbayes.inference.constrained import constrained_fit
+from biaxbayes.inference.fit_result import FitResult
+from biaxbayes.inference.noise import misses_smoothly
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.readings import readings
+from biaxbayes.inference.residuals import mounting_roots
+from biaxbayes.inference.stress_response import coordinates_of
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import thinned_specimen
+
+__all__ = ["MountingRefits", "mounting_refits"]
+
+SHARES = (0.3, 0.5)
+"""Parts of the record that are fitted alone: until a load passes this share of its peak."""
+FEWEST_ROWS = 6
+ROWS = 60
+"""Rows of a protocol that the refits use, averaged."""
+TOE = 0.25
+"""Share of a protocol's rows that the miss near the mounted state is read from."""
+STARTS = 2
+
+
+@dataclass(frozen=True)
+class MountingRefits:
+    """Mounting stretches of fits to parts of a record.
+
+    Attributes
+    ----------
+    parts : tuple of str
+        What was fitted, in words.
+    stretch : dict of ndarray, shape (parts,)
+        By the name of the mounting stretch; NaN where a part has none.
+    error : dict of float
+        By name: the change of the mounting stretch that balances the largest miss near the
+        mounted state.
+    """
+
+    parts: tuple[str, ...]
+    stretch: dict[str, np.ndarray]
+    error: dict[str, float]
+
+    def range(self, name: str, low: float, high: float, errors: float) -> tuple[float, float]:
+        """Range of the interval and all refits, with so many errors on either side."""
+        values = self.stretch[name]
+        values = values[np.isfinite(values)]
+        margin = errors * self.error[name]
+        return (
+            min(low, float(values.min(initial=np.inf)) - margin),
+            max(high, float(values.max(initial=-np.inf)) + margin),
+        )
+
+
+def mounting_refits(posterior: Posterior) -> MountingRefits | None:
+    """Fit parts of the record alone, and see where the mounting stretch goes.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    MountingRefits or None
+        None where the mounting stretch was not inferred, or where the residuals of the whole
+        record do not show that the model misses it: then nothing is contradicted.
+    """
+    if not posterior.settings.infers_mounting or not misses_smoothly(posterior.start.residuals):
+        return None
+    work = _Work(posterior)
+    full = work.full
+    parts = {f"the first {100 * s:.0f} % of the load": work.until(s) for s in SHARES}
+    names = [p.name for p in posterior.specimen.protocols]
+    if len(names) > 1:
+        parts |= {f"{name} alone": work.data.only(name) for name in names}
+    fits = {"everything": full} | {
+        label: fit for label, part in parts.items() if (fit := work.fit(part)).converged
+    }
+    stretch: dict[str, np.ndarray] = {}
+    shared = posterior.settings.mounting_stretch == "shared"
+    for i, label in enumerate(posterior.mounts):
+        alone = [_state(label_, fit, i, label, shared) for label_, fit in fits.items()]
+        for axis, name in enumerate(mounting_names("stretch", label)):
+            stretch[name] = np.array([np.nan if s is None else s[axis] for s in alone])
+    return MountingRefits(tuple(fits), stretch, work.errors())
+
+
+def _state(part: str, fit: FitResult, index: int, label: str, shared: bool) -> np.ndarray | None:
+    """The mounting stretch that a fit gives to a mounted state, if it has it."""
+    if shared:
+        return fit.mounting_stretch[0]
+    if part.endswith(" alone"):
+        return fit.mounting_stretch[0] if part == f"{label} alone" else None
+    return fit.mounting_stretch[index]
+
+
+@dataclass(frozen=True)
+class _Work:
+    posterior: Posterior
+
+    @cached_property
+    def data(self) -> Specimen:
+        source = self.posterior.specimen
+        thinned = thinned_specimen(source, ROWS).specimen
+        # The scatter of neighbouring rows is lost by averaging: state it.
+        return replace(thinned, load_noise=source.noise_sd or None)
+
+    @cached_property
+    def full(self) -> FitResult:
+        return self.fit(self.data)
+
+    def fit(self, part: Specimen) -> FitResult:
+        settings = self.posterior.settings
+        return constrained_fit(
+            part,
+            reading="exact",
+            mounting_stretch=settings.mounting_stretch,
+            fixed={k: v for k, v in settings.fixed.items() if k in MATERIAL},
+            starts=STARTS,
+            initial=self.posterior.start.material,
+            fibre_switch=settings.fibre_switch,
+        )
+
+    def until(self, share: float) -> Specimen:
+        """The record until a load first passes a share of its peak, six rows at least."""
+        protocols = []
+        for p in self.data.protocols:
+            load = np.abs(self.data.load(p))
+            beyond = (load > share * load.max(axis=0)).any(axis=1)
+            last = int(np.argmax(beyond)) if beyond.any() else p.rows
+            kept = slice(0, max(last, p.rest_rows + FEWEST_ROWS))
+            x, y, fx, fy = (c[kept] for c in (p.stretch_x, p.stretch_y, p.load_x, p.load_y))
+            protocols.append(
+                replace(p, stretch_x=x, stretch_y=y, load_x=fx, load_y=fy, time_s=None)
+            )
+        return replace(self.data, protocols=tuple(protocols))
+
+    def errors(self) -> dict[str, float]:
+        """Largest miss near the mounted state over the stiffness there, as a stretch."""
+        settings, full = self.posterior.settings, self.full
+        shared = settings.mounting_stretch == "shared"
+        data = readings(self.data, shared=shared)
+        point = coordinates_of(full.material)
+        lm, inverse = mounting_roots(data, point, data.mounting_load, settings.fibre_switch)
+        toes = [np.abs(r[: max(4, int(TOE * len(r)))]).max(axis=0) for r in full.residuals]
+        miss = [np.max(toes, axis=0)] if shared else toes
+        out = {}
+        for i, label in enumerate(self.posterior.mounts):
+            # J d(ln lm) = lm dp0 (unloaded dimensions); mounted ones: without the lm
+            scale = 1.0 if data.mounted else lm[:, i]
+            by_load = lm[:, i, None] * inverse[i] * scale / data.area
+            error = np.hypot(*(by_load * miss[i]).T)
+            for axis, name in enumerate(mounting_names("stretch", label)):
+                out[name] = float(error[axis])
+        return out
+
+
+MATERIAL = ("C1", "k1", "k2", "alpha", "kappa")

@@ -1,0 +1,134 @@
+"""A mounting stretch that rests on a toe which the data contradict is not called identified."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import biaxbayes
+from biaxbayes.findings.identifiability import identify_draws
+from biaxbayes.findings.mounting_refits import mounting_refits
+from biaxbayes.findings.verdict import NOT_IDENTIFIED
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.output.closing import closing_message
+from biaxbayes.output.identifiability_file import write_identifiability
+from biaxbayes.output.report.page import report_page
+from biaxbayes.output.report.tables import latex_table, markdown_table
+from biaxbayes.specimens.specimen import Specimen
+from quick_posteriors import specimen
+
+TISSUE = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
+MOUNTING = (1.01, 1.02)
+NAMES = ("mounting_stretch_x", "mounting_stretch_y")
+
+
+def concave(data: Specimen, share: float = 0.06) -> Specimen:
+    """The specimen with a stress that is there after one per cent of stretch."""
+    protocols = []
+    for p in data.protocols:
+        loads = []
+        for stretch, load in ((p.stretch_x, p.load_x), (p.stretch_y, p.load_y)):
+            loads.append(load + share * data.peak_load * np.tanh((stretch - 1.0) / 0.01))
+        protocols.append(replace(p, load_x=loads[0], load_y=loads[1]))
+    return replace(data, protocols=tuple(protocols))
+
+
+@cache
+def missed() -> Specimen:
+    return concave(specimen(TISSUE, increments=30, noise_N=0.001))
+
+
+def narrow_draws(posterior: Posterior, sd: float = 2e-4, n: int = 4000) -> pd.DataFrame:
+    """Draws around the least-squares fit, as a posterior that believes the model."""
+    rng = np.random.default_rng(1)
+    fit = posterior.start
+    values = {
+        "C1": fit.material.C1_kPa,
+        "k1": fit.material.k1_kPa,
+        "k2": fit.material.k2,
+        "alpha": fit.material.alpha_deg,
+        "kappa": fit.material.kappa,
+    }
+    table = {k: v * np.exp(0.01 * rng.standard_normal(n)) for k, v in values.items()}
+    for i, label in enumerate(posterior.mounts):
+        for axis, name in enumerate("xy"):
+            tail = f"[{label}]" if label else ""
+            reading = posterior.specimen.mounting_readings(shared=len(posterior.mounts) == 1)[0]
+            lm = fit.mounting_stretch[i, axis]
+            table[f"mounting_stretch_{name}{tail}"] = lm + sd * rng.standard_normal(n)
+            table[f"mounting_force_{name}{tail}"] = np.full(n, reading[i, axis])
+    return pd.DataFrame(table | {"noise_sd": np.full(n, 0.01), "log_likelihood": np.zeros(n)})
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_described_specimen_is_not_refitted(seed):
+    data = specimen(TISSUE, increments=30, noise_N=0.004, seed=seed)
+    assert mounting_refits(Posterior(data)) is None
+
+
+def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
+    posterior = Posterior(missed())
+    found = identify_draws(posterior, narrow_draws(posterior), "reliable")
+    for name, true in zip(NAMES, MOUNTING, strict=True):
+        row = found[name]
+        assert row.verdict == NOT_IDENTIFIED
+        assert (
+            not row.evidence.low <= true <= row.evidence.high
+        )  # what the narrow interval is worth
+        assert row.evidence.refits[0] < true < row.evidence.refits[1]
+        assert "rests on the model's toe, which these data contradict" in row.words
+    assert found["C1"].verdict != NOT_IDENTIFIED
+
+
+def test_an_interval_as_wide_as_the_refits_stands():
+    posterior = Posterior(missed())
+    low, high = identify_draws(posterior, narrow_draws(posterior), "reliable")[
+        NAMES[0]
+    ].evidence.refits
+    wide = identify_draws(posterior, narrow_draws(posterior, sd=0.25 * (high - low)), "reliable")
+    assert wide[NAMES[0]].verdict != NOT_IDENTIFIED
+
+
+def test_a_stretch_known_from_an_image_stands():
+    seen = {
+        name: {"distribution": "normal", "mean": m, "sd": 2e-4}
+        for name, m in zip(NAMES, MOUNTING, strict=True)
+    }
+    posterior = Posterior(missed(), priors=seen)
+    draws = narrow_draws(posterior)
+    for name, m in zip(NAMES, MOUNTING, strict=True):
+        draws[name] += m - draws[name].mean()
+    found = identify_draws(posterior, draws, "reliable")
+    assert {found[name].verdict for name in NAMES} & {NOT_IDENTIFIED} == set()
+
+
+def test_every_mounted_state_has_its_own_refits(tmp_path):
+    posterior = Posterior(missed(), mounting_stretch="per-protocol")
+    found = identify_draws(posterior, narrow_draws(posterior), "reliable")
+    names = [f"{name}[{p.name}]" for p in missed().protocols for name in NAMES]
+    assert {found[name].verdict for name in names} == {NOT_IDENTIFIED}
+    write_identifiability(found, tmp_path / "i.csv")
+    back = pd.read_csv(tmp_path / "i.csv", comment="#").set_index("parameter")
+    assert (back.loc[names, "refit_low"] < back.loc[names, "low_90"]).all()
+    assert back.loc[["C1", "kappa"], "refit_low"].isna().all()
+
+
+@pytest.mark.parametrize("mounting", ["ignored", "zeroed"])
+def test_what_was_not_inferred_is_not_refitted(mounting):
+    assert mounting_refits(Posterior(missed(), mounting=mounting)) is None
+
+
+def test_a_run_states_the_range_in_place_of_the_interval(tmp_path):
+    run = biaxbayes.sample(missed(), out=tmp_path / "run", ess=80, workers=1, noise="independent")
+    table = pd.read_csv(tmp_path / "run" / "identifiability.csv", comment="#")
+    row = table.set_index("parameter").loc[NAMES[0]]
+    assert row["verdict"] == NOT_IDENTIFIED
+    said = closing_message(run)
+    assert f"{row['refit_low']:.4g}" in said and "not identified: range of refits" in said
+    percent = f"{100.0 * (row['refit_low'] - 1.0):.1f}".replace("-", "\N{MINUS SIGN}")
+    assert f"is not identified: {percent} to" in report_page(run)
+    for write in (markdown_table, latex_table):
+        assert "(refits)" in write(run) and NOT_IDENTIFIED in write(run)
