@@ -98,6 +98,12 @@ def stress_jacobian(C1, Hx, Hy, Hz, e, slope, ax, ay, az):
 # --- the same, for arrays ------------------------------------------------------------------
 
 
+def _plain(*values: Any) -> Any:
+    """Numbers and arrays as they are, lists and tables' columns as arrays."""
+    known = (float, complex, np.ndarray, np.generic)
+    return (v if isinstance(v, known) else np.asarray(v) for v in values)
+
+
 def _state(k1, k2, alpha, kappa, lx, ly, fibre_switch):
     """Squared stretches, structure tensor, fibre strain, factor, its slope and the growth."""
     ax, ay = lx * lx, ly * ly
@@ -133,6 +139,9 @@ def strain_energy(C1, k1, k2, alpha, kappa, stretch_x, stretch_y, *, fibre_switc
     ndarray
         Energy per reference volume, kPa.
     """
+    C1, k1, k2, alpha, kappa, stretch_x, stretch_y = _plain(
+        C1, k1, k2, alpha, kappa, stretch_x, stretch_y
+    )
     ax, ay = stretch_x * stretch_x, stretch_y * stretch_y
     az = 1.0 / (ax * ay)
     Hx, Hy, Hz = structure_tensor(alpha, kappa)
@@ -147,6 +156,9 @@ def strain_energy(C1, k1, k2, alpha, kappa, stretch_x, stretch_y, *, fibre_switc
 
 def cauchy_stress(C1, k1, k2, alpha, kappa, stretch_x, stretch_y, *, fibre_switch=False) -> Any:
     """Cauchy stresses (s_x, s_y) in kPa; arguments as in :func:`strain_energy`."""
+    C1, k1, k2, alpha, kappa, stretch_x, stretch_y = _plain(
+        C1, k1, k2, alpha, kappa, stretch_x, stretch_y
+    )
     (ax, ay, az), (Hx, Hy, Hz), _, e, _, _ = _state(
         k1, k2, alpha, kappa, stretch_x, stretch_y, fibre_switch
     )
@@ -155,6 +167,9 @@ def cauchy_stress(C1, k1, k2, alpha, kappa, stretch_x, stretch_y, *, fibre_switc
 
 def piola_stress(C1, k1, k2, alpha, kappa, stretch_x, stretch_y, *, fibre_switch=False) -> Any:
     """First Piola-Kirchhoff stresses (P_x, P_y) in kPa: force over reference area."""
+    C1, k1, k2, alpha, kappa, stretch_x, stretch_y = _plain(
+        C1, k1, k2, alpha, kappa, stretch_x, stretch_y
+    )
     sx, sy = cauchy_stress(
         C1, k1, k2, alpha, kappa, stretch_x, stretch_y, fibre_switch=fibre_switch
     )
@@ -172,6 +187,9 @@ def cauchy_stress_by_log_stretch(
     ndarray, shape (2, 2, ...)
         First axis the stress, second the stretch; symmetric in the two.
     """
+    C1, k1, k2, alpha, kappa, stretch_x, stretch_y = _plain(
+        C1, k1, k2, alpha, kappa, stretch_x, stretch_y
+    )
     (ax, ay, az), (Hx, Hy, Hz), _, e, slope, _ = _state(
         k1, k2, alpha, kappa, stretch_x, stretch_y, fibre_switch
     )
@@ -191,6 +209,9 @@ def cauchy_stress_by_parameter(
     -------
     ndarray, shape (2, 5, ...)
     """
+    C1, k1, k2, alpha, kappa, stretch_x, stretch_y = _plain(
+        C1, k1, k2, alpha, kappa, stretch_x, stretch_y
+    )
     (ax, ay, az), (Hx, Hy, Hz), E, e, slope, growth = _state(
         k1, k2, alpha, kappa, stretch_x, stretch_y, fibre_switch
     )

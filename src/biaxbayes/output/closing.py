@@ -30,7 +30,7 @@ def closing_message(run: Run) -> str:
     lines += [_plain(f"note: {note}") for note in record["notes"][:3]]
     if record["sampler"]["message"]:
         lines.append(f"note: {record['sampler']['message']}")
-    lines += ["", f"everything is in {run.path}/ (summary.csv, corner.pdf, stress-bands.pdf, ...)"]
+    lines += ["", f"open {run.path}/report.html; tables, figures and draws are beside it"]
     return "\n".join(lines)
 
 

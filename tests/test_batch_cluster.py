@@ -1,0 +1,106 @@
+"""Studies on worker processes and on a Dask cluster that loses a worker: equal results."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import quick_posteriors
+from biaxbayes.executors.dask_cluster import DaskCluster
+from biaxbayes.executors.executor import InThisProcess
+from biaxbayes.executors.local_processes import LocalProcesses
+from biaxbayes.inference.study_file import read_study
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.output.batch import Batch
+from biaxbayes.specimens.specimen_file import write_specimen
+
+pytestmark = pytest.mark.slow
+SPECIMENS = 4
+DASK = Path(sys.executable).parent / "dask"
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("specimens")
+    text = "ess = 200\n"
+    for number in range(SPECIMENS):
+        layer = ("media", "intima")[number % 2]
+        material = GOH(C1_kPa=14.0 + 10.0 * number, k1_kPa=60.0, k2=8.0, alpha_deg=40.0, kappa=0.1)
+        data = quick_posteriors.specimen(material, increments=20, seed=number)
+        write_specimen(replace(data, name=f"s{number}"), folder / f"s{number}.csv")
+        text += f'[[specimen]]\nfile = "s{number}.csv"\ndonor = "D{number // 2}"\n'
+        text += f'layer = "{layer}"\n'
+    (folder / "study.toml").write_text(text)
+    return read_study(folder / "study.toml")
+
+
+def contents(folder):
+    """What a study found, byte for byte."""
+    found = sorted(folder.glob("study*.csv")) + sorted(folder.glob("runs/*/summary.csv"))
+    return {str(p.relative_to(folder)): p.read_bytes() for p in found}
+
+
+@pytest.fixture(scope="module")
+def alone(study, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("alone") / "study"
+    Batch(study, folder, InThisProcess()).execute()
+    found = contents(folder)
+    assert len(found) == 4 + SPECIMENS
+    return found
+
+
+def test_processes_find_what_one_process_finds(study, alone, tmp_path):
+    Batch(study, tmp_path / "study", LocalProcesses(2)).execute()
+    assert contents(tmp_path / "study") == alone
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    pytest.importorskip("distributed")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+
+    def start(*words):
+        log = (tmp_path / f"{words[0]}-{time.monotonic_ns()}.log").open("w")
+        return subprocess.Popen(
+            [str(DASK), *words, "--no-dashboard"], stdout=log, stderr=log, env=environment
+        )
+
+    scheduler = start("scheduler", "--host", "127.0.0.1", "--port", str(port))
+    workers = [start("worker", address, "--nthreads", "1", "--no-nanny") for _ in range(2)]
+    yield address, workers
+    for process in (*workers, scheduler):
+        process.terminate()
+    for process in (*workers, scheduler):
+        process.wait(30)
+
+
+def test_a_cluster_that_loses_a_worker_finds_the_same(study, alone, cluster, tmp_path):
+    address, workers = cluster
+    folder = tmp_path / "study"
+
+    def kill():
+        # both workers have a specimen of which something is saved, or one has finished
+        while len(list(folder.glob("runs/*/checkpoint.npz"))) < 2:
+            time.sleep(0.05)
+        os.kill(workers[0].pid, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill, daemon=True)
+    killer.start()
+    result = Batch(study, folder, DaskCluster(address)).execute()
+    killer.join(1.0)
+    assert workers[0].wait(10) == -signal.SIGKILL
+    assert sum(result.states.values()) == SPECIMENS and not result.failures
+    assert contents(folder) == alone
