@@ -12,7 +12,6 @@ from biaxbayes.errors import InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from biaxbayes.output.run import Run
 
 __all__ = ["command"]
 
@@ -74,12 +73,20 @@ def command(
     biaxbayes export media-posterior --to febio --draws 50
     """
     from biaxbayes.commands.run_state import open_usable_run, uses_fibre_switch
+    from biaxbayes.findings.representative_draws import chosen_draws
     from biaxbayes.output.cards.export import MANIFEST, export_cards
 
     if count is not None and at is not None:
         raise InputError("--draws and --at exclude each other", remedy="give one of them")
     opened = open_usable_run(run, anyway=anyway)
-    rows, origin = _rows(opened, count, at or "median", seed)
+    rows, origin = chosen_draws(
+        opened.draws,
+        opened.specimen,
+        count=count,
+        at=at or "median",
+        seed=seed,
+        fibre_switch=uses_fibre_switch(opened),
+    )
     folder = out or opened.path / f"cards-{program}-{units}"
     manifest = export_cards(
         opened.draws,
@@ -94,23 +101,6 @@ def command(
         overwrite=overwrite,
     )
     _tell(manifest, folder / MANIFEST)
-
-
-def _rows(opened: Run, count: int | None, at: str, seed: int) -> tuple[list[int], str]:
-    """Positions of the draws, and what they are."""
-    from biaxbayes.commands.run_state import uses_fibre_switch
-    from biaxbayes.findings.representative_draws import (
-        median_draw,
-        most_probable_draw,
-        random_draws,
-    )
-
-    if count is not None:
-        return random_draws(opened.draws, count, seed=seed), f"random posterior draw, seed {seed}"
-    if at == "map":
-        return [most_probable_draw(opened.draws)], "most probable posterior draw"
-    row = median_draw(opened.draws, opened.specimen, fibre_switch=uses_fibre_switch(opened))
-    return [row], "posterior draw with the stress curves nearest the median curves"
 
 
 def _tell(manifest: pd.DataFrame, path: Path) -> None:

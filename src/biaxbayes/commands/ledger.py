@@ -58,7 +58,7 @@ def command(
     with its own model options; a specimen CSV is sampled. Exit code 3 when one of the three is
     not reliable.
     """
-    from biaxbayes.findings.ledger import ledger, treat
+    from biaxbayes.findings.ledger import classical, ledger, treat
 
     folder = out or Path(f"{source.name if source.is_dir() else source.stem}-ledger")
     with progress_line(quiet=quiet) as tell:
@@ -72,7 +72,7 @@ def command(
         treated = {"inferred": inferred}
         for name in ("ignored", "zeroed"):
             specimen = inferred.posterior.specimen
-            treated[name] = treat(specimen, _classical(options, name), plan, tell)
+            treated[name] = treat(specimen, classical(options, name), plan, tell)
     found = ledger(treated, stretches or None)
     _write(found, folder)
     if not quiet:
@@ -143,12 +143,6 @@ def _from_run(
         workers=workers,
     ).plan
     return Treated(posterior, run.draws, run.state), options, plan
-
-
-def _classical(options: dict[str, Any], name: str) -> dict[str, Any]:
-    """Options of a classical treatment: no mounting stretch, hence no prior of one."""
-    priors = {k: v for k, v in options["priors"].items() if not k.startswith("mounting_stretch")}
-    return {**options, "mounting": name, "priors": priors}
 
 
 def _write(found: Ledger, folder: Path) -> None:

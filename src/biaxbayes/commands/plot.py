@@ -31,7 +31,6 @@ TAKEN_BY = {
     "parameters": ("profile", "trace"),
 }
 """Options that go with some figures only."""
-MOST_IN_COLUMN = 3
 """Profiles in a figure of one column."""
 
 
@@ -128,6 +127,7 @@ def _file(run: Path, options: dict[str, Any]) -> Path:
 
 def _draw(path: Path, options: dict[str, Any], style: dict[str, Any] | None) -> Figure:
     from biaxbayes.commands.run_state import open_usable_run
+    from biaxbayes.output.figures.run_figure import run_figure
     from biaxbayes.output.run import open_run
 
     kind = options["figure"]
@@ -147,68 +147,10 @@ def _draw(path: Path, options: dict[str, Any], style: dict[str, Any] | None) -> 
     if options["compare"] is not None:
         other = open_usable_run(options["compare"], anyway=options["anyway"])
         how |= {"compare": other.draws, "names": _names(run, other)}
-    return _FIGURES[kind](run, how)
+    return run_figure(run, kind, **how)
 
 
 def _names(run: Run, other: Run) -> tuple[str, str]:
     """What tells two runs apart: the specimen, or else the folder."""
     names = run.specimen.name, other.specimen.name
     return names if names[0] != names[1] else (run.path.name, other.path.name)
-
-
-def _corner(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.output.figures.corner import corner_figure
-
-    return corner_figure(run.draws, **how)
-
-
-def _bands(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.output.figures.bands import bands_figure
-
-    return bands_figure(run.specimen, run.draws, settings=run.posterior().settings, **how)
-
-
-def _mounting(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.output.figures.mounting import mounting_figure
-
-    return mounting_figure(run.specimen, run.draws, **how)
-
-
-def _trace(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.output.figures.trace import trace_figure
-
-    summary = run.summary
-    rhat = dict(zip(summary["parameter"], summary["rhat"], strict=True))
-    return trace_figure(run.chains, unit=run.specimen.unit, rhat=rhat, **how)
-
-
-def _identifiability(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.findings.identifiability import identify
-    from biaxbayes.output.figures.identifiability import identifiability_figure
-
-    return identifiability_figure(identify(run), **how)
-
-
-def _profile(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.findings.profile import profiles
-    from biaxbayes.mechanics.goh import PARAMETERS
-    from biaxbayes.output.figures.profile import profile_figure
-
-    posterior = run.posterior()
-    names = how.pop("names", None) or [n for n in PARAMETERS if n in posterior.free]
-    if how["width_mm"] < 120.0 and len(names) > MOST_IN_COLUMN:
-        raise InputError(
-            f"{len(names)} profiles do not fit one column of a page",
-            remedy=f"name up to {MOST_IN_COLUMN} with --parameter, or ask for --width-mm 180",
-        )
-    return profile_figure(profiles(posterior, names), **how)
-
-
-_FIGURES = {
-    "corner": _corner,
-    "bands": _bands,
-    "identifiability": _identifiability,
-    "mounting": _mounting,
-    "trace": _trace,
-    "profile": _profile,
-}

@@ -105,6 +105,17 @@ class Comparison:
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
 
+    def _repr_html_(self) -> str:
+        """Verdicts, and what differs among the quantities that both runs determine."""
+        verdicts = self.matrix().pivot(index="run", columns="parameter", values="verdict")
+        names = list(dict.fromkeys(self.matrix()["parameter"]))
+        known = self.distances[self.distances["determined_in_both"]]
+        kept = ["run_a", "run_b", "quantity", "unit", "total_stretch", "median_a", "median_b"]
+        kept += ["difference_q05", "difference_q95", "standardised"]
+        return verdicts.loc[self.labels, names].to_html(na_rep="–") + known[kept].to_html(
+            index=False, float_format=lambda v: f"{v:.4g}", na_rep="–"
+        )
+
 
 def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) -> Comparison:
     """Compare runs of different layers, specimens or settings.

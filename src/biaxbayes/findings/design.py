@@ -115,6 +115,15 @@ class Design:
                 )
         return pd.DataFrame(rows)
 
+    def _repr_html_(self) -> str:
+        """Expected reduction of each standard deviation, for notebooks."""
+        wide = pd.DataFrame(
+            [dict(zip(self.quantities, e.reduction, strict=True)) for e in self.expected],
+            index=[e.name + ("" if e.trusted else " *") for e in self.expected],
+        )
+        wide.insert(0, "information (nats)", [e.gain for e in self.expected])
+        return wide.to_html(float_format=lambda v: f"{v:.2f}")
+
 
 def targets(
     posterior: Posterior, draws: pd.DataFrame, stretch: float | None = None

@@ -139,6 +139,12 @@ class Identifiability:
         """One sentence a parameter."""
         return [p.words for p in self.parameters]
 
+    def _repr_html_(self) -> str:
+        """Verdicts in words with the interval, for notebooks."""
+        kept = ["parameter", "unit", "verdict", "median", "low_90", "high_90", "contraction"]
+        table = self.to_frame().reindex(columns=[*kept, "in_words"])
+        return table.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+
 
 def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiability:
     """Judge the parameters of a run.

@@ -22,7 +22,7 @@ from biaxbayes.inference.sampler import Plan, Progress, draw
 from biaxbayes.mechanics.goh import PARAMETERS
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["TREATMENTS", "Ledger", "Treated", "default_stretches", "ledger", "treat"]
+__all__ = ["TREATMENTS", "Ledger", "Treated", "classical", "default_stretches", "ledger", "treat"]
 
 TREATMENTS = ("inferred", "ignored", "zeroed")
 MOST_DRAWS = 20_000
@@ -83,6 +83,12 @@ class Ledger:
         """Rows of the stresses."""
         return self.table[self.table["total_stretch"].notna()]
 
+    def _repr_html_(self) -> str:
+        """Medians of the three treatments, for notebooks."""
+        kept = ["quantity", "unit", "total_stretch", "inferred_median", "ignored_median"]
+        kept += ["shift_ignored_sd", "zeroed_median", "shift_zeroed_sd"]
+        return self.table[kept].to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+
 
 def treat(
     specimen: Specimen,
@@ -104,6 +110,12 @@ def treat(
     found = draw(posterior, plan, progress=progress)
     draws = pd.DataFrame({name: q.ravel() for name, q in found.quantities.items()})
     return Treated(posterior, draws, found.convergence.state)
+
+
+def classical(options: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Options of a classical treatment: no mounting stretch, hence no prior of one."""
+    priors = {k: v for k, v in options["priors"].items() if not k.startswith("mounting_stretch")}
+    return {**options, "mounting": name, "priors": priors}
 
 
 def ledger(treated: Mapping[str, Treated], stretches: Sequence[float] | None = None) -> Ledger:

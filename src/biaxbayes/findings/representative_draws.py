@@ -14,7 +14,7 @@ from biaxbayes.findings.material_draws import parameters, protocol_mounting
 from biaxbayes.mechanics.goh import piola_stress
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["common_states", "median_draw", "most_probable_draw", "random_draws"]
+__all__ = ["chosen_draws", "common_states", "median_draw", "most_probable_draw", "random_draws"]
 
 STATES = 60  # of each protocol, evenly along the record
 
@@ -90,3 +90,33 @@ def random_draws(draws: pd.DataFrame, count: int, *, seed: int = 0) -> list[int]
         )
     chosen = np.random.default_rng(seed).choice(len(draws), size=count, replace=False)
     return sorted(int(i) for i in chosen)
+
+
+def chosen_draws(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    *,
+    count: int | None = None,
+    at: str = "median",
+    seed: int = 0,
+    fibre_switch: bool = False,
+) -> tuple[list[int], str]:
+    """Positions of the draws to export, and what they are in words.
+
+    Parameters
+    ----------
+    draws : DataFrame
+    specimen : Specimen
+    count : int, optional
+        So many random draws; else one.
+    at : {"median", "map"}
+        Which one.
+    seed : int
+    fibre_switch : bool
+    """
+    if count is not None:
+        return random_draws(draws, count, seed=seed), f"random posterior draw, seed {seed}"
+    if at == "map":
+        return [most_probable_draw(draws)], "most probable posterior draw"
+    row = median_draw(draws, specimen, fibre_switch=fibre_switch)
+    return [row], "posterior draw with the stress curves nearest the median curves"

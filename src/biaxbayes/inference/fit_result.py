@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 
@@ -73,6 +74,14 @@ class FitResult:
             "converged": self.converged,
             "at_bound": list(self.at_bound),
         }
+
+    def _repr_html_(self) -> str:
+        """The fit as a table of one column, for notebooks."""
+        rows = []
+        for name, value in self.record().items():
+            told = f"{value:.5g}" if isinstance(value, float) else str(value)
+            rows.append(f"<tr><th>{escape(name)}</th><td>{escape(told)}</td></tr>")
+        return f"<table>{''.join(rows)}</table>"
 
 
 def fit_result(

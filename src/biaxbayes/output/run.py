@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -97,8 +98,10 @@ class Run:
         )
 
     def _repr_html_(self) -> str:
-        """Summary table for notebooks."""
-        return self.summary.to_html(index=False, float_format=lambda v: f"{v:.4g}")
+        """State and summary table for notebooks."""
+        head = f"<p>{escape(str(self.provenance['specimen']))}: {escape(self.state)}</p>"
+        table = self.summary.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+        return head + table
 
 
 def open_run(path: str | Path) -> Run:
