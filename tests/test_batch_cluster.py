@@ -73,10 +73,10 @@ def cluster(tmp_path):
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
 
     def start(*words):
-        log = (tmp_path / f"{words[0]}-{time.monotonic_ns()}.log").open("w")
-        return subprocess.Popen(
-            [str(DASK), *words, "--no-dashboard"], stdout=log, stderr=log, env=environment
-        )
+        path = tmp_path / f"{words[0]}-{time.monotonic_ns()}.log"
+        command = [str(DASK), *words, "--no-dashboard"]
+        with path.open("w") as log:
+            return subprocess.Popen(command, stdout=log, stderr=log, env=environment)
 
     scheduler = start("scheduler", "--host", "127.0.0.1", "--port", str(port))
     workers = [start("worker", address, "--nthreads", "1", "--no-nanny") for _ in range(2)]
