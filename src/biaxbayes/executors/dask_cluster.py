@@ -62,7 +62,7 @@ class DaskCluster:
 
     def __exit__(self, *error: object) -> None:
         if self._kept is not None:
-            self._kept.close()
+            _close(self._kept)
         self._kept = None
 
     def run(
@@ -86,7 +86,7 @@ class DaskCluster:
                 yield from self._outcomes(client, index_of, stop)
         finally:
             if client is not self._kept:
-                client.close()
+                _close(client)
 
     def _outcomes(
         self, client: Client, index_of: dict[Any, int], stop: Callable[[], object]
@@ -168,16 +168,23 @@ def _not_begun(client: Client, futures: Any) -> list[Any]:
     return [f for f in futures if not f.done() and f.key not in begun]
 
 
+def _close(client: Client) -> None:
+    with _without_log():
+        client.close()
+
+
 @contextlib.contextmanager
 def _without_log() -> Iterator[None]:
     """A worker that dies is not worth a page of log messages in the user's terminal."""
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
+    names = [n for n in logging.root.manager.loggerDict if n.split(".")[0] == "distributed"]
+    levels = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        logger.setLevel(level)
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 # --- in the worker -------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import time
 import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -130,9 +131,9 @@ class Batch:
         done = {k: v for k, v in done.items() if is_run(self.folder / RUNS / k)}
         self._save(done)
         tasks = [self._task(e, e.slug in done, going) for e in readable]
-        if done:
-            told = f"{len(done)} of {len(entries)} specimens were finished before"
-            progress(Progress(told, len(done) / len(entries)))
+        before, clock = len(done), time.monotonic()
+        finished = f", {before} of them finished before" if before else ""
+        progress(Progress(f"sampling {len(entries)} specimens{finished}"))
         asked = 0
 
         def stopped() -> int:
@@ -159,6 +160,9 @@ class Batch:
                 self._save(done)
             bad = sum(t.state not in STATES for t in tried.values())
             told = f"{len(tried)} of {len(entries)} specimens" + (f", {bad} failed" if bad else "")
+            if len(tried) > before:
+                spent = time.monotonic() - clock
+                told += _left(spent * (len(entries) - len(tried)) / (len(tried) - before))
             progress(Progress(told, len(tried) / len(entries)))
         if len(tried) < len(entries):
             raise _interruption(len(tried), len(entries), self.folder, asked)
@@ -201,6 +205,17 @@ class Batch:
         result = result_of(self.study.name, self.folder, table, [found[i] for i in sorted(found)])
         write_study(result)
         return result
+
+
+def _left(seconds: float) -> str:
+    """Time left in words; nothing where there is none."""
+    if seconds < 1.0:
+        return ""
+    return (
+        f", about {seconds:.0f} s left"
+        if seconds < 90.0
+        else f", about {seconds / 60:.0f} min left"
+    )
 
 
 def _interruption(done: int, total: int, folder: Path, signal: int) -> Interrupted:
