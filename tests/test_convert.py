@@ -283,7 +283,8 @@ def test_refused_options(tmp_path, capsys):
         code, _, err = biotester(path, out, capsys, *more)
         assert code == 2 and says in err and err.count("\n") == 1
     code, _, err = run([path, "--machine", "biotester", "--out", out], capsys)
-    assert code == 2 and "forces need edge_x_mm; give --edge-x-mm" in err
+    assert code == 2
+    assert "forces need edge_x_mm, edge_y_mm, thickness_mm, geometry; give --edge-x-mm," in err
     code, _, err = biotester(path, path, capsys)
     assert code == 2 and "would be overwritten" in err
     assert path.read_text() == GOOD

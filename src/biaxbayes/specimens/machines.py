@@ -148,13 +148,14 @@ def _sections(
     """Sections under the force in x and y, mm^2; None for stresses."""
     if recording.stress_pair != "force":
         return None
-    for key in ("edge_x_mm", "edge_y_mm", "thickness_mm", "geometry"):
-        if key not in header:
-            raise InputError(
-                f"forces need {key}",
-                remedy=f"give --{key.replace('_', '-')}"
-                + (" unloaded|mounted, the state it was measured in" if key == "geometry" else ""),
-            )
+    needed = ("edge_x_mm", "edge_y_mm", "thickness_mm", "geometry")
+    missing = [key for key in needed if key not in header]
+    if missing:
+        options = ["--" + key.replace("_", "-") for key in missing]
+        state = " unloaded|mounted, the state it was measured in" if "geometry" in missing else ""
+        raise InputError(
+            f"forces need {', '.join(missing)}", remedy=f"give {', '.join(options)}{state}"
+        )
     thickness = float(header["thickness_mm"])
     return float(header["edge_y_mm"]) * thickness, float(header["edge_x_mm"]) * thickness
 
