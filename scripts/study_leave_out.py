@@ -26,12 +26,13 @@ from model_error.page import put
 MODELS = {
     "effective": {},
     "effective, growing": {"noise_growth": True},
+    "systematic, growing": {"noise": "systematic", "noise_growth": True},
     "independent": {"noise": "independent"},
-    "independent, growing": {"noise": "independent", "noise_growth": True},
     "effective, per-protocol mounting": {"mounting_stretch": "per-protocol"},
-    "effective, growing, per-protocol mounting": {
-        "mounting_stretch": "per-protocol",
+    "systematic, growing, per-protocol mounting": {
+        "noise": "systematic",
         "noise_growth": True,
+        "mounting_stretch": "per-protocol",
     },
 }
 
@@ -40,7 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("specimen", type=Path)
     parser.add_argument("--out", type=Path, default=Path("leave-out.csv"))
-    parser.add_argument("--ess", type=float, default=1000.0)
+    parser.add_argument("--ess", type=float, default=400.0)
     parser.add_argument("--page", type=Path, help="Put the table into this page.")
     options = parser.parse_args()
     specimen = read_specimen(options.specimen)
@@ -50,7 +51,7 @@ def main() -> None:
             if len(done) and ((done.model == model) & (done.protocol == protocol.name)).any():
                 continue
             clock = time.process_time()
-            plan = Plan(ess=options.ess, workers=1, max_steps=4000)
+            plan = Plan(ess=options.ess, workers=1, max_steps=8000)
             table = leave_out(specimen, protocol.name, plan=plan, **{"thin": 100, **chosen})
             table.insert(0, "model", model)
             table["cpu_s"] = round(time.process_time() - clock, 1)

@@ -45,36 +45,63 @@ def test_the_interval_is_that_of_simulated_stresses(geometry, growth):
     data = stress_specimen(geometry)
     table = draws(rng, **({"noise_growth": np.full(4000, 0.1)} if growth else {}))
     found = determined(table, data).set_index("quantity")
-    for ending, where in (("", 1), (f"{MEASURED} of two", 1)):
-        row = found.loc[f"Cauchy stress x{ending}"].iloc[where]
-        total = np.array([row.stretch_x, row.stretch_y]) * (MOUNTING if ending else (1.0, 1.0))
-        C1 = table["C1"].to_numpy()
-        model = np.array([GOH(c, 20.0, 4.0, 42.0, 0.15).cauchy(*total)[0] for c in C1])
+    C1 = table["C1"].to_numpy()
+    area_ratio = MOUNTING[0] if geometry == "mounted" else 1.0
+    for name in ("Cauchy stress x", f"nominal stress x{MEASURED} of two"):
+        row = found.loc[name].iloc[1]
+        measured = MEASURED in name
+        total = np.array([row.stretch_x, row.stretch_y]) * (MOUNTING if measured else (1.0, 1.0))
+        cauchy = np.array([GOH(c, 20.0, 4.0, 42.0, 0.15).cauchy(*total)[0] for c in C1])
         # The error is one of the load: s = l P (unloaded), s = l / lm P (mounted dimensions)
-        load = model / total[0] * (MOUNTING[0] if geometry == "mounted" else 1.0)
+        load = cauchy / total[0] * area_ratio
         sd = np.hypot(2.0, 0.1 * load) if growth else 2.0
+        model = load if measured else cauchy
         noisy = model * (1.0 + sd * rng.standard_normal((50, len(C1))) / load)
         expected = np.quantile(noisy, [0.05, 0.95])
         assert [row.tissue_low_90, row.tissue_high_90] == pytest.approx(expected, rel=0.01)
         assert [row.low_90, row.high_90] == pytest.approx(np.quantile(model, [0.05, 0.95]))
 
 
-def test_a_measured_stretch_is_stated_with_the_stress_that_was_measured_there():
-    data = stress_specimen()
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_a_measured_stretch_is_stated_with_the_load_that_was_measured_there(geometry):
+    data = stress_specimen(geometry)
     found = determined(draws(np.random.default_rng(2)), data)
     ends = found[found["quantity"].str.endswith(" of one")]
     assert len(ends) == 4
     last = data.protocols[0]
-    for axis, mounting in enumerate(MOUNTING):
+    for axis in (0, 1):
         row = ends.iloc[2 + axis]
         assert (row.stretch_x, row.stretch_y) == pytest.approx((1.15, 1.15))
         load = (last.load_x, last.load_y)[axis][-1]
-        assert row["median"] == pytest.approx(load * 1.15 * mounting, rel=0.01)
+        assert row["median"] == pytest.approx(load, rel=0.01)
+
+
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_a_mounting_stretch_that_is_not_identified_moves_the_curve(geometry):
+    """At a total stretch the tissue may be anywhere that the range of refits puts its curve."""
+    data, table = stress_specimen(geometry), draws(np.random.default_rng(4))
+    table["noise_sd"] = 1e-6
+    table["C1"] = TRUTH.C1_kPa
+    span = {"mounting_stretch_x": (0.99, 1.07), "mounting_stretch_y": (1.05, 1.05)}
+    found, wide = (determined(table, data, refits=r).set_index("quantity") for r in (None, span))
+    row = wide.loc["Cauchy stress x"].iloc[1]
+    ends = []
+    for mounted in (1.07, 0.99):
+        # What the machine read at this measured stretch, and the Cauchy stress from it
+        measured = np.array([row.stretch_x / mounted, row.stretch_y / MOUNTING[1]])
+        total = measured * MOUNTING
+        force = TRUTH.cauchy(*total)[0] / (total if geometry == "unloaded" else measured)[0]
+        ends.append(force * (row.stretch_x if geometry == "unloaded" else measured[0]))
+    assert [row.tissue_low_90, row.tissue_high_90] == pytest.approx(ends, rel=0.02)
+    assert row.low_90 == found.loc["Cauchy stress x"].iloc[1].low_90
+    for kind in ("low", "high"):  # a load at a measured stretch does not care
+        name = f"nominal stress x{MEASURED} of one"
+        assert (wide.loc[name, f"tissue_{kind}_90"] == found.loc[name, f"tissue_{kind}_90"]).all()
 
 
 def test_what_is_no_stress_has_no_such_interval():
     found = determined(draws(np.random.default_rng(3)), stress_specimen())
-    stress = found["quantity"].str.startswith("Cauchy stress")
+    stress = found["quantity"].str.contains("Cauchy stress|nominal stress")
     assert found.loc[stress, "tissue_low_90"].notna().all()
     assert (found.loc[stress, "tissue_low_90"] < found.loc[stress, "low_90"]).all()
     assert (found.loc[stress, "tissue_high_90"] > found.loc[stress, "high_90"]).all()

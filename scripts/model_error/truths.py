@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biaxbayes.mechanics.goh import cauchy_stress, structure_tensor
+from biaxbayes.mechanics.goh import GOH, cauchy_stress, structure_tensor
 from biaxbayes.mechanics.virtual import smooth_misfit
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
@@ -33,6 +33,8 @@ class Case:
         True Cauchy stress (n, 2) at total stretches (n, 2), kPa.
     mounting, top : ndarray, shape (2,)
         Mounting stretch; largest total stretch.
+    material : GOH or None
+        Where the truth is one, but for its smooth misfit.
     """
 
     kind: str
@@ -41,6 +43,7 @@ class Case:
     stress: Stress
     mounting: np.ndarray
     top: np.ndarray
+    material: GOH | None = None
 
 
 def make_case(seed: int) -> Case:
@@ -74,6 +77,7 @@ def make_case(seed: int) -> Case:
         stress,
         mounting,
         top,
+        getattr(stress, "material", None),
     )
 
 
@@ -93,6 +97,16 @@ def _protocol(name, ratio, stress, mounting, top, factor, noise, rng) -> Protoco
 # --- tissues -------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class _GOHStress:
+    material: GOH
+
+    def __call__(self, total: np.ndarray) -> np.ndarray:
+        m = self.material
+        angle = np.deg2rad(m.alpha_deg)
+        return np.column_stack(cauchy_stress(m.C1_kPa, m.k1_kPa, m.k2, angle, m.kappa, *total.T))
+
+
 def _goh(rng: np.random.Generator, top: np.ndarray, *, alpha=None, kappa=None) -> Stress:
     """A random GOH tissue, its curvature stated at the largest stretch."""
     C1 = float(np.exp(rng.uniform(np.log(3.0), np.log(20.0))))
@@ -104,7 +118,7 @@ def _goh(rng: np.random.Generator, top: np.ndarray, *, alpha=None, kappa=None) -
     q = float(np.exp(rng.uniform(np.log(0.2), np.log(2.0))))
     ratio = float(np.exp(rng.uniform(np.log(0.5), np.log(10.0))))  # fibres to matrix at the top
     k1 = ratio * C1 * 0.5 / (E * np.exp(q))
-    return lambda total: np.column_stack(cauchy_stress(C1, k1, q / E**2, angle, spread, *total.T))
+    return _GOHStress(GOH(C1, k1, q / E**2, float(np.rad2deg(angle)), spread))
 
 
 def four_families(rng, mounting, top) -> Stress:
@@ -153,7 +167,7 @@ def stiff_start(rng, mounting, top) -> Stress:
 
 
 def smooth(rng, mounting, top) -> Stress:
-    return _goh(rng, top)
+    return _goh(rng, top)  # the misfit is put on the loads of each protocol
 
 
 TRUTHS = {

@@ -2,12 +2,13 @@
 
 Parameters that trade with each other can leave these sharp: the same curves mean the same stress.
 A stress has two intervals. The model's holds what the parameters leave open; the tissue's holds,
-with it, the error that the run inferred, which is mostly what the model misses.
+with it, the error that the run inferred, which is mostly what the model misses, and, at total
+stretches, a mounting stretch that is not identified.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -33,13 +34,15 @@ __all__ = ["MEASURED", "determined", "stated_stretches"]
 MOST_DRAWS = 8000
 INTERVAL = (0.05, 0.95)
 MEASURED = " at the measured stretch"
-"""Ending of a stress whose stretches refer to the mounted state."""
+"""Ending of a nominal stress whose stretches refer to the mounted state."""
 SHARES = (0.5, 1.0)
+NORMAL_90 = 3.29
+"""Width of a normal's central 90 % over its sd."""
 
 
 State = tuple[float, float]
-Quantity = tuple[str, str, State, np.ndarray, np.ndarray | None]
-"""Name, unit, stretches, values of the draws, and the sd of the inferred error about them."""
+Quantity = tuple[str, str, State, np.ndarray, tuple[np.ndarray, np.ndarray] | None]
+"""Name, unit, stretches, values of the draws, those of the tissue and the sd of their error."""
 
 
 def stated_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[float, float]]:
@@ -75,6 +78,7 @@ def determined(
     *,
     stretches: Sequence[tuple[float, float]] | None = None,
     fibre_switch: bool = False,
+    refits: Mapping[str, tuple[float, float]] | None = None,
 ) -> pd.DataFrame:
     """Quantities that do not depend on how the parameters are split, with 90 % intervals.
 
@@ -86,6 +90,9 @@ def determined(
     stretches : sequence of (float, float), optional
         Total stretches (x, y); default :func:`stated_stretches`.
     fibre_switch : bool
+    refits : mapping of str to (float, float), optional
+        Ranges of the mounting stretches that are not identified, by name. Stresses of the tissue at
+        total stretches are those of a mounted state that lies anywhere in the range.
 
     Returns
     -------
@@ -95,9 +102,10 @@ def determined(
         tissue_low_90 and tissue_high_90 (else NaN), which hold the error that the run inferred
         as well: the interval to state for the tissue.
 
-        Stretches are total, but for the Cauchy stresses "at the measured stretch", half-way and
-        at the end of every protocol and relative to its mounted state. These do not rest on how
-        far the model extrapolates to the unloaded state.
+        Stretches are total, but for the nominal stresses "at the measured stretch", half-way and
+        at the end of every protocol and relative to its mounted state. These are loads over the
+        section that the file's dimensions give, and do not rest on how far the model
+        extrapolates to the unloaded state.
 
         Hx, Hy, Hz are the diagonal of the generalised structure tensor. Stiffnesses are derivatives
         of the Cauchy stress by the log stretch: d s_x / d ln l_x (xx), d s_y / d ln l_y (yy) and
@@ -105,21 +113,28 @@ def determined(
     """
     few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     states = list(stretches) if stretches is not None else stated_stretches(draws, specimen)
-    rows = [_row(*of) for of in _quantities(few, specimen, states, fibre_switch)]
-    if stretches is None:
-        rows += [_row(*of) for of in _measured_stresses(few, specimen, fibre_switch)]
+    with np.errstate(over="ignore", invalid="ignore"):
+        rows = [_row(*of) for of in _quantities(few, specimen, states, fibre_switch, refits or {})]
+        if stretches is None:
+            rows += [_row(*of) for of in _measured_stresses(few, specimen, fibre_switch)]
     return pd.DataFrame(rows)
 
 
 def _row(
-    name: str, unit: str, state: State, values: np.ndarray, error: np.ndarray | None
+    name: str,
+    unit: str,
+    state: State,
+    values: np.ndarray,
+    around: tuple[np.ndarray, np.ndarray] | None,
 ) -> dict[str, object]:
+    values = np.nan_to_num(values, nan=np.inf)  # what overflows is large
     low, median, high = (float(q) for q in np.quantile(values, [INTERVAL[0], 0.5, INTERVAL[1]]))
     tissue = (np.nan, np.nan)
-    if error is not None:
-        known = np.isfinite(values)
-        found = mixture_percentiles(values[known, None], error[known, None], INTERVAL)
-        tissue = (float(found[0][0]), float(found[1][0]))
+    if around is not None:
+        known = np.isfinite(around[0])
+        centre, sd = (v[known, None] for v in around)
+        low_end, high_end = mixture_percentiles(centre, sd, INTERVAL)
+        tissue = (float(low_end[0]), float(high_end[0]))
     return {
         "quantity": name,
         "unit": unit,
@@ -135,7 +150,11 @@ def _row(
 
 
 def _quantities(
-    draws: pd.DataFrame, specimen: Specimen, states: list[State], fibre_switch: bool
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    states: list[State],
+    fibre_switch: bool,
+    refits: Mapping[str, tuple[float, float]],
 ) -> Iterator[Quantity]:
     theta = parameters(draws)
     nowhere = (np.nan, np.nan)
@@ -146,12 +165,21 @@ def _quantities(
         yield f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0], None
     strain2 = np.zeros(len(draws))
     lm = np.mean([_mounting(draws, p) for p in specimen.protocols], axis=0)
+    moved = _moved(draws, lm, refits)
     for state in states:
         at = [np.array([v]) for v in state]
         tangent = cauchy_stress_by_log_stretch(*theta, *at, fibre_switch=fibre_switch)
         energy = strain_energy(*theta, *at, fibre_switch=fibre_switch)
-        total = np.tile(state, (len(draws), 1))
-        yield from _stresses(draws, specimen, state, total, lm, "", fibre_switch)
+        piola, error = _piola(draws, specimen, np.tile(state, (len(draws), 1)), lm, fibre_switch)
+        # Mounted elsewhere, the same loads of the test lie at other total stretches; over the
+        # mounted section they then belong to another unloaded one: P = f / (Am lm).
+        there, _ = _piola(draws, specimen, moved * state, lm, fibre_switch)
+        if specimen.geometry == "mounted":
+            there = there * moved
+        for axis, name in enumerate("xy"):
+            # s_k = l_k P_k
+            own, tissue, sd = (state[axis] * v[:, axis] for v in (piola, there, error))
+            yield f"Cauchy stress {name}", "kPa", state, own, (tissue, sd)
         for name, i, j in TANGENTS:
             yield f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0], None
         yield "strain energy", "kPa", state, energy[:, 0], None
@@ -162,10 +190,30 @@ def _quantities(
 TANGENTS = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1))
 
 
+def _moved(
+    draws: pd.DataFrame, lm: np.ndarray, refits: Mapping[str, tuple[float, float]]
+) -> np.ndarray:
+    """Mounting stretch of each draw over one that scatters over the range of refits, (n, 2)."""
+    out = np.ones_like(lm)
+    rng = np.random.default_rng(0)
+    for axis, name in enumerate("xy"):
+        ranges = [r for key, r in refits.items() if key.startswith(f"mounting_stretch_{name}")]
+        if not ranges:
+            continue
+        low, high = np.mean(ranges, axis=0)
+        first, last = np.quantile(lm[:, axis], INTERVAL)
+        # As much scatter as fills the range with 90 %, together with that of the draws.
+        sd = np.sqrt(max((high - low) ** 2 - (last - first) ** 2, 0.0)) / NORMAL_90
+        shift = 0.5 * (low + high) - np.median(lm[:, axis])
+        elsewhere = lm[:, axis] + shift + sd * rng.standard_normal(len(lm))
+        out[:, axis] = lm[:, axis] / np.maximum(elsewhere, 0.5)
+    return out
+
+
 def _measured_stresses(
     draws: pd.DataFrame, specimen: Specimen, fibre_switch: bool
 ) -> Iterator[Quantity]:
-    """Cauchy stresses half-way and at the end of every protocol, from its own mounted state."""
+    """Nominal stresses half-way and at the end of every protocol, from its own mounted state."""
     if not mounting_labels(draws):
         return
     for protocol in specimen.protocols:
@@ -174,32 +222,18 @@ def _measured_stresses(
             x, y = np.round(measured, 4)
             state = (float(x), float(y))
             ending = MEASURED if len(specimen.protocols) == 1 else f"{MEASURED} of {protocol.name}"
-            yield from _stresses(draws, specimen, state, lm * state, lm, ending, fibre_switch)
+            piola, error = _piola(draws, specimen, lm * state, lm, fibre_switch)
+            # f_k / A0_k = P_k (unloaded dimensions), f_k / Am_k = lm_k P_k (mounted)
+            scale = lm if specimen.geometry == "mounted" else np.ones_like(lm)
+            for axis, name in enumerate("xy"):
+                own, sd = (scale[:, axis] * v[:, axis] for v in (piola, error))
+                yield f"nominal stress {name}{ending}", "kPa", state, own, (own, sd)
 
 
-def _stresses(
-    draws: pd.DataFrame,
-    specimen: Specimen,
-    state: State,
-    total: np.ndarray,
-    lm: np.ndarray,
-    ending: str,
-    fibre_switch: bool,
-) -> Iterator[Quantity]:
-    """Cauchy stress of every draw at total stretches (n, 2), and the sd of its error."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        piola = piola_stress(
-            *parameters(draws), total[:, :1], total[:, 1:], fibre_switch=fibre_switch
-        )
-        for axis, name in enumerate("xy"):
-            error = piola_noise(draws, specimen, axis, piola[axis], lm)
-            # s_k = l_k P_k
-            values, sd = (total[:, axis] * v[:, 0] for v in (piola[axis], error))
-            # A stress that overflows is a large one.
-            yield (
-                f"Cauchy stress {name}{ending}",
-                "kPa",
-                state,
-                np.nan_to_num(values, nan=np.inf),
-                sd,
-            )
+def _piola(
+    draws: pd.DataFrame, specimen: Specimen, total: np.ndarray, lm: np.ndarray, fibre_switch: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nominal stress of every draw at total stretches (n, 2), and the sd of its error; kPa."""
+    pair = piola_stress(*parameters(draws), total[:, :1], total[:, 1:], fibre_switch=fibre_switch)
+    error = [piola_noise(draws, specimen, axis, p, lm) for axis, p in enumerate(pair)]
+    return np.hstack(pair), np.hstack(error)

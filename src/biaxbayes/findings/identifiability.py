@@ -18,7 +18,14 @@ from biaxbayes.findings.marginal import Density, count_modes, density
 from biaxbayes.findings.mounting_refits import mounting_refits
 from biaxbayes.findings.partners import Partners, find_partners
 from biaxbayes.findings.sampling_scale import Scale, judged_scales, prior_cumulative, prior_values
-from biaxbayes.findings.verdict import FIXED, NO_VERDICT, Evidence, Thresholds, decide
+from biaxbayes.findings.verdict import (
+    FIXED,
+    NO_VERDICT,
+    NOT_IDENTIFIED,
+    Evidence,
+    Thresholds,
+    decide,
+)
 from biaxbayes.findings.verdict_words import in_words
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.priors import Prior
@@ -26,7 +33,6 @@ from biaxbayes.inference.priors import Prior
 __all__ = ["Identifiability", "ParameterVerdict", "identify", "identify_draws"]
 
 INTERVAL = (0.05, 0.95)
-PRIOR_TAIL = 0.001
 MOST_DRAWS = 20_000  # evenly chosen; more change no digit that matters
 
 
@@ -134,6 +140,11 @@ class Identifiability:
     def to_frame(self) -> pd.DataFrame:
         """Verdicts and evidence, one row a parameter."""
         return pd.DataFrame([p.record() for p in self.parameters])
+
+    def refits(self) -> dict[str, tuple[float, float]]:
+        """Ranges of the mounting stretches that are not identified, by name."""
+        lost = [p for p in self.parameters if p.verdict == NOT_IDENTIFIED]
+        return {p.name: p.evidence.refits for p in lost if p.evidence and p.evidence.refits}
 
     def in_words(self) -> list[str]:
         """One sentence a parameter."""
@@ -249,10 +260,7 @@ def _with_refits(
     for scale in mounting:
         assert isinstance(scale.prior, Prior)
         e, before, after = found[scale.name]
-        low, high = refits.range(scale.name, e.low, e.high, thresholds.refit_errors)
-        # No further than the prior goes, as for a stretch that was seen in an image.
-        ends = prior_values(scale.prior, np.array([PRIOR_TAIL, 1.0 - PRIOR_TAIL]))
-        span = (min(max(low, float(ends[0])), e.low), max(min(high, float(ends[1])), e.high))
+        span = refits.range(scale.name, (e.low, e.high), thresholds.refit_errors, scale.prior)
         out[scale.name] = (replace(e, refits=span), before, after)
     return out
 

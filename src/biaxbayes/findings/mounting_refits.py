@@ -12,11 +12,13 @@ from functools import cached_property
 
 import numpy as np
 
+from biaxbayes.findings.sampling_scale import prior_values
 from biaxbayes.inference.assemble import mounting_names
 from biaxbayes.inference.constrained import constrained_fit
 from biaxbayes.inference.fit_result import FitResult
 from biaxbayes.inference.noise import misses_smoothly
 from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.priors import Prior
 from biaxbayes.inference.readings import readings
 from biaxbayes.inference.residuals import mounting_roots
 from biaxbayes.inference.stress_response import coordinates_of
@@ -33,6 +35,7 @@ ROWS = 60
 TOE = 0.25
 """Share of a protocol's rows that the miss near the mounted state is read from."""
 STARTS = 2
+PRIOR_TAIL = 0.001
 
 
 @dataclass(frozen=True)
@@ -54,14 +57,21 @@ class MountingRefits:
     stretch: dict[str, np.ndarray]
     error: dict[str, float]
 
-    def range(self, name: str, low: float, high: float, errors: float) -> tuple[float, float]:
-        """Range of the interval and all refits, with so many errors on either side."""
+    def range(
+        self, name: str, interval: tuple[float, float], errors: float, prior: Prior
+    ) -> tuple[float, float]:
+        """Range of an interval and all refits, with so many errors on either side.
+
+        It goes no further than the prior, as for a stretch that was seen in an image.
+        """
         values = self.stretch[name]
         values = values[np.isfinite(values)]
         margin = errors * self.error[name]
+        low, high = interval
+        first, last = prior_values(prior, np.array([PRIOR_TAIL, 1.0 - PRIOR_TAIL]))
         return (
-            min(low, float(values.min(initial=np.inf)) - margin),
-            max(high, float(values.max(initial=-np.inf)) + margin),
+            min(low, max(float(values.min(initial=np.inf)) - margin, float(first))),
+            max(high, min(float(values.max(initial=-np.inf)) + margin, float(last))),
         )
 
 

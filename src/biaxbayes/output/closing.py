@@ -112,7 +112,7 @@ def _identifiability(run: Run) -> list[str]:
     if _refits(run):
         said.append(
             "the mounting stretch rests on the toe of the model, which these data contradict; "
-            "stresses at measured stretches (report.html) do not"
+            "nominal stresses at measured stretches (report.html) do not"
         )
     return said
 

@@ -18,10 +18,11 @@ __all__ = ["Identified", "write_identifiability_products"]
 
 DETERMINED_NOTES = (
     "median and 90 % interval of the model; stretches are total, or relative to the mounted state "
-    "for stresses at a measured stretch; stiffnesses are derivatives of the Cauchy stress by the "
-    "log stretch; relative_width is the interval over the median",
+    "for nominal stresses at a measured stretch; stiffnesses are derivatives of the Cauchy "
+    "stress by the log stretch; relative_width is the interval over the median",
     "tissue_low_90, tissue_high_90: the interval of the tissue's stress, which holds the error "
-    "that the run inferred as well; use it where the model misses the curves",
+    "that the run inferred as well, and at total stretches a mounting stretch that is not "
+    "identified",
 )
 
 
@@ -80,7 +81,7 @@ def write_identifiability_products(
     table, directions = None, None
     if state == "reliable":
         switch = posterior.settings.fibre_switch
-        table = determined(draws, posterior.specimen, fibre_switch=switch)
+        table = determined(draws, posterior.specimen, fibre_switch=switch, refits=verdicts.refits())
         write_annotated(table, DETERMINED_NOTES, folder / "determined.csv")
         directions = sloppiness(posterior, draws)
         if directions is not None:

@@ -9,6 +9,7 @@ import pandas as pd
 from biaxbayes.findings.determined import MEASURED, determined
 from biaxbayes.output.figures.numbers import number
 from biaxbayes.output.report.names import cut
+from biaxbayes.output.report.parameters import refit_ranges
 from biaxbayes.output.run import Run
 
 __all__ = ["determined_rows"]
@@ -26,7 +27,7 @@ def determined_rows(run: Run) -> list[dict[str, str]]:
     """Quantities that do not depend on how the parameters are split."""
     draws = run.draws.iloc[:: max(1, len(run.draws) // 2000)]
     switch = run.provenance["settings"].get("fibre_switch") is True
-    table = determined(draws, run.specimen, fibre_switch=switch)
+    table = determined(draws, run.specimen, fibre_switch=switch, refits=refit_ranges(run))
     out = []
     for r in table[_shown(table)].to_dict("records"):
         low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))

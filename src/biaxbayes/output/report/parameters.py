@@ -14,7 +14,7 @@ from biaxbayes.output.figures.numbers import number
 from biaxbayes.output.report.names import MEANING, split
 from biaxbayes.output.run import Run
 
-__all__ = ["Row", "parameter_rows", "percent_stretch"]
+__all__ = ["Row", "parameter_rows", "percent_stretch", "refit_ranges"]
 
 SCALES = ("C1", "k1", "k2", "noise_sd", "noise_growth")
 WIDE = 8.0
@@ -163,6 +163,15 @@ def _verdicts(run: Run) -> dict[str, Verdict]:
 def head(record: dict) -> str:
     """The start of a sentence that the row of a table already shows."""
     return f"{record['parameter']}: "
+
+
+def refit_ranges(run: Run) -> dict[str, tuple[float, float]]:
+    """Ranges of the mounting stretches that are not identified, by name."""
+    return {
+        name: ends
+        for name, (verdict, _, ends) in _verdicts(run).items()
+        if verdict == NOT_IDENTIFIED and ends is not None
+    }
 
 
 def refit_range(record: dict) -> tuple[float, float] | None:
