@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.errors import InputError, NotConverged, RunError
+from biaxbayes.executors.executor import executor_for
 from biaxbayes.findings.held_fit import THETA, HeldFit, Target
 from biaxbayes.findings.profile_axis import axis_of
 from biaxbayes.findings.profile_walk import THRESHOLD, Walk
@@ -106,16 +108,14 @@ def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 
     """
     for name in parameters:
         _index(posterior, name)
-    if workers <= 1 or len(parameters) <= 1:
-        return [profile_likelihood(posterior, name) for name in parameters]
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
+    executor = executor_for(max(min(workers, len(parameters)), 1))
     _ = posterior.start  # fitted once, not in every process
-    with ProcessPoolExecutor(
-        min(workers, len(parameters)), mp_context=get_context("spawn")
-    ) as pool:
-        return list(pool.map(profile_likelihood, [posterior] * len(parameters), parameters))
+    found: dict[int, Profile] = {}
+    for outcome in executor.run(partial(profile_likelihood, posterior), parameters):
+        if outcome.lost:
+            raise RunError(f"profile of {parameters[outcome.index]}: {outcome.lost}")
+        found[outcome.index] = outcome.value
+    return [found[i] for i in range(len(parameters))]
 
 
 def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
