@@ -75,9 +75,14 @@ def test_what_was_asked_for():
 
 def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
     pytest.importorskip("distributed")
+    from distributed import default_client
+
     from biaxbayes.executors import dask_cluster
 
     monkeypatch.setattr(dask_cluster, "CONNECT_SECONDS", 1.0)
     for address in ("tcp://127.0.0.1:9", "nowhere", ""):
         with pytest.raises(InputError, match="no Dask scheduler answers"):
             list(dask_cluster.DaskCluster(address).run(tasks.square, [1]))
+    # Nothing is left behind that other libraries would take for a cluster to ask.
+    with pytest.raises(ValueError, match="No client"):
+        default_client()

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import queue
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any, Self
 
 from threadpoolctl import threadpool_limits
@@ -91,19 +91,22 @@ class DaskCluster:
     def _outcomes(
         self, client: Client, index_of: dict[Any, int], stop: Callable[[], object]
     ) -> Iterator[Outcome[Any]]:
-        from distributed import wait
-
+        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        for future in index_of:
+            future.add_done_callback(ended.put)
         cancelled = False
         while index_of:
             if not cancelled and stop():
                 cancelled = True
                 for future in _not_begun(client, index_of):
-                    future.cancel()
                     del index_of[future]
+                    future.cancel()
                 continue
-            with contextlib.suppress(TimeoutError, CancelledError):
-                wait(list(index_of), timeout=POLL_SECONDS, return_when="FIRST_COMPLETED")
-            for future in [f for f in index_of if f.done()]:
+            try:
+                future = ended.get(timeout=POLL_SECONDS)
+            except queue.Empty:
+                continue
+            if future in index_of:  # one that was cancelled ends as well
                 yield self._outcome(index_of.pop(future), future)
                 future.release()
 
@@ -136,7 +139,8 @@ class DaskCluster:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that versions of Dask differ a little
-                return Client(self.scheduler, timeout=CONNECT_SECONDS)
+                # Never the default: what else writes files here must not ask the cluster.
+                return Client(self.scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             raise InputError(
                 f"--scheduler {self.scheduler[:80]}: no Dask scheduler answers there "
