@@ -25,10 +25,10 @@ from model_error.page import put
 
 MODELS = {
     "effective": {},
-    "effective, growing": {"noise_growth": True},
-    "systematic, growing": {"noise": "systematic", "noise_growth": True},
     "independent": {"noise": "independent"},
+    "effective, growing": {"noise_growth": True},
     "effective, per-protocol mounting": {"mounting_stretch": "per-protocol"},
+    "systematic, growing": {"noise": "systematic", "noise_growth": True},
     "systematic, growing, per-protocol mounting": {
         "noise": "systematic",
         "noise_growth": True,

@@ -85,10 +85,14 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     Returns
     -------
     MountingRefits or None
-        None where the mounting stretch was not inferred, or where the residuals of the whole
-        record do not show that the model misses it: then nothing is contradicted.
+        None where the mounting stretch was not inferred, or where the residuals, all or those
+        near the mounted state, do not show that the model misses smoothly: then nothing is
+        contradicted.
     """
-    if not posterior.settings.infers_mounting or not misses_smoothly(posterior.start.residuals):
+    if not posterior.settings.infers_mounting:
+        return None
+    residuals = posterior.start.residuals
+    if not misses_smoothly(residuals) and not misses_smoothly([_toe(r) for r in residuals]):
         return None
     work = _Work(posterior)
     full = work.full
@@ -106,6 +110,11 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
         for axis, name in enumerate(mounting_names("stretch", label)):
             stretch[name] = np.array([np.nan if s is None else s[axis] for s in alone])
     return MountingRefits(tuple(fits), stretch, work.errors())
+
+
+def _toe(residual: np.ndarray) -> np.ndarray:
+    """Residuals near the mounted state."""
+    return residual[: max(4, int(TOE * len(residual)))]
 
 
 def _state(part: str, fit: FitResult, index: int, label: str, shared: bool) -> np.ndarray | None:
@@ -165,7 +174,7 @@ class _Work:
         data = readings(self.data, shared=shared)
         point = coordinates_of(full.material)
         lm, inverse = mounting_roots(data, point, data.mounting_load, settings.fibre_switch)
-        toes = [np.abs(r[: max(4, int(TOE * len(r)))]).max(axis=0) for r in full.residuals]
+        toes = [np.abs(_toe(r)).max(axis=0) for r in full.residuals]
         miss = [np.max(toes, axis=0)] if shared else toes
         out = {}
         for i, label in enumerate(self.posterior.mounts):
