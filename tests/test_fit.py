@@ -368,7 +368,9 @@ def test_ignored_and_zeroed_have_no_mounting_state():
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
     for reading in ("ignored", "zeroed"):
         found = constrained_fit(specimen, reading=reading)
-        assert np.all(found.mounting_stretch == 1.0) and np.all(found.mounting_load == 0.0)
+        assert np.all(found.mounting_stretch == 1.0)
+        # What the model carries at a stretch of one is zero but for rounding.
+        assert np.abs(found.mounting_load).max() < 1e-14
     ignored = constrained_fit(specimen, reading="ignored")
     assert ignored.material.C1_kPa > constrained_fit(specimen, reading="zeroed").material.C1_kPa
 

@@ -58,10 +58,19 @@ def _prior_value(prior: Prior | float | Tie) -> Any:
 def parse_options(table: dict[str, Any]) -> dict[str, Any]:
     """Keyword arguments of :class:`Posterior` from a stored settings table."""
     known = {*Settings.__dataclass_fields__}
-    if not isinstance(table, dict) or not set(table) <= known:
-        raise RunError("provenance.json: the settings are not those of a run")
+    priors = table.get("priors", {})
+    flags = (table.get(name, False) for name in ("noise_growth", "fibre_switch"))
     # A run of before there was thinning has all rows.
-    return {"thin": 0} | table | {"priors": parse_priors(table.get("priors", {}))}
+    thin = table.get("thin", 0)
+    if not (
+        set(table) <= known
+        and isinstance(priors, dict)
+        and all(isinstance(flag, bool) for flag in flags)
+        and isinstance(thin, int)
+        and thin >= 0
+    ):
+        raise RunError("the settings are not those of a run")
+    return table | {"thin": thin, "priors": parse_priors(priors)}
 
 
 def identity(posterior: Posterior, plan: Plan) -> dict[str, Any]:

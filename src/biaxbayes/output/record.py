@@ -12,7 +12,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from biaxbayes.errors import InputError, RunError
+from biaxbayes.errors import BiaxbayesError, InputError, RunError
+from biaxbayes.inference.settings import Settings
+from biaxbayes.output.provenance import parse_options
 from biaxbayes.output.staging import PROVENANCE
 from biaxbayes.specimens.text_file import read_bytes
 
@@ -28,10 +30,23 @@ NEEDED: dict[str, Any] = {
     "settings": dict,
     "seed": int,
     "noise": {"beta": NUMBER, "readings": NUMBER, "effective_readings": (*NUMBER, type(None))},
-    "sampler": {"message": str},
-    "convergence": {"state": str, "reason": str},
+    "sampler": {
+        "message": str,
+        "ensembles": int,
+        "walkers": int,
+        "steps": int,
+        "acceptance": NUMBER,
+    },
+    "convergence": {
+        "state": str,
+        "reason": str,
+        "worst_ess": (*NUMBER, type(None)),
+        "worst_rhat": (*NUMBER, type(None)),
+    },
 }
 """What the readers of a run rely on; a run of this program holds more."""
+ALLOWED = {"priors": dict, "versions": dict, "files": dict}
+"""What may be missing, but not be of another type."""
 
 
 def read_record(folder: Path) -> dict[str, Any]:
@@ -43,26 +58,38 @@ def read_record(folder: Path) -> dict[str, Any]:
         If it is missing, damaged or not that of a run.
     """
     record = read_json(folder, PROVENANCE)
-    missing = _misfit(record, NEEDED)
+    missing = _misfit(record, NEEDED) or _misfit(record, ALLOWED, optional=True)
     if not missing and record["convergence"]["state"] not in STATES:
         missing = "convergence: state"
     if not missing and not 0.0 < record["noise"]["beta"] < math.inf:
         missing = "noise: beta"
+    if not missing:
+        # Only a reliable run states them, and always both.
+        stated = [record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat")]
+        if stated != [record["convergence"]["state"] == "reliable"] * 2:
+            missing = "convergence: worst_ess, worst_rhat"
     if missing:
         raise RunError(f"{folder / PROVENANCE}: is not that of a run (look at {missing!r})")
+    try:
+        Settings(**parse_options(record["settings"]))
+    except (BiaxbayesError, TypeError) as error:
+        raise RunError(f"{folder / PROVENANCE}: is not that of a run (settings: {error})") from None
     return record
 
 
-def _misfit(record: object, needed: dict[str, Any]) -> str:
+def _misfit(record: object, needed: dict[str, Any], *, optional: bool = False) -> str:
     """The first entry that is missing or of another type; empty when there is none."""
     if not isinstance(record, dict):
         return "the whole"
     for key, kind in needed.items():
-        if isinstance(kind, dict):
-            inner = _misfit(record.get(key), kind)
+        if key not in record:
+            if not optional:
+                return key
+        elif isinstance(kind, dict):
+            inner = _misfit(record[key], kind, optional=optional)
             if inner:
                 return f"{key}: {inner}"
-        elif not isinstance(record.get(key), kind) or isinstance(record.get(key), bool):
+        elif not isinstance(record[key], kind) or isinstance(record[key], bool):
             return key
     return ""
 
@@ -79,11 +106,19 @@ def read_json(folder: Path, name: str) -> Any:
     if not path.exists():
         raise RunError(f"{path}: no such file; the run is not finished, continue it with --resume")
     try:
-        return json.loads(_content(path))
+        return json.loads(_content(path), parse_int=_whole)
     except (ValueError, RecursionError):
         raise RunError(
             f"{path}: is damaged (not JSON); sample again, or continue with --resume"
         ) from None
+
+
+def _whole(text: str) -> int:
+    """An integer that fits into 64 bits: with more, not even its printing is safe."""
+    value = int(text)
+    if abs(value) >= 2**63:
+        raise ValueError("too large")
+    return value
 
 
 def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:

@@ -1,0 +1,49 @@
+"""Damaged input of every kind ends in a reading or in one line; thousands more in the long run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hostile.readers import LONG, READERS, finished_run, hammer
+
+
+@pytest.fixture(scope="module")
+def bases(tmp_path_factory):
+    return finished_run(tmp_path_factory.mktemp("bases"))
+
+
+def test_the_long_run_is_long_enough():
+    assert LONG.keys() == READERS.keys()
+    assert sum(LONG.values()) >= 20_000
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_damaged_input_is_read_or_refused(reader, bases, tmp_path):
+    found = hammer(reader, 1, 50, tmp_path, bases)
+    assert found.problems == []
+    assert found.inputs == 50 and found.refused > 10
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_what_is_not_damaged_is_read(reader, bases, tmp_path, monkeypatch):
+    """Or the trials would say nothing: without damage nothing may be refused."""
+    if reader == "options of sample":
+        pytest.skip("has no input but the damage")
+    monkeypatch.setattr("hostile.readers.mutated_bytes", lambda rng, data, *a, **k: data)
+    monkeypatch.setattr("hostile.readers.mutated_table", lambda rng, table, *a, **k: table)
+    monkeypatch.setattr("hostile.readers.damage", lambda rng, parts, key: parts)
+    monkeypatch.setattr("hostile.readers.REPLACED", 0.0)
+    found = hammer(reader, 1, 12, tmp_path, bases)
+    assert (found.problems, found.refused, found.read) == ([], 0, 12)
+
+
+@pytest.mark.slow
+def test_twenty_thousand(tmp_path):
+    """The study whose outcome the page on robustness states."""
+    script = Path(__file__).parents[1] / "scripts" / "study_fuzz.py"
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,170 @@
+"""What must not change the posterior: the name of an axis, a unit, the order of protocols, and
+which of the two fibre families is called the first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.priors import Prior
+from biaxbayes.mechanics.goh import GOH
+from biaxbayes.specimens.specimen import Protocol, Specimen
+
+POINTS = 12
+few = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+
+
+@st.composite
+def cases(draw):
+    """A random specimen of any kind, options of the model, and random parameters."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    pair = draw(st.sampled_from(["force", "piola", "cauchy"]))
+    protocols = []
+    for i in range(draw(st.integers(1, 3))):
+        path = np.linspace(0, 1, draw(st.sampled_from([2, 3, 15])))
+        x, y = (1 + path * rng.uniform(0.02, 0.4) for _ in "xy")
+        load = rng.uniform(0.02, 0.2, 2)[:, None] + np.outer(rng.uniform(0.2, 2, 2), path**2)
+        protocols.append(Protocol(f"p{i}", x, y, *load))
+    specimen = Specimen(
+        "wild",
+        tuple(protocols),
+        pair,
+        draw(st.sampled_from(["unloaded", "mounted"])),
+        edge_x_mm=rng.uniform(5, 30),
+        edge_y_mm=rng.uniform(5, 30),
+        thickness_mm=rng.uniform(0.3, 3),
+        load_noise=0.01,
+    )
+    options = {
+        "mounting": draw(st.sampled_from(["noisy", "exact", "free", "ignored", "zeroed"])),
+        "mounting_stretch": draw(st.sampled_from(["shared", "per-protocol"])),
+        "noise_growth": draw(st.booleans()),
+        "fibre_switch": draw(st.booleans()),
+        "noise": "independent",
+    }
+    posterior = Posterior(specimen, **options)
+    values = {}
+    for name in posterior.free:
+        stem = name.split("[")[0]
+        low, high = {
+            "alpha": (0, 90), "kappa": (0, 1 / 3), "mounting_stretch_x": (0.97, 1.1),
+            "mounting_stretch_y": (0.97, 1.1), "mounting_force_x": (0.02, 0.2),
+            "mounting_force_y": (0.02, 0.2),
+        }.get(stem, (0.05, 5.0))  # fmt: skip
+        values[name] = rng.uniform(low, high, POINTS)
+    return specimen, options, posterior, values
+
+
+def same(a, b, shift=0.0):
+    """Equal log densities but for a constant; zero density where the other has it."""
+    assert np.array_equal(np.isfinite(a), np.isfinite(b))
+    there = np.isfinite(a)
+    np.testing.assert_allclose(a[there], b[there] + shift, rtol=1e-9, atol=1e-6)
+
+
+def exchanged(name):
+    axis = {"x": "y", "y": "x"}
+    stem, bracket, label = name.partition("[")
+    if stem.startswith("mounting"):
+        stem = stem[:-1] + axis[stem[-1]]
+    return stem + bracket + label
+
+
+@few
+@given(case=cases())
+def test_axes_may_be_exchanged(case):
+    """x for y, with alpha to 90 - alpha."""
+    specimen, options, posterior, values = case
+    turned = replace(
+        specimen,
+        protocols=tuple(
+            replace(
+                p, stretch_x=p.stretch_y, stretch_y=p.stretch_x, load_x=p.load_y, load_y=p.load_x
+            )
+            for p in specimen.protocols
+        ),
+        edge_x_mm=specimen.edge_y_mm,
+        edge_y_mm=specimen.edge_x_mm,
+    )
+    there = {exchanged(k): 90.0 - v if k == "alpha" else v for k, v in values.items()}
+    same(posterior.log_density(values), Posterior(turned, **options).log_density(there))
+
+
+@few
+@given(case=cases(), factor=st.sampled_from([1e-3, 0.3, 7.0, 1e3]))
+def test_units_of_load_may_be_changed(case, factor):
+    """All loads and stiffnesses times a factor, and the priors that speak of them."""
+    specimen, options, posterior, values = case
+    scaled = replace(
+        specimen,
+        protocols=tuple(
+            replace(p, load_x=factor * p.load_x, load_y=factor * p.load_y)
+            for p in specimen.protocols
+        ),
+        load_noise=factor * specimen.load_noise,
+    )
+    priors = {}
+    for name in ("C1", "k1"):
+        stated = posterior.priors[name]
+        assert isinstance(stated, Prior)
+        table = stated.as_table()
+        priors[name] = table | {"median": factor * table["median"]}
+    scales = ("C1", "k1", "noise_sd", "mounting_force")
+    there = {k: factor * v if k.startswith(scales) else v for k, v in values.items()}
+    other = Posterior(scaled, **options, priors=priors).log_density(there)
+    # Every reading, and every mounting force that is sampled or read, is a density per load.
+    rows = sum(p.rows - p.rest_rows for p in specimen.protocols)
+    mounts = len(posterior.mounts) if options["mounting"] in ("noisy", "free", "exact") else 0
+    # noisy: a reading and, by the determinant, a prior of each force; free: a reading; exact: the
+    # determinant alone.
+    each = {"noisy": 2, "free": 1, "exact": 1}.get(options["mounting"], 0)
+    same(
+        posterior.log_density(values), other, shift=(2 * rows + 2 * mounts * each) * np.log(factor)
+    )
+
+
+@few
+@given(case=cases(), seed=st.integers(0, 1000))
+def test_protocols_may_come_in_any_order(case, seed):
+    specimen, options, posterior, values = case
+    order = np.random.default_rng(seed).permutation(len(specimen.protocols))
+    shuffled = replace(specimen, protocols=tuple(specimen.protocols[i] for i in order))
+    same(posterior.log_density(values), Posterior(shuffled, **options).log_density(values))
+
+
+@few
+@given(
+    alpha=st.floats(0, 90),
+    kappa=st.floats(0, 1 / 3),
+    k2=st.floats(0, 50),
+    lx=st.floats(0.9, 1.3),
+    ly=st.floats(0.9, 1.3),
+)
+def test_families_may_be_exchanged(alpha, kappa, k2, lx, ly):
+    """The stress is that of two families, each with its own fibres, whichever comes first."""
+
+    def family(angle):
+        """Fibre stress of one family at an angle, by its full structure tensor."""
+        a = np.array([np.cos(angle), np.sin(angle), 0.0])
+        H = kappa * np.eye(3) + (1 - 3 * kappa) * np.outer(a, a)
+        F = np.diag([lx, ly, 1 / (lx * ly)])
+        E = np.trace(H @ F.T @ F) - 1.0
+        # W = k1 / (2 k2) (exp(k2 E^2) - 1) a family: sigma = 2 k1 E exp(k2 E^2) F H F^T
+        return 2 * 20.0 * E * np.exp(k2 * E * E) * F @ H @ F.T
+
+    angle = np.deg2rad(alpha)
+    both = [family(s * angle) + family(-s * angle) for s in (1, -1)]
+    np.testing.assert_allclose(both[0], both[1], rtol=1e-12)
+    matrix = 2 * 5.0 * np.diag([lx, ly, 1 / (lx * ly)]) ** 2
+    total = matrix + both[0]
+    total -= total[2, 2] * np.eye(3)  # plane stress
+    got = GOH(C1_kPa=5.0, k1_kPa=20.0, k2=k2, alpha_deg=alpha, kappa=kappa).cauchy(lx, ly)
+    np.testing.assert_allclose(
+        [float(s) for s in got], [total[0, 0], total[1, 1]], rtol=1e-9, atol=1e-9
+    )
+    assert abs(total[0, 1]) == pytest.approx(0.0, abs=1e-9 * (1 + abs(total).max()))
