@@ -64,9 +64,11 @@ def read_record(folder: Path) -> dict[str, Any]:
     if not missing and not 0.0 < record["noise"]["beta"] < math.inf:
         missing = "noise: beta"
     if not missing:
-        # Only a reliable run states them, and always both.
+        # A reliable run states them, and whatever run does states both.
         stated = [record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat")]
-        if stated != [record["convergence"]["state"] == "reliable"] * 2:
+        if stated[0] != stated[1] or not (
+            stated[0] or record["convergence"]["state"] != "reliable"
+        ):
             missing = "convergence: worst_ess, worst_rhat"
     if missing:
         raise RunError(f"{folder / PROVENANCE}: is not that of a run (look at {missing!r})")
