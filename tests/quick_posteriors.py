@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.sampler import Plan, draw
@@ -58,3 +61,22 @@ def sampled(data: Specimen, *, ess: float = 150.0, seed: int = 1, **options: Any
     found = draw(target, Plan(ess=ess, seed=seed, workers=2))
     draws = pd.DataFrame({name: q.ravel() for name, q in found.quantities.items()})
     return Sampled(target, draws, found.convergence.state, found.quantities)
+
+
+@contextlib.contextmanager
+def runs_without_figures() -> Iterator[None]:
+    """Run folders whose figures other tests look at: here they would cost most of the time."""
+    from biaxbayes.findings.identifiability import identify_draws
+    from biaxbayes.output import run_products
+    from biaxbayes.output.archive import flatten
+    from biaxbayes.output.report import page
+
+    def verdicts_alone(folder, posterior, draws):
+        table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})
+        found = identify_draws(posterior, table, draws.convergence.state)
+        run_products.write_identifiability(found, folder / "identifiability.csv")
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(run_products, "write_products", verdicts_alone)
+        patched.setattr(page, "_determined", lambda run: [])
+        yield

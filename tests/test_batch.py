@@ -17,7 +17,6 @@ from biaxbayes.executors.executor import InThisProcess, Outcome
 from biaxbayes.inference.study_file import read_study
 from biaxbayes.mechanics.goh import GOH
 from biaxbayes.output import batch as batch_module
-from biaxbayes.output import run_products
 from biaxbayes.output.batch import Batch
 from biaxbayes.output.batch_task import SpecimenTask, Tried, try_specimen
 from biaxbayes.output.run import open_run
@@ -48,16 +47,14 @@ layer = "intima"
 """
 
 
-@pytest.fixture(scope="module")
-def quick_figures():
-    """Runs without their figures, which other tests look at."""
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(run_products, "_save", lambda folder, stem, figure: None)
+@pytest.fixture(scope="module", autouse=True)
+def quick_runs():
+    with quick_posteriors.runs_without_figures():
         yield
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory, quick_figures):
+def study(tmp_path_factory):
     folder = tmp_path_factory.mktemp("specimens")
     for name, material in (("media", MEDIA), ("intima", INTIMA)):
         data = quick_posteriors.specimen(material, increments=8)

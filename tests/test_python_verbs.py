@@ -14,7 +14,6 @@ import quick_posteriors
 from biaxbayes.cli import VERBS
 from biaxbayes.errors import InputError
 from biaxbayes.mechanics.goh import GOH
-from biaxbayes.output import run_products
 
 DATA = Path(__file__).parents[1] / "data"
 MATERIAL = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=38.0, kappa=0.1)
@@ -23,8 +22,7 @@ MATERIAL = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=38.0, kappa=0.1)
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "media"
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(run_products, "_save", lambda folder, stem, figure: None)
+    with quick_posteriors.runs_without_figures():
         made = quick_posteriors.specimen(MATERIAL, increments=8)
         return biaxbayes.sample(
             made, out=folder, noise="independent", mounting="exact", priors={"kappa": 0.1}, ess=60
