@@ -1,10 +1,13 @@
 """Paths that the model misses are named wherever a run is written about."""
 
+import os
 import re
+from pathlib import Path
 
 import pytest
 
 import biaxbayes
+from biaxbayes.cli import main
 from biaxbayes.mechanics.goh import GOH
 from biaxbayes.output.closing import closing_message
 from biaxbayes.output.report.page import report_page
@@ -13,6 +16,7 @@ from model_cases import bent
 from quick_posteriors import specimen
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
+REAL = os.environ.get("BIAXBAYES_REAL", "")
 WRITERS = (closing_message, report_page, markdown_table, latex_table)
 
 
@@ -42,3 +46,33 @@ def test_a_described_specimen_is_not_warned_of(data, tmp_path):
     run = biaxbayes.sample(data, out=tmp_path / "run", ess=60, workers=1)
     for write in WRITERS:
         assert "GOH misses" not in write(run)
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not REAL, reason="BIAXBAYES_REAL is not set")
+def test_a_tared_valve_that_goh_does_not_describe_is_warned_of(tmp_path, capsys):
+    """Porcine aortic valve, resampled and tared: both are told, whatever is asked for."""
+    raw, made = Path(REAL) / "valve-pymecht" / "biax-data.csv", tmp_path / "valve.csv"
+    columns = "stretch_x=lambda_1,stretch_y=lambda_2,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
+    columns += ",protocol=protocol"
+    options = ["--machine", "generic", "--geometry", "unloaded", "--columns", columns]
+    assert run_command("convert", raw, *options, "--out", made) == 0
+    capsys.readouterr()
+    assert run_command("check", made) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "the load cell was tared" in said and "GOH does not describe this specimen" in said
+    assert run_command("fit", made) == 0
+    told = capsys.readouterr().err
+    assert "a tared load cell" in told and "GOH does not describe this specimen" in told
+    assert run_command("sample", made, "--out", tmp_path / "run") == 2
+    assert "tared" in capsys.readouterr().err
+    zeroed = ["--mounting", "zeroed", "--ess", 100, "--workers", 1, "--out", tmp_path / "run"]
+    assert run_command("sample", made, *zeroed) == 0
+    out = capsys.readouterr().out
+    assert "GOH misses the" in out and "do not use these parameters for that path" in out
+
+
+def run_command(*arguments) -> int:
+    with pytest.raises(SystemExit) as left:
+        main([str(a) for a in arguments])
+    return int(left.value.code or 0)

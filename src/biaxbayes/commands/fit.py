@@ -75,6 +75,7 @@ def command(
     fibre_switch: bool,
 ) -> int:
     """Fit the material by least squares, with and without the mounting stretch."""
+    from biaxbayes.findings.goh_description import poor_fit
     from biaxbayes.inference.fit import fit, fit_all
 
     fixed = dict(_held(text) for text in fix)
@@ -99,6 +100,8 @@ def command(
             "constrained cannot infer prestretch; give it with --mounting-force X Y",
             err=True,
         )
+    if poor := poor_fit(data, fits):
+        click.echo(f"warning: {poor}", err=True)
     missed = [found.method for found in fits if not found.converged]
     if missed:
         click.echo(f"not converged: {', '.join(missed)}", err=True)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from biaxbayes.inference.fit import fit
+from biaxbayes.inference.fit import FitResult, fit
 from biaxbayes.specimens.finding import Finding
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["goh_description"]
+__all__ = ["goh_description", "poor_fit"]
 
 POOR = 0.07
 """A misfit beyond this share of the largest load is no description."""
@@ -63,6 +64,24 @@ def goh_description(specimen: Specimen, *, starts: int = 4, seed: int = 0) -> Fi
         )
     return Finding(
         "goh-misfit", "note", f"GOH follows this specimen: its best fit misses by {size}"
+    )
+
+
+def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
+    """A warning where even the closest of some fits is no description; else empty.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    fits : sequence of FitResult
+    """
+    misses = [float(np.sqrt(np.mean(np.concatenate(f.residuals) ** 2))) for f in fits]
+    rms, peak = min(misses, default=0.0), specimen.peak_load
+    if not rms > POOR * peak:
+        return ""
+    return (
+        f"GOH does not describe this specimen: the closest fit misses by {rms:.2g} {specimen.unit} "
+        f"rms, {100 * rms / peak:.1f} % of the largest load. Do not trust its parameters"
     )
 
 
