@@ -143,6 +143,8 @@ def _run(task: SpecimenTask, notes: list[str]) -> Run:
     )
     sampling.source = task.source
     with first_alone():
+        if stop():  # while another process was compiling
+            raise Interrupted("stopped before it began")
         try:
             folder = sampling.execute(resume=True, progress=note, stop=stop)
         except CannotResume as error:
