@@ -433,11 +433,11 @@ READERS: dict[str, Callable[[np.random.Generator, Path, Bases, Tally], None]] = 
 
 
 LONG = {
-    "specimen CSV": 6000,
+    "specimen CSV": 6300,
     "priors TOML": 4000,
     "study TOML": 3000,
     "machine export": 4000,
-    "run folder": 800,
+    "run folder": 500,
     "checkpoint": 1000,
     "path of stretches": 1500,
     "options of sample": 1500,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import time
 import warnings
@@ -67,8 +66,8 @@ class Sampling:
             source, stem = Path(specimen).name, Path(specimen).stem
             specimen = read_specimen(specimen)
         for name, value, least in (("--ess", ess, 50), ("--max-steps", max_steps, 128)):
-            if not (value >= least and math.isfinite(value)):
-                raise InputError(f"{name} must be a number, at least {least}")
+            if not least <= value < 2**63:
+                raise InputError(f"{name} must be a number from {least} to 9e18")
         if not 0 <= seed < 2**63:
             raise InputError("--seed must be a whole number from 0 to 9223372036854775807")
         if workers is None:

@@ -81,7 +81,7 @@ def read_summary(path: Path) -> pd.DataFrame:
     try:
         table = pd.read_csv(path, dtype={"parameter": str, "unit": str}, keep_default_na=True)
         table[list(COLUMNS[2:])] = table[list(COLUMNS[2:])].astype(float)
-    except (OSError, ValueError, KeyError, TypeError, MemoryError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
         raise RunError(
             f"{path}: cannot be read as the summary of a run ({type(error).__name__})"
         ) from None

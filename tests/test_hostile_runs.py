@@ -1,0 +1,176 @@
+"""Run folders that a stranger made, or a disk damaged: one line, and nothing outside is touched."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import pytest
+
+from biaxbayes.cli import main
+from hostile.readers import finished_run
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return finished_run(tmp_path_factory.mktemp("made")).run
+
+
+@pytest.fixture
+def run(made, tmp_path):
+    return Path(shutil.copytree(made, tmp_path / "run"))
+
+
+def refused(run: Path, capsys) -> str:
+    """The one line of a refusal."""
+    with pytest.raises(SystemExit) as ended:
+        main(["report", str(run), "--format", "md", "--out", "-"])
+    told = capsys.readouterr()
+    assert ended.value.code == 2, told
+    assert told.err.count("\n") == 1 and str(run) in told.err and told.out == ""
+    return told.err
+
+
+def record(run: Path) -> dict:
+    return json.loads((run / "provenance.json").read_text())
+
+
+def sealed(run: Path, name: str = "", **changes: object) -> None:
+    """Write the record with changes, and with the right checksum of a file."""
+    new = record(run) | changes
+    if name:
+        new["files"][name] = hashlib.sha256((run / name).read_bytes()).hexdigest()
+    (run / "provenance.json").write_text(json.dumps(new))
+
+
+RECORDS = {
+    "empty": (b"", "is empty"),
+    "cut off": (b'{"seed": 1', "is damaged (not JSON)"),
+    "no JSON": (b"\x00\xff\xfe", "is damaged (not JSON)"),
+    "deep": (b"[" * 100_000, "is damaged (not JSON)"),
+    "a list": (b"[]", "'the whole'"),
+    "another program's": (b'{"seed": 1}', "is not that of a run"),
+}
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_record_that_is_none(run, capsys, name):
+    content, says = RECORDS[name]
+    (run / "provenance.json").write_bytes(content)
+    err = refused(run, capsys)
+    assert says in err and "provenance.json" in err
+
+
+ENTRIES = {
+    "state": ({"convergence": {"state": "great"}}, "convergence: state"),
+    "weight": ({"noise": {"beta": float("nan")}}, "noise: beta"),
+    "seed": ({"seed": "1"}, "seed"),
+    "whole number beyond 64 bits": ({"seed": 10**400}, "not JSON"),
+    "flag": ({"settings": {"fibre_switch": "no"}}, "settings"),
+    "choice": ({"settings": {"mounting": "guessed"}}, "mounting must be one of"),
+    "priors": ({"settings": {"priors": ["kappa"]}}, "settings"),
+    "code": ({"settings": {"priors": {"kappa": "__import__('os')"}}}, "kappa"),
+    "versions": ({"versions": []}, "versions"),
+}
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_an_entry_of_another_kind(run, capsys, name):
+    changes, says = ENTRIES[name]
+    whole = record(run)
+    merged = {
+        k: whole[k] | v if isinstance(v, dict) and isinstance(whole[k], dict) else v
+        for k, v in changes.items()
+    }
+    sealed(run, **merged)
+    assert says in refused(run, capsys)
+
+
+def test_a_summary_with_a_number_beyond_all_bounds(run, capsys):
+    lines = (run / "summary.csv").read_text().splitlines()
+    cells = lines[1].split(",")
+    cells[3] = "9" * 400
+    (run / "summary.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n")
+    sealed(run, "summary.csv")
+    assert "cannot be read as the summary of a run" in refused(run, capsys)
+
+
+@pytest.mark.parametrize("name", ["posterior.nc", "summary.csv", "specimen.csv"])
+def test_a_file_changed_since_or_gone(run, capsys, name):
+    data = bytearray((run / name).read_bytes())
+    data[len(data) // 2] ^= 1
+    (run / name).write_bytes(bytes(data))
+    assert "is not the file that the run wrote" in refused(run, capsys)
+    (run / name).unlink()
+    assert "no such file" in refused(run, capsys)
+
+
+@pytest.mark.parametrize("name", ["provenance.json", "posterior.nc", "specimen.csv"])
+def test_links_lead_nowhere_outside(run, capsys, tmp_path, name):
+    shutil.move(run / name, tmp_path / "elsewhere")
+    (run / name).symlink_to(tmp_path / "elsewhere")
+    assert "leads outside the run folder" in refused(run, capsys)
+    (run / name).unlink()
+    (run / name).symlink_to(run / name)
+    assert "link" in refused(run, capsys)
+
+
+def posterior_linked(path: Path) -> None:
+    with h5py.File(path, "a") as file:
+        del file["posterior/C1"]
+        file["posterior/C1"] = h5py.ExternalLink("/etc/passwd", "/posterior/C1")
+
+
+def posterior_looped(path: Path) -> None:
+    with h5py.File(path, "a") as file:
+        file["posterior/again"] = file["posterior"]
+
+
+def posterior_bomb(path: Path) -> None:
+    with h5py.File(path, "a") as file:
+        file.create_dataset(
+            "bomb", shape=(10**12,), dtype="f8", chunks=(2**20,), compression="gzip"
+        )
+
+
+def posterior_cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:5000])
+
+
+def posterior_not_finite(path: Path) -> None:
+    with h5py.File(path, "a") as file:
+        file["posterior/C1"][0, 0] = float("nan")
+
+
+def posterior_lacking(path: Path) -> None:
+    with h5py.File(path, "a") as file:
+        del file["posterior/kappa"]
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (posterior_linked, "links to other data"),
+        (posterior_looped, "its groups loop"),
+        (posterior_bomb, "claims more data than it can hold"),
+        (posterior_cut, "cannot be read as a posterior"),
+        (posterior_not_finite, "values that are not finite"),
+        (posterior_lacking, "no kappa"),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_a_posterior_that_no_run_wrote(run, capsys, damage, says):
+    damage(run / "posterior.nc")
+    sealed(run, "posterior.nc")
+    assert says in refused(run, capsys)
+
+
+def test_not_a_folder_of_a_run(tmp_path, capsys):
+    assert "no such file" in refused(tmp_path, capsys)
+    (tmp_path / "file").write_text("")
+    assert "is not a run folder" in refused(tmp_path / "file", capsys)
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    assert "is not a run folder" in refused(tmp_path / "loop", capsys)

@@ -1,0 +1,116 @@
+"""Runs whose walkers cannot reach all of the posterior: what is written, and the exit code."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from biaxbayes.cli import main
+from biaxbayes.inference import sampler
+from biaxbayes.inference.ensembles import Ensembles
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.sampler import Plan
+from biaxbayes.output import run_products, sampling
+from biaxbayes.output.report import page
+
+SPECIMEN = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"
+CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """No figures, few walkers."""
+    monkeypatch.setattr(run_products, "write_products", lambda *a: None)
+    monkeypatch.setattr(page, "write_report", lambda *a: None)
+    monkeypatch.setattr(sampling, "Plan", partial(Plan, walkers=32, population=2048))
+
+
+def sample(out, capsys, most=256) -> tuple[int, dict, pd.DataFrame]:
+    """Exit code, provenance and summary of a run; its draws are there whatever came of it."""
+    with pytest.raises(SystemExit) as ended:
+        main(
+            ["sample", str(SPECIMEN), "--out", str(out), "--quiet", "--workers", "1"]
+            + ["--ess", "400", "--max-steps", str(most)]
+        )
+    assert (out / "posterior.nc").is_file()
+    record = json.loads((out / "provenance.json").read_text())
+    code = ended.value.code or 0
+    assert record["convergence"]["reason"] in capsys.readouterr().err
+    return code, record["convergence"], pd.read_csv(out / "summary.csv")
+
+
+def with_a_wall(monkeypatch):
+    """No density where the third coordinate is within most of an sd of its median.
+
+    Two basins, both with mass; every second ensemble starts in the other one.
+    """
+    real, starts = Posterior.log_prob, sampler.dispersed_starts
+    place: dict[str, float] = {}
+
+    def log_prob(self, coordinates):
+        out = real(self, coordinates)
+        if place:
+            inside = np.abs(np.atleast_2d(coordinates)[:, 2] - place["at"]) < place["width"]
+            out[inside] = -np.inf
+        return out
+
+    def on_two_sides(population, log_weight, rng, *, ensembles, walkers):
+        weight = np.exp(log_weight - log_weight.max())
+        order = np.argsort(population[:, 2])
+        share = np.cumsum(weight[order]) / weight.sum()
+        low, at, high = population[order, 2][np.searchsorted(share, [0.16, 0.5, 0.84])]
+        place.update(at=at, width=0.4 * (high - low))
+        out = []
+        for i in range(ensembles):
+            side = (-1) ** i * (population[:, 2] - at) > place["width"]
+            there = np.where(side, log_weight, -np.inf)
+            out += starts(population, there, rng, ensembles=1, walkers=walkers)
+        return out
+
+    monkeypatch.setattr(Posterior, "log_prob", log_prob)
+    monkeypatch.setattr(sampler, "dispersed_starts", on_two_sides)
+
+
+def test_two_basins_are_sampled_where_a_move_crosses(tmp_path, capsys, monkeypatch):
+    with_a_wall(monkeypatch)
+    code, convergence, _ = sample(tmp_path / "run", capsys, most=2048)
+    assert code == 0 and convergence["state"] == "reliable", convergence
+
+
+def test_ensembles_that_stay_in_their_basins_make_a_run_unusable(tmp_path, capsys, monkeypatch):
+    """Without the move that crosses: each ensemble alone looks converged."""
+    with_a_wall(monkeypatch)
+    monkeypatch.setattr(Ensembles, "set_share", lambda self, share: None)
+    code, convergence, table = sample(tmp_path / "run", capsys)
+    assert (code, convergence["state"]) == (3, "unusable")
+    assert convergence["reason"].startswith("R-hat of ")
+    assert convergence["worst_rhat"] > 1.1
+    assert table[CELLS].isna().all(axis=None)
+    assert (table["rhat"] > 1.1).any()
+
+
+def test_a_walker_that_never_moves_is_noticed(tmp_path, capsys, monkeypatch):
+    """One of 128 walkers, at a point of the posterior's tail where nothing reaches it."""
+    real = Ensembles.run
+
+    def run(self, steps):
+        walkers = self.members[0].state
+        if not hasattr(self, "held"):
+            z = walkers.coords - np.median(walkers.coords, axis=0)
+            far = np.argmax(np.abs(z / z.std(axis=0)).max(axis=1))
+            self.held = walkers.coords[far].copy(), float(walkers.log_prob[far])
+        chain, log_prob = real(self, steps)
+        walkers = self.members[0].state
+        chain[0, :, 0], log_prob[0, :, 0] = self.held
+        walkers.coords[0], walkers.log_prob[0] = self.held
+        return chain, log_prob
+
+    monkeypatch.setattr(Ensembles, "run", run)
+    code, convergence, table = sample(tmp_path / "run", capsys)
+    assert code == 3 and convergence["state"] != "reliable"
+    assert table[["ess_bulk", "ess_tail"]].isna().all(axis=None)
