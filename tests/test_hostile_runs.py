@@ -89,13 +89,19 @@ def test_an_entry_of_another_kind(run, capsys, name):
     assert says in refused(run, capsys)
 
 
-def test_a_summary_with_a_number_beyond_all_bounds(run, capsys):
-    lines = (run / "summary.csv").read_text().splitlines()
-    cells = lines[1].split(",")
-    cells[3] = "9" * 400
-    (run / "summary.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n")
+def test_numbers_beyond_all_bounds(run, capsys):
+    """A column of integers that no float holds, and such an option."""
+    head, *lines = (run / "summary.csv").read_text().splitlines()
+    at = head.split(",").index("q50")
+    rows = [line.split(",") for line in lines]
+    rows = [",".join([*row[:at], "9" * 400, *row[at + 1 :]]) for row in rows]
+    (run / "summary.csv").write_text("\n".join([head, *rows]) + "\n")
     sealed(run, "summary.csv")
     assert "cannot be read as the summary of a run" in refused(run, capsys)
+    with pytest.raises(SystemExit) as ended:
+        main(["sample", str(run / "specimen.csv"), "--max-steps", "9" * 400, "--out", "none"])
+    assert ended.value.code == 2
+    assert "--max-steps must be a number" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["posterior.nc", "summary.csv", "specimen.csv"])
