@@ -29,7 +29,9 @@ def data():
 def missed(data, tmp_path_factory):
     name = data.protocols[1].name
     folder = tmp_path_factory.mktemp("missed") / "run"
-    return name, biaxbayes.sample(bent(data, name, 0.3), out=folder, ess=100, workers=1)
+    return name, biaxbayes.sample(
+        bent(data, name, 0.2), out=folder, noise="independent", ess=100, workers=1
+    )
 
 
 @pytest.mark.parametrize("write", WRITERS)
