@@ -12,12 +12,17 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import quick_posteriors
 from biaxbayes.executors.dask_cluster import DaskCluster
 from biaxbayes.executors.executor import InThisProcess
 from biaxbayes.executors.local_processes import LocalProcesses
+from biaxbayes.findings.calibration import Study
+from biaxbayes.findings.design import design
+from biaxbayes.findings.replications import run_replications
+from biaxbayes.findings.study_prior import protocol_prior
 from biaxbayes.inference.study_file import read_study
 from biaxbayes.mechanics.goh import GOH
 from biaxbayes.output.batch import Batch
@@ -103,3 +108,19 @@ def test_a_cluster_that_loses_a_worker_finds_the_same(study, alone, cluster, tmp
     assert workers[0].wait(10) == -signal.SIGKILL
     assert sum(result.states.values()) == SPECIMENS and not result.failures
     assert contents(folder) == alone
+
+
+def test_a_cluster_ranks_designs_and_replicates_as_one_process_does(cluster):
+    address, _ = cluster
+    material = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=40.0, kappa=0.1)
+    data = quick_posteriors.specimen(material, increments=10)
+    run = quick_posteriors.sampled(data, ess=60.0)
+    priors = protocol_prior(data)
+    replications = Study(data, {"noise": "independent", "mounting": "noisy"}, priors, ess=200.0)
+    found = []
+    for executor in (InThisProcess(), DaskCluster(address)):
+        ranked = design(run.target, run.draws, executor=executor).to_frame()
+        ranks = {r.index: r.rank for r in run_replications(replications, [0, 1], executor=executor)}
+        found.append((ranked, ranks))
+    pd.testing.assert_frame_equal(found[0][0], found[1][0], check_exact=True)
+    assert found[0][1] == found[1][1]
