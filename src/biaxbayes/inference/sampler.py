@@ -22,7 +22,7 @@ from biaxbayes.inference.proposal import Proposal
 from biaxbayes.inference.search import search
 from biaxbayes.inference.warmup import WarmUp, warm_up
 
-__all__ = ["Draws", "Plan", "Progress", "draw", "first_state"]
+__all__ = ["Draws", "Plan", "Progress", "draw", "ensembles_at", "first_state"]
 
 FIRST_BLOCK = 64
 BLOCK_GROWTH = 1.5
@@ -167,7 +167,7 @@ def draw(
         state, seconds = first_state(posterior, plan, progress)
         if on_block:
             on_block(state)
-    ensembles = _ensembles(posterior, plan, state)
+    ensembles = ensembles_at(posterior, plan, state)
     clock = time.perf_counter()
     convergence = None
     if state.steps:
@@ -252,7 +252,7 @@ def first_state(
     return state, seconds
 
 
-def _ensembles(posterior: Posterior, plan: Plan, state: State) -> Ensembles:
+def ensembles_at(posterior: Posterior, plan: Plan, state: State) -> Ensembles:
     """Ensembles that continue from a state."""
     posterior.use_chart(state.softening)
     ensembles = Ensembles(

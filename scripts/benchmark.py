@@ -1,0 +1,145 @@
+"""biaxbayes against other samplers on the same posteriors, in one run, one core each.
+
+    OMP_NUM_THREADS=1 python scripts/benchmark.py --write docs/benchmark.md
+    python scripts/benchmark.py --quick
+
+The five shipped specimens with both noise models: effective draws a second and a density
+evaluation of our sampler, of emcee's stretch move in natural parameters on the same compiled
+density, of NUTS (numpyro) and of a nested sampler (nautilus); the cost of the densities that a
+script of today and pyMechT would use; the cost of ours; wall time and memory of whole commands.
+Needs the extra ``bench``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+from pathlib import Path
+from typing import Any
+
+# One core each: set before NumPy and JAX start their threads.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault(
+    "XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+)
+
+from dataclasses import asdict
+
+import numpy as np
+
+from biaxbayes.inference.posterior import Posterior
+from biaxbayes.inference.sampler import Plan, draw
+from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.specimens.text_file import atomic_write_text
+from peers.agreement import agreement
+from peers.costs import density_cost, growth_with_points, growth_with_walkers
+from peers.natural_density import NaturalDensity
+from peers.nuts import nuts
+from peers.outcome import Outcome
+from peers.page import page
+from peers.samplers import emcee_plain, nested, ours
+from peers.scalar_codes import lab_script, pymecht_density, seconds_of
+from peers.whole import whole_commands
+
+DATA = Path(__file__).resolve().parent.parent / "data"
+SPECIMENS = ("donor1", "donor2", "donor2-intima", "donor2-media", "donor2-adventitia")
+NOISES = ("independent", "effective")
+PLAIN_LIMIT = 20.0
+"""Plain emcee may take so many times as long as ours to converge."""
+LEAST_LIMIT = 20.0  # seconds
+FULL = {"steps": 384, "warmup": 600, "draws": 600, "live": 1500, "nested_limit": 300}
+QUICK = {"steps": 128, "warmup": 150, "draws": 100, "live": 500, "nested_limit": 30}
+
+
+def _told(outcome: Outcome) -> dict[str, Any]:
+    """What the page needs of an outcome, without the draws."""
+    return {
+        "ess": outcome.ess,
+        "evaluations": outcome.evaluations,
+        "seconds": outcome.seconds,
+        "warmup_seconds": outcome.warmup_seconds,
+        "rate": outcome.rate,
+        "rate_with_warmup": outcome.rate_with_warmup,
+        "rhat": outcome.rhat,
+        "note": outcome.note,
+        "log_evidence": outcome.log_evidence,
+        **outcome.extra,
+    }
+
+
+def one_case(task: tuple[str, str, bool]) -> dict[str, Any]:
+    """All samplers on one posterior."""
+    name, noise, quick = task
+    size = QUICK if quick else FULL
+    specimen = read_specimen(DATA / f"{name}.csv")
+    posterior = Posterior(specimen, noise=noise)
+    draw(posterior, Plan(ess=50.0, workers=1, seed=9))  # everything is compiled before it is timed
+    density = NaturalDensity(specimen, posterior.beta)
+    mine = ours(posterior, steps=size["steps"])
+    limit = max(PLAIN_LIMIT * mine.extra["to_criterion"], LEAST_LIMIT)
+    others = {
+        "emcee": emcee_plain(density, limit=0.1 * limit if quick else limit),
+        "NUTS": nuts(density, warmup=size["warmup"], draws=size["draws"]),
+        "nautilus": nested(density, live=size["live"], limit=size["nested_limit"]),
+    }
+    found = {"specimen": name, "noise": noise, "ours": _told(mine)}
+    found |= {key: _told(value) for key, value in others.items()}
+    found["agreement"] = {key: asdict(agreement(mine, others[key])) for key in ("NUTS", "nautilus")}
+    points = density.starts(50, np.random.default_rng(2))
+    forces = points.copy()
+    forces[:, 5:7] = density.problem.reading[0]
+    found["lab_script_seconds"] = seconds_of(lab_script(density), forces, least=0.5)
+    found["pymecht_seconds"] = seconds_of(pymecht_density(density), points, least=0.5)
+    print(
+        f"{name}, {noise}: ours {mine.rate:.0f}/s, "
+        + ", ".join(f"{key} {value.rate:.1f}/s" for key, value in others.items()),
+        flush=True,
+    )
+    return found
+
+
+def main() -> None:
+    """Run the cases, then the costs and the whole commands, and tell."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="one specimen, short runs")
+    parser.add_argument("--only", default="", help="specimens whose name contains this")
+    parser.add_argument("--json", type=Path, help="write the figures to this file as well")
+    parser.add_argument("--from-json", type=Path, help="write the page of an earlier run")
+    parser.add_argument("--jobs", type=int, default=1, help="posteriors at a time, one core each")
+    parser.add_argument("--write", type=Path, help="write the page")
+    options = parser.parse_args()
+    if options.from_json:
+        found = json.loads(options.from_json.read_text())
+    else:
+        found = measured(options)
+    if options.json:
+        atomic_write_text(options.json, json.dumps(found, indent=1) + "\n")
+    text = page(found)
+    print(text)
+    if options.write:
+        atomic_write_text(options.write, text)
+
+
+def measured(options: argparse.Namespace) -> dict[str, Any]:
+    """All figures."""
+    names = SPECIMENS[-1:] if options.quick else [n for n in SPECIMENS if options.only in n]
+    tasks = [(name, noise, options.quick) for name in names for noise in NOISES]
+    specimen = read_specimen(DATA / "donor2-media.csv")
+    evaluation, exponentials, rows = density_cost(specimen)
+    found: dict[str, Any] = {
+        "quick": options.quick,
+        "density": {"evaluation": evaluation, "exponentials": exponentials, "rows": rows},
+        "by_points": growth_with_points(),
+        "by_walkers": growth_with_walkers(specimen),
+        "commands": [asdict(c) for c in whole_commands(DATA, cold=not options.quick)],
+    }
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(options.jobs, maxtasksperchild=1) as pool:
+        found["cases"] = pool.map(one_case, tasks, chunksize=1)
+    return found
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""What biaxbayes is timed against, and how the times are taken."""
