@@ -59,7 +59,7 @@ class AdaptedIndependenceMove(Move):
         self,
         rng: np.random.Generator | None = None,
         *,
-        sweeps: int = 2,
+        sweeps: int = 4,
         components: int = 8,
         edges: Mapping[int, tuple[float, float]] | None = None,
         proposal: Proposal | None = None,

@@ -24,9 +24,9 @@ from biaxbayes.inference.warmup import WarmUp, warm_up
 
 __all__ = ["Draws", "Plan", "Progress", "draw", "ensembles_at", "first_state"]
 
-FIRST_BLOCK = 64
+FIRST_BLOCK = 128
 BLOCK_GROWTH = 1.5
-MAX_KEPT_STEPS = 512
+MAX_KEPT_STEPS = 1024
 """Beyond this every other kept step is dropped and the thinning doubled."""
 
 
@@ -53,7 +53,7 @@ class Plan:
     ess: float = 2000.0
     max_steps: int = 20_000
     ensembles: int = 4
-    walkers: int = 128
+    walkers: int = 64
     seed: int = 1
     workers: int = 1
     population: int = POPULATION

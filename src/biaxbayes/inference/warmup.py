@@ -14,10 +14,8 @@ from biaxbayes.inference.proposal import Proposal
 __all__ = ["WarmUp", "warm_up"]
 
 ROUND_STEPS = 16
-FINAL_STEPS = 96
-FINAL_COMPONENTS = 20
-FRESH = 16_384  # draws of the proposal itself that it is held against
-COVERING_ROUNDS = 3
+FINAL_COMPONENTS = 12
+COVERING_ROUNDS = 2
 STICKY = 3.0  # log weight above the median at which differential evolution gets half the steps
 MAX_ROUNDS = 8
 ENOUGH = 0.65  # acceptance at which more adaptation buys little
@@ -70,26 +68,28 @@ def warm_up(
     ensembles.proposal = proposal
     ensembles.set_share(0.7)
     best, stalled, rounds = -1.0, 0, 0
+    recent: list[np.ndarray] = []
+    recent_log_prob: list[np.ndarray] = []
     for rounds in range(1, MAX_ROUNDS + 1):
         ensembles.reset_counts()
-        chain, _ = ensembles.run(ROUND_STEPS)
+        chain, log_prob = ensembles.run(ROUND_STEPS)
         acceptance = ensembles.acceptance
         progress(f"adapting, acceptance {acceptance:.2f}")
         history = chain[:, ROUND_STEPS // 4 :].reshape(-1, chain.shape[-1])
+        recent = [*recent[-2:], history]
+        recent_log_prob = [*recent_log_prob[-2:], log_prob[:, ROUND_STEPS // 4 :].ravel()]
         stalled = 0 if acceptance > best + RISE else stalled + 1
         best = max(best, acceptance)
         if rounds > 1 and (acceptance > ENOUGH or stalled >= 2):
             break
         ensembles.adapt(history)
-    # The proposal that is kept: more components, from a longer round.
-    progress("adapting for good")
-    chain, log_prob = ensembles.run(FINAL_STEPS)
-    points, log_prob = chain.reshape(-1, chain.shape[-1]), log_prob.ravel()
+    # The proposal that is kept: more components, from the last rounds together.
+    points, log_prob = np.concatenate(recent), np.concatenate(recent_log_prob)
     count = min(len(spread), len(points) // 4)
     chosen = ensembles.rng.choice(len(spread), count, replace=False)
     ensembles.adapt(np.concatenate([points, spread[chosen]]), components=FINAL_COMPONENTS)
     assert ensembles.proposal is not None
-    ensembles.proposal = _covered(ensembles, ensembles.proposal, points, log_prob)
+    ensembles.proposal = _covered(ensembles, ensembles.proposal, points, log_prob, 2 * len(spread))
     ensembles.reset_counts()
     chain, log_prob = ensembles.run(ROUND_STEPS)
     best = ensembles.acceptance
@@ -121,17 +121,18 @@ def _covered(
     proposal: Proposal,
     points: np.ndarray,
     log_prob: np.ndarray,
+    size: int,
 ) -> Proposal:
     """The proposal with components added where walkers or its own draws find it short."""
     log_density = ensembles.members[0].log_density
     for _ in range(COVERING_ROUNDS):
-        fresh = proposal.sample(ensembles.rng, FRESH)
+        fresh = proposal.sample(ensembles.rng, size)
         fresh_log_prob = log_density(fresh)
         inside = np.isfinite(fresh_log_prob)
         fresh, fresh_log_prob = fresh[inside], fresh_log_prob[inside]
         log_weight = fresh_log_prob - proposal.log_density(fresh)
         top = log_weight.max()
-        log_mean = top + np.log(np.exp(log_weight - top).sum() / FRESH)
+        log_mean = top + np.log(np.exp(log_weight - top).sum() / size)
         points, first = np.unique(np.concatenate([points, fresh]), axis=0, return_index=True)
         log_prob = np.concatenate([log_prob, fresh_log_prob])[first]
         before = proposal
