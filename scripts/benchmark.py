@@ -105,6 +105,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one specimen, short runs")
     parser.add_argument("--only", default="", help="specimens whose name contains this")
+    parser.add_argument("--costs", action="store_true", help="leave the other samplers out")
     parser.add_argument("--json", type=Path, help="write the figures to this file as well")
     parser.add_argument("--from-json", type=Path, help="write the page of an earlier run")
     parser.add_argument("--jobs", type=int, default=1, help="posteriors at a time, one core each")
@@ -135,6 +136,8 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
         "by_walkers": growth_with_walkers(specimen),
         "commands": [asdict(c) for c in whole_commands(DATA, cold=not options.quick)],
     }
+    if options.costs:
+        return found | {"cases": []}
     context = multiprocessing.get_context("spawn")
     with context.Pool(options.jobs, maxtasksperchild=1) as pool:
         found["cases"] = pool.map(one_case, tasks, chunksize=1)

@@ -25,16 +25,9 @@ is too large.
 def page(found: dict[str, Any]) -> str:
     """The page as Markdown."""
     cases = found["cases"]
-    parts = [
-        HEAD,
-        *_rates(cases),
-        *_convergence(cases),
-        *_others(cases),
-        *_agreement(cases),
-        *_evidence(cases),
-        *_density(found),
-        *_commands(found["commands"]),
-    ]
+    parts = [HEAD, *_density(found), *_commands(found["commands"])]
+    for section in (_rates, _convergence, _others, _agreement, _evidence):
+        parts += section(cases) if cases else []
     return "\n".join(parts) + "\n"
 
 
@@ -44,6 +37,7 @@ def _mean(ratios: list[float]) -> float:
 
 def _rates(cases: list[dict[str, Any]]) -> list[str]:
     lines = [
+        "",
         "## Effective draws a second, warm-up excluded",
         "",
         "The stretch move in natural parameters runs on the same compiled density, in four "
