@@ -8,6 +8,15 @@ import numpy as np
 
 __all__ = ["page"]
 
+COSTS = """# Benchmark
+
+What an evaluation and whole commands cost, on a two-core virtual machine, with a warm compile
+cache unless said. Made with
+
+    OMP_NUM_THREADS=1 python scripts/benchmark.py --costs --write docs/benchmark.md
+
+The same script without `--costs` compares with other samplers on the same posteriors.
+"""
 HEAD = """# Benchmark
 
 Made with
@@ -25,7 +34,7 @@ is too large.
 def page(found: dict[str, Any]) -> str:
     """The page as Markdown."""
     cases = found["cases"]
-    parts = [HEAD, *_density(found), *_commands(found["commands"])]
+    parts = [HEAD if cases else COSTS, *_density(found), *_commands(found["commands"])]
     for section in (_rates, _convergence, _others, _agreement, _evidence):
         parts += section(cases) if cases else []
     return "\n".join(parts) + "\n"

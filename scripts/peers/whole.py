@@ -39,21 +39,36 @@ class Command:
 
 def _timed(*arguments: str, folder: Path, environment: dict[str, str] | None = None) -> Command:
     clock = time.perf_counter()
-    process = subprocess.Popen(
-        [*PROGRAM, *arguments],
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        env=os.environ | {"MPLBACKEND": "Agg"} | (environment or {}),
-    )
-    assert process.stderr is not None
-    told = process.stderr.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    seconds = time.perf_counter() - clock
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != 0:
-        raise RuntimeError(f"{' '.join(arguments)}: {told.decode()[-300:]}")
-    return Command(" ".join(arguments), seconds, usage.ru_maxrss / 1024.0, {})
+    with tempfile.TemporaryFile() as told:
+        process = subprocess.Popen(
+            [*PROGRAM, *arguments],
+            cwd=folder,
+            stdout=subprocess.DEVNULL,
+            stderr=told,
+            env=os.environ | {"MPLBACKEND": "Agg"} | (environment or {}),
+        )
+        peak = 0.0
+        while process.poll() is None:
+            peak = max(peak, _peak_MB(process.pid))
+            time.sleep(0.02)
+        seconds = time.perf_counter() - clock
+        if process.returncode != 0:
+            told.seek(0)
+            raise RuntimeError(f"{' '.join(arguments)}: {told.read().decode()[-300:]}")
+    return Command(" ".join(arguments), seconds, peak, {})
+
+
+def _peak_MB(pid: int) -> float:
+    """Largest resident memory of a process so far.
+
+    Not the one that ``wait4`` tells: that counts the parent's pages at the fork.
+    """
+    try:
+        text = Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return 0.0
+    line = next((x for x in text.splitlines() if x.startswith("VmHWM")), "VmHWM: 0 kB")
+    return float(line.split()[1]) / 1024.0
 
 
 def _sample(data: Path, name: str, folder: Path, **options) -> Command:
