@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from biaxbayes.output.report.citation import citations
 from biaxbayes.output.report.facts import (
@@ -15,14 +14,12 @@ from biaxbayes.output.report.facts import (
     version_facts,
 )
 from biaxbayes.output.report.methods import methods
-from biaxbayes.output.report.names import as_html, cut
+from biaxbayes.output.report.names import cut
+from biaxbayes.output.report.page_template import page_template
 from biaxbayes.output.report.parameters import parameter_rows, percent_stretch
 from biaxbayes.output.report.pictures import pictures
 from biaxbayes.output.run import Run, open_run
 from biaxbayes.specimens.text_file import atomic_write_text
-
-if TYPE_CHECKING:
-    from jinja2 import Template
 
 __all__ = ["NAME", "report_page", "write_report"]
 
@@ -66,7 +63,7 @@ def report_page(run: Run) -> str:
     rows = parameter_rows(run)
     verdict, reason = state_words(run)
     noise, sampler = run.provenance["noise"], run.provenance["sampler"]
-    return _template().render(
+    return page_template("template.html.jinja").render(
         name=cut(run.specimen.name),
         state=run.state,
         verdict=verdict,
@@ -117,18 +114,3 @@ def _misfit(run: Run) -> dict[str, Any]:
         "rows": table.to_dict("records"),
         "warnings": path_warnings(table, unit),
     }
-
-
-@cache
-def _template() -> Template:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("biaxbayes.output.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["symbol"] = as_html
-    return environment.get_template("template.html.jinja")

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
@@ -13,12 +12,10 @@ from biaxbayes.findings.compare import WARNING
 from biaxbayes.findings.study_groups import KNOWN
 from biaxbayes.findings.verdict import FIXED
 from biaxbayes.output.figures.numbers import number
-from biaxbayes.output.report.names import as_html, cut
+from biaxbayes.output.report.names import cut
+from biaxbayes.output.report.page_template import page_template
 from biaxbayes.output.report.pictures import pictures
 from biaxbayes.output.study_result import StudyResult
-
-if TYPE_CHECKING:
-    from jinja2 import Template
 
 __all__ = ["FIGURE", "study_page"]
 
@@ -49,7 +46,7 @@ def study_page(result: StudyResult) -> str:
     states = result.states
     total = sum(states.values())
     names = [n for n in SHOWN if (result.table["quantity"] == n).any()]
-    return _template().render(
+    return page_template("study.html.jinja").render(
         name=cut(result.name),
         total=total,
         reliable=states.get("reliable", 0),
@@ -177,18 +174,3 @@ def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
             )
         out.append({"a": cut(a, 40), "b": cut(b, 40), "rows": rows})
     return out
-
-
-@cache
-def _template() -> Template:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("biaxbayes.output.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["symbol"] = as_html
-    return environment.get_template("study.html.jinja")
