@@ -57,9 +57,11 @@ def fault_trials(bench: Bench, most: int) -> Iterator[Tally]:
     yield at("no space at a call on the folder", "error=ENOSPC", writing, most)
 
 
-def study(bench: Bench, *, kills: int, calls: int, disks: int, seed: int) -> Iterator[Tally]:
+def study(
+    bench: Bench, *, kills: int, calls: int, disks: int, seed: int, figures: bool = True
+) -> Iterator[Tally]:
     """All trials."""
-    drawn = -(-kills // 5)
+    drawn = -(-kills // 5) if figures else 0
     if drawn:
         yield random_kills(bench, "SIGKILL at a random moment, figures drawn", drawn, seed)
     bench.copy_products()
@@ -95,7 +97,7 @@ def main() -> int:
             Bench.leave_out_products()
         bench = Bench(Path(place))
         counts = {k: getattr(arguments, k) for k in ("kills", "calls", "disks", "seed")}
-        for tally in study(bench, **counts):
+        for tally in study(bench, **counts, figures=not arguments.no_figures):
             tallies.append(tally)
             print(tally.row(), f"{time.monotonic() - begun:.0f} s", flush=True)
             if arguments.write:

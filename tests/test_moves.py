@@ -139,9 +139,9 @@ def test_a_later_sweep_judged_against_the_first_state_is_caught(monkeypatch):
         return chosen, int(ok.sum())
 
     target = gaussian(6)
-    move = AdaptedIndependenceMove(np.random.default_rng(1), components=1)
+    move = AdaptedIndependenceMove(np.random.default_rng(1), sweeps=8, components=1)
     draws = target.sample(np.random.default_rng(2), 3000)
-    move.adapt(draws.mean(axis=0) + 2.0 * (draws - draws.mean(axis=0)))  # too wide
+    move.adapt(draws.mean(axis=0) + 1.5 * (draws - draws.mean(axis=0)))  # too wide
     assert not is_caught(move, target)
     monkeypatch.setattr(moves, "_accept", accept)
     assert is_caught(move, target)

@@ -24,7 +24,7 @@ from biaxbayes.specimens.text_file import atomic_write_bytes, read_bytes, sync_f
 
 __all__ = ["FORMAT", "NAME", "PREVIOUS", "DamagedCheckpoint", "load", "save", "unpack"]
 
-FORMAT = 1
+FORMAT = 2
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 FOLLOWING = ".checkpoint-following.npz"

@@ -43,7 +43,8 @@ def cover(
     -------
     Proposal
     """
-    r, _ = proposal.trend.straighten(points)
+    r, log_jacobian = proposal.trend.straighten(points)
+    log_density = proposal.log_density(points)
     scale = np.linalg.inv(np.linalg.cholesky(np.cov(r.T) + 1e-9 * np.eye(r.shape[1])))
     white = r @ scale.T
     n, d = r.shape
@@ -51,7 +52,7 @@ def cover(
     if n < 2 * near:
         return proposal
     for _ in range(MAX_COMPONENTS):
-        log_weight = log_prob - proposal.log_density(points)
+        log_weight = log_prob - log_density
         top = int(np.argmax(log_weight))
         if log_weight[top] - log_mean_weight < TALL:
             break
@@ -63,7 +64,12 @@ def cover(
         offset = r[chosen] - r[top]
         covariance = (offset * share[:, None]).T @ offset
         covariance += 1e-3 * np.diag(np.diag(covariance)) + 1e-12 * np.eye(d)
-        proposal = _with_component(proposal, r[top], np.linalg.cholesky(covariance))
+        factor = np.linalg.cholesky(covariance)
+        proposal = _with_component(proposal, r[top], factor)
+        alone = StudentMixture.from_factors(np.ones(1), r[top][None], factor[None])
+        added = alone.log_density(r, proposal.mirrors) + log_jacobian
+        # q' = (1 - share) q + share t
+        log_density = np.logaddexp(np.log1p(-SHARE) + log_density, np.log(SHARE) + added)
     return proposal
 
 

@@ -23,8 +23,6 @@ __all__ = ["Ensemble", "Ensembles"]
 
 LogDensity = Callable[[np.ndarray], np.ndarray]
 
-DE_SHARE = 0.15
-"""Share of steps that stay differential evolution once the independence move has adapted."""
 POOR_ACCEPTANCE = 0.03
 """Below this the independence move is not worth its density evaluations."""
 
@@ -62,10 +60,13 @@ class Ensemble:
         self.evaluations = len(start)
         self.independence_share = 0.0
         self.stopped = stopped or threading.Event()
+        # In the neck of a funnel only steps much shorter than the usual ones are accepted.
         self._de = [
-            (emcee.moves.DEMove(), 0.8),
+            (emcee.moves.DEMove(), 0.4),
+            (emcee.moves.DEMove(gamma0=0.2), 0.3),
+            (emcee.moves.DEMove(gamma0=0.06), 0.15),
             (emcee.moves.DESnookerMove(), 0.1),
-            (emcee.moves.DEMove(gamma0=1.0), 0.1),
+            (emcee.moves.DEMove(gamma0=1.0), 0.05),
         ]
 
     def _counted(self, x: np.ndarray) -> np.ndarray:
@@ -195,11 +196,13 @@ class Ensembles:
             member.independence.freeze()
             member.independence.reset_counts()
 
-    def adapt(self, history: np.ndarray, *, components: int | None = None) -> None:
+    def adapt(
+        self, history: np.ndarray, *, components: int | None = None, screen: bool = True
+    ) -> None:
         """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
         lead = self.members[0].independence
         with threadpool_limits(1, user_api="blas"):
-            lead.adapt(history, components=components)
+            lead.adapt(history, components=components, screen=screen)
         assert lead.proposal is not None
         self.proposal = lead.proposal
 

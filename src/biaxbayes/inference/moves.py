@@ -85,10 +85,13 @@ class AdaptedIndependenceMove(Move):
         """Share of proposals accepted since :meth:`reset_counts`; 0 when none were tried."""
         return self.accepted / self.tried if self.tried else 0.0
 
-    def adapt(self, history: np.ndarray, *, components: int | None = None) -> None:
+    def adapt(
+        self, history: np.ndarray, *, components: int | None = None, screen: bool = True
+    ) -> None:
         """Fit the proposal to a history of walkers, shape (n, d).
 
-        ``components`` overrides the limit of the constructor for this fit.
+        ``components`` overrides the limit of the constructor for this fit; ``screen`` as in
+        :func:`.proposal.fit_proposal`.
 
         Raises
         ------
@@ -102,6 +105,7 @@ class AdaptedIndependenceMove(Move):
             self.rng,
             components=components or self.components,
             edges=edge_array(self.edges, history.shape[1]),
+            screen=screen,
         )
 
     def freeze(self) -> None:

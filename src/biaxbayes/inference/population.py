@@ -83,7 +83,9 @@ def explore(
                 break
         chosen = resample(power * log_weight, population // 2, rng)
         with threadpool_limits(1, user_api="blas"):
-            proposal = fit_proposal(u[chosen], rng, edges=edges, components=SEARCH_COMPONENTS)
+            proposal = fit_proposal(
+                u[chosen], rng, edges=edges, components=SEARCH_COMPONENTS, screen=False
+            )
     return proposal, u, log_weight
 
 

@@ -47,7 +47,8 @@ class Proposal:
         return np.flatnonzero(np.isfinite(self.edges).any(axis=1))
 
     @cached_property
-    def _mirrors(self) -> Mirrors:
+    def mirrors(self) -> Mirrors:
+        """Images that the folding at the edges adds up."""
         return Mirrors.at(self.edges)
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
@@ -64,7 +65,7 @@ class Proposal:
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond an edge."""
         r, log_jacobian = self.trend.straighten(x)
-        out = self.mixture.log_density(r, self._mirrors) + log_jacobian
+        out = self.mixture.log_density(r, self.mirrors) + log_jacobian
         for j in self._bounded:
             low, high = self.edges[j]
             out[(r[:, j] < low) | (r[:, j] > high)] = -np.inf
@@ -126,6 +127,7 @@ def fit_proposal(
     *,
     edges: np.ndarray | None = None,
     components: int = 8,
+    screen: bool = True,
 ) -> Proposal:
     """Fit a proposal to points of shape (n, d).
 
@@ -137,6 +139,8 @@ def fit_proposal(
         Hard edges of the coordinates; infinite where there is none.
     components : int
         Largest number of mixture components.
+    screen : bool
+        Whether the trend is worth the time to try several orders of the coordinates.
     """
     n, d = points.shape
     most = POINTS_PER_COMPONENT * components
@@ -144,7 +148,7 @@ def fit_proposal(
         points = points[rng.choice(n, most, replace=False)]
     if edges is None:
         edges = np.tile([-np.inf, np.inf], (d, 1))
-    trend = fit_trend(points, np.isfinite(edges).any(axis=1))
+    trend = fit_trend(points, np.isfinite(edges).any(axis=1), screen=screen)
     r, _ = trend.straighten(points)
     limits = (edges[trend.order] - trend.centre[:, None]) / trend.scale[:, None]
     for j in np.flatnonzero(np.isfinite(limits).any(axis=1)):

@@ -2,7 +2,8 @@
 
 Coordinates are taken in a fixed order, those with hard edges first, then those that set the width
 of others (the noise sd does). Each is standardised; from each a quadratic regression on its
-predecessors is subtracted, and what is left is divided by a width that depends on them too:
+predecessors is subtracted, and what is left is divided by a width, log-quadratic in them. In a
+funnel the wide end would rule the regression, so rows are weighted by their inverse variance:
 
     z_k = (x_k - centre_k) / scale_k
     r_k = (z_k - p_k(z_1 ... z_{k-1})) exp(-s_k(z_1 ... z_{k-1}))
@@ -26,8 +27,12 @@ RIDGE = 1e-4
 WIDTH_RIDGE = 1e-2
 SATURATION = 4.0
 """The trend stops following predecessors beyond this many standard deviations."""
-WIDEST = 2.5
+WIDEST = 4.0
 """Limit of |s_k|."""
+REWEIGHTED = 3
+"""Rounds of regression: on the points, on how far they scatter, on the points so weighted."""
+SCREENED = 600
+"""Points on which orders of the coordinates are compared."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +47,8 @@ class Trend:
         In that order.
     coefficients : ndarray, shape (d, f)
         Row k holds p_k on 1, z_i, then the products z_i z_j; unused places are zero.
-    widths : ndarray, shape (d, d + 1)
-        Row k holds s_k on 1 and z_i.
+    widths : ndarray, shape (d, 2 d + 1)
+        Row k holds s_k on 1, the z_i, and their squares less one.
     """
 
     order: np.ndarray
@@ -72,7 +77,7 @@ class Trend:
         return cls(np.arange(d), np.zeros(d), np.ones(d), np.zeros((d, 1)), np.zeros((d, 1)))
 
 
-def fit_trend(points: np.ndarray, bounded: np.ndarray) -> Trend:
+def fit_trend(points: np.ndarray, bounded: np.ndarray, *, screen: bool = True) -> Trend:
     """Fit the map to points of shape (n, d).
 
     Parameters
@@ -81,34 +86,68 @@ def fit_trend(points: np.ndarray, bounded: np.ndarray) -> Trend:
     bounded : ndarray of bool, shape (d,)
         Coordinates with a hard edge; they come first and keep their own shape, so that
         their edges stay where they are.
+    screen : bool
+        Try several orders of the other coordinates and keep the best; else one is guessed.
+    """
+    if not screen:
+        return _in_order(points, _orders(points, bounded)[0], int(bounded.sum()))[0]
+    few = points[:: max(1, len(points) // SCREENED)]
+    orders = _orders(few, bounded)
+    scores = [_in_order(few, order, int(bounded.sum()))[1] for order in orders]
+    return _in_order(points, orders[int(np.argmin(scores))], int(bounded.sum()))[0]
+
+
+def _in_order(points: np.ndarray, order: np.ndarray, first: int) -> tuple[Trend, float]:
+    """The map for one order of the coordinates, and its score.
+
+    The score is the entropy that Gaussian residuals would have, ``sum_k <s_k> + ln sd(r_k)`` and
+    a constant: the lower, the better the map describes the points.
     """
     n, d = points.shape
-    order = _order(points, bounded)
     x = points[:, order]
     centre, scale = x.mean(axis=0), x.std(axis=0)
     scale = np.where(scale > 1e-300, scale, 1.0)
     z = np.ascontiguousarray((x - centre) / scale)
-    coefficients, widths = np.zeros((d, _count(d - 1))), np.zeros((d, d + 1))
-    for k in range(int(bounded.sum()), d):
+    coefficients, widths = np.zeros((d, _count(d - 1))), np.zeros((d, 2 * d + 1))
+    score = 0.0
+    for k in range(first, d):
         size = _count(k)
         if n < 5 * size:
             continue
         features = _features(z, k)
-        coefficients[k, :size] = _regression(features, z[:, k], RIDGE)
-        if k == 0:
-            continue
-        left = z[:, k] - features @ coefficients[k, :size]
-        linear = np.column_stack([np.ones(n), np.clip(z[:, :k], -SATURATION, SATURATION)])
+        near = np.clip(z[:, :k], -SATURATION, SATURATION)
+        spreads = np.column_stack([np.ones(n), near, near * near - 1.0])
+        row, slopes, s = _heteroscedastic(features, spreads, z[:, k])
+        coefficients[k, :size] = row
+        widths[k, : k + 1], widths[k, d + 1 : d + 1 + k] = slopes[: k + 1], slopes[k + 1 :]
+        residual = (z[:, k] - features @ row) * np.exp(-s)
+        score += float(s.mean() + np.log(residual.std() + 1e-300))
+    return Trend(order, centre, scale, coefficients, widths), score
+
+
+def _heteroscedastic(
+    features: np.ndarray, spreads: np.ndarray, target: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean and log width regressed in turn; coefficients of both, and the log width at each point.
+
+    The log width is free up to a constant: its first coefficient is zero.
+    """
+    s = np.zeros(len(target))
+    row, slopes = np.empty(0), np.empty(0)
+    for _ in range(REWEIGHTED if spreads.shape[1] > 1 else 1):
+        weight = np.exp(-2.0 * s)
+        row = _regression(features, target, RIDGE, weight / weight.mean())
+        left = (target - features @ row) * np.exp(-s)
         # ln |left| of a Gaussian scatters by 1.1 whatever its width; its mean follows ln width.
-        logs = np.log(np.abs(left) + 1e-3 * left.std() + 1e-300)
-        slopes = _regression(linear, logs - logs.mean(), WIDTH_RIDGE)
+        logs = np.log(np.abs(left) + 1e-3 * left.std() + 1e-300) + s
+        slopes = _regression(spreads, logs - logs.mean(), WIDTH_RIDGE)
         slopes[0] = 0.0
-        widths[k, : k + 1] = slopes
-    return Trend(order, centre, scale, coefficients, widths)
+        s = np.clip(spreads @ slopes, -WIDEST, WIDEST)
+    return row, slopes, s
 
 
-def _order(points: np.ndarray, bounded: np.ndarray) -> np.ndarray:
-    """Bounded coordinates, then the others, those that set widths first."""
+def _orders(points: np.ndarray, bounded: np.ndarray) -> list[np.ndarray]:
+    """Orders to choose from: bounded coordinates, any other, then those that set widths."""
     z = points - points.mean(axis=0)
     sd = z.std(axis=0)
     z = z / np.where(sd > 0.0, sd, 1.0)
@@ -119,14 +158,18 @@ def _order(points: np.ndarray, bounded: np.ndarray) -> np.ndarray:
     np.fill_diagonal(foretells, 0.0)
     influence = foretells.sum(axis=1)
     free = np.flatnonzero(~bounded)
-    return np.concatenate(
-        [np.flatnonzero(bounded), free[np.argsort(-influence[free], kind="stable")]]
-    )
+    free = free[np.argsort(-influence[free], kind="stable")]
+    return [
+        np.concatenate([np.flatnonzero(bounded), [first], free[free != first]]) for first in free
+    ] or [np.flatnonzero(bounded)]
 
 
-def _regression(features: np.ndarray, target: np.ndarray, ridge: float) -> np.ndarray:
+def _regression(
+    features: np.ndarray, target: np.ndarray, ridge: float, weight: np.ndarray | None = None
+) -> np.ndarray:
     n, size = features.shape
-    return np.linalg.solve(features.T @ features + ridge * n * np.eye(size), features.T @ target)
+    weighted = features if weight is None else features * weight[:, None]
+    return np.linalg.solve(weighted.T @ features + ridge * n * np.eye(size), weighted.T @ target)
 
 
 @njit(cache=True, nogil=True)
@@ -168,8 +211,10 @@ def _place(features, filled, z, k, coefficients, widths):
     for m in range(min(filled, coefficients.shape[1])):
         trend += coefficients[k, m] * features[m]
     width = 0.0
-    for i in range(min(k, widths.shape[1] - 1)):
-        width += widths[k, i + 1] * min(max(z[i], -SATURATION), SATURATION)
+    d = (widths.shape[1] - 1) // 2
+    for i in range(min(k, d)):
+        x = min(max(z[i], -SATURATION), SATURATION)
+        width += widths[k, 1 + i] * x + widths[k, 1 + d + i] * (x * x - 1.0)
     return trend, min(max(width, -WIDEST), WIDEST)
 
 

@@ -8,15 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.inference.covering import cover
-from biaxbayes.inference.ensembles import DE_SHARE, POOR_ACCEPTANCE, Ensembles
+from biaxbayes.inference.ensembles import POOR_ACCEPTANCE, Ensembles
 from biaxbayes.inference.proposal import Proposal
 
 __all__ = ["WarmUp", "warm_up"]
 
 ROUND_STEPS = 16
-FINAL_COMPONENTS = 12
+CHECK_STEPS = (16, 64, 160, 16)
+"""Steps on which the final proposal is judged; where it holds walkers it is fitted once more."""
+COMPONENTS, MORE_COMPONENTS = 12, 20
+"""Of the final proposal, and of one that has been fitted again."""
 COVERING_ROUNDS = 2
-STICKY = 3.0  # log weight above the median at which differential evolution gets half the steps
+LOOSE, STICKY = 1.3, 3.0
+"""Log weight above the median: up to one walkers move freely, from the other they hardly do."""
+DE_SHARES = (0.15, 0.25, 0.5)
+"""Share of differential evolution below, between and above the two: another way to move."""
 MAX_ROUNDS = 8
 ENOUGH = 0.65  # acceptance at which more adaptation buys little
 RISE = 0.02  # smallest rise of acceptance that is worth another round
@@ -82,38 +88,55 @@ def warm_up(
         best = max(best, acceptance)
         if rounds > 1 and (acceptance > ENOUGH or stalled >= 2):
             break
-        ensembles.adapt(history)
-    # The proposal that is kept: more components, from the last rounds together.
+        ensembles.adapt(history, screen=False)
     points, log_prob = np.concatenate(recent), np.concatenate(recent_log_prob)
-    count = min(len(spread), len(points) // 4)
-    chosen = ensembles.rng.choice(len(spread), count, replace=False)
-    ensembles.adapt(np.concatenate([points, spread[chosen]]), components=FINAL_COMPONENTS)
-    assert ensembles.proposal is not None
-    ensembles.proposal = _covered(ensembles, ensembles.proposal, points, log_prob, 2 * len(spread))
-    ensembles.reset_counts()
-    chain, log_prob = ensembles.run(ROUND_STEPS)
-    best = ensembles.acceptance
-    share, message = _final_share(ensembles, chain, log_prob, best)
-    ensembles.set_share(share)
-    ensembles.freeze()
-    return WarmUp(rounds, best, message)
-
-
-def _final_share(
-    ensembles: Ensembles, chain: np.ndarray, log_prob: np.ndarray, acceptance: float
-) -> tuple[float, str]:
-    """Share of independence steps that suits the proposal, and what to tell the user."""
+    acceptance, hold = _keep(ensembles, points, log_prob, spread, progress)
+    message = ""
+    share = 1.0 - DE_SHARES[int(np.searchsorted((LOOSE, STICKY), hold))]
     if acceptance < POOR_ACCEPTANCE:
-        return 0.1, (
+        share = 0.1
+        message = (
             f"the adapted proposal fits poorly (acceptance {acceptance:.3f}); "
             "sampling falls back on differential evolution, which takes longer"
         )
-    assert ensembles.proposal is not None
-    points = chain.reshape(-1, chain.shape[-1])
-    log_weight = log_prob.ravel() - ensembles.proposal.log_density(points)
-    # Walkers that the proposal could hold for long need another way to move.
-    stuck = np.quantile(log_weight, 0.998) - np.median(log_weight)
-    return (1.0 - DE_SHARE if stuck < STICKY else 0.5), ""
+    ensembles.set_share(share)
+    ensembles.freeze()
+    return WarmUp(rounds, acceptance, message)
+
+
+def _keep(
+    ensembles: Ensembles,
+    points: np.ndarray,
+    log_prob: np.ndarray,
+    spread: np.ndarray,
+    progress: Callable[[str], None],
+) -> tuple[float, float]:
+    """Fit the proposal that is kept, once more on a longer history as long as it holds walkers.
+
+    Returns its acceptance and the log weight, above the median one, of the points that hold
+    walkers longest.
+    """
+    components = COMPONENTS
+    acceptance = hold = 0.0
+    for steps in CHECK_STEPS:
+        count = min(len(spread), len(points) // 4)
+        chosen = ensembles.rng.choice(len(spread), count, replace=False)
+        history = np.concatenate([points, spread[chosen]])
+        ensembles.adapt(history, components=components, screen=True)
+        assert ensembles.proposal is not None
+        proposal = _covered(ensembles, ensembles.proposal, points, log_prob, 2 * len(spread))
+        ensembles.proposal = proposal
+        ensembles.reset_counts()
+        chain, chain_log_prob = ensembles.run(steps)
+        points, log_prob = chain.reshape(-1, chain.shape[-1]), chain_log_prob.ravel()
+        log_weight = log_prob - proposal.log_density(points)
+        acceptance = ensembles.acceptance
+        hold = float(np.quantile(log_weight, 0.998) - np.median(log_weight))
+        if hold < LOOSE:
+            break
+        progress(f"adapting further, acceptance {acceptance:.2f}")
+        components = MORE_COMPONENTS
+    return acceptance, hold
 
 
 def _covered(
