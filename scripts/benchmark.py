@@ -5,9 +5,9 @@
 
 The five shipped specimens with both noise models: effective draws a second and a density
 evaluation of our sampler, of emcee's stretch move in natural parameters on the same compiled
-density, of NUTS (numpyro) and of a nested sampler (nautilus); the cost of the densities that a
-script of today and pyMechT would use; the cost of ours; wall time and memory of whole commands.
-Needs the extra ``bench``.
+density, of NUTS (numpyro) and of nested samplers (dynesty, nautilus); the cost of the densities
+that a script of today and pyMechT would use; the cost of ours; wall time and memory of whole
+commands. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ from biaxbayes.specimens.text_file import atomic_write_text
 from peers.agreement import agreement
 from peers.costs import density_cost, growth_with_points, growth_with_walkers
 from peers.natural_density import NaturalDensity
+from peers.nested import from_the_prior, in_a_narrowed_prior
 from peers.nuts import nuts
 from peers.outcome import Outcome
 from peers.page import page
-from peers.samplers import emcee_plain, nested, ours
+from peers.samplers import emcee_plain, ours
 from peers.scalar_codes import lab_script, pymecht_density, seconds_of
 from peers.whole import whole_commands
 
@@ -49,8 +50,10 @@ NOISES = ("independent", "effective")
 PLAIN_LIMIT = 20.0
 """Plain emcee may take so many times as long as ours to converge."""
 LEAST_LIMIT = 20.0  # seconds
-FULL = {"steps": 384, "warmup": 600, "draws": 600, "live": 1500, "nested_limit": 300}
-QUICK = {"steps": 128, "warmup": 150, "draws": 100, "live": 500, "nested_limit": 30}
+SLICES = 8
+"""Slice steps of dynesty between two points; with few its evidence is off by several units."""
+FULL = {"steps": 384, "warmup": 600, "draws": 600, "live": 500, "narrowed": 3000, "limit": 300}
+QUICK = {"steps": 128, "warmup": 150, "draws": 100, "live": 100, "narrowed": 1000, "limit": 30}
 
 
 def _told(outcome: Outcome) -> dict[str, Any]:
@@ -77,16 +80,21 @@ def one_case(task: tuple[str, str, bool]) -> dict[str, Any]:
     posterior = Posterior(specimen, noise=noise)
     draw(posterior, Plan(ess=50.0, workers=1, seed=9))  # everything is compiled before it is timed
     density = NaturalDensity(specimen, posterior.beta)
-    mine = ours(posterior, steps=size["steps"])
+    mine, draws = ours(posterior, steps=size["steps"])
     limit = max(PLAIN_LIMIT * mine.extra["to_criterion"], LEAST_LIMIT)
     others = {
         "emcee": emcee_plain(density, limit=0.1 * limit if quick else limit),
         "NUTS": nuts(density, warmup=size["warmup"], draws=size["draws"]),
-        "nautilus": nested(density, live=size["live"], limit=size["nested_limit"]),
     }
+    if noise == "independent":  # a tempered likelihood has no evidence to compare
+        others["dynesty"] = from_the_prior(density, live=size["live"], slices=SLICES)
+        others["nautilus"] = in_a_narrowed_prior(
+            posterior, draws, live=size["narrowed"], limit=size["limit"]
+        )
     found = {"specimen": name, "noise": noise, "ours": _told(mine)}
     found |= {key: _told(value) for key, value in others.items()}
-    found["agreement"] = {key: asdict(agreement(mine, others[key])) for key in ("NUTS", "nautilus")}
+    compared = {key: others[key] for key in ("NUTS", "nautilus") if key in others}
+    found["agreement"] = {key: asdict(agreement(mine, other)) for key, other in compared.items()}
     points = density.starts(50, np.random.default_rng(2))
     forces = points.copy()
     forces[:, 5:7] = density.problem.reading[0]
@@ -105,14 +113,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one specimen, short runs")
     parser.add_argument("--only", default="", help="specimens whose name contains this")
-    parser.add_argument("--costs", action="store_true", help="leave the other samplers out")
+    parts = parser.add_mutually_exclusive_group()
+    parts.add_argument("--costs", action="store_true", help="leave the other samplers out")
+    parts.add_argument("--samplers", action="store_true", help="leave costs and commands out")
     parser.add_argument("--json", type=Path, help="write the figures to this file as well")
-    parser.add_argument("--from-json", type=Path, help="write the page of an earlier run")
+    parser.add_argument(
+        "--from-json", type=Path, nargs="+", help="write the page of earlier runs, joined"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="posteriors at a time, one core each")
     parser.add_argument("--write", type=Path, help="write the page")
     options = parser.parse_args()
     if options.from_json:
-        found = json.loads(options.from_json.read_text())
+        found = {}
+        for path in options.from_json:
+            found |= {k: v for k, v in json.loads(path.read_text()).items() if v}
     else:
         found = measured(options)
     if options.json:
@@ -127,20 +141,24 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
     """All figures."""
     names = SPECIMENS[-1:] if options.quick else [n for n in SPECIMENS if options.only in n]
     tasks = [(name, noise, options.quick) for name in names for noise in NOISES]
-    specimen = read_specimen(DATA / "donor2-media.csv")
-    evaluation, exponentials, rows = density_cost(specimen)
-    found: dict[str, Any] = {
-        "quick": options.quick,
-        "density": {"evaluation": evaluation, "exponentials": exponentials, "rows": rows},
-        "by_points": growth_with_points(),
-        "by_walkers": growth_with_walkers(specimen),
-        "commands": [asdict(c) for c in whole_commands(DATA, cold=not options.quick)],
-    }
+    found: dict[str, Any] = {"quick": options.quick, "cases": []}
+    if not options.samplers:
+        specimen = read_specimen(DATA / "donor2-media.csv")
+        evaluation, exponentials, rows = density_cost(specimen)
+        found |= {
+            "density": {"evaluation": evaluation, "exponentials": exponentials, "rows": rows},
+            "by_points": growth_with_points(),
+            "by_walkers": growth_with_walkers(specimen),
+            "commands": [asdict(c) for c in whole_commands(DATA, cold=not options.quick)],
+        }
     if options.costs:
-        return found | {"cases": []}
+        return found
     context = multiprocessing.get_context("spawn")
     with context.Pool(options.jobs, maxtasksperchild=1) as pool:
-        found["cases"] = pool.map(one_case, tasks, chunksize=1)
+        for case in pool.imap(one_case, tasks):
+            found["cases"].append(case)
+            if options.json:
+                atomic_write_text(options.json, json.dumps(found, indent=1) + "\n")
     return found
 
 

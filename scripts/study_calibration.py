@@ -84,11 +84,11 @@ class Case:
 CASES = (
     *(Case(s, m) for m in ("noisy", "exact", "free") for s in SPECIMENS),
     *(Case(s, "noisy", broken="noise", replications=200) for s in SPECIMENS),
-    *(Case(s, "noisy", noise="effective") for s in SPECIMENS),
+    *(Case(s, "noisy", noise="effective", replications=250) for s in SPECIMENS),
     *(Case(s, "noisy", replications=200, loose=True) for s in SPECIMENS),
     *(Case(s, "noisy", broken="determinant", replications=200, loose=True) for s in SPECIMENS),
-    Case(THREE_RATIOS, "noisy", replications=200),
-    Case(THREE_RATIOS, "noisy", replications=200, mounting_stretch="per-protocol"),
+    Case(THREE_RATIOS, "noisy", replications=120),
+    Case(THREE_RATIOS, "noisy", replications=120, mounting_stretch="per-protocol"),
 )
 
 

@@ -21,20 +21,24 @@ HEAD = """# Benchmark
 
 Made with
 
-    python scripts/benchmark.py --jobs 2 --json benchmark.json --write docs/benchmark.md
+    OMP_NUM_THREADS=1 python scripts/benchmark.py --samplers --json samplers.json
+    OMP_NUM_THREADS=1 python scripts/benchmark.py --costs --json costs.json
+    python scripts/benchmark.py --from-json samplers.json costs.json --write docs/benchmark.md
 
-on a two-core virtual machine, every sampler on one core. Ratios carry over to other machines,
-seconds do not. *Effective draws* are those of the worst parameter by one estimator
-(rank-normalised bulk ESS over all chains), for nautilus Kish's from its weights. Where emcee's
-stretch move has not converged (R-hat above 1.01), its ESS is the estimate that it reports, which
-is too large.
+on a two-core virtual machine, every sampler on one core (without either option one command does
+all). Ratios carry over to other machines, seconds do not. *Effective draws* are those of the worst
+parameter by one estimator (rank-normalised bulk ESS over all chains), for nested samplers Kish's
+from their weights. Where emcee's stretch move has not converged (R-hat above 1.01), its ESS is the
+estimate that it reports, which is too large.
 """
 
 
 def page(found: dict[str, Any]) -> str:
     """The page as Markdown."""
     cases = found["cases"]
-    parts = [HEAD if cases else COSTS, *_density(found), *_commands(found["commands"])]
+    parts = [HEAD if cases else COSTS]
+    if "density" in found:
+        parts += [*_density(found), *_commands(found["commands"])]
     for section in (_rates, _convergence, _others, _agreement, _evidence):
         parts += section(cases) if cases else []
     return "\n".join(parts) + "\n"
@@ -104,30 +108,33 @@ def _others(cases: list[dict[str, Any]]) -> list[str]:
         "",
         "Effective draws a second, warm-up included on both sides (ours: at the length of the run "
         "timed above). NUTS: numpyro, dense mass matrix, four chains; compilation left out. "
-        "nautilus: vectorised compiled density. *Script*: stretch move, NumPy stress and "
-        "`scipy.optimize.root`, one walker at a time, and *pyMechT*: its mechanics in the same "
-        "sampler; both are the time of one evaluation with the effective draws an evaluation of "
-        "plain emcee, warm-up excluded.",
+        "dynesty: from the prior, slice steps, the compiled density. *Script*: stretch move, NumPy "
+        "stress and `scipy.optimize.root`, one walker at a time, and *pyMechT*: its mechanics in "
+        "the same sampler; both are the time of one evaluation with the effective draws an "
+        "evaluation of plain emcee, warm-up excluded.",
         "",
-        "| specimen | noise | ours | NUTS | ratio | nautilus | ratio | script, ms | ratio "
+        "| specimen | noise | ours | NUTS | ratio | dynesty | ratio | script, ms | ratio "
         "| pyMechT, ms | ratio |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    ratios: dict[str, list[float]] = {"NUTS": [], "nautilus": [], "script": [], "pyMechT": []}
+    ratios: dict[str, list[float]] = {"NUTS": [], "dynesty": [], "script": [], "pyMechT": []}
     for c in cases:
         ours = c["ours"]["rate_with_warmup"]
         row = f"| {c['specimen']} | {c['noise']} | {ours:,.0f} "
-        for key in ("NUTS", "nautilus"):
+        for key in ("NUTS", "dynesty"):
+            if key not in c:
+                row += "| | "
+                continue
             rate = c[key]["rate_with_warmup"]
             ratios[key].append(ours / rate)
-            row += f"| {rate:.1f} | {ours / rate:,.0f} "
+            row += f"| {rate:.2g} | {ours / rate:,.0f} "
         per_evaluation = c["emcee"]["ess"] / c["emcee"]["evaluations"]
         for key, name in (("script", "lab_script_seconds"), ("pyMechT", "pymecht_seconds")):
             ratio = c["ours"]["rate"] / (per_evaluation / c[name])
             ratios[key].append(ratio)
             row += f"| {1e3 * c[name]:.2f} | {ratio:,.0f} "
         lines.append(row + "|")
-    means = ", ".join(f"{k} {_mean(v):,.0f} (least {min(v):,.0f})" for k, v in ratios.items())
+    means = ", ".join(f"{k} {_mean(v):,.0f} (least {min(v):,.0f})" for k, v in ratios.items() if v)
     return [*lines, "", f"Geometric means of the ratios: {means}."]
 
 
@@ -137,45 +144,49 @@ def _agreement(cases: list[dict[str, Any]]) -> list[str]:
         "## Agreement",
         "",
         "Quantiles of 5, 50 and 95 % of all eight unknowns: difference from ours in standard "
-        "errors of both.",
+        "errors of both, from the effective draws that each sampler reports. nautilus runs between "
+        "a Student t around the posterior and the posterior, which makes it quick and accurate "
+        "without changing what it integrates.",
         "",
-        "| specimen | noise | NUTS: R-hat | divergences | rms | largest | nautilus: rms "
+        "| specimen | noise | NUTS: ESS | R-hat | divergences | rms | largest | nautilus: rms "
         "| largest |",
-        "|---|---|---:|---:|---:|---|---:|---|",
+        "|---|---|---:|---:|---:|---:|---|---:|---|",
     ]
     for c in cases:
-        a, n = c["agreement"]["NUTS"], c["agreement"].get("nautilus")
-        nested = f"{n['rms']:.2f} | {n['largest']:+.1f} ({n['where']})" if n else "- | not finished"
+        nuts = c["NUTS"]
+        cells = [f"{a['rms']:.2f} | {a['largest']:+.1f} ({a['where']})" for a in _compared(c)]
         lines.append(
-            f"| {c['specimen']} | {c['noise']} | {c['NUTS']['rhat']:.3f} "
-            f"| {c['NUTS']['note'].split()[0]} | {a['rms']:.2f} "
-            f"| {a['largest']:+.1f} ({a['where']}) "
-            f"| {nested} |"
+            f"| {c['specimen']} | {c['noise']} | {nuts['ess']:.0f} | {nuts['rhat']:.3f} "
+            f"| {nuts['note'].split()[0]} | {' | '.join(cells)} |"
         )
     return lines
 
 
+def _compared(case: dict[str, Any]) -> list[dict[str, Any]]:
+    missing = {"rms": float("nan"), "largest": float("nan"), "where": "not run"}
+    return [case["agreement"].get(key, missing) for key in ("NUTS", "nautilus")]
+
+
 def _evidence(cases: list[dict[str, Any]]) -> list[str]:
-    told = [c for c in cases if c["ours"]["log_evidence"]]
     lines = [
         "",
         "## Evidence",
         "",
-        "Log marginal likelihood by bridge sampling and by nautilus (independent noise).",
+        "Log marginal likelihood by bridge sampling, by nautilus in the narrowed prior, and by "
+        "dynesty from the prior (independent noise; differences from ours).",
         "",
-        "| specimen | ours | nautilus | difference |",
-        "|---|---:|---:|---:|",
+        "| specimen | ours | nautilus | difference | dynesty | difference |",
+        "|---|---:|---:|---:|---:|---:|",
     ]
-    for c in told:
-        if not c["nautilus"]["log_evidence"]:
-            a, ea = c["ours"]["log_evidence"]
-            lines.append(f"| {c['specimen']} | {a:.3f} ± {ea:.3f} | not finished | |")
+    for c in cases:
+        if not c["ours"]["log_evidence"]:
             continue
-        (a, ea), (b, eb) = c["ours"]["log_evidence"], c["nautilus"]["log_evidence"]
-        lines.append(
-            f"| {c['specimen']} | {a:.3f} ± {ea:.3f} | {b:.3f} ± {eb:.3f} "
-            f"| {a - b:+.3f} ± {np.hypot(ea, eb):.3f} |"
-        )
+        a, ea = c["ours"]["log_evidence"]
+        row = f"| {c['specimen']} | {a:.3f} ± {ea:.3f} "
+        for key in ("nautilus", "dynesty"):
+            b, eb = c[key]["log_evidence"]
+            row += f"| {b:.3f} ± {eb:.3f} | {b - a:+.3f} ± {np.hypot(ea, eb):.3f} "
+        lines.append(row + "|")
     return lines
 
 
