@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.inference import kernel
+from biaxbayes.inference import problem as layout
 from biaxbayes.inference.coordinates import ANGULAR, SHEAR
 from biaxbayes.inference.priors import LOG_SCALE, Prior, Tie, default_priors
+from biaxbayes.inference.problem import Problem
 from biaxbayes.inference.settings import Settings
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import ThinnedSpecimen, thinned_specimen
@@ -40,7 +41,7 @@ class Assembly:
 
     Attributes
     ----------
-    problem : kernel.Problem
+    problem : Problem
     slots : tuple of str
         Natural name of every slot.
     free : tuple of str
@@ -51,7 +52,7 @@ class Assembly:
         Label of each mounted state: empty when shared, else the protocol's name.
     """
 
-    problem: kernel.Problem
+    problem: Problem
     slots: tuple[str, ...]
     free: tuple[str, ...]
     priors: dict[str, Prior | float | Tie]
@@ -100,8 +101,8 @@ def assemble(
     slots = (*SLOT_NAMES, *(n for label in labels for n in mounting_names("stretch", label)))
     fixed, tie, factor = np.zeros(len(slots)), np.full(len(slots), -1), np.zeros(len(slots))
     if settings.mounting == "exact":
-        fixed[kernel.MOUNTING :] = reading.ravel()
-    fixed[[kernel.EDGE_X, kernel.EDGE_Y, kernel.THICKNESS]] = 1.0
+        fixed[layout.MOUNTING :] = reading.ravel()
+    fixed[[layout.EDGE_X, layout.EDGE_Y, layout.THICKNESS]] = 1.0
     slot = np.full(len(slots), -1)
     kinds, rows = np.zeros(len(slots), dtype=np.int64), np.zeros((len(slots), 5))
     free: list[str] = []
@@ -111,19 +112,19 @@ def assemble(
             kinds[i], rows[i] = prior.encode(log_scale=name in LOG_SCALE)
             if name == "alpha":
                 rows[i][4] += math.log(math.degrees(1.0))  # stated per degree, sampled in radians
-            if i < kernel.MOUNTING or settings.mounting in ("noisy", "free"):
+            if i < layout.MOUNTING or settings.mounting in ("noisy", "free"):
                 slot[i] = len(free)
                 free.append(name)
         elif isinstance(prior, Tie):
-            if i >= kernel.MOUNTING:
+            if i >= layout.MOUNTING:
                 slot[i] = slot[slots.index(prior.other + name[len("mounting_stretch_y") :])]
             else:
                 tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
         elif prior is not None:
             fixed[i] = _slot_value(name, prior)
-    if slot[kernel.ALPHA] < 0 or slot[kernel.KAPPA] < 0:
+    if slot[layout.ALPHA] < 0 or slot[layout.KAPPA] < 0:
         chart = ANGULAR
-    problem = kernel.Problem(
+    problem = Problem(
         slot=slot,
         fixed=fixed,
         tie=tie,
@@ -150,11 +151,11 @@ def assemble(
 
 
 _MODES = {
-    "noisy": kernel.FORCE,
-    "exact": kernel.FORCE,
-    "free": kernel.STRETCH,
-    "ignored": kernel.REFERENCE,
-    "zeroed": kernel.REFERENCE,
+    "noisy": layout.FORCE,
+    "exact": layout.FORCE,
+    "free": layout.STRETCH,
+    "ignored": layout.REFERENCE,
+    "zeroed": layout.REFERENCE,
 }
 
 

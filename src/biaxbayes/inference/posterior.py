@@ -10,21 +10,14 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.inference import kernel
 from biaxbayes.inference.assemble import SLOT_NAMES, Assembly, assemble, mounting_names
-from biaxbayes.inference.coordinates import (
-    ANGULAR,
-    DEFAULT_SOFTENING,
-    SHEAR,
-    reference_state,
-    shear_from_angles,
-    softening_of,
-)
+from biaxbayes.inference.conversion import natural_values, sampling_coordinates, to_slot
+from biaxbayes.inference.coordinates import ANGULAR, DEFAULT_SOFTENING, SHEAR, softening_of
 from biaxbayes.inference.fit import constrained_fit
 from biaxbayes.inference.fit_result import FitResult
 from biaxbayes.inference.noise import EffectiveReadings
-from biaxbayes.inference.priors import LOG_SCALE, Prior, Tie
+from biaxbayes.inference.priors import Prior, Tie
 from biaxbayes.inference.priors_file import parse_priors
 from biaxbayes.inference.settings import Settings
-from biaxbayes.mechanics.goh import cauchy_stress, structure_tensor
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_specimen
 
@@ -274,7 +267,7 @@ class Posterior:
         for name, slot_name in zip(self.free, self._free, strict=True):
             if name not in parameters:
                 raise InputError(f"log_density needs {name}", remedy=f"give {', '.join(self.free)}")
-            columns.append(_to_slot(slot_name, np.asarray(parameters[name], dtype=float)))
+            columns.append(to_slot(slot_name, np.asarray(parameters[name], dtype=float)))
         shape = np.broadcast_shapes(*(c.shape for c in columns))
         u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
         out = kernel.log_density(
@@ -291,71 +284,17 @@ class Posterior:
         ``log_likelihood`` the tempered log likelihood of the curves.
         """
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
-        _, likelihood, value = kernel.evaluate(self._assembly.problem, u)
-        out: dict[str, np.ndarray] = {}
-        for i, name in enumerate(self._assembly.slots):
-            out[name] = np.rad2deg(value[:, i]) if name == "alpha" else value[:, i]
-        if self.settings.infers_mounting:
-            self._add_mounting_forces(u, out)
-        out = {name: out[name] for name in self.parameter_names}
+        likelihood, values = natural_values(self._assembly, self.settings, u)
+        out = {name: values[name] for name in self.parameter_names}
         out["log_likelihood"] = likelihood
         out["lp"] = np.atleast_1d(self.log_density(out)) if self._free else likelihood
         return out
 
-    def _add_mounting_forces(self, u: np.ndarray, out: dict[str, np.ndarray]) -> None:
-        problem = self._assembly.problem
-        C1, k1, k2 = out["C1"], out["k1"], out["k2"]
-        area = problem.area[:, None] * np.array([out["edge_y"], out["edge_x"]]) * out["thickness"]
-        for m, label in enumerate(self._assembly.mounts):
-            lm = [out[n] for n in mounting_names("stretch", label)]
-            stress = cauchy_stress(
-                C1,
-                k1,
-                k2,
-                np.deg2rad(out["alpha"]),
-                out["kappa"],
-                *lm,
-                fibre_switch=self.settings.fibre_switch,
-            )
-            for k, name in enumerate(mounting_names("force", label)):
-                i = problem.slot[kernel.MOUNTING + 2 * m + k]
-                if problem.mounting_mode == kernel.FORCE:
-                    # Sampled (or the reading): as it is, not recomputed from the root.
-                    reading = problem.fixed[kernel.MOUNTING + 2 * m + k]
-                    offset = out[f"load_offset_{'xy'[k]}"]
-                    out[name] = u[:, i].copy() if i >= 0 else reading - offset
-                else:
-                    out[name] = area[k] * stress[k] / (1.0 if problem.mounted else lm[k])
-
     def coordinates(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Sampling coordinates of natural parameters, shape (n, d); inverse of :meth:`natural`."""
-        problem = self._assembly.problem
-        alpha = np.deg2rad(np.atleast_1d(np.asarray(self._given("alpha", parameters), dtype=float)))
-        kappa = np.atleast_1d(np.asarray(self._given("kappa", parameters), dtype=float))
-        values: dict[str, np.ndarray] = {}
-        for name, slot_name in zip(self.free, self._free, strict=True):
-            values[slot_name] = _to_slot(
-                slot_name, np.atleast_1d(np.asarray(parameters[name], dtype=float))
-            )
-        if problem.chart == SHEAR:
-            values["alpha"], values["kappa"] = shear_from_angles(alpha, kappa, problem.softening)
-        if problem.structural:
-            H = structure_tensor(alpha, kappa)
-            log_E2, log_EG = reference_state(*H, *problem.reference)
-            k2 = np.asarray(self._given("k2", parameters), dtype=float)
-            if "k2" in values:
-                values["k2"] = values["k2"] + log_E2
-            if "k1" in values:
-                values["k1"] = values["k1"] + k2 * np.exp(log_E2) + log_EG
-        return np.column_stack(np.broadcast_arrays(*(values[n] for n in self._free)))
-
-    def _given(self, name: str, parameters: Mapping[str, Any]) -> Any:
-        prior = self._assembly.priors[name]
-        return (
-            parameters[name]
-            if isinstance(prior, Prior)
-            else (prior if isinstance(prior, int | float) else parameters[name])
-        )
+        renamed = dict(zip(self.free, self._free, strict=True))
+        given = {renamed.get(name, name): value for name, value in parameters.items()}
+        return sampling_coordinates(self._assembly, given)
 
     def without_temper(self) -> Posterior:
         """The same posterior with independent errors."""
@@ -368,14 +307,6 @@ class Posterior:
     def options(self) -> dict[str, Any]:
         """The settings, as keyword arguments of :class:`Posterior`."""
         return {key: getattr(self.settings, key) for key in self.settings.__dataclass_fields__}
-
-
-def _to_slot(name: str, value: np.ndarray) -> np.ndarray:
-    """From natural units to the scale that a slot holds."""
-    if name in LOG_SCALE:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.log(value)
-    return np.deg2rad(value) if name == "alpha" else value
 
 
 def _objects(priors: Mapping[str, Any]) -> dict[str, Prior | float | Tie]:
