@@ -62,7 +62,10 @@ def _recharted(
     # Weights are ratios of densities in the same coordinates: they carry over.
     weights = log_weight[np.isfinite(log_weight)]
     posterior.use_chart(softening)
-    u = posterior.coordinates(natural)
+    with np.errstate(divide="ignore"):
+        u = posterior.coordinates(natural)
+    regular = np.isfinite(u).all(axis=1)  # aligned fibres, to the last digit, lie at infinity
+    u, weights = u[regular], weights[regular]
     edges = edge_array(posterior.edges, posterior.dimension)
     picked = u[resample(weights, half, rng)]
     with threadpool_limits(1, user_api="blas"):
