@@ -84,9 +84,9 @@ class Case:
 CASES = (
     *(Case(s, m) for m in ("noisy", "exact", "free") for s in SPECIMENS),
     *(Case(s, "noisy", broken="noise", replications=200) for s in SPECIMENS),
-    *(Case(s, "noisy", noise="effective", replications=250) for s in SPECIMENS),
-    *(Case(s, "noisy", replications=200, loose=True) for s in SPECIMENS),
-    *(Case(s, "noisy", broken="determinant", replications=200, loose=True) for s in SPECIMENS),
+    *(Case(s, "noisy", noise="effective", replications=150) for s in SPECIMENS),
+    *(Case(s, "noisy", replications=120, loose=True) for s in SPECIMENS),
+    *(Case(s, "noisy", broken="determinant", replications=120, loose=True) for s in SPECIMENS),
     Case(THREE_RATIOS, "noisy", replications=120),
     Case(THREE_RATIOS, "noisy", replications=120, mounting_stretch="per-protocol"),
 )

@@ -165,3 +165,14 @@ def test_nothing_moving_or_nothing_there_is_unusable():
     one = np.random.default_rng(7).standard_normal((4, 1, 32))
     assert assess({"a": one}, target_ess=100).state == "unusable"
     assert split_rhat(np.repeat(np.arange(4.0)[:, None, None], 10, axis=1)) == np.inf
+
+
+def test_one_still_walker_in_the_middle_is_noticed(monkeypatch):
+    """Where it stands it costs hardly any effective draws: only its standing still tells."""
+    draws = np.random.default_rng(5).standard_normal((4, 300, 64))
+    draws[0, :150, 0] = draws[0, 0, 0] = 0.1
+    found = assess({"k2": draws}, target_ess=1000.0)
+    assert found.state == "tentative"
+    assert found.reason == "a walker stood still for 150 of 300 kept steps"
+    monkeypatch.setattr("biaxbayes.inference.convergence.LONGEST_HOLD", 1.0)
+    assert assess({"k2": draws}, target_ess=1000.0).state == "reliable"

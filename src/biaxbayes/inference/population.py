@@ -81,7 +81,8 @@ def explore(
             best_share = max(share, best_share)
             if share > TARGET_SHARE or stalled >= 2:
                 break
-        chosen = resample(power * log_weight, population // 2, rng)
+        tempered = np.where(inside, power * np.where(inside, log_weight, 0.0), -np.inf)
+        chosen = resample(tempered, population // 2, rng)
         with threadpool_limits(1, user_api="blas"):
             proposal = fit_proposal(
                 u[chosen], rng, edges=edges, components=SEARCH_COMPONENTS, screen=False
