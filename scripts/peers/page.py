@@ -33,6 +33,20 @@ estimate that it reports, which is too large.
 """
 
 
+NOTES = (
+    "NUTS in logs and logits does not converge here in 4 x 600 draws (R-hat up to 1.9, an ESS of a "
+    "few dozen): its errors are then larger than they say, and its disagreement says little. Where "
+    "its R-hat is below 1.03 it agrees.",
+    "",
+    "nautilus's bounds cut thin tails off, which shows in the mounting stretch of the intima. "
+    "Importance sampling from the fitted proposal (450,000 effective draws, two seeds) puts that "
+    "95 % quantile at 1.0701 and 1.0709, our chains put it at 1.0708 and 1.0711. The evidence of "
+    "both agrees to a hundredth. dynesty's slice steps from the prior are too few to find all of "
+    "the ridge: its evidence is off by more than its stated error, and more steps would only slow "
+    "it further.",
+)
+
+
 def page(found: dict[str, Any]) -> str:
     """The page as Markdown."""
     cases = found["cases"]
@@ -154,17 +168,19 @@ def _agreement(cases: list[dict[str, Any]]) -> list[str]:
     ]
     for c in cases:
         nuts = c["NUTS"]
-        cells = [f"{a['rms']:.2f} | {a['largest']:+.1f} ({a['where']})" for a in _compared(c)]
         lines.append(
             f"| {c['specimen']} | {c['noise']} | {nuts['ess']:.0f} | {nuts['rhat']:.3f} "
-            f"| {nuts['note'].split()[0]} | {' | '.join(cells)} |"
+            f"| {nuts['note'].split()[0]} | {' | '.join(_compared(c))} |"
         )
-    return lines
+    return [*lines, "", *NOTES]
 
 
-def _compared(case: dict[str, Any]) -> list[dict[str, Any]]:
-    missing = {"rms": float("nan"), "largest": float("nan"), "where": "not run"}
-    return [case["agreement"].get(key, missing) for key in ("NUTS", "nautilus")]
+def _compared(case: dict[str, Any]) -> list[str]:
+    cells = []
+    for key in ("NUTS", "nautilus"):
+        a = case["agreement"].get(key)
+        cells.append(f"{a['rms']:.2f} | {a['largest']:+.1f} ({a['where']})" if a else " | ")
+    return cells
 
 
 def _evidence(cases: list[dict[str, Any]]) -> list[str]:
