@@ -1,5 +1,7 @@
 """Designs against exact Gaussian answers, and against sampling again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +12,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.findings.candidates import FurtherProtocol, Reading, standard_candidates
 from biaxbayes.findings.design import design, expect, targets
 from biaxbayes.findings.design_check import resample
+from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.sampler import Plan
 from biaxbayes.mechanics.goh import GOH
 from biaxbayes.output.figures.design import design_figure
@@ -75,7 +78,7 @@ def candidates(run):
 
 
 def test_protocol_likelihood_is_a_normal_density(run, candidates):
-    protocol = candidates["1:0.5"]
+    protocol = replace(candidates["1:0.5"], shared=False)
     draws = run.draws.iloc[[3, 500, 900]]
     outcomes = protocol.outcomes(draws, np.random.default_rng(5))
     found = protocol.log_likelihood(outcomes, draws)
@@ -88,6 +91,21 @@ def test_protocol_likelihood_is_a_normal_density(run, candidates):
     )
     # Up to a term common to all draws: differences between draws are what counts.
     assert found - found[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
+
+
+@pytest.mark.parametrize("apart", [0.3, 4.0])
+def test_an_outcome_weighs_as_in_the_posterior_that_holds_it(run, candidates, apart):
+    """Also where its mounting reading is further from the earlier one than the noise explains."""
+    protocol, posterior = candidates["1:0.5"], run.posterior()
+    draws = run.draws.iloc[::2000]
+    outcome = protocol.outcomes(draws.iloc[:1], np.random.default_rng(5))
+    earlier, sd = posterior.specimen.mounting_readings(shared=True)
+    outcome[0, :2] = earlier[0] + apart * sd[0]
+    added, options = protocol.added_to(posterior, outcome[0])
+    joint = Posterior(added, **options, beta=posterior.beta)
+    gained = joint.log_density(draws) - posterior.log_density(draws)
+    found = protocol.log_likelihood(outcome, draws)[0]
+    assert found - found[0] == pytest.approx(gained - gained[0], abs=1e-4)
 
 
 def test_rows_worth_less_come_with_errors_that_are_worth_less(run, candidates):

@@ -18,7 +18,7 @@ from biaxbayes.findings.material_draws import mounting_labels
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.priors import Prior
 from biaxbayes.specimens.specimen import Protocol as Record
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen import Specimen, pooled_reading
 
 __all__ = ["Candidate", "FurtherProtocol", "Reading", "standard_candidates"]
 
@@ -123,6 +123,8 @@ class FurtherProtocol:
     mounting_sd : float
         Of the mounting force's reading; zero where the run takes no such reading.
     fibre_switch : bool
+    shared : bool
+        Whether all protocols have one mounted state, whose readings are then pooled.
     """
 
     name: str
@@ -131,6 +133,7 @@ class FurtherProtocol:
     beta: float
     mounting_sd: float
     fibre_switch: bool
+    shared: bool = True
 
     def _model(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """Loads and variances of one reading, both (draws, rows, 2); the mounted state first."""
@@ -172,19 +175,41 @@ class FurtherProtocol:
         f = (load - centre).reshape(len(draws), -1)
         y = outcomes - centre.ravel()
         weight = np.full(self.stretch.shape, self.beta)
-        weight[0] = 1.0 if self.mounting_sd > 0.0 else 0.0
+        weight[0] = 1.0 if self.mounting_sd > 0.0 and not self.shared else 0.0
         precision = (weight / variance).reshape(len(draws), -1)
         # sum_j w_j (y_j - f_j)^2 / v_j, multiplied out so that all pairs are one matrix product
         square = np.square(y) @ precision.T - 2.0 * y @ (precision * f).T
         square += (precision * np.square(f)).sum(axis=1)
-        return -0.5 * (square + (weight * np.log(variance)).sum(axis=(1, 2)))
+        curves = -0.5 * (square + (weight * np.log(variance)).sum(axis=(1, 2)))
+        if self.mounting_sd > 0.0 and self.shared:
+            curves += self._pooled(outcomes[:, :2], load[:, 0])
+        return curves
+
+    def _pooled(self, reading: np.ndarray, mounting_load: np.ndarray) -> np.ndarray:
+        """Log likelihood of the mounting readings with one more, less that without, (outcomes, n).
+
+        Readings that disagree by more than their noise leave the mounting load less certain than
+        the noise alone says (:meth:`.Specimen.mounting_readings`).
+        """
+        own, sd = self.specimen.mounting_readings(shared=False)
+        with_it = np.concatenate(
+            [np.broadcast_to(own, (len(reading), *own.shape)), reading[:, None]], axis=1
+        )
+        sds = np.concatenate([sd, np.full((1, 2), self.mounting_sd)])
+        mean, pooled = pooled_reading(with_it, sds)
+        before, before_sd = pooled_reading(own, sd)
+        z = (mean[:, None] - mounting_load) / pooled[:, None]
+        z_before = (before - mounting_load) / before_sd
+        gained = -0.5 * np.square(z).sum(axis=-1) + 0.5 * np.square(z_before).sum(axis=-1)
+        return gained - np.log(pooled / before_sd).sum(axis=-1)[:, None]
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`Candidate`."""
         load, variance = self._model(draws)
         mean = variance.mean(axis=0)
         mean[1:] /= self.beta
-        first = 0 if self.mounting_sd > 0.0 else 1
+        # A pooled reading need not be a gain: the bound from below leaves it out.
+        first = 0 if self.mounting_sd > 0.0 and not self.shared else 1
         return load[:, first:].reshape(len(draws), -1), mean[first:].ravel()
 
     def added_to(
@@ -267,8 +292,8 @@ def standard_candidates(
     def protocol(name: str, end: np.ndarray) -> FurtherProtocol:
         path = 1.0 + np.linspace(0.0, 1.0, kept + 1)[:, None] * end
         weight = min(1.0, beta * rows / kept)
-        switch = settings.fibre_switch
-        return FurtherProtocol(name, specimen, path, weight, mounting_sd, switch)
+        switch, shared = settings.fibre_switch, settings.mounting_stretch == "shared"
+        return FurtherProtocol(name, specimen, path, weight, mounting_sd, switch, shared)
 
     out: list[Any] = []
     for x, y in dict.fromkeys((*RATIOS, *ratios)):

@@ -10,7 +10,7 @@ import numpy as np
 
 from biaxbayes.specimens.protocol import Protocol
 
-__all__ = ["STRESS_PAIRS", "Protocol", "Specimen"]
+__all__ = ["STRESS_PAIRS", "Protocol", "Specimen", "pooled_reading"]
 
 STRESS_PAIRS = {
     "force": ("force_x_N", "force_y_N"),
@@ -182,11 +182,8 @@ class Specimen:
         reading, sd = np.array(readings), np.array(sds)
         if not shared:
             return reading, sd
-        count = len(self.protocols)
-        pooled = np.sqrt((sd**2).sum(axis=0)) / count
-        if count > 1:
-            pooled = np.maximum(pooled, reading.std(axis=0, ddof=1) / np.sqrt(count))
-        return reading.mean(axis=0, keepdims=True), pooled[None, :]
+        mean, pooled = pooled_reading(reading, sd)
+        return mean[None, :], pooled[None, :]
 
     # --- variants ---
 
@@ -224,3 +221,23 @@ class Specimen:
 
 def _rebuild(fields: dict) -> Specimen:
     return Specimen(**fields)
+
+
+def pooled_reading(reading: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of several readings of one mounting load, and its sd.
+
+    Parameters
+    ----------
+    reading, sd : ndarray, shape (..., m, 2)
+        Of each protocol.
+
+    Returns
+    -------
+    mean, sd : ndarray, shape (..., 2)
+        The sd is what the readings' own make it, or their scatter where that is larger.
+    """
+    count = reading.shape[-2]
+    pooled = np.sqrt((sd**2).sum(axis=-2)) / count
+    if count > 1:
+        pooled = np.maximum(pooled, reading.std(axis=-2, ddof=1) / np.sqrt(count))
+    return reading.mean(axis=-2), pooled
