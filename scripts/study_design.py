@@ -49,11 +49,12 @@ def main() -> None:
             posterior, draws, candidate, outcomes=options.outcomes, plan=plan, seed=options.seed
         )
         table = compared(expected, planned.quantities, again)
-        text += f"\n{options.specimen.stem}: {expected.name}, {again.outcomes} outcomes sampled"
-        text += "" if expected.trusted else "; not trusted, judged by its bound"
+        told = f"\n{options.specimen.stem}: {expected.name}, {again.outcomes} outcomes sampled"
+        told += "" if expected.trusted else "; not trusted, judged by its bound"
         rows = [list(table.columns), ["---"] * len(table.columns), *table.to_numpy().tolist()]
-        text += "\n\n" + "".join(f"| {' | '.join(row)} |\n" for row in rows)
-        print(text, flush=True)
+        told += "\n\n" + "".join(f"| {' | '.join(row)} |\n" for row in rows)
+        print(told, flush=True)
+        text += told
     if options.write:
         mark = f"design {options.specimen.stem}"
         page = options.write.read_text()
