@@ -226,7 +226,8 @@ def _summary(found: dict, tables: dict) -> list[str]:
             f"| {len(states)} | {int((states != 'reliable').sum())} | {outside} of {len(table)} "
             f"| {p:.2g} | {said} |"
         )
-    return lines
+    missing = "; ".join(title(case) for case in CASES if case not in found)
+    return [*lines, "", f"Not run yet: {missing}."] if missing else lines
 
 
 def _rows(table) -> list[str]:
