@@ -12,20 +12,12 @@ import numpy as np
 from biaxbayes.inference import kernel
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.search import start_parameters
+from biaxbayes.mechanics.goh import PARAMETERS
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["NAMES", "NaturalDensity", "summaries"]
 
-NAMES = (
-    "C1",
-    "k1",
-    "k2",
-    "alpha",
-    "kappa",
-    "mounting_stretch_x",
-    "mounting_stretch_y",
-    "noise_sd",
-)
+NAMES = (*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y", "noise_sd")
 LOGS = ("C1", "k1", "k2", "noise_sd")
 
 

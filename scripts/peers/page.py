@@ -58,22 +58,24 @@ def page(found: dict[str, Any]) -> str:
     return "\n".join(parts) + "\n"
 
 
+def _section(title: str, text: str, *table_head: str) -> list[str]:
+    """Heading, text, and the head of the table that follows."""
+    return ["", f"## {title}", "", text, "", *table_head]
+
+
 def _mean(ratios: list[float]) -> float:
     return float(np.exp(np.mean(np.log(ratios))))
 
 
 def _rates(cases: list[dict[str, Any]]) -> list[str]:
-    lines = [
-        "",
-        "## Effective draws a second, warm-up excluded",
-        "",
+    lines = _section(
+        "Effective draws a second, warm-up excluded",
         "The stretch move in natural parameters runs on the same compiled density, in four "
         "ensembles of 64.",
-        "",
         "| specimen | noise | ours | an evaluation | emcee | an evaluation | R-hat of emcee "
         "| ours / emcee |",
         "|---|---|---:|---:|---:|---:|---:|---:|",
-    ]
+    )
     for c in cases:
         ours, plain = c["ours"], c["emcee"]
         lines.append(
@@ -92,16 +94,13 @@ def _rates(cases: list[dict[str, Any]]) -> list[str]:
 
 
 def _convergence(cases: list[dict[str, Any]]) -> list[str]:
-    lines = [
-        "",
-        "## Wall time to a converged posterior",
-        "",
+    lines = _section(
+        "Wall time to a converged posterior",
         "From the deterministic fit to R-hat below 1.01 over four ensembles and an ESS of 2,000, "
         "warm-up included, seconds. Plain emcee had at least 20 times as long.",
-        "",
         "| specimen | noise | ours | of it warm-up | emcee | ratio |",
         "|---|---|---:|---:|---:|---:|",
-    ]
+    )
     for c in cases:
         ours, plain = c["ours"]["to_criterion"], c["emcee"]["to_criterion"]
         spent = c["emcee"]["seconds"] + c["emcee"]["warmup_seconds"]
@@ -116,21 +115,18 @@ def _convergence(cases: list[dict[str, Any]]) -> list[str]:
 
 
 def _others(cases: list[dict[str, Any]]) -> list[str]:
-    lines = [
-        "",
-        "## Other samplers",
-        "",
+    lines = _section(
+        "Other samplers",
         "Effective draws a second, warm-up included on both sides (ours: at the length of the run "
         "timed above). NUTS: numpyro, dense mass matrix, four chains; compilation left out. "
         "dynesty: from the prior, slice steps, the compiled density. *Script*: stretch move, NumPy "
         "stress and `scipy.optimize.root`, one walker at a time, and *pyMechT*: its mechanics in "
         "the same sampler; both are the time of one evaluation with the effective draws an "
         "evaluation of plain emcee, warm-up excluded.",
-        "",
         "| specimen | noise | ours | NUTS | ratio | dynesty | ratio | script, ms | ratio "
         "| pyMechT, ms | ratio |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
+    )
     ratios: dict[str, list[float]] = {"NUTS": [], "dynesty": [], "script": [], "pyMechT": []}
     for c in cases:
         ours = c["ours"]["rate_with_warmup"]
@@ -153,19 +149,16 @@ def _others(cases: list[dict[str, Any]]) -> list[str]:
 
 
 def _agreement(cases: list[dict[str, Any]]) -> list[str]:
-    lines = [
-        "",
-        "## Agreement",
-        "",
+    lines = _section(
+        "Agreement",
         "Quantiles of 5, 50 and 95 % of all eight unknowns: difference from ours in standard "
         "errors of both, from the effective draws that each sampler reports. nautilus runs between "
         "a Student t around the posterior and the posterior, which makes it quick and accurate "
         "without changing what it integrates.",
-        "",
         "| specimen | noise | NUTS: ESS | R-hat | divergences | rms | largest | nautilus: rms "
         "| largest |",
         "|---|---|---:|---:|---:|---:|---|---:|---|",
-    ]
+    )
     for c in cases:
         nuts = c["NUTS"]
         lines.append(
@@ -184,16 +177,13 @@ def _compared(case: dict[str, Any]) -> list[str]:
 
 
 def _evidence(cases: list[dict[str, Any]]) -> list[str]:
-    lines = [
-        "",
-        "## Evidence",
-        "",
+    lines = _section(
+        "Evidence",
         "Log marginal likelihood by bridge sampling, by nautilus in the narrowed prior, and by "
         "dynesty from the prior (independent noise; differences from ours).",
-        "",
         "| specimen | ours | nautilus | difference | dynesty | difference |",
         "|---|---:|---:|---:|---:|---:|",
-    ]
+    )
     for c in cases:
         if not c["ours"]["log_evidence"]:
             continue
@@ -227,15 +217,12 @@ def _density(found: dict[str, Any]) -> list[str]:
 
 def _commands(commands: list[dict[str, Any]]) -> list[str]:
     names = ("imports", "compile", "reading and n_eff", "fit", "warm-up", "sampling", "output")
-    lines = [
-        "",
-        "## Whole commands",
-        "",
+    lines = _section(
+        "Whole commands",
         "Wall time in seconds, two workers where a command has them, and peak memory.",
-        "",
         "| command | total | " + " | ".join(names) + " | peak memory, MB |",
         "|---|---:|" + "---:|" * len(names) + "---:|",
-    ]
+    )
     for c in commands:
         cells = " | ".join(f"{c['parts'][n]:.1f}" if n in c["parts"] else "" for n in names)
         lines.append(f"| {c['text']} | {c['seconds']:.1f} | {cells} | {c['peak_MB']:.0f} |")
