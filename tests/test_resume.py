@@ -403,7 +403,7 @@ def hostile_bodies(body):
         ),
         "walkers of another size": changed(coordinates_0=coordinates[:, :-1]),
         "half precision": changed(chain=chain.astype(np.float16)),
-        "order beyond the end": changed(proposal_order=np.full(coordinates.shape[1], 10**6)),
+        "order beyond the end": changed(proposal_0_order=np.full(coordinates.shape[1], 10**6)),
         "no members": text(members=[]),
         "members are numbers": text(members=[1, 2, 3, 4]),
         "negative steps": text(steps=-5),

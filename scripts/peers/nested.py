@@ -12,6 +12,7 @@ from scipy.stats import t as student
 
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.sampler import Draws
+from biaxbayes.inference.trend import fit_trend
 from peers.natural_density import NAMES, NaturalDensity, summaries
 from peers.outcome import Outcome
 
@@ -76,8 +77,11 @@ def in_a_narrowed_prior(
     """
     import nautilus
 
-    trend, d = draws.proposal.trend, posterior.dimension
-    r, _ = trend.straighten(draws.chain.reshape(-1, d))
+    d = posterior.dimension
+    bounded = np.array([j in posterior.edges for j in range(d)])
+    points = draws.chain.reshape(-1, d)
+    trend = fit_trend(points, bounded)
+    r, _ = trend.straighten(points)
     centre = np.median(r, axis=0)
     factor = WIDER * np.linalg.cholesky(np.cov(r.T))
     log_volume = float(np.log(np.diag(factor)).sum())

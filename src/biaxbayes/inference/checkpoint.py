@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import CannotResume, InputError, RunError
+from biaxbayes.inference.patchwork import proposal_of
 from biaxbayes.inference.proposal import Proposal
 from biaxbayes.inference.sampler import State
 from biaxbayes.inference.warmup import WarmUp
@@ -24,7 +25,7 @@ from biaxbayes.specimens.text_file import atomic_write_bytes, read_bytes, sync_f
 
 __all__ = ["FORMAT", "NAME", "PREVIOUS", "DamagedCheckpoint", "load", "save", "unpack"]
 
-FORMAT = 2
+FORMAT = 3
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 FOLLOWING = ".checkpoint-following.npz"
@@ -217,7 +218,7 @@ def _state(stored: dict[str, Any], arrays: dict[str, np.ndarray]) -> State:
             }
         )
     prefix = "proposal_"
-    proposal = Proposal.from_arrays(
+    proposal = proposal_of(
         {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
     )
     return State(
@@ -237,23 +238,16 @@ def _state(stored: dict[str, Any], arrays: dict[str, np.ndarray]) -> State:
 def _check(state: State) -> None:
     """Refuse a state whose parts do not fit together: whoever made it, it was not this program."""
     ensembles, _, walkers, d = state.chain.shape
-    mixture, trend = state.proposal.mixture, state.proposal.trend
-    k = mixture.weights.size
-    floats = (state.chain, mixture.weights, mixture.means, mixture.factors, state.proposal.edges)
+    shares = state.proposal.weights
     fits = [
-        all(
-            a.dtype == np.float64 for a in (*floats, trend.centre, trend.scale, trend.coefficients)
-        ),
+        state.chain.dtype == shares.dtype == np.float64,
+        shares.shape == (len(state.proposal.parts),) and len(shares) >= 1,
+        *(_fits(part, d) for part in state.proposal.parts),
         len(state.members) == ensembles >= 1,
         state.steps >= 0 and state.thin >= 1 and np.isfinite(state.softening),
         -(-state.steps // state.thin) == state.chain.shape[1],
         np.isfinite(state.chain).all(),
         state.rejected.shape == (4,) and state.rejected.dtype.kind == "i",
-        mixture.means.shape == (k, d) and mixture.factors.shape == (k, d, d),
-        state.proposal.edges.shape == (d, 2),
-        trend.centre.shape == trend.scale.shape == (d,),
-        trend.coefficients.ndim == 2 and len(trend.coefficients) == d,
-        sorted(trend.order.tolist()) == list(range(d)),
     ]
     for member in state.members:
         fits += [
@@ -269,3 +263,21 @@ def _check(state: State) -> None:
         int(member["evaluations"])
     if not all(fits):
         raise ValueError("the parts do not fit together")
+
+
+def _fits(part: Proposal, d: int) -> bool:
+    """Whether the arrays of a proposal in d dimensions fit together."""
+    mixture, trend = part.mixture, part.trend
+    k = mixture.weights.size
+    floats = [mixture.weights, mixture.means, mixture.factors, part.edges]
+    floats += [trend.centre, trend.scale, trend.coefficients, trend.widths]
+    return (
+        all(a.dtype == np.float64 for a in floats)
+        and mixture.means.shape == (k, d)
+        and mixture.factors.shape == (k, d, d)
+        and part.edges.shape == (d, 2)
+        and trend.centre.shape == trend.scale.shape == (d,)
+        and trend.coefficients.ndim == trend.widths.ndim == 2
+        and len(trend.coefficients) == len(trend.widths) == d
+        and sorted(trend.order.tolist()) == list(range(d))
+    )

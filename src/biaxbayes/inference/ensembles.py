@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from biaxbayes.inference.moves import AdaptedIndependenceMove
-from biaxbayes.inference.proposal import Proposal
+from biaxbayes.inference.patchwork import AnyProposal
 
 __all__ = ["Ensemble", "Ensembles"]
 
@@ -176,12 +176,12 @@ class Ensembles:
         return sum(m.independence.accepted for m in self.members) / tried if tried else 0.0
 
     @property
-    def proposal(self) -> Proposal | None:
+    def proposal(self) -> AnyProposal | None:
         """The proposal shared by all ensembles."""
         return self.members[0].independence.proposal
 
     @proposal.setter
-    def proposal(self, proposal: Proposal) -> None:
+    def proposal(self, proposal: AnyProposal) -> None:
         for member in self.members:
             member.independence.proposal = proposal
 
@@ -197,12 +197,17 @@ class Ensembles:
             member.independence.reset_counts()
 
     def adapt(
-        self, history: np.ndarray, *, components: int | None = None, screen: bool = True
+        self,
+        history: np.ndarray,
+        *,
+        components: int | None = None,
+        parts: int = 1,
+        screen: bool = True,
     ) -> None:
         """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
         lead = self.members[0].independence
         with threadpool_limits(1, user_api="blas"):
-            lead.adapt(history, components=components, screen=screen)
+            lead.adapt(history, components=components, parts=parts, screen=screen)
         assert lead.proposal is not None
         self.proposal = lead.proposal
 

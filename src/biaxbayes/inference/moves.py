@@ -26,7 +26,8 @@ from emcee.moves.move import Move
 from emcee.state import State
 from numba import njit
 
-from biaxbayes.inference.proposal import Proposal, edge_array, fit_proposal
+from biaxbayes.inference.patchwork import AnyProposal, fit_patchwork
+from biaxbayes.inference.proposal import edge_array
 
 __all__ = ["AdaptedIndependenceMove"]
 
@@ -49,7 +50,7 @@ class AdaptedIndependenceMove(Move):
 
     Attributes
     ----------
-    proposal : Proposal or None
+    proposal : Proposal, Patchwork or None
         None until :meth:`adapt` or assignment. A step without one is an error.
     tried, accepted : int
         Counts of proposals since :meth:`reset_counts`.
@@ -62,7 +63,7 @@ class AdaptedIndependenceMove(Move):
         sweeps: int = 4,
         components: int = 8,
         edges: Mapping[int, tuple[float, float]] | None = None,
-        proposal: Proposal | None = None,
+        proposal: AnyProposal | None = None,
     ) -> None:
         super().__init__()
         if sweeps < 1:
@@ -86,12 +87,17 @@ class AdaptedIndependenceMove(Move):
         return self.accepted / self.tried if self.tried else 0.0
 
     def adapt(
-        self, history: np.ndarray, *, components: int | None = None, screen: bool = True
+        self,
+        history: np.ndarray,
+        *,
+        components: int | None = None,
+        parts: int = 1,
+        screen: bool = True,
     ) -> None:
         """Fit the proposal to a history of walkers, shape (n, d).
 
-        ``components`` overrides the limit of the constructor for this fit; ``screen`` as in
-        :func:`.proposal.fit_proposal`.
+        ``components`` overrides the limit of the constructor for this fit; ``parts`` and
+        ``screen`` as in :func:`.patchwork.fit_patchwork`.
 
         Raises
         ------
@@ -100,11 +106,12 @@ class AdaptedIndependenceMove(Move):
         """
         if self.frozen:
             raise RuntimeError("the proposal is frozen: draws are being kept")
-        self.proposal = fit_proposal(
+        self.proposal = fit_patchwork(
             history,
             self.rng,
             components=components or self.components,
             edges=edge_array(self.edges, history.shape[1]),
+            parts=parts,
             screen=screen,
         )
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from biaxbayes.inference.convergence import Convergence, assess
 from biaxbayes.inference.ensembles import Ensembles
+from biaxbayes.inference.patchwork import Patchwork
 from biaxbayes.inference.population import POPULATION, dispersed_starts, tempered_points
 from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.proposal import Proposal
 from biaxbayes.inference.search import search
 from biaxbayes.inference.warmup import WarmUp, warm_up
 
@@ -83,7 +83,7 @@ class State:
     """A run between two blocks; what a checkpoint holds."""
 
     softening: float
-    proposal: Proposal
+    proposal: Patchwork
     members: list[dict[str, Any]]
     chain: np.ndarray
     steps: int
@@ -106,7 +106,7 @@ class Draws:
         Natural quantities by the names of ``summary.csv``, ``log_likelihood`` and ``lp``.
     convergence : Convergence
     warmup : WarmUp
-    proposal : Proposal
+    proposal : Patchwork
     evaluations : int
     rejected : dict
         Evaluations of zero density by reason, over the whole run.
@@ -121,7 +121,7 @@ class Draws:
     quantities: dict[str, np.ndarray]
     convergence: Convergence
     warmup: WarmUp
-    proposal: Proposal
+    proposal: Patchwork
     evaluations: int
     rejected: dict[str, int]
     acceptance: float
@@ -235,7 +235,7 @@ def first_state(
     warmed = warm_up(
         ensembles, proposal, spread, progress=lambda text: progress(Progress(f"warming up: {text}"))
     )
-    assert ensembles.proposal is not None
+    assert isinstance(ensembles.proposal, Patchwork)
     seconds["warm-up"] = time.perf_counter() - clock
     shape = (plan.ensembles, 0, walkers, posterior.dimension)
     state = State(

@@ -9,20 +9,24 @@ import numpy as np
 
 from biaxbayes.inference.covering import cover
 from biaxbayes.inference.ensembles import POOR_ACCEPTANCE, Ensembles
+from biaxbayes.inference.patchwork import Patchwork
 from biaxbayes.inference.proposal import Proposal
 
 __all__ = ["WarmUp", "warm_up"]
 
 ROUND_STEPS = 16
-CHECK_STEPS = (16, 64, 160, 16)
+CHECK_STEPS = (16, 64, 160, 160, 16)
 """Steps on which the final proposal is judged; where it holds walkers it is fitted once more."""
 COMPONENTS, MORE_COMPONENTS = 12, 20
 """Of the final proposal, and of one that has been fitted again."""
 COVERING_ROUNDS = 2
-LOOSE, STICKY = 1.3, 3.0
-"""Log weight above the median: up to one walkers move freely, from the other they hardly do."""
+LOOSE, TORN, STICKY = 1.3, 2.2, 3.0
+"""Log weight above the median: up to the first walkers move freely, from the last they hardly do.
+Above the second one trend is too few, and the next fit has two."""
+PATIENCE = 3
+"""Checks after which a proposal that is not quite loose is good enough."""
 DE_SHARES = (0.15, 0.25, 0.5)
-"""Share of differential evolution below, between and above the two: another way to move."""
+"""Share of differential evolution, another way to move: when loose, between, when sticky."""
 MAX_ROUNDS = 8
 ENOUGH = 0.65  # acceptance at which more adaptation buys little
 RISE = 0.02  # smallest rise of acceptance that is worth another round
@@ -116,14 +120,14 @@ def _keep(
     Returns its acceptance and the log weight, above the median one, of the points that hold
     walkers longest.
     """
-    components = COMPONENTS
+    components, parts = COMPONENTS, 1
     acceptance = hold = 0.0
-    for steps in CHECK_STEPS:
+    for check, steps in enumerate(CHECK_STEPS):
         count = min(len(spread), len(points) // 4)
         chosen = ensembles.rng.choice(len(spread), count, replace=False)
         history = np.concatenate([points, spread[chosen]])
-        ensembles.adapt(history, components=components, screen=True)
-        assert ensembles.proposal is not None
+        ensembles.adapt(history, components=components, parts=parts, screen=True)
+        assert isinstance(ensembles.proposal, Patchwork)
         proposal = _covered(ensembles, ensembles.proposal, points, log_prob, 2 * len(spread))
         ensembles.proposal = proposal
         ensembles.reset_counts()
@@ -132,20 +136,20 @@ def _keep(
         log_weight = log_prob - proposal.log_density(points)
         acceptance = ensembles.acceptance
         hold = float(np.quantile(log_weight, 0.998) - np.median(log_weight))
-        if hold < LOOSE:
+        if hold < (LOOSE if check < PATIENCE else TORN):
             break
         progress(f"adapting further, acceptance {acceptance:.2f}")
-        components = MORE_COMPONENTS
+        components, parts = MORE_COMPONENTS, 2 if hold > TORN else 1
     return acceptance, hold
 
 
 def _covered(
     ensembles: Ensembles,
-    proposal: Proposal,
+    proposal: Patchwork,
     points: np.ndarray,
     log_prob: np.ndarray,
     size: int,
-) -> Proposal:
+) -> Patchwork:
     """The proposal with components added where walkers or its own draws find it short."""
     log_density = ensembles.members[0].log_density
     for _ in range(COVERING_ROUNDS):
