@@ -35,9 +35,9 @@ from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.specimens.text_file import atomic_write_text
 from peers.agreement import agreement
 from peers.costs import density_cost, growth_with_points, growth_with_walkers
-from peers.natural_density import NaturalDensity
+from peers.natural_density import NAMES, NaturalDensity
 from peers.nested import from_the_prior, in_a_narrowed_prior
-from peers.nuts import nuts
+from peers.nuts import nuts, straightened_nuts
 from peers.outcome import Outcome
 from peers.page import page
 from peers.samplers import emcee_plain, ours
@@ -52,8 +52,28 @@ PLAIN_LIMIT = 20.0
 LEAST_LIMIT = 20.0  # seconds
 SLICES = 8
 """Slice steps of dynesty between two points; with few its evidence is off by several units."""
-FULL = {"steps": 384, "warmup": 600, "draws": 600, "live": 500, "narrowed": 3000, "limit": 300}
-QUICK = {"steps": 128, "warmup": 150, "draws": 100, "live": 100, "narrowed": 1000, "limit": 30}
+MAPPED = 8000
+"""Draws that the coordinates of the straightened NUTS are fitted to."""
+FULL = {
+    "steps": 384,
+    "warmup": 600,
+    "draws": 600,
+    "long_warmup": 500,
+    "long": 2000,
+    "live": 500,
+    "narrowed": 3000,
+    "limit": 300,
+}
+QUICK = {
+    "steps": 128,
+    "warmup": 150,
+    "draws": 100,
+    "long_warmup": 150,
+    "long": 200,
+    "live": 100,
+    "narrowed": 1000,
+    "limit": 30,
+}
 
 
 def _told(outcome: Outcome) -> dict[str, Any]:
@@ -91,9 +111,14 @@ def one_case(task: tuple[str, str, bool]) -> dict[str, Any]:
         others["nautilus"] = in_a_narrowed_prior(
             posterior, draws, live=size["narrowed"], limit=size["limit"]
         )
+    points = np.column_stack([mine.draws[key].ravel() for key in NAMES])
+    few = np.random.default_rng(1).choice(len(points), MAPPED, replace=False)
+    others["straightened"] = straightened_nuts(
+        density, points[few], warmup=size["long_warmup"], draws=size["long"]
+    )
     found = {"specimen": name, "noise": noise, "ours": _told(mine)}
     found |= {key: _told(value) for key, value in others.items()}
-    compared = {key: others[key] for key in ("NUTS", "nautilus") if key in others}
+    compared = {key: others[key] for key in ("NUTS", "straightened", "nautilus") if key in others}
     found["agreement"] = {key: asdict(agreement(mine, other)) for key, other in compared.items()}
     points = density.starts(50, np.random.default_rng(2))
     forces = points.copy()

@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from biaxbayes.findings.design import Expected, design
+from biaxbayes.findings.design import design
 from biaxbayes.findings.design_check import Resampled, resample
+from biaxbayes.findings.expected import Expected
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.sampler import Plan, draw
 from biaxbayes.specimens.specimen_file import read_specimen

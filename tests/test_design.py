@@ -6,14 +6,18 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from biaxbayes.errors import InputError
 from biaxbayes.findings.candidates import FurtherProtocol, Reading, standard_candidates
-from biaxbayes.findings.design import design, expect, targets
+from biaxbayes.findings.design import design
 from biaxbayes.findings.design_check import resample
+from biaxbayes.findings.expected import _posterior_spread, expect
+from biaxbayes.findings.outcome_posterior import OutcomePosterior
+from biaxbayes.findings.targets import targets
 from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.sampler import Plan
+from biaxbayes.inference.sampler import Plan, draw
 from biaxbayes.mechanics.goh import GOH
 from biaxbayes.output.figures.design import design_figure
 from biaxbayes.specimens.specimen_file import write_specimen
@@ -70,6 +74,82 @@ def test_an_outcome_that_leaves_too_few_draws_is_not_trusted():
 @pytest.fixture(scope="module")
 def run():
     return sampled(specimen(MATERIAL, ratios=EQUIBIAXIAL, increments=15), ess=200.0)
+
+
+@pytest.fixture(scope="module")
+def precise(run):
+    """A fibre angle known far better than before: hardly a draw of the run has weight."""
+    posterior = run.posterior()
+    posterior.use_chart()
+    candidate = Reading("precise", ("alpha",), 5e-4 * run.draws["alpha"].std())
+    names = tuple(targets(posterior, run.draws))
+    return posterior, OutcomePosterior(posterior, candidate, run.draws, names)
+
+
+def test_new_draws_agree_with_sampling_at_a_known_angle(run, precise):
+    """Against the sampler with the angle fixed."""
+    posterior, after = precise
+    angle = float(np.quantile(run.draws["alpha"], 0.3))
+    log_weight = after.candidate.log_likelihood(np.array([[angle]]), run.draws)[0]
+    found = after.after(np.array([angle]), log_weight, np.random.default_rng(1))
+    assert found.effective > 400
+    fixed = Posterior(posterior.specimen, **{**posterior.options(), "priors": {"alpha": angle}})
+    chains = draw(fixed, Plan(ess=1500.0, seed=3)).quantities
+    table = pd.DataFrame({name: q.ravel() for name, q in chains.items()})
+    exact = targets(fixed, table, after._stretch)
+    shared = [n for n in exact if n in after.quantities]
+    assert {"C1", "k1", "k2", "kappa", "mounting_stretch_x"} <= set(shared)
+    for name in shared:
+        ratio = found.sd[after.quantities.index(name)] / exact[name].std()
+        # sds of a thousand draws each, and tails heavier than a Gaussian's
+        assert abs(ratio - 1.0) < 4.0 * np.sqrt(1.0 / 1600 + 1.0 / 3000) * 1.5, name
+    # log Z of a normal reading is the log of the angle's density times the normal's volume
+    alpha = run.draws["alpha"]
+    near = np.abs(alpha - angle) < 0.25 * alpha.std()
+    log_density = np.log(near.mean() / (0.5 * alpha.std()))
+    expected = log_density + np.log(after.candidate.sd * np.sqrt(2.0 * np.pi))
+    assert found.log_evidence == pytest.approx(expected, abs=0.25)
+
+
+def test_new_draws_agree_with_reweighting_where_both_do(run):
+    """Outcomes of an accuracy that leaves a thousand draws: spreads, and the mean likelihood."""
+    posterior = run.posterior()
+    posterior.use_chart()
+    candidate = Reading("angle", ("alpha",), 0.3 * run.draws["alpha"].std())
+    quantities = targets(posterior, run.draws)
+    values = np.column_stack(list(quantities.values()))
+    after = OutcomePosterior(posterior, candidate, run.draws, tuple(quantities))
+    rng = np.random.default_rng(2)
+    simulated = candidate.outcomes(run.draws.iloc[::4000], rng)
+    weights = candidate.log_likelihood(simulated, run.draws)
+    spread, effective = _posterior_spread(weights, values)
+    assert effective.min() > 300
+    for j, outcome in enumerate(simulated):
+        found = after.after(outcome, weights[j], rng)
+        np.testing.assert_allclose(found.sd, spread[j], rtol=0.25)
+        known = logsumexp(weights[j]) - np.log(len(run.draws))
+        assert found.log_evidence == pytest.approx(known, abs=0.2)
+
+
+def test_a_precise_reading_is_gone_into(run, precise):
+    """With the posterior at hand its numbers are trusted, and the angle's own is exact."""
+    posterior, after = precise
+    quantities = targets(posterior, run.draws)
+    alone = expect(after.candidate, run.draws, quantities, np.random.default_rng(3), outcomes=20)
+    assert not alone.trusted
+    found = expect(
+        after.candidate,
+        run.draws,
+        quantities,
+        np.random.default_rng(3),
+        outcomes=20,
+        posterior=posterior,
+    )
+    assert found.trusted
+    assert found.effective > 400
+    i = list(quantities).index("alpha")
+    assert found.reduction[i] == pytest.approx(1.0 - 5e-4, abs=1e-4)
+    assert found.at_least[i] <= found.reduction[i] + 0.01
 
 
 @pytest.fixture(scope="module")

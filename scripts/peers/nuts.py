@@ -9,8 +9,9 @@ import numpy as np
 
 from peers.natural_density import NAMES, NaturalDensity, summaries
 from peers.outcome import Outcome, judged
+from peers.straight import Straight
 
-__all__ = ["jax_log_density", "nuts"]
+__all__ = ["jax_log_density", "jax_mounting_load", "nuts", "straightened_nuts"]
 
 
 def jax_log_density(density: NaturalDensity) -> Any:
@@ -27,24 +28,12 @@ def jax_log_density(density: NaturalDensity) -> Any:
     rows = np.diff(problem.start)
     beta = jnp.asarray(np.repeat(problem.beta, rows, axis=0))
 
-    def stress(theta, lx2, ly2, lz2):
-        c1, k1, k2, alpha, kappa = theta
-        t = jnp.cos(alpha) ** 2
-        hx, hy, hz = kappa + (1 - 3 * kappa) * t, kappa + (1 - 3 * kappa) * (1 - t), kappa
-        # E = H : C - 1,  s_k = 2 C1 (l_k^2 - l_z^2) + 4 k1 E exp(k2 E^2) (H_k l_k^2 - H_z l_z^2)
-        e = hx * lx2 + hy * ly2 + hz * lz2 - 1.0
-        w = 4.0 * k1 * e * jnp.exp(jnp.minimum(k2 * e * e, 300.0))
-        return (
-            2.0 * c1 * (lx2 - lz2) + w * (hx * lx2 - hz * lz2),
-            2.0 * c1 * (ly2 - lz2) + w * (hy * ly2 - hz * lz2),
-        )
-
     def log_density(x):
         theta, (lx, ly), w = x[:5], x[5:7], x[7]
         lz2 = 1.0 / (lx * ly) ** 2
-        mounted = stress(theta, lx**2, ly**2, lz2)
+        mounted = _stress(theta, lx**2, ly**2, lz2)
         total = 0.0
-        loads = stress(theta, lx**2 * squared[0], ly**2 * squared[1], lz2 * squared[2])
+        loads = _stress(theta, lx**2 * squared[0], ly**2 * squared[1], lz2 * squared[2])
         for k, lm in enumerate((lx, ly)):
             section = problem.area[k] * (1.0 if problem.mounted else 1.0 / lm)
             residual = read[k] - section * inverse[k] * loads[k]
@@ -62,6 +51,35 @@ def jax_log_density(density: NaturalDensity) -> Any:
     return log_density
 
 
+def _stress(theta: Any, lx2: Any, ly2: Any, lz2: Any) -> tuple[Any, Any]:
+    import jax.numpy as jnp
+
+    c1, k1, k2, alpha, kappa = theta
+    t = jnp.cos(alpha) ** 2
+    hx, hy, hz = kappa + (1 - 3 * kappa) * t, kappa + (1 - 3 * kappa) * (1 - t), kappa
+    # E = H : C - 1,  s_k = 2 C1 (l_k^2 - l_z^2) + 4 k1 E exp(k2 E^2) (H_k l_k^2 - H_z l_z^2)
+    e = hx * lx2 + hy * ly2 + hz * lz2 - 1.0
+    w = 4.0 * k1 * e * jnp.exp(jnp.minimum(k2 * e * e, 300.0))
+    return (
+        2.0 * c1 * (lx2 - lz2) + w * (hx * lx2 - hz * lz2),
+        2.0 * c1 * (ly2 - lz2) + w * (hy * ly2 - hz * lz2),
+    )
+
+
+def jax_mounting_load(density: NaturalDensity) -> Any:
+    """Mounting loads (2,) of theta (5,) and mounting stretches (2,)."""
+    import jax.numpy as jnp
+
+    problem = density.problem
+
+    def load(theta, lm):
+        lz2 = 1.0 / (lm[0] * lm[1]) ** 2
+        stress = jnp.stack(_stress(theta, lm[0] ** 2, lm[1] ** 2, lz2))
+        return jnp.asarray(problem.area) * (1.0 if problem.mounted else 1.0 / lm) * stress
+
+    return load
+
+
 def nuts(density: NaturalDensity, *, warmup: int, draws: int, chains: int = 4) -> Outcome:
     """Numpyro's NUTS with a dense mass matrix, chain after chain on one core.
 
@@ -70,7 +88,6 @@ def nuts(density: NaturalDensity, *, warmup: int, draws: int, chains: int = 4) -
     """
     import jax
     import jax.numpy as jnp
-    from numpyro.infer import MCMC, NUTS
 
     jax.config.update("jax_enable_x64", True)
     target = jax_log_density(density)
@@ -99,18 +116,49 @@ def nuts(density: NaturalDensity, *, warmup: int, draws: int, chains: int = 4) -
     u0[:, 5:7] = starts[:, 5:7]
     for i, top in tops.items():
         u0[:, i] = np.log(starts[:, i] / (top - starts[:, i]))
+    return _run(potential, natural, u0, warmup, draws, 0.8)
+
+
+def straightened_nuts(
+    density: NaturalDensity, fitted_to: np.ndarray, *, warmup: int, draws: int, chains: int = 4
+) -> Outcome:
+    """NUTS in coordinates that follow the posterior (:class:`.Straight`), for agreement.
+
+    Not a rival: the coordinates are fitted to draws of ours, shape (n, 8). The chains start at
+    standard normal points of the straightened space.
+    """
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    straight = Straight(jax_log_density(density), jax_mounting_load(density), fitted_to)
+    rng = np.random.default_rng(2)
+    r0 = np.empty((0, len(NAMES)))
+    while len(r0) < chains:
+        r = rng.standard_normal((1, len(NAMES)))
+        if np.isfinite(float(straight.potential(r[0]))):
+            r0 = np.vstack([r0, r])
+    natural = jax.vmap(jax.vmap(lambda r: straight.natural(r)[0]))
+    return _run(straight.potential, natural, r0, warmup, draws, 0.9)
+
+
+def _run(
+    potential: Any, natural: Any, start: np.ndarray, warmup: int, draws: int, accept: float
+) -> Outcome:
+    import jax
+    import jax.numpy as jnp
+    from numpyro.infer import MCMC, NUTS
+
     sampler = MCMC(
-        NUTS(potential_fn=potential, dense_mass=True, target_accept_prob=0.8),
+        NUTS(potential_fn=potential, dense_mass=True, target_accept_prob=accept),
         num_warmup=warmup,
         num_samples=draws,
-        num_chains=chains,
+        num_chains=len(start),
         chain_method="sequential",
         progress_bar=False,
     )
-    key = jax.random.PRNGKey(1)
-    jax.block_until_ready(jax.jit(jax.value_and_grad(potential))(jnp.asarray(u0[0])))
+    jax.block_until_ready(jax.jit(jax.value_and_grad(potential))(jnp.asarray(start[0])))
     clock = time.perf_counter()
-    sampler.warmup(key, init_params=jnp.asarray(u0), collect_warmup=False)
+    sampler.warmup(jax.random.PRNGKey(1), init_params=jnp.asarray(start), collect_warmup=False)
     jax.block_until_ready(sampler.last_state)
     middle = time.perf_counter()
     sampler.run(jax.random.PRNGKey(2), extra_fields=("num_steps", "diverging"))

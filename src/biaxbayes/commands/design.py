@@ -9,6 +9,7 @@ import click
 
 from biaxbayes.commands.executor_options import executor_options
 from biaxbayes.commands.number_pair import Pair
+from biaxbayes.commands.progress_line import progress_line
 from biaxbayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ TOLD = ("C1", "k1", "k2", "alpha", "kappa")
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Same seed, same bytes.")
 @executor_options
+@click.option("--quiet", is_flag=True, help="No progress.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the files [the run's].")
 def command(
     run: Path,
@@ -61,11 +63,13 @@ def command(
     seed: int,
     workers: int | None,
     scheduler: str | None,
+    quiet: bool,
     out: Path | None,
 ) -> int:
     """Say which further measurement would narrow the posterior of RUN most.
 
-    Outcomes of each candidate are simulated from the draws of the run, which are then reweighted.
+    Outcomes of each candidate are simulated from the draws of the run, which are then reweighted;
+    where an outcome leaves too few of them, new ones are drawn.
     Writes design.csv, design.pdf and design.png. Exit code 3 where the run is not reliable.
     """
     from biaxbayes.commands.run_state import open_usable_run
@@ -78,7 +82,7 @@ def command(
             raise InputError(f"--{name}-sd must be a positive number")
     if seed < 0:
         raise InputError("--seed must not be negative")
-    executor = executor_for(1 if workers is None and scheduler is None else workers, scheduler)
+    executor = executor_for(workers, scheduler)
     opened = open_usable_run(run, anyway=False)
     posterior = opened.posterior()
     candidates = standard_candidates(
@@ -89,9 +93,16 @@ def command(
         kappa_sd=kappa_sd,
         image_sd=image_sd,
     )
-    found = design(
-        posterior, opened.draws, candidates, rank_by=rank_by, seed=seed, executor=executor
-    )
+    with progress_line(quiet=quiet) as tell:
+        found = design(
+            posterior,
+            opened.draws,
+            candidates,
+            rank_by=rank_by,
+            seed=seed,
+            executor=executor,
+            progress=tell,
+        )
     folder = out or run
     _write(found, folder)
     _tell(found, opened.draws, opened.specimen.unit)
@@ -138,7 +149,7 @@ def _tell(found: Design, draws: Any, unit: str) -> None:
         )
     if not all(e.trusted for e in found.expected):
         click.echo(
-            "\n* this outcome would leave too few of the run's draws to weigh: the true reduction "
+            "\n* too few draws could be had for these outcomes: the true reduction "
             "is at least the column at_least of design.csv"
         )
     for name in found.skipped:

@@ -10,7 +10,7 @@ import pandas as pd
 from biaxbayes.errors import NotConverged
 from biaxbayes.findings.candidates import Candidate
 from biaxbayes.findings.derived import largest_equibiaxial
-from biaxbayes.findings.design import targets
+from biaxbayes.findings.targets import targets
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.sampler import Plan, draw
 

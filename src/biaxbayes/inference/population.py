@@ -22,6 +22,7 @@ __all__ = [
     "explore",
     "resample",
     "tempered_points",
+    "tempering",
 ]
 
 POPULATION = 4096
@@ -37,6 +38,7 @@ def explore(
     edges: np.ndarray,
     rng: np.random.Generator,
     population: int = POPULATION,
+    components: int = SEARCH_COMPONENTS,
 ) -> tuple[Proposal, np.ndarray, np.ndarray]:
     """From a first proposal to one that fits a density.
 
@@ -52,6 +54,8 @@ def explore(
     edges : ndarray, shape (d, 2)
     rng : numpy.random.Generator
     population : int
+    components : int
+        Largest number of mixture components of each proposal.
 
     Returns
     -------
@@ -74,7 +78,7 @@ def explore(
         log_weight[inside] = log_prob[inside] - proposal.log_density(u[inside])
         if not np.isfinite(log_weight).any():
             raise NotConverged("no region of positive density around the deterministic fit")
-        power = _tempering(log_weight)
+        power = tempering(log_weight)
         share = effective_share(log_weight)
         if power == 1.0:
             stalled = 0 if share > best_share + 0.02 else stalled + 1
@@ -85,7 +89,7 @@ def explore(
         chosen = resample(tempered, population // 2, rng)
         with threadpool_limits(1, user_api="blas"):
             proposal = fit_proposal(
-                u[chosen], rng, edges=edges, components=SEARCH_COMPONENTS, screen=False
+                u[chosen], rng, edges=edges, components=components, screen=False
             )
     return proposal, u, log_weight
 
@@ -96,7 +100,7 @@ def effective_share(log_weight: np.ndarray) -> float:
     return float(w.sum() ** 2 / (w.size * (w * w).sum()))
 
 
-def _tempering(log_weight: np.ndarray) -> float:
+def tempering(log_weight: np.ndarray) -> float:
     """Largest power of the weights, at most one, that keeps a share of them effective."""
     if effective_share(log_weight) >= TEMPERED_SHARE:
         return 1.0

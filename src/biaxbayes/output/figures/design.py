@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from biaxbayes.findings.design import Design, Expected
+from biaxbayes.findings.design import Design
+from biaxbayes.findings.expected import Expected
 from biaxbayes.output.figures.quantities import quantity
 from biaxbayes.output.style import MM, PAGE_MM, colour, print_style
 
