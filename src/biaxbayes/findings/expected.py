@@ -65,7 +65,7 @@ class Expected:
 
     @property
     def trusted(self) -> bool:
-        """Whether the draws of the run suffice for this candidate."""
+        """Whether enough draws could be had for the outcomes of this candidate."""
         return self.few <= FEW_SHARE
 
 
