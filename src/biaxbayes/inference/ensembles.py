@@ -27,6 +27,16 @@ POOR_ACCEPTANCE = 0.03
 """Below this the independence move is not worth its density evaluations."""
 
 
+class _Sampler(emcee.EnsembleSampler):
+    """Without emcee's look at every value for blobs, which takes half as long as the density."""
+
+    def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, None]:
+        log_prob = self.log_prob_fn(coords)
+        if np.isnan(log_prob).any():
+            raise ValueError("the log density is not a number")
+        return log_prob, None
+
+
 class Ensemble:
     """One emcee ensemble with differential-evolution and adapted independence moves.
 
@@ -80,7 +90,7 @@ class Ensemble:
         moves: list[tuple[Any, float]] = [(m, w * (1.0 - share)) for m, w in self._de]
         if share > 0.0:
             moves.append((self.independence, share))
-        sampler = emcee.EnsembleSampler(
+        sampler = _Sampler(
             walkers, d, self._counted, moves=[m for m in moves if m[1] > 0.0], vectorize=True
         )
         sampler._random = self.random  # one stream for the whole run, across blocks

@@ -15,19 +15,20 @@ from biaxbayes.inference.proposal import Proposal
 __all__ = ["WarmUp", "warm_up"]
 
 ROUND_STEPS = 16
-CHECK_STEPS = (16, 64, 160, 160, 16)
-"""Steps on which the final proposal is judged; where it holds walkers it is fitted once more."""
+CHECKS = ((16, 1.6), (64, 1.3), (160, 1.3), (160, 2.2), (16, np.inf))
+"""Steps on which the final proposal is judged, and the log weight above the median up to which it
+passes; where it holds walkers for longer it is fitted once more."""
 COMPONENTS, MORE_COMPONENTS = 12, 20
 """Of the final proposal, and of one that has been fitted again."""
 COVERING_ROUNDS = 2
 LOOSE, TORN, STICKY = 1.3, 2.2, 3.0
 """Log weight above the median: up to the first walkers move freely, from the last they hardly do.
 Above the second one trend is too few, and the next fit has two."""
-PATIENCE = 3
-"""Checks after which a proposal that is not quite loose is good enough."""
 DE_SHARES = (0.15, 0.25, 0.5)
 """Share of differential evolution, another way to move: when loose, between, when sticky."""
 MAX_ROUNDS = 8
+GOOD = 0.45  # acceptance from which a proposal need not change before its final fit
+REMEMBERED = 3  # rounds that the final fit is made from
 ENOUGH = 0.65  # acceptance at which more adaptation buys little
 RISE = 0.02  # smallest rise of acceptance that is worth another round
 
@@ -86,13 +87,16 @@ def warm_up(
         acceptance = ensembles.acceptance
         progress(f"adapting, acceptance {acceptance:.2f}")
         history = chain[:, ROUND_STEPS // 4 :].reshape(-1, chain.shape[-1])
-        recent = [*recent[-2:], history]
-        recent_log_prob = [*recent_log_prob[-2:], log_prob[:, ROUND_STEPS // 4 :].ravel()]
+        recent = [*recent, history][-REMEMBERED:]
+        recent_log_prob = [*recent_log_prob, log_prob[:, ROUND_STEPS // 4 :].ravel()][-REMEMBERED:]
         stalled = 0 if acceptance > best + RISE else stalled + 1
         best = max(best, acceptance)
         if rounds > 1 and (acceptance > ENOUGH or stalled >= 2):
             break
-        ensembles.adapt(history, screen=False)
+        if rounds >= REMEMBERED and acceptance > GOOD:
+            break
+        if acceptance < GOOD:
+            ensembles.adapt(history, screen=False)
     points, log_prob = np.concatenate(recent), np.concatenate(recent_log_prob)
     acceptance, hold = _keep(ensembles, points, log_prob, spread, progress)
     message = ""
@@ -122,7 +126,7 @@ def _keep(
     """
     components, parts = COMPONENTS, 1
     acceptance = hold = 0.0
-    for check, steps in enumerate(CHECK_STEPS):
+    for steps, limit in CHECKS:
         count = min(len(spread), len(points) // 4)
         chosen = ensembles.rng.choice(len(spread), count, replace=False)
         history = np.concatenate([points, spread[chosen]])
@@ -136,7 +140,7 @@ def _keep(
         log_weight = log_prob - proposal.log_density(points)
         acceptance = ensembles.acceptance
         hold = float(np.quantile(log_weight, 0.998) - np.median(log_weight))
-        if hold < (LOOSE if check < PATIENCE else TORN):
+        if hold < limit:
             break
         progress(f"adapting further, acceptance {acceptance:.2f}")
         components, parts = MORE_COMPONENTS, 2 if hold > TORN else 1
