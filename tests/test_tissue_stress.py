@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.findings.determined import MEASURED, determined
+from biaxbayes.findings.determined import MEASURED, determined, mounting_stated
 from biaxbayes.mechanics.goh import GOH
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
@@ -97,6 +97,31 @@ def test_a_mounting_stretch_that_is_not_identified_moves_the_curve(geometry):
     for kind in ("low", "high"):  # a load at a measured stretch does not care
         name = f"nominal stress x{MEASURED} of one"
         assert (wide.loc[name, f"tissue_{kind}_90"] == found.loc[name, f"tissue_{kind}_90"]).all()
+
+
+def test_nothing_is_stated_where_a_tenth_of_the_stretch_may_be_unmeasured():
+    """By the refits or by the draws, unless the mounting stretch was measured."""
+    data, table = stress_specimen(), draws(np.random.default_rng(5))
+    near = {"mounting_stretch_x": (0.99, 1.09)}
+    far = {"mounting_stretch_x": (0.99, 1.11)}
+    strong = table.assign(mounting_stretch_y=table["mounting_stretch_y"] + 0.07)
+    for of, refits, known, stated in (
+        (table, None, False, True),
+        (table, near, False, True),
+        (table, far, False, False),
+        (table, far, True, True),
+        (strong, None, False, False),
+        (strong, None, True, True),
+    ):
+        found = determined(of, data, refits=refits, mounting_known=known)
+        cauchy = found["quantity"].str.startswith("Cauchy stress")
+        assert found.loc[cauchy, "tissue_low_90"].notna().all() == stated
+        assert found.loc[cauchy, "tissue_high_90"].isna().all() != stated
+        assert found.loc[cauchy, "low_90"].notna().all()
+        nominal = found["quantity"].str.contains(MEASURED, regex=False)
+        assert found.loc[nominal, "tissue_low_90"].notna().all()
+    assert mounting_stated({"mounting_stretch_x": 1.12})
+    assert not mounting_stated({"kappa": 0.1})
 
 
 def test_what_is_no_stress_has_no_such_interval():

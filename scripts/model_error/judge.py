@@ -68,6 +68,8 @@ def _stresses(case: Case, seed: int, answer: Answer) -> list[Row]:
         ends = (row["low_90"], row["high_90"]), (row["tissue_low_90"], row["tissue_high_90"])
         for whose, (low, high) in zip(("model", "tissue"), ends, strict=True):
             group = f"{whose} at {where} stretches"
+            if np.isnan(low):
+                continue  # not stated
             out.append((group, row["quantity"], float(truth[i, axis]), low, high))
     return out
 

@@ -15,7 +15,7 @@ __all__ = ["coverage_table", "judge_all"]
 GROUPS = {
     "stress of the tissue at measured stretches": "tissue at measured stretches",
     "stress of the model at measured stretches": "model at measured stretches",
-    "stress of the tissue at total stretches": "tissue at total stretches",
+    "stress of the tissue at total stretches, where it is stated": "tissue at total stretches",
     "stress of the model at total stretches": "model at total stretches",
     "readings of a held-out path (predictive band)": "held-out readings",
     "mounting stretch, the interval of the posterior": "mounting",

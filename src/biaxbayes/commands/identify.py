@@ -68,5 +68,7 @@ def _determined_words(found: Identified) -> list[str]:
         ends = [float(str(v)) for v in (row.tissue_low_90, row.tissue_high_90)]
         if not math.isnan(ends[0]):  # the interval to state: with the error of the model
             line += f"; of the tissue {ends[0]:.3g} to {ends[1]:.3g}"
+        elif str(row.quantity).startswith("Cauchy stress"):
+            line += "; of the tissue not stated: the mounting stretch may be 1.1 or more"
         lines.append(line)
     return lines

@@ -29,12 +29,14 @@ from biaxbayes.mechanics.goh import (
 )
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
-__all__ = ["MEASURED", "determined", "stated_stretches"]
+__all__ = ["FARTHEST", "MEASURED", "determined", "mounting_stated", "stated_stretches"]
 
 MOST_DRAWS = 8000
 INTERVAL = (0.05, 0.95)
 MEASURED = " at the measured stretch"
 """Ending of a nominal stress whose stretches refer to the mounted state."""
+FARTHEST = 1.1
+"""Where the mounting stretch may be larger, total stretches rest too much on extrapolation."""
 SHARES = (0.5, 1.0)
 NORMAL_90 = 3.29
 """Width of a normal's central 90 % over its sd."""
@@ -60,6 +62,11 @@ def stated_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[floa
     return out
 
 
+def mounting_stated(priors: Mapping[str, object]) -> bool:
+    """Whether a user stated priors of the mounting stretch: it was measured then."""
+    return any(str(name).startswith("mounting_stretch") for name in priors)
+
+
 def _measured(protocol: Protocol) -> np.ndarray:
     """Measured stretches half-way and at the end, (2, 2)."""
     top = np.array([protocol.stretch_x.max(), protocol.stretch_y.max()])
@@ -79,6 +86,7 @@ def determined(
     stretches: Sequence[tuple[float, float]] | None = None,
     fibre_switch: bool = False,
     refits: Mapping[str, tuple[float, float]] | None = None,
+    mounting_known: bool = False,
 ) -> pd.DataFrame:
     """Quantities that do not depend on how the parameters are split, with 90 % intervals.
 
@@ -93,14 +101,17 @@ def determined(
     refits : mapping of str to (float, float), optional
         Ranges of the mounting stretches that are not identified, by name. Stresses of the tissue at
         total stretches are those of a mounted state that lies anywhere in the range.
+    mounting_known : bool
+        Whether the mounting stretch was measured, as by an image, and its prior states it. Else
+        stresses of the tissue at total stretches are not stated where it may be 1.1 or more.
 
     Returns
     -------
     DataFrame
         Columns quantity, unit, stretch_x, stretch_y (NaN where there is none), median, low_90,
         high_90, relative_width, the interval over the median's magnitude, and for stresses
-        tissue_low_90 and tissue_high_90 (else NaN), which hold the error that the run inferred
-        as well: the interval to state for the tissue.
+        tissue_low_90 and tissue_high_90 (else, and where they are not stated, NaN), which hold the
+        error that the run inferred as well: the interval to state for the tissue.
 
         Stretches are total, but for the nominal stresses "at the measured stretch", half-way and
         at the end of every protocol and relative to its mounted state. These are loads over the
@@ -114,7 +125,11 @@ def determined(
     few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     states = list(stretches) if stretches is not None else stated_stretches(draws, specimen)
     with np.errstate(over="ignore", invalid="ignore"):
-        rows = [_row(*of) for of in _quantities(few, specimen, states, fibre_switch, refits or {})]
+        stated = mounting_known or _farthest(few, refits or {}) < FARTHEST
+        rows = [
+            _row(*of)
+            for of in _quantities(few, specimen, states, fibre_switch, refits or {}, stated)
+        ]
         if stretches is None:
             rows += [_row(*of) for of in _measured_stresses(few, specimen, fibre_switch)]
     return pd.DataFrame(rows)
@@ -155,6 +170,7 @@ def _quantities(
     states: list[State],
     fibre_switch: bool,
     refits: Mapping[str, tuple[float, float]],
+    stated: bool,
 ) -> Iterator[Quantity]:
     theta = parameters(draws)
     nowhere = (np.nan, np.nan)
@@ -179,7 +195,7 @@ def _quantities(
         for axis, name in enumerate("xy"):
             # s_k = l_k P_k
             own, tissue, sd = (state[axis] * v[:, axis] for v in (piola, there, error))
-            yield f"Cauchy stress {name}", "kPa", state, own, (tissue, sd)
+            yield f"Cauchy stress {name}", "kPa", state, own, (tissue, sd) if stated else None
         for name, i, j in TANGENTS:
             yield f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0], None
         yield "strain energy", "kPa", state, energy[:, 0], None
@@ -188,6 +204,13 @@ def _quantities(
 
 
 TANGENTS = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1))
+
+
+def _farthest(draws: pd.DataFrame, refits: Mapping[str, tuple[float, float]]) -> float:
+    """The largest mounting stretch that the intervals and the ranges of refits hold."""
+    columns = [c for c in draws.columns if str(c).startswith("mounting_stretch")]
+    ends = [float(np.quantile(draws[c], INTERVAL[1])) for c in columns]
+    return max([*ends, *(high for _, high in refits.values())], default=1.0)
 
 
 def _moved(

@@ -70,7 +70,7 @@ class Thresholds:
     sharp_alpha_deg: float = 15.0
     sharp_kappa: float = 0.1
     sharp_mounting_stretch: float = 0.02
-    refit_errors: float = 3.5
+    refit_errors: float = 1.645
     refit_share: float = 0.5
 
     def sharp(self, kind: str, low: float, high: float) -> bool:

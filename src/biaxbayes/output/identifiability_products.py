@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from biaxbayes.findings.determined import determined
+from biaxbayes.findings.determined import determined, mounting_stated
 from biaxbayes.findings.identifiability import Identifiability, identify_draws
 from biaxbayes.findings.sloppiness import Sloppiness, sloppiness
 from biaxbayes.inference.posterior import Posterior
@@ -22,7 +22,8 @@ DETERMINED_NOTES = (
     "stress by the log stretch; relative_width is the interval over the median",
     "tissue_low_90, tissue_high_90: the interval of the tissue's stress, which holds the error "
     "that the run inferred as well, and at total stretches a mounting stretch that is not "
-    "identified",
+    "identified; empty at total stretches where the mounting stretch may be 1.1 or more and was "
+    "not measured: state the stress at a measured stretch then",
 )
 
 
@@ -80,8 +81,13 @@ def write_identifiability_products(
     write_identifiability(verdicts, folder / "identifiability.csv")
     table, directions = None, None
     if state == "reliable":
-        switch = posterior.settings.fibre_switch
-        table = determined(draws, posterior.specimen, fibre_switch=switch, refits=verdicts.refits())
+        table = determined(
+            draws,
+            posterior.specimen,
+            fibre_switch=posterior.settings.fibre_switch,
+            refits=verdicts.refits(),
+            mounting_known=mounting_stated(posterior.settings.priors),
+        )
         write_annotated(table, DETERMINED_NOTES, folder / "determined.csv")
         directions = sloppiness(posterior, draws)
         if directions is not None:

@@ -6,7 +6,7 @@ import math
 
 import pandas as pd
 
-from biaxbayes.findings.determined import MEASURED, determined
+from biaxbayes.findings.determined import MEASURED, determined, mounting_stated
 from biaxbayes.output.figures.numbers import number
 from biaxbayes.output.report.names import cut
 from biaxbayes.output.report.parameters import refit_ranges
@@ -27,14 +27,22 @@ def determined_rows(run: Run) -> list[dict[str, str]]:
     """Quantities that do not depend on how the parameters are split."""
     draws = run.draws.iloc[:: max(1, len(run.draws) // 2000)]
     switch = run.provenance["settings"].get("fibre_switch") is True
-    table = determined(draws, run.specimen, fibre_switch=switch, refits=refit_ranges(run))
+    table = determined(
+        draws,
+        run.specimen,
+        fibre_switch=switch,
+        refits=refit_ranges(run),
+        mounting_known=mounting_stated(run.provenance["settings"].get("priors") or {}),
+    )
     out = []
     for r in table[_shown(table)].to_dict("records"):
         low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
         wide = low > 0.0 and high / low > 8.0
         told = [number(v, low, high, log=wide) for v in (median, low, high)]
         ends = [float(r[k]) for k in ("tissue_low_90", "tissue_high_90")]
-        tissue = "" if math.isnan(ends[0]) else " to ".join(number(v, *ends) for v in ends)
+        tissue = " to ".join(number(v, *ends) for v in ends)
+        if math.isnan(ends[0]):
+            tissue = "not stated" if str(r["quantity"]).startswith("Cauchy stress") else ""
         x, y = float(r["stretch_x"]), float(r["stretch_y"])
         name = cut(r["quantity"], 90)
         out.append(
