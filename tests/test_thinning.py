@@ -39,12 +39,12 @@ def test_rows_are_means_and_rest_is_kept():
     stretch = np.concatenate([[1.0, 1.0], np.linspace(1.0, 1.2, 9)[1:]])
     load = np.concatenate([[0.3, 0.5], np.arange(8.0)])
     p = Protocol("a", stretch, stretch, load, 2 * load, rest_rows=2)
-    # 8 rows, three of them to be left: groups of 3, 3 and 2
+    # 8 rows, three of them to be left: groups of 2, 3 and 3, none of them much smaller
     out = thinned_specimen(Specimen("s", (p,), "piola"), 3)
     q = out.specimen.protocols[0]
-    assert q.load_x.tolist() == [0.3, 0.5, 1.0, 4.0, 6.5]
+    assert q.load_x.tolist() == [0.3, 0.5, 0.5, 3.0, 6.0]
     assert q.stretch_x[2:] == pytest.approx(
-        [stretch[2:5].mean(), stretch[5:8].mean(), stretch[8:].mean()]
+        [stretch[2:4].mean(), stretch[4:7].mean(), stretch[7:].mean()]
     )
     assert q.rest_rows == 2
     assert out.weight == (pytest.approx(8 / 3),)

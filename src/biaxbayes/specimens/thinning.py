@@ -103,7 +103,9 @@ def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
         count = protocol.rows - protocol.rest_rows
         size = -(-count // rows) if rows else 1
         load = specimen.load(protocol)[protocol.rest_rows :]
-        starts = np.arange(0, count, max(size, 1))
+        # Even groups: a short last one would count as a whole one, where the misfit is largest.
+        groups = -(-count // max(size, 1))
+        starts = np.arange(groups) * count // max(groups, 1)
         protocols.append(_averaged(protocol, starts) if size > 1 else protocol)
         scatter.append(_scatter(load, starts) if size > 1 else np.zeros_like(load))
         weight.append(count / max(len(starts), 1))
