@@ -11,10 +11,11 @@ from scipy.stats import multivariate_normal
 
 from biaxbayes.errors import InputError
 from biaxbayes.findings.candidates import FurtherProtocol, Reading, standard_candidates
+from biaxbayes.findings.derived import largest_equibiaxial
 from biaxbayes.findings.design import design
 from biaxbayes.findings.design_check import resample
-from biaxbayes.findings.expected import _posterior_spread, expect
-from biaxbayes.findings.outcome_posterior import OutcomePosterior
+from biaxbayes.findings.expected import expect
+from biaxbayes.findings.outcome_posterior import OutcomePosterior, weighted_spread
 from biaxbayes.findings.targets import targets
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.sampler import Plan, draw
@@ -76,6 +77,10 @@ def run():
     return sampled(specimen(MATERIAL, ratios=EQUIBIAXIAL, increments=15), ess=200.0)
 
 
+def _stretch(run):
+    return largest_equibiaxial(run.draws, run.target.specimen)
+
+
 @pytest.fixture(scope="module")
 def precise(run):
     """A fibre angle known far better than before: hardly a draw of the run has weight."""
@@ -83,7 +88,7 @@ def precise(run):
     posterior.use_chart()
     candidate = Reading("precise", ("alpha",), 5e-4 * run.draws["alpha"].std())
     names = tuple(targets(posterior, run.draws))
-    return posterior, OutcomePosterior(posterior, candidate, run.draws, names)
+    return posterior, OutcomePosterior(posterior, candidate, run.draws, names, _stretch(run))
 
 
 def test_new_draws_agree_with_sampling_at_a_known_angle(run, precise):
@@ -96,7 +101,7 @@ def test_new_draws_agree_with_sampling_at_a_known_angle(run, precise):
     fixed = Posterior(posterior.specimen, **{**posterior.options(), "priors": {"alpha": angle}})
     chains = draw(fixed, Plan(ess=1500.0, seed=3)).quantities
     table = pd.DataFrame({name: q.ravel() for name, q in chains.items()})
-    exact = targets(fixed, table, after._stretch)
+    exact = targets(fixed, table, after.stretch)
     shared = [n for n in exact if n in after.quantities]
     assert {"C1", "k1", "k2", "kappa", "mounting_stretch_x"} <= set(shared)
     for name in shared:
@@ -118,11 +123,11 @@ def test_new_draws_agree_with_reweighting_where_both_do(run):
     candidate = Reading("angle", ("alpha",), 0.3 * run.draws["alpha"].std())
     quantities = targets(posterior, run.draws)
     values = np.column_stack(list(quantities.values()))
-    after = OutcomePosterior(posterior, candidate, run.draws, tuple(quantities))
+    after = OutcomePosterior(posterior, candidate, run.draws, tuple(quantities), _stretch(run))
     rng = np.random.default_rng(2)
     simulated = candidate.outcomes(run.draws.iloc[::4000], rng)
     weights = candidate.log_likelihood(simulated, run.draws)
-    spread, effective = _posterior_spread(weights, values)
+    spread, effective = weighted_spread(weights, values)
     assert effective.min() > 300
     for j, outcome in enumerate(simulated):
         found = after.after(outcome, weights[j], rng)

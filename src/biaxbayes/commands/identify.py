@@ -56,6 +56,8 @@ def _tell(found: Identified, run: Path) -> None:
 
 def _determined_words(found: Identified) -> list[str]:
     """A few quantities, and the stress at the end of the first test."""
+    from biaxbayes.findings.determined import FARTHEST
+
     assert found.determined is not None
     table = found.determined
     stress = table[table["quantity"].isin(("Cauchy stress x", "Cauchy stress y"))]
@@ -69,6 +71,6 @@ def _determined_words(found: Identified) -> list[str]:
         if not math.isnan(ends[0]):  # the interval to state: with the error of the model
             line += f"; of the tissue {ends[0]:.3g} to {ends[1]:.3g}"
         elif str(row.quantity).startswith("Cauchy stress"):
-            line += "; of the tissue not stated: the mounting stretch may be 1.1 or more"
+            line += f"; of the tissue not stated, the mounting stretch may be {FARTHEST:g} or more"
         lines.append(line)
     return lines

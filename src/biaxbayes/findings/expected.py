@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.special import logsumexp
 
 from biaxbayes.errors import InputError
 from biaxbayes.findings.candidates import Candidate
-from biaxbayes.findings.outcome_posterior import OutcomePosterior
+from biaxbayes.findings.derived import largest_equibiaxial
+from biaxbayes.findings.outcome_posterior import OutcomePosterior, log_mean, weighted_spread
 from biaxbayes.inference.posterior import Posterior
 
 __all__ = ["OUTCOMES", "Expected", "expect"]
@@ -104,7 +104,10 @@ def expect(
     own = np.diag(candidate.log_likelihood(simulated, draws.iloc[outer]))
     told = _reweighted(log_weight, own, values[inner])
     if posterior is not None and told.few > SOME_SHARE and len(posterior.mounts) <= 1:
-        after = OutcomePosterior(posterior, candidate, draws.iloc[inner], tuple(quantities))
+        # That of all draws, as in the names of the quantities.
+        stretch = largest_equibiaxial(draws, posterior.specimen)
+        names = tuple(quantities)
+        after = OutcomePosterior(posterior, candidate, draws.iloc[inner], names, stretch)
         told = _sharpened(told, after, simulated, log_weight, own, values[inner].std(axis=0), rng)
     return told.summed_up(candidate.name, _linear_reduction(*response, values[inner]))
 
@@ -156,14 +159,14 @@ class _ByOutcome:
 def _reweighted(log_weight: np.ndarray, own: np.ndarray, values: np.ndarray) -> _ByOutcome:
     """Outcomes by reweighting draws with the given values, shape (draws, quantities)."""
     sd = values.std(axis=0)
-    spread, effective = _posterior_spread(log_weight, values)
+    spread, effective = weighted_spread(log_weight, values)
     blocks = [slice(b, None, BLOCKS) for b in range(BLOCKS)]
     return _ByOutcome(
         spread / sd,
-        own - _log_mean(log_weight),
+        own - log_mean(log_weight),
         effective,
-        np.array([_posterior_spread(log_weight[:, b], values[b])[0] / sd for b in blocks]),
-        np.array([own - _log_mean(log_weight[:, b]) for b in blocks]),
+        np.array([weighted_spread(log_weight[:, b], values[b])[0] / sd for b in blocks]),
+        np.array([own - log_mean(log_weight[:, b]) for b in blocks]),
     )
 
 
@@ -193,23 +196,6 @@ def _sharpened(
         kept.gain[j] = kept.block_gain[:, j] = own[j] - found.log_evidence
         kept.effective[j] = found.effective
     return kept
-
-
-def _posterior_spread(log_weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted sd of every quantity for every outcome, and effective draws of every outcome."""
-    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
-    weight /= weight.sum(axis=1, keepdims=True)
-    concentration = np.square(weight).sum(axis=1)
-    centred = values - values.mean(axis=0)
-    mean = weight @ centred
-    variance = weight @ np.square(centred) - np.square(mean)
-    # Unbiased for weighted draws, as n - 1 is for equal ones.
-    variance = np.maximum(variance, 0.0) / np.maximum(1.0 - concentration, 1e-9)[:, None]
-    return np.sqrt(variance), 1.0 / concentration
-
-
-def _log_mean(log_weight: np.ndarray) -> np.ndarray:
-    return np.asarray(logsumexp(log_weight, axis=1) - np.log(log_weight.shape[1]))
 
 
 def _error(values: np.ndarray) -> Any:

@@ -15,16 +15,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
+from scipy.special import logsumexp
 
 from biaxbayes.errors import NotConverged
 from biaxbayes.findings.candidates import Candidate
-from biaxbayes.findings.derived import largest_equibiaxial
 from biaxbayes.findings.targets import targets
-from biaxbayes.inference.population import effective_share, explore, resample, tempering
+from biaxbayes.inference.population import explore, resample, tempering
 from biaxbayes.inference.posterior import Posterior
 from biaxbayes.inference.proposal import Proposal, edge_array, fit_proposal
 
-__all__ = ["OutcomePosterior", "Sharpened"]
+__all__ = ["OutcomePosterior", "Sharpened", "log_mean", "weighted_spread"]
 
 POPULATION = 2048
 COMPONENTS = 3
@@ -62,19 +62,21 @@ class OutcomePosterior:
         Of the run.
     quantities : tuple of str
         Of :func:`.targets.targets`.
+    stretch : float
+        The total equibiaxial stretch that these refer to.
     """
 
     posterior: Posterior
     candidate: Candidate
     draws: pd.DataFrame
     quantities: tuple[str, ...]
+    stretch: float
     _log_normaliser: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self._points = self.posterior.coordinates({k: self.draws[k] for k in self.posterior.free})
         self._regular = np.isfinite(self._points).all(axis=1)
         self._edges = edge_array(self.posterior.edges, self.posterior.dimension)
-        self._stretch = largest_equibiaxial(self.draws, self.posterior.specimen)
 
     def after(
         self, outcome: np.ndarray, log_weight: np.ndarray, rng: np.random.Generator
@@ -107,15 +109,13 @@ class OutcomePosterior:
             )
         except NotConverged:
             return None
-        weight = np.exp(found - found.max())
-        inside = weight > 0.0
+        inside = np.isfinite(found)
         table = pd.DataFrame(self.posterior.natural(x[inside]))
-        values = targets(self.posterior, table, self._stretch)
-        return Sharpened(
-            np.array([_spread(values.get(name), weight[inside]) for name in self.quantities]),
-            _log_mean(found) - self._normaliser(rng),
-            effective_share(found) * len(found),
-        )
+        values = targets(self.posterior, table, self.stretch)
+        columns = np.column_stack([values[name] for name in self.quantities])
+        sd, effective = weighted_spread(found[None, inside], columns)
+        log_evidence = float(log_mean(found)) - self._normaliser(rng)
+        return Sharpened(sd[0], log_evidence, float(effective[0]))
 
     def _fitted(self, log_weight: np.ndarray, rng: np.random.Generator) -> Proposal:
         chosen = resample(log_weight, POPULATION // 2, rng)
@@ -129,19 +129,23 @@ class OutcomePosterior:
             equal = np.where(self._regular, 0.0, -np.inf)
             first = self._fitted(equal, rng)
             _, _, found = explore(self.posterior.log_prob, first, self._edges, rng, 8 * POPULATION)
-            self._log_normaliser = _log_mean(found)
+            self._log_normaliser = float(log_mean(found))
         return self._log_normaliser
 
 
-def _log_mean(log_weight: np.ndarray) -> float:
-    top = log_weight.max()
-    return float(top + np.log(np.exp(log_weight - top).mean()))
+def weighted_spread(log_weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted sd of every quantity for every outcome, and effective draws of every outcome."""
+    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
+    concentration = np.square(weight).sum(axis=1)
+    centred = values - values.mean(axis=0)
+    mean = weight @ centred
+    variance = weight @ np.square(centred) - np.square(mean)
+    # Unbiased for weighted draws, as n - 1 is for equal ones.
+    variance = np.maximum(variance, 0.0) / np.maximum(1.0 - concentration, 1e-9)[:, None]
+    return np.sqrt(variance), 1.0 / concentration
 
 
-def _spread(values: np.ndarray | None, weight: np.ndarray) -> float:
-    """Weighted standard deviation; zero of a quantity that does not vary."""
-    if values is None:
-        return 0.0
-    share = weight / weight.sum()
-    centred = values - share @ values
-    return float(np.sqrt(share @ np.square(centred) / max(1.0 - share @ share, 1e-9)))
+def log_mean(log_weight: np.ndarray) -> np.ndarray:
+    """Log of the mean weight along the last axis."""
+    return np.asarray(logsumexp(log_weight, axis=-1) - np.log(log_weight.shape[-1]))

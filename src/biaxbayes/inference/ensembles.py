@@ -28,7 +28,7 @@ POOR_ACCEPTANCE = 0.03
 
 
 class _Sampler(emcee.EnsembleSampler):
-    """Without emcee's look at every value for blobs, which takes half as long as the density."""
+    """Without emcee's look at every value for blobs, a quarter of the density's time."""
 
     def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, None]:
         log_prob = self.log_prob_fn(coords)

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from biaxbayes.inference.proposal import Proposal, fit_proposal
 
-__all__ = ["AnyProposal", "Patchwork", "as_patchwork", "fit_patchwork", "proposal_of"]
+__all__ = ["AnyProposal", "Patchwork", "fit_patchwork", "proposal_of"]
 
 MIN_SHARE = 0.1
 """A group of points smaller than this is not worth a trend of its own."""
@@ -74,11 +74,6 @@ def proposal_of(arrays: Mapping[str, np.ndarray]) -> Patchwork:
         own = {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
         parts.append(Proposal.from_arrays(own))
     return Patchwork(arrays["shares"], tuple(parts))
-
-
-def as_patchwork(proposal: AnyProposal) -> Patchwork:
-    """A proposal as a patchwork, of one part where it is a single one."""
-    return proposal if isinstance(proposal, Patchwork) else Patchwork(np.ones(1), (proposal,))
 
 
 def fit_patchwork(
