@@ -37,10 +37,10 @@ from peers.agreement import agreement
 from peers.costs import density_cost, growth_with_points, growth_with_walkers
 from peers.natural_density import NAMES, NaturalDensity
 from peers.nested import from_the_prior, in_a_narrowed_prior
-from peers.nuts import nuts, straightened_nuts
+from peers.nuts import nuts, straightened, straightened_nuts
 from peers.outcome import Outcome
 from peers.page import page
-from peers.samplers import emcee_plain, ours
+from peers.samplers import emcee_reseeded, ours
 from peers.scalar_codes import lab_script, pymecht_density, seconds_of
 from peers.whole import whole_commands
 
@@ -52,8 +52,6 @@ PLAIN_LIMIT = 20.0
 LEAST_LIMIT = 20.0  # seconds
 SLICES = 8
 """Slice steps of dynesty between two points; with few its evidence is off by several units."""
-MAPPED = 8000
-"""Draws that the coordinates of the straightened NUTS are fitted to."""
 FULL = {
     "steps": 384,
     "warmup": 600,
@@ -63,6 +61,7 @@ FULL = {
     "live": 500,
     "narrowed": 3000,
     "limit": 300,
+    "mapped": 50_000,
 }
 QUICK = {
     "steps": 128,
@@ -73,6 +72,7 @@ QUICK = {
     "live": 100,
     "narrowed": 1000,
     "limit": 30,
+    "mapped": 5000,
 }
 
 
@@ -100,21 +100,22 @@ def one_case(task: tuple[str, str, bool]) -> dict[str, Any]:
     posterior = Posterior(specimen, noise=noise)
     draw(posterior, Plan(ess=50.0, workers=1, seed=9))  # everything is compiled before it is timed
     density = NaturalDensity(specimen, posterior.beta)
-    mine, draws = ours(posterior, steps=size["steps"])
+    mine = ours(posterior, steps=size["steps"])
     limit = max(PLAIN_LIMIT * mine.extra["to_criterion"], LEAST_LIMIT)
     others = {
-        "emcee": emcee_plain(density, limit=0.1 * limit if quick else limit),
+        "emcee": emcee_reseeded(density, limit=0.1 * limit if quick else limit),
         "NUTS": nuts(density, warmup=size["warmup"], draws=size["draws"]),
     }
     if noise == "independent":  # a tempered likelihood has no evidence to compare
         others["dynesty"] = from_the_prior(density, live=size["live"], slices=SLICES)
-        others["nautilus"] = in_a_narrowed_prior(
-            posterior, draws, live=size["narrowed"], limit=size["limit"]
-        )
     points = np.column_stack([mine.draws[key].ravel() for key in NAMES])
-    few = np.random.default_rng(1).choice(len(points), MAPPED, replace=False)
+    few = np.random.default_rng(1).choice(len(points), size["mapped"], replace=False)
+    straight = straightened(density, points[few])
     others["straightened"] = straightened_nuts(
-        density, points[few], warmup=size["long_warmup"], draws=size["long"]
+        density, straight, warmup=size["long_warmup"], draws=size["long"]
+    )
+    others["nautilus"] = in_a_narrowed_prior(
+        density, straight, live=size["narrowed"], limit=size["limit"]
     )
     found = {"specimen": name, "noise": noise, "ours": _told(mine)}
     found |= {key: _told(value) for key, value in others.items()}

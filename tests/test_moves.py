@@ -169,7 +169,7 @@ def chain_of(target, *, seed=7, steps=160):
     for _ in range(4):
         ensembles.adapt(history[:, len(history[0]) // 2 :].reshape(-1, d))
         ensembles.set_share(0.85)
-        history, _ = ensembles.run(30)
+        history, _ = ensembles.run(60)  # as many evaluations as 30 steps of four sweeps
     ensembles.freeze()
     chain, _ = ensembles.run(steps)
     return chain, ensembles.acceptance

@@ -10,17 +10,15 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 from scipy.stats import t as student
 
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.sampler import Draws
-from biaxbayes.inference.trend import fit_trend
 from peers.natural_density import NAMES, NaturalDensity, summaries
 from peers.outcome import Outcome
+from peers.straight import Straight
 
 __all__ = ["from_the_prior", "in_a_narrowed_prior"]
 
 ESS = 10_000
 NU, WIDER = 4, 1.5
-"""Degrees of freedom of the narrowed prior, and its width over the spread of the posterior."""
+"""Degrees of freedom of the narrowed prior, and its width over that of the flow's Gaussian."""
 ENLARGED = 1.5
 """Growth of nautilus's ellipsoids along each axis: at its default of 1.1 they cut tails off."""
 
@@ -65,41 +63,30 @@ def from_the_prior(density: NaturalDensity, *, live: int, slices: int, seed: int
 
 
 def in_a_narrowed_prior(
-    posterior: Posterior, draws: Draws, *, live: int, limit: float, seed: int = 1
+    density: NaturalDensity, straight: Straight, *, live: int, limit: float, seed: int = 1
 ) -> Outcome:
     """Nautilus between a Student t around the posterior and the posterior.
 
     Any normalised reference gives the same evidence and the same posterior, when the likelihood is
     the density over the reference (posterior repartitioning: Chen, Hobson, Das and Gelderblom,
-    Statistics and Computing 29 (2019) 835). This one has independent Student t coordinates after
-    the fitted trend, wider than the posterior and with heavy tails; from it a nested sampler is
-    quick and accurate enough to judge evidence to hundredths.
+    Statistics and Computing 29 (2019) 835). This one has independent Student t coordinates before
+    the fitted flow, wider than the posterior and with heavy tails; from it a nested sampler is
+    quick and accurate enough to judge evidence to hundredths. The density is the compiled one.
     """
     import nautilus
 
-    d = posterior.dimension
-    bounded = np.array([j in posterior.edges for j in range(d)])
-    points = draws.chain.reshape(-1, d)
-    trend = fit_trend(points, bounded)
-    r, _ = trend.straighten(points)
-    centre = np.median(r, axis=0)
-    factor = WIDER * np.linalg.cholesky(np.cov(r.T))
-    log_volume = float(np.log(np.diag(factor)).sum())
-    evaluated = 0
-
-    def bent(cube: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        z = student.ppf(np.atleast_2d(cube), NU)
-        return z, trend.bend(centre + z @ factor.T)
+    d = len(NAMES)
+    before = density.evaluations
 
     def log_likelihood(cube: np.ndarray) -> np.ndarray:
-        nonlocal evaluated
-        z, x = bent(cube)
-        evaluated += len(x)
-        _, log_jacobian = trend.straighten(x)
-        with np.errstate(all="ignore"):
-            reference = student.logpdf(z, NU).sum(axis=1) - log_volume + log_jacobian
-            out = posterior.log_prob(x) - reference
-        return np.where(np.isfinite(out), out, -1e300)
+        z = student.ppf(np.atleast_2d(cube), NU)
+        x, log_jacobian = straight.natural_points(WIDER * z)
+        regular = np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian)
+        out = np.full(len(z), -1e300)
+        reference = student.logpdf(z[regular], NU).sum(axis=1) - d * np.log(WIDER)
+        value = density(x[regular]) + log_jacobian[regular] - reference
+        out[regular] = np.where(np.isfinite(value), value, -1e300)
+        return out
 
     clock = time.perf_counter()
     sampler = nautilus.Sampler(
@@ -115,21 +102,18 @@ def in_a_narrowed_prior(
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        finished = sampler.run(n_eff=ESS, timeout=limit, verbose=False)
+        finished = sampler.run(n_eff=ESS, discard_exploration=True, timeout=limit, verbose=False)
     seconds = time.perf_counter() - clock
     cube, log_weight, _ = sampler.posterior()
-    weight = np.exp(log_weight - log_weight.max())
-    natural = posterior.natural(bent(cube)[1])
-    found = {name: natural[name] for name in NAMES} | {"weight": weight}
-    found["alpha"] = np.deg2rad(found["alpha"])
-    ess = _kish(weight)
+    x, _ = straight.natural_points(WIDER * student.ppf(cube, NU))
+    ess = _kish(np.exp(log_weight - log_weight.max()))
     return Outcome(
         ess,
-        evaluated,
+        density.evaluations - before,
         seconds,
         0.0,
         float("nan"),
-        found,
+        summaries(x) | {"weight": np.exp(log_weight - log_weight.max())},
         "" if finished else "not finished",
         # Kish's size is what nautilus takes its own error from.
         (float(sampler.log_z), 1.0 / float(np.sqrt(ess))),

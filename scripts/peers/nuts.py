@@ -11,7 +11,7 @@ from peers.natural_density import NAMES, NaturalDensity, summaries
 from peers.outcome import Outcome, judged
 from peers.straight import Straight
 
-__all__ = ["jax_log_density", "jax_mounting_load", "nuts", "straightened_nuts"]
+__all__ = ["jax_log_density", "jax_mounting_load", "nuts", "straightened", "straightened_nuts"]
 
 
 def jax_log_density(density: NaturalDensity) -> Any:
@@ -119,31 +119,53 @@ def nuts(density: NaturalDensity, *, warmup: int, draws: int, chains: int = 4) -
     return _run(potential, natural, u0, warmup, draws, 0.8)
 
 
-def straightened_nuts(
-    density: NaturalDensity, fitted_to: np.ndarray, *, warmup: int, draws: int, chains: int = 4
-) -> Outcome:
-    """NUTS in coordinates that follow the posterior (:class:`.Straight`), for agreement.
-
-    Not a rival: the coordinates are fitted to draws of ours, shape (n, 8). The chains start at
-    standard normal points of the straightened space.
-    """
+def straightened(density: NaturalDensity, draws: np.ndarray) -> Straight:
+    """Coordinates fitted to draws of ours, shape (n, 8)."""
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    straight = Straight(jax_log_density(density), jax_mounting_load(density), fitted_to)
+    return Straight(density, jax_mounting_load(density), draws)
+
+
+def straightened_nuts(
+    density: NaturalDensity, straight: Straight, *, warmup: int, draws: int, chains: int = 4
+) -> Outcome:
+    """NUTS in coordinates that follow the posterior (:class:`.Straight`), for agreement.
+
+    Not a rival: the coordinates are fitted to draws of ours. The chains start at standard normal
+    points of the straightened space.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    target = jax_log_density(density)
+
+    def potential(r):
+        x, log_jacobian = straight.natural(r)
+        out = target(x) + log_jacobian
+        return jnp.where(jnp.isfinite(out), -out, jnp.inf)
+
     rng = np.random.default_rng(2)
     r0 = np.empty((0, len(NAMES)))
     while len(r0) < chains:
         r = rng.standard_normal((1, len(NAMES)))
-        if np.isfinite(float(straight.potential(r[0]))):
+        if np.isfinite(float(potential(r[0]))):
             r0 = np.vstack([r0, r])
-    natural = jax.vmap(jax.vmap(lambda r: straight.natural(r)[0]))
-    return _run(straight.potential, natural, r0, warmup, draws, 0.9)
+    natural = jax.jit(jax.vmap(jax.vmap(lambda r: straight.natural(r)[0])))
+    return _run(potential, natural, r0, warmup, draws, 0.9, together=True)
 
 
 def _run(
-    potential: Any, natural: Any, start: np.ndarray, warmup: int, draws: int, accept: float
+    potential: Any,
+    natural: Any,
+    start: np.ndarray,
+    warmup: int,
+    draws: int,
+    accept: float,
+    *,
+    together: bool = False,
 ) -> Outcome:
+    """Chains one after the other, or in step with one another (quicker where a step is short)."""
     import jax
     import jax.numpy as jnp
     from numpyro.infer import MCMC, NUTS
@@ -153,7 +175,7 @@ def _run(
         num_warmup=warmup,
         num_samples=draws,
         num_chains=len(start),
-        chain_method="sequential",
+        chain_method="vectorized" if together else "sequential",
         progress_bar=False,
     )
     jax.block_until_ready(jax.jit(jax.value_and_grad(potential))(jnp.asarray(start[0])))

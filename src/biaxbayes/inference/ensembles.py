@@ -23,6 +23,9 @@ __all__ = ["Ensemble", "Ensembles"]
 
 LogDensity = Callable[[np.ndarray], np.ndarray]
 
+SWEEPS = 2
+"""Proposals tried in one step. At an acceptance of a half, draws two proposals apart are nearly
+independent; more in a step would be thrown away."""
 POOR_ACCEPTANCE = 0.03
 """Below this the independence move is not worth its density evaluations."""
 
@@ -64,7 +67,7 @@ class Ensemble:
         self.log_density = log_density
         self.random = np.random.RandomState(np.random.MT19937(walker_seed))
         self.independence = AdaptedIndependenceMove(
-            np.random.default_rng(proposal_seed), edges=edges
+            np.random.default_rng(proposal_seed), sweeps=SWEEPS, edges=edges
         )
         self.state = emcee.State(start, log_prob=log_density(start))
         self.evaluations = len(start)

@@ -11,26 +11,30 @@ from biaxbayes.inference.covering import cover
 from biaxbayes.inference.ensembles import POOR_ACCEPTANCE, Ensembles
 from biaxbayes.inference.patchwork import Patchwork
 from biaxbayes.inference.proposal import Proposal
+from biaxbayes.inference.rebalancing import rebalance
 
 __all__ = ["WarmUp", "warm_up"]
 
 ROUND_STEPS = 16
-CHECKS = ((16, 1.6), (64, 1.3), (160, 1.3), (160, 2.2), (16, np.inf))
-"""Steps on which the final proposal is judged, and the log weight above the median up to which it
-passes; where it holds walkers for longer it is fitted once more."""
+CHECKS = ((16, 1.9, 0.6), (64, 1.9, 0.0), (160, 1.6, 0.0), (160, 2.5, 0.0), (16, np.inf, 0.0))
+"""Steps on which the final proposal is judged, the log weight above the median up to which it
+passes, and the acceptance from which; where it holds walkers for longer it is fitted once more."""
 COMPONENTS, MORE_COMPONENTS = 12, 20
 """Of the final proposal, and of one that has been fitted again."""
 COVERING_ROUNDS = 2
-LOOSE, TORN, STICKY = 1.3, 2.2, 3.0
+LOOSE, TORN, STICKY = 1.6, 2.5, 4.0
 """Log weight above the median: up to the first walkers move freely, from the last they hardly do.
 Above the second one trend is too few, and the next fit has two."""
 DE_SHARES = (0.15, 0.25, 0.5)
 """Share of differential evolution, another way to move: when loose, between, when sticky."""
 MAX_ROUNDS = 8
 GOOD = 0.45  # acceptance from which a proposal need not change before its final fit
-REMEMBERED = 3  # rounds that the final fit is made from
+REMEMBERED = 2  # rounds that the final fit is made from
 ENOUGH = 0.65  # acceptance at which more adaptation buys little
 RISE = 0.02  # smallest rise of acceptance that is worth another round
+FITTING, TIGHT = 0.5, 3.1
+"""Acceptance and largest log weight above the median, tails included, with which the proposal of
+the search is kept as it is: a better one would cost more time than it saves."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +80,29 @@ def warm_up(
     progress : callable
         Called with a short text at each round.
     """
-    ensembles.proposal = proposal
+    ensembles.proposal = Patchwork(np.ones(1), (proposal,))
     ensembles.set_share(0.7)
+    rounds, points, log_prob = _adapted(ensembles, progress)
+    acceptance, held = ensembles.acceptance, LOOSE
+    if not _fits(ensembles, points, log_prob, spread):
+        acceptance, held = _keep(ensembles, points, log_prob, spread, progress)
+    message = ""
+    share = 1.0 - DE_SHARES[int(np.searchsorted((LOOSE, STICKY), held))]
+    if acceptance < POOR_ACCEPTANCE:
+        share = 0.1
+        message = (
+            f"the adapted proposal fits poorly (acceptance {acceptance:.3f}); "
+            "sampling falls back on differential evolution, which takes longer"
+        )
+    ensembles.set_share(share)
+    ensembles.freeze()
+    return WarmUp(rounds, acceptance, message)
+
+
+def _adapted(
+    ensembles: Ensembles, progress: Callable[[str], None]
+) -> tuple[int, np.ndarray, np.ndarray]:
+    """Rounds of steps and fits; their number, and the newest points with their log densities."""
     best, stalled, rounds = -1.0, 0, 0
     recent: list[np.ndarray] = []
     recent_log_prob: list[np.ndarray] = []
@@ -97,19 +122,19 @@ def warm_up(
             break
         if acceptance < GOOD:
             ensembles.adapt(history, screen=False)
-    points, log_prob = np.concatenate(recent), np.concatenate(recent_log_prob)
-    acceptance, hold = _keep(ensembles, points, log_prob, spread, progress)
-    message = ""
-    share = 1.0 - DE_SHARES[int(np.searchsorted((LOOSE, STICKY), hold))]
-    if acceptance < POOR_ACCEPTANCE:
-        share = 0.1
-        message = (
-            f"the adapted proposal fits poorly (acceptance {acceptance:.3f}); "
-            "sampling falls back on differential evolution, which takes longer"
-        )
-    ensembles.set_share(share)
-    ensembles.freeze()
-    return WarmUp(rounds, acceptance, message)
+    return rounds, np.concatenate(recent), np.concatenate(recent_log_prob)
+
+
+def _fits(
+    ensembles: Ensembles, points: np.ndarray, log_prob: np.ndarray, spread: np.ndarray
+) -> bool:
+    """Whether the proposal would hold no walker, nor one in the tails, for long."""
+    assert ensembles.proposal is not None
+    if ensembles.acceptance < FITTING:
+        return False
+    log_weight = log_prob - ensembles.proposal.log_density(points)
+    in_tails = ensembles.members[0].log_density(spread) - ensembles.proposal.log_density(spread)
+    return bool(max(log_weight.max(), in_tails.max()) - np.median(log_weight) < TIGHT)
 
 
 def _keep(
@@ -125,26 +150,27 @@ def _keep(
     walkers longest.
     """
     components, parts = COMPONENTS, 1
-    acceptance = hold = 0.0
-    for steps, limit in CHECKS:
+    acceptance = held = 0.0
+    for steps, limit, least in CHECKS:
         count = min(len(spread), len(points) // 4)
         chosen = ensembles.rng.choice(len(spread), count, replace=False)
         history = np.concatenate([points, spread[chosen]])
         ensembles.adapt(history, components=components, parts=parts, screen=True)
         assert isinstance(ensembles.proposal, Patchwork)
         proposal = _covered(ensembles, ensembles.proposal, points, log_prob, 2 * len(spread))
+        proposal = rebalance(proposal, points, log_prob, ensembles.rng)
         ensembles.proposal = proposal
         ensembles.reset_counts()
         chain, chain_log_prob = ensembles.run(steps)
         points, log_prob = chain.reshape(-1, chain.shape[-1]), chain_log_prob.ravel()
         log_weight = log_prob - proposal.log_density(points)
         acceptance = ensembles.acceptance
-        hold = float(np.quantile(log_weight, 0.998) - np.median(log_weight))
-        if hold < limit:
+        held = float(np.quantile(log_weight, 0.998) - np.median(log_weight))
+        if held < limit and acceptance > least:
             break
         progress(f"adapting further, acceptance {acceptance:.2f}")
-        components, parts = MORE_COMPONENTS, 2 if hold > TORN else 1
-    return acceptance, hold
+        components, parts = MORE_COMPONENTS, 2 if held > TORN else 1
+    return acceptance, held
 
 
 def _covered(
