@@ -92,9 +92,9 @@ def _told(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def one_case(task: tuple[str, str, bool]) -> dict[str, Any]:
-    """All samplers on one posterior."""
-    name, noise, quick = task
+def one_case(task: tuple[str, str, bool, bool]) -> dict[str, Any]:
+    """All samplers on one posterior, or ours and plain emcee only."""
+    name, noise, quick, plain = task
     size = QUICK if quick else FULL
     specimen = read_specimen(DATA / f"{name}.csv")
     posterior = Posterior(specimen, noise=noise)
@@ -102,10 +102,11 @@ def one_case(task: tuple[str, str, bool]) -> dict[str, Any]:
     density = NaturalDensity(specimen, posterior.beta)
     mine = ours(posterior, steps=size["steps"])
     limit = max(PLAIN_LIMIT * mine.extra["to_criterion"], LEAST_LIMIT)
-    others = {
-        "emcee": emcee_reseeded(density, limit=0.1 * limit if quick else limit),
-        "NUTS": nuts(density, warmup=size["warmup"], draws=size["draws"]),
-    }
+    others = {"emcee": emcee_reseeded(density, limit=0.1 * limit if quick else limit)}
+    found = {"specimen": name, "noise": noise, "ours": _told(mine), "emcee": _told(others["emcee"])}
+    if plain:
+        return found
+    others["NUTS"] = nuts(density, warmup=size["warmup"], draws=size["draws"])
     if noise == "independent":  # a tempered likelihood has no evidence to compare
         others["dynesty"] = from_the_prior(density, live=size["live"], slices=SLICES)
     points = np.column_stack([mine.draws[key].ravel() for key in NAMES])
@@ -117,7 +118,6 @@ def one_case(task: tuple[str, str, bool]) -> dict[str, Any]:
     others["nautilus"] = in_a_narrowed_prior(
         density, straight, live=size["narrowed"], limit=size["limit"]
     )
-    found = {"specimen": name, "noise": noise, "ours": _told(mine)}
     found |= {key: _told(value) for key, value in others.items()}
     compared = {key: others[key] for key in ("NUTS", "straightened", "nautilus") if key in others}
     found["agreement"] = {key: asdict(agreement(mine, other)) for key, other in compared.items()}
@@ -142,6 +142,7 @@ def main() -> None:
     parts = parser.add_mutually_exclusive_group()
     parts.add_argument("--costs", action="store_true", help="leave the other samplers out")
     parts.add_argument("--samplers", action="store_true", help="leave costs and commands out")
+    parser.add_argument("--plain", action="store_true", help="ours and plain emcee only")
     parser.add_argument("--json", type=Path, help="write the figures to this file as well")
     parser.add_argument(
         "--from-json", type=Path, nargs="+", help="write the page of earlier runs, joined"
@@ -150,9 +151,7 @@ def main() -> None:
     parser.add_argument("--write", type=Path, help="write the page")
     options = parser.parse_args()
     if options.from_json:
-        found = {}
-        for path in options.from_json:
-            found |= {k: v for k, v in json.loads(path.read_text()).items() if v}
+        found = joined(options.from_json)
     else:
         found = measured(options)
     if options.json:
@@ -163,10 +162,22 @@ def main() -> None:
         atomic_write_text(options.write, text)
 
 
+def joined(paths: list[Path]) -> dict[str, Any]:
+    """Figures of several runs; where they overlap, those of the last."""
+    found: dict[str, Any] = {}
+    cases: dict[tuple[str, str], dict[str, Any]] = {}
+    for path in paths:
+        read = json.loads(path.read_text())
+        for case in read.pop("cases", []):
+            cases.setdefault((case["specimen"], case["noise"]), {}).update(case)
+        found |= {key: value for key, value in read.items() if value}
+    return found | {"cases": list(cases.values())}
+
+
 def measured(options: argparse.Namespace) -> dict[str, Any]:
     """All figures."""
     names = SPECIMENS[-1:] if options.quick else [n for n in SPECIMENS if options.only in n]
-    tasks = [(name, noise, options.quick) for name in names for noise in NOISES]
+    tasks = [(name, noise, options.quick, options.plain) for name in names for noise in NOISES]
     found: dict[str, Any] = {"quick": options.quick, "cases": []}
     if not options.samplers:
         specimen = read_specimen(DATA / "donor2-media.csv")

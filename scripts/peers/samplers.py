@@ -20,7 +20,9 @@ ENSEMBLES = 4
 CRITERION_ESS, CRITERION_RHAT = 2000.0, 1.01
 SEEDS = 5
 SHORT = 30.0  # seconds; plain emcee's limit up to which every seed is tried
-BLOCK = 16  # steps of ours between two looks
+BLOCK, MOST_BLOCKS = 16, 200  # steps of ours between two looks, and looks
+BLOCK_OF_PLAIN, GROWTH = 50, 0.1
+"""Steps of plain emcee between two looks: so many at first, then this part of those taken."""
 JUDGED_EVERY = 10  # steps of plain emcee, whose autocorrelation times are hundreds
 
 
@@ -71,8 +73,8 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
     state, _ = first_state(posterior, plan)
     ensembles = ensembles_at(posterior, plan, state)
     spent = time.perf_counter() - clock
-    blocks = []
-    while True:
+    blocks: list[dict[str, np.ndarray]] = []
+    while len(blocks) < MOST_BLOCKS:
         clock = time.perf_counter()
         chain, _ = ensembles.run(BLOCK)
         blocks.append(_natural(posterior, chain))
@@ -81,6 +83,7 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
         ess, rhat = judged(kept)
         if rhat < CRITERION_RHAT and ess >= CRITERION_ESS:
             return spent
+    return np.inf
 
 
 def _natural(posterior: Posterior, chain: np.ndarray) -> dict[str, np.ndarray]:
@@ -105,7 +108,7 @@ def emcee_reseeded(density: NaturalDensity, *, limit: float) -> Outcome:
         "to_criterion": float(np.median(times)),
         "fastest": min(times),
         "slowest": max(times),
-        "seeds": len(times),
+        "limit": limit,
     }
     return outcome
 
@@ -122,8 +125,10 @@ def emcee_plain(density: NaturalDensity, *, limit: float, seed: int = 1) -> Outc
         emcee.EnsembleSampler(WALKERS, len(NAMES), density, vectorize=True)
         for _ in range(ENSEMBLES)
     ]
+    for sampler in samplers:  # else all four would share NumPy's global stream
+        sampler._random.seed(rng.integers(2**32))
     states = [density.starts(WALKERS, rng) for _ in samplers]
-    spent, met, block, total = 0.0, np.inf, 250, 0
+    spent, met, block, total = 0.0, np.inf, BLOCK_OF_PLAIN, 0
     before = density.evaluations
     while spent < limit:
         clock = time.perf_counter()
@@ -133,7 +138,7 @@ def emcee_plain(density: NaturalDensity, *, limit: float, seed: int = 1) -> Outc
         ]
         spent += time.perf_counter() - clock
         total += block
-        block = int(total * 0.5) + 1
+        block = max(BLOCK_OF_PLAIN, int(GROWTH * total))
         # The last block must not overrun the limit by much.
         block = max(1, min(block, int((limit - spent) / spent * total) + 1))
         kept = _kept(samplers, total)  # (ensembles, steps, walkers, 8)

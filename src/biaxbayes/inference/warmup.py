@@ -30,11 +30,10 @@ DE_SHARES = (0.15, 0.25, 0.5)
 MAX_ROUNDS = 8
 GOOD = 0.45  # acceptance from which a proposal need not change before its final fit
 REMEMBERED = 2  # rounds that the final fit is made from
-ENOUGH = 0.65  # acceptance at which more adaptation buys little
 RISE = 0.02  # smallest rise of acceptance that is worth another round
 FITTING, TIGHT = 0.5, 3.1
-"""Acceptance and largest log weight above the median, tails included, with which the proposal of
-the search is kept as it is: a better one would cost more time than it saves."""
+"""Acceptance and largest log weight above the median with which the proposal of the rounds is kept
+as it is: a better one would cost more time than it saves."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,8 @@ def warm_up(
     """Let the ensembles forget their starts, adapt the proposal to their history and freeze it.
 
     Rounds of steps alternate with fits of the proposal to the newest pooled history, until the
-    acceptance stops rising. Differential evolution stays in the mix throughout.
+    acceptance stops rising; unless the proposal then holds no walker for long, another is fitted
+    with more care. Differential evolution stays in the mix throughout.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def warm_up(
     proposal : Proposal
         A first proposal.
     spread : ndarray, shape (n, d)
-        Points spread wider than the posterior (:func:`.population.tempered_points`). They make
-        up a fifth of what the final proposal is fitted to, so that it reaches into tails where
-        walkers were not yet: a proposal too narrow there would hold a walker for long.
+        Points spread wider than the posterior (:func:`.population.tempered_points`). A proposal
+        too narrow where they are would hold a walker for long: none is kept without a fit, and
+        they make up a fifth of what a final one is fitted to.
     progress : callable
         Called with a short text at each round.
     """
@@ -116,9 +116,7 @@ def _adapted(
         recent_log_prob = [*recent_log_prob, log_prob[:, ROUND_STEPS // 4 :].ravel()][-REMEMBERED:]
         stalled = 0 if acceptance > best + RISE else stalled + 1
         best = max(best, acceptance)
-        if rounds > 1 and (acceptance > ENOUGH or stalled >= 2):
-            break
-        if rounds >= REMEMBERED and acceptance > GOOD:
+        if rounds >= REMEMBERED and (acceptance > GOOD or stalled >= 2):
             break
         if acceptance < GOOD:
             ensembles.adapt(history, screen=False)
@@ -128,13 +126,14 @@ def _adapted(
 def _fits(
     ensembles: Ensembles, points: np.ndarray, log_prob: np.ndarray, spread: np.ndarray
 ) -> bool:
-    """Whether the proposal would hold no walker, nor one in the tails, for long."""
+    """Whether the proposal would hold no walker for long, among them or where ``spread`` is."""
     assert ensembles.proposal is not None
     if ensembles.acceptance < FITTING:
         return False
     log_weight = log_prob - ensembles.proposal.log_density(points)
     in_tails = ensembles.members[0].log_density(spread) - ensembles.proposal.log_density(spread)
-    return bool(max(log_weight.max(), in_tails.max()) - np.median(log_weight) < TIGHT)
+    highest = np.max([log_weight.max(), in_tails.max()])  # NaN where there is no telling
+    return bool(highest - np.median(log_weight) < TIGHT)
 
 
 def _keep(
