@@ -21,15 +21,20 @@ HEAD = """# Benchmark
 
 Made with
 
-    OMP_NUM_THREADS=1 python scripts/benchmark.py --samplers --json samplers.json
-    OMP_NUM_THREADS=1 python scripts/benchmark.py --costs --json costs.json
-    python scripts/benchmark.py --from-json samplers.json costs.json --write docs/benchmark.md
+    export OMP_NUM_THREADS=1
+    python scripts/benchmark.py --samplers --jobs 2 --json samplers.json
+    python scripts/benchmark.py --samplers --plain --jobs 2 --json plain.json
+    python scripts/benchmark.py --costs --json costs.json
+    python scripts/benchmark.py --from-json samplers.json plain.json costs.json \\
+        --write docs/benchmark.md
 
-on a two-core virtual machine, every sampler on one core (without either option one command does
-all). Ratios carry over to other machines, seconds do not. *Effective draws* are those of the worst
-parameter by one estimator (rank-normalised bulk ESS over all chains), for nested samplers Kish's
-from their weights. Where emcee's stretch move has not converged (R-hat above 1.01), its ESS is the
-estimate that it reports, which is too large.
+on a two-core virtual machine, every sampler on one core (without these options one command does
+all). Ours and plain emcee are those of the second run, in which only they ran; the other samplers,
+and the agreement of ours with them, those of the first. Ratios carry over to other machines,
+seconds do not. *Effective draws* are those of the worst parameter by one estimator
+(rank-normalised bulk ESS over all chains), for nested samplers Kish's from their weights. Where
+emcee's stretch move has not converged (R-hat above 1.01), its ESS is the estimate that it reports,
+which is too large.
 """
 
 
