@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 __all__ = ["page"]
 
@@ -176,7 +177,27 @@ def _agreement(cases: list[dict[str, Any]]) -> list[str]:
             f"| {c['agreement']['NUTS']['rms']:.2f} | {long['ess']:.0f} | {long['rhat']:.3f} "
             f"| {long['note'].split()[0]} | {' | '.join(_compared(c))} |"
         )
-    return [*lines, "", *NOTES]
+    return [*lines, "", _summed_up(cases), "", *NOTES]
+
+
+def _summed_up(cases: list[dict[str, Any]]) -> str:
+    straight = [c["straightened"] for c in cases]
+    told = [
+        f"Straightened NUTS: R-hat at most {max(s['rhat'] for s in straight):.4f}, "
+        f"at least {min(s['ess'] for s in straight):,.0f} effective draws."
+    ]
+    for key, name in (("straightened", "straightened NUTS"), ("nautilus", "nautilus")):
+        found = [c["agreement"][key] for c in cases]
+        count = sum(a["count"] for a in found)
+        rms = np.sqrt(sum(a["rms"] ** 2 * a["count"] for a in found) / count)
+        largest = max(abs(a["largest"]) for a in found)
+        # of so many independent comparisons the largest is beyond this once in twenty
+        limit = ndtri(1.0 - 0.5 * (1.0 - 0.95 ** (1.0 / count)))
+        told.append(
+            f"Of {count} quantiles, {name} and ours differ by {largest:.1f} standard errors at "
+            f"most (95 % of such sets stay below {limit:.1f}), {rms:.2f} in the root mean square."
+        )
+    return " ".join(told)
 
 
 def _compared(case: dict[str, Any]) -> list[str]:
