@@ -31,7 +31,7 @@ from biaxbayes.output.staging import PROVENANCE
 
 ROOT = Path(__file__).parents[1]
 SPECIMEN = ROOT / "data" / "donor2-adventitia.csv"
-OPTIONS = ("--ess", "60000", "--seed", "3", "--quiet")
+OPTIONS = ("--ess", "32000", "--seed", "3", "--quiet")
 
 
 @pytest.fixture(scope="module", autouse=True)
