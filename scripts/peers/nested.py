@@ -106,14 +106,15 @@ def in_a_narrowed_prior(
     seconds = time.perf_counter() - clock
     cube, log_weight, _ = sampler.posterior()
     x, _ = straight.natural_points(WIDER * student.ppf(cube, NU))
-    ess = _kish(np.exp(log_weight - log_weight.max()))
+    weight = np.exp(log_weight - log_weight.max())
+    ess = _kish(weight)
     return Outcome(
         ess,
         density.evaluations - before,
         seconds,
         0.0,
         float("nan"),
-        summaries(x) | {"weight": np.exp(log_weight - log_weight.max())},
+        summaries(x) | {"weight": weight},
         "" if finished else "not finished",
         # Kish's size is what nautilus takes its own error from.
         (float(sampler.log_z), 1.0 / float(np.sqrt(ess))),

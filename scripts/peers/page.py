@@ -54,8 +54,11 @@ def page(found: dict[str, Any]) -> str:
     parts = [HEAD if cases else COSTS]
     if "density" in found:
         parts += [*_density(found), *_commands(found["commands"])]
-    for section in (_rates, _convergence, _others, _agreement, _evidence):
+    for section in (_rates, _convergence):
         parts += section(cases) if cases else []
+    if cases and all("NUTS" in case for case in cases):  # not ours and plain emcee alone
+        for section in (_others, _agreement, _evidence):
+            parts += section(cases)
     return "\n".join(parts) + "\n"
 
 

@@ -67,7 +67,7 @@ def cover(
         parts[k] = _with_component(parts[k], mean, factor, SHARE / share)
         weights = (1.0 - SHARE) * weights
         weights[k] = share
-        alone = StudentMixture.from_factors(np.ones(1), mean[None], factor[None])
+        alone = StudentMixture.single(mean, factor)
         new = alone.log_density(straight[k].r, parts[k].mirrors) + straight[k].log_jacobian
         # q' = (1 - share) q + share t
         log_density = np.logaddexp(np.log1p(-SHARE) + log_density, np.log(SHARE) + new)

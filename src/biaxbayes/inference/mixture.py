@@ -113,6 +113,11 @@ class StudentMixture:
         inverses = np.array([np.linalg.solve(f, np.eye(len(f))) for f in factors])
         return cls(weights, means, factors, np.tril(inverses))
 
+    @classmethod
+    def single(cls, mean: np.ndarray, factor: np.ndarray) -> StudentMixture:
+        """One component alone."""
+        return cls.from_factors(np.ones(1), mean[None], factor[None])
+
 
 def fit_mixture(
     points: np.ndarray, rng: np.random.Generator, *, components: int = 6

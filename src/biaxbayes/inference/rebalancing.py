@@ -61,7 +61,7 @@ def _components(proposal: Patchwork, points: np.ndarray) -> tuple[np.ndarray, np
         mixture = part.mixture
         shares.append(weight * mixture.weights)
         for mean, factor in zip(mixture.means, mixture.factors, strict=True):
-            alone = StudentMixture.from_factors(np.ones(1), mean[None], factor[None])
+            alone = StudentMixture.single(mean, factor)
             columns.append(alone.log_density(r, part.mirrors) + log_jacobian)
     return np.concatenate(shares), np.array(columns)
 
