@@ -5,5 +5,6 @@ cd "$(dirname "$0")/.."
 
 source scripts/environment.sh .venv-docs '.[docs]'
 
+python scripts/docs_verbs.py --check
 NO_MKDOCS_2_WARNING=1 mkdocs build --strict --quiet
 echo "open site/index.html"

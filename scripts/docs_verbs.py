@@ -1,31 +1,76 @@
-"""Hook of mkdocs: the help of every verb in place of ``<!-- verbs -->``."""
+"""Write docs/cli.md from the commands themselves.
+
+python scripts/docs_verbs.py            writes the page
+python scripts/docs_verbs.py --check    exit code 1 where the page is not what would be written
+"""
 
 from __future__ import annotations
 
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Any
+import argparse
+import inspect
+import sys
+from pathlib import Path
 
 import click
 
-from biaxbayes.cli import VERBS
+from biaxbayes.cli import VERBS, group
+from biaxbayes.text_files import atomic_write_text
 
-MARK = "<!-- verbs -->"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "cli.md"
+HEAD = """# Command line
 
+Every verb with its options; `biaxbayes VERB --help` prints the same. Exit codes: 0 done, 2 an
+input, option or file that cannot be used, 3 ran but the result cannot be trusted.
 
-def verbs_markdown() -> str:
-    """One section a verb, with its help as a terminal shows it."""
-    sections = []
-    for verb, summary in VERBS.items():
-        module = f"biaxbayes.commands.{verb}"
-        if find_spec(module) is None:
-            continue
-        command: click.Command = import_module(module).command
-        context = click.Context(command, info_name=f"biaxbayes {verb}", max_content_width=96)
-        sections.append(f"## {verb}\n\n{summary}\n\n```text\n{command.get_help(context)}\n```\n")
-    return "\n".join(sections)
+| verb | |
+|---|---|
+"""
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Called by mkdocs for every page."""
-    return markdown.replace(MARK, verbs_markdown()) if MARK in markdown else markdown
+def section(verb: str) -> str:
+    """The reference of one verb: usage, what it does, its options."""
+    command = group.get_command(click.Context(group), verb)
+    assert command is not None
+    context = click.Context(command, info_name=f"biaxbayes {verb}")
+    usage = " ".join(["biaxbayes", verb, *command.collect_usage_pieces(context)])
+    parts = [f"## {verb}", f"```text\n{usage}\n```"]
+    for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
+        lines = [line.strip() for line in paragraph.strip().splitlines()]
+        # click's mark of a paragraph that keeps its lines: examples
+        kept = lines[0] == "\b"
+        parts.append("```text\n" + "\n".join(lines[1:]) + "\n```" if kept else "\n".join(lines))
+    return "\n\n".join([*parts, "\n".join(_options(command, context))])
+
+
+def _options(command: click.Command, context: click.Context) -> list[str]:
+    """A line an option, but for --help."""
+    lines = []
+    for parameter in command.params:
+        record = parameter.get_help_record(context)
+        if isinstance(parameter, click.Option) and record is not None:
+            names, words = (" ".join(part.split()) for part in record)
+            lines.append(f"- `{names}`: {words.replace('<', '&lt;')}")  # no tag of HTML
+    return lines
+
+
+def page() -> str:
+    """The whole page."""
+    verbs = "".join(f"| [{verb}](#{verb}) | {words} |\n" for verb, words in VERBS.items())
+    return HEAD + verbs + "\n" + "\n\n".join(section(verb) for verb in VERBS) + "\n"
+
+
+def main() -> int:
+    """Write or check the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--check", action="store_true")
+    if not parser.parse_args().check:
+        atomic_write_text(PAGE, page())
+        return 0
+    current = PAGE.read_text(encoding="utf-8") == page()
+    if not current:
+        print("docs/cli.md is not current: run python scripts/docs_verbs.py", file=sys.stderr)
+    return 0 if current else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

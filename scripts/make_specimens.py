@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.laws.published import MATERIALS
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.specimens.virtual_specimen import (

@@ -12,8 +12,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from biaxbayes.specimens.text_file import atomic_write_text
-from paper import (
+from biaxbayes.text_files import atomic_write_text
+from studies.page import DOCS
+from studies.paper import (
     alternations,
     error_map,
     figures34,
@@ -50,7 +51,7 @@ CLAIMS = "## Claims in the text\n"
 def main() -> None:
     """Run every section in the order of the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path(__file__).resolve().parents[1] / "docs")
+    parser.add_argument("--out", type=Path, default=DOCS)
     out = parser.parse_args().out
     figures = out / "figures"
     figures.mkdir(parents=True, exist_ok=True)

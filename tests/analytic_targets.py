@@ -16,6 +16,8 @@ import emcee
 import numpy as np
 from scipy.stats import norm
 
+from biaxbayes.sampling.target import bounds_array
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
@@ -25,7 +27,12 @@ class Target:
     dimension: int
     log_density: object
     sample: object
-    edges: dict = field(default_factory=dict)
+    limits: dict = field(default_factory=dict)
+
+    @property
+    def bounds(self):
+        """Bounds of the coordinates, shape (d, 2)."""
+        return bounds_array(self.limits, self.dimension)
 
 
 def gaussian(d):
@@ -61,7 +68,7 @@ def banana(d):
     return Target(f"banana-{d}", d, lambda x: norm.logpdf(straight(x)).sum(axis=1), sample)
 
 
-def half_bounded(d, *, with_edges):
+def half_bounded(d, *, with_bounds):
     """x_0 > 0 half-normal, x_1 between 0 and 1 with most mass at 0; the others follow them."""
 
     def log_density(x):
@@ -78,8 +85,10 @@ def half_bounded(d, *, with_edges):
         x[:, 2:] += x[:, :1] - 0.5 * x[:, 1:2]
         return x
 
-    edges = {0: (0.0, np.inf), 1: (0.0, 1.0)} if with_edges else {}
-    return Target(f"edge-{d}-{'folded' if with_edges else 'plain'}", d, log_density, sample, edges)
+    limits = {0: (0.0, np.inf), 1: (0.0, 1.0)} if with_bounds else {}
+    return Target(
+        f"edge-{d}-{'folded' if with_bounds else 'plain'}", d, log_density, sample, limits
+    )
 
 
 def two_modes(d):
@@ -109,8 +118,8 @@ TARGETS = [
     for make in (
         gaussian(d),
         banana(d),
-        half_bounded(d, with_edges=False),
-        half_bounded(d, with_edges=True),
+        half_bounded(d, with_bounds=False),
+        half_bounded(d, with_bounds=True),
         two_modes(d),
     )
 ]

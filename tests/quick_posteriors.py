@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.sampler import Plan, draw
-from biaxbayes.mechanics.goh import GOH
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+from shared import found_once
 
 THREE_RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 EQUIBIAXIAL = ((1.0, 1.0),)
@@ -55,21 +57,32 @@ def specimen(
     return made
 
 
+def small_specimen() -> Specimen:
+    """Few rows of a material that three ratios determine."""
+    return specimen(GOH(14.0, 60.0, 8.0, 38.0, 0.1), increments=8)
+
+
 def sampled(data: Specimen, *, ess: float = 150.0, seed: int = 1, **options: Any) -> Sampled:
-    """Sample a specimen, errors independent unless said otherwise."""
-    target = Posterior(data, **{"noise": "independent", **options})
-    found = draw(target, Plan(ess=ess, seed=seed, workers=2))
-    draws = pd.DataFrame({name: q.ravel() for name, q in found.quantities.items()})
-    return Sampled(target, draws, found.convergence.state, found.quantities)
+    """Sample a specimen once a test session, errors independent unless said otherwise."""
+    options = {"noise": "independent", **options}
+
+    def find() -> tuple:
+        target = Posterior(data, **options)
+        found = draw_posterior(target, Plan(ess=ess, seed=seed, workers=2))
+        return target, found.convergence.state, found.quantities
+
+    target, state, chains = found_once((data, ess, seed, sorted(options.items())), find)
+    draws = pd.DataFrame({name: q.ravel() for name, q in chains.items()})
+    return Sampled(target, draws, state, chains)
 
 
 @contextlib.contextmanager
 def runs_without_figures() -> Iterator[None]:
     """Run folders whose figures other tests look at: here they would cost most of the time."""
-    from biaxbayes.findings.identifiability import identify_draws
-    from biaxbayes.output import run_products
-    from biaxbayes.output.archive import flatten
-    from biaxbayes.output.report import page
+    from biaxbayes.identifiability.identify import identify_draws
+    from biaxbayes.jobs import products as run_products
+    from biaxbayes.reports import page
+    from biaxbayes.runs.archive import flatten
 
     def verdicts_alone(folder, posterior, draws):
         table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})

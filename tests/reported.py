@@ -7,8 +7,8 @@ from pathlib import Path
 
 import biaxbayes
 import quick_posteriors as quick
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.output.run import Run
+from biaxbayes.laws.goh import GOH
+from biaxbayes.runs.run import Run
 
 NAME = (
     "<script>document.title='broken'</script>\"'><img src=x onerror=alert(1)> "

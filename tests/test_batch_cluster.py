@@ -16,17 +16,15 @@ import pandas as pd
 import pytest
 
 import quick_posteriors
-from biaxbayes.executors.dask_cluster import DaskCluster
-from biaxbayes.executors.executor import InThisProcess
-from biaxbayes.executors.local_processes import LocalProcesses
-from biaxbayes.findings.calibration import Study
-from biaxbayes.findings.design import design
-from biaxbayes.findings.replications import run_replications
-from biaxbayes.findings.study_prior import protocol_prior
-from biaxbayes.inference.study_file import read_study
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.output.batch import Batch
+from biaxbayes.calibration.calibration import Study, run_replications
+from biaxbayes.calibration.simulated_specimen import protocol_prior
+from biaxbayes.executors.executor import InThisProcess, Workers
+from biaxbayes.jobs.batch import Batch
+from biaxbayes.laws.goh import GOH
+from biaxbayes.optimal_design.design import design
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.studies.study_file import read_study
+from goh_functions import GOH_LAW
 
 pytestmark = pytest.mark.slow
 SPECIMENS = 4
@@ -64,13 +62,12 @@ def alone(study, tmp_path_factory):
 
 
 def test_processes_find_what_one_process_finds(study, alone, tmp_path):
-    Batch(study, tmp_path / "study", LocalProcesses(2)).execute()
+    Batch(study, tmp_path / "study", Workers(2)).execute()
     assert contents(tmp_path / "study") == alone
 
 
 @pytest.fixture
 def cluster(tmp_path):
-    pytest.importorskip("distributed")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -103,7 +100,7 @@ def test_a_cluster_that_loses_a_worker_finds_the_same(study, alone, cluster, tmp
 
     killer = threading.Thread(target=kill, daemon=True)
     killer.start()
-    result = Batch(study, folder, DaskCluster(address)).execute()
+    result = Batch(study, folder, Workers(scheduler=address)).execute()
     killer.join(1.0)
     assert workers[0].wait(10) == -signal.SIGKILL
     assert sum(result.states.values()) == SPECIMENS and not result.failures
@@ -115,10 +112,10 @@ def test_a_cluster_ranks_designs_and_replicates_as_one_process_does(cluster):
     material = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=40.0, kappa=0.1)
     data = quick_posteriors.specimen(material, increments=10)
     run = quick_posteriors.sampled(data, ess=60.0)
-    priors = protocol_prior(data)
+    priors = protocol_prior(data, GOH_LAW)
     replications = Study(data, {"noise": "independent", "mounting": "noisy"}, priors, ess=200.0)
     found = []
-    for executor in (InThisProcess(), DaskCluster(address)):
+    for executor in (InThisProcess(), Workers(scheduler=address)):
         ranked = design(run.target, run.draws, executor=executor).to_frame()
         ranks = {r.index: r.rank for r in run_replications(replications, [0, 1], executor=executor)}
         found.append((ranked, ranks))

@@ -11,29 +11,35 @@ import pandas as pd
 import pytest
 from scipy.stats import binom, binomtest, kstest, norm
 
-from biaxbayes.cli import main
-from biaxbayes.errors import InputError, Interrupted, RunError
-from biaxbayes.executors.local_processes import LocalProcesses
-from biaxbayes.findings.calibration import Study, replicate
-from biaxbayes.findings.calibration_table import calibration_table, verdict
-from biaxbayes.findings.coverage import coverage
-from biaxbayes.findings.rank_bands import (
+from biaxbayes.calibration.calibration import Study, replicate, run_replications
+from biaxbayes.calibration.ranks import (
     band_level,
+    calibration_table,
     count_band,
+    coverage,
     probability_inside,
     rank_counts,
     uniformity_p_value,
+    verdict,
 )
-from biaxbayes.findings.replications import run_replications
-from biaxbayes.findings.simulated_specimen import draw_truth, simulate_specimen
-from biaxbayes.findings.study_prior import local_prior, priors_toml, protocol_prior
-from biaxbayes.inference.priors import Prior, Tie
-from biaxbayes.inference.priors_file import read_priors
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.mechanics.virtual import virtual_test
-from biaxbayes.output.calibration import CalibrationStudy, read_ranks
+from biaxbayes.calibration.simulated_specimen import (
+    draw_truth,
+    local_prior,
+    priors_toml,
+    protocol_prior,
+    simulate_specimen,
+)
+from biaxbayes.cli import main
+from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.executors.executor import Workers
+from biaxbayes.jobs.calibrate import CalibrationStudy, read_ranks
+from biaxbayes.laws.goh import GOH
+from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.model.priors import Prior, Tie, read_priors
+from biaxbayes.parameters import Quantities
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
+from goh_functions import GOH_LAW
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 OPTIONS = {
@@ -59,7 +65,7 @@ def study(specimen: Specimen | None = None, broken: str = "", **options: object)
     return Study(
         specimen,
         {**OPTIONS, **options},
-        protocol_prior(specimen),
+        protocol_prior(specimen, GOH_LAW),
         seed=3,
         ess=200,
         max_steps=384,
@@ -169,13 +175,13 @@ def test_verdict_allows_for_many_quantities():
 
 def test_priors_are_written_as_a_priors_file_reads_them(tmp_path):
     priors = {
-        **protocol_prior(media()),
+        **protocol_prior(media(), GOH_LAW),
         "kappa": 0.1,
         "k1": Tie(2.0, "C1"),
         "alpha": Prior("normal", 41.0, 5.0).within(0.0, 90.0),
     }
     path = tmp_path / "priors.toml"
-    path.write_text(priors_toml(priors, "N"))
+    path.write_text(priors_toml(priors, "N", GOH_LAW))
     assert read_priors(path) == priors
 
 
@@ -209,7 +215,7 @@ def test_local_prior_is_twice_as_wide_as_the_posterior_and_no_wider_than_its_pri
         "alpha": rng.normal(88.0, 3.0, 20000),
         "mounting_stretch_x": rng.normal(1.0147, 0.0005, 20000),
     }
-    local = local_prior(draws, wide)
+    local = local_prior(draws, wide, Quantities(GOH_LAW.parameters))
     assert local["C1"].location == pytest.approx(np.e, rel=0.01)
     assert local["C1"].scale == pytest.approx(0.2, rel=0.05)
     assert local["k1"].scale == 0.5
@@ -313,8 +319,14 @@ def test_several_protocols_and_unknown_dimensions_are_simulated():
 # --- studies ---
 
 
-def test_a_replication_is_determined_by_study_and_index():
-    a, b = replicate(study(), 2), replicate(study(), 2)
+@pytest.fixture(scope="module")
+def alone():
+    """Two replications, one after the other in this process."""
+    return {r.index: r for r in run_replications(study(), [2, 4])}
+
+
+def test_a_replication_is_determined_by_study_and_index(alone):
+    a, b = replicate(study(), 2), alone[2]
     assert a.rank == b.rank
     assert a.truth == b.truth
     assert {"C1", "kappa", "mounting_stretch_y", "noise_sd", "log_likelihood"} <= set(a.rank)
@@ -328,10 +340,10 @@ def test_an_interrupted_study_continues_to_the_same_table(tmp_path):
         calls.append(1)
         return len(calls) > 1
 
-    whole = CalibrationStudy(study(), tmp_path / "whole", 3).execute()
-    with pytest.raises(Interrupted, match="1 of 3"):
-        CalibrationStudy(study(), tmp_path / "parts", 3).execute(stop=stop)
-    parts = CalibrationStudy(study(), tmp_path / "parts", 3).execute(resume=True)
+    whole = CalibrationStudy(study(), tmp_path / "whole", 2).execute()
+    with pytest.raises(Interrupted, match="1 of 2"):
+        CalibrationStudy(study(), tmp_path / "parts", 2).execute(stop=stop)
+    parts = CalibrationStudy(study(), tmp_path / "parts", 2).execute(resume=True)
     pd.testing.assert_frame_equal(whole.table, parts.table)
     a, b = (
         read_ranks(tmp_path / n / "ranks.csv").drop(columns="seconds") for n in ("whole", "parts")
@@ -340,14 +352,12 @@ def test_an_interrupted_study_continues_to_the_same_table(tmp_path):
     for name in ("calibration.csv", "calibration.pdf", "calibration.png", "priors.toml"):
         assert (tmp_path / "whole" / name).stat().st_size > 0
     with pytest.raises(RunError, match="another study"):
-        CalibrationStudy(replace(study(), seed=9), tmp_path / "parts", 3).execute(resume=True)
+        CalibrationStudy(replace(study(), seed=9), tmp_path / "parts", 2).execute(resume=True)
 
 
-def test_processes_find_what_one_process_finds():
-    indices = [4, 5]
-    one = {r.index: r.rank for r in run_replications(study(), indices)}
-    two = {r.index: r.rank for r in run_replications(study(), indices, executor=LocalProcesses(2))}
-    assert one == two
+def test_processes_find_what_one_process_finds(alone):
+    two = {r.index: r.rank for r in run_replications(study(), list(alone), executor=Workers(2))}
+    assert two == {index: r.rank for index, r in alone.items()}
 
 
 def test_command_line(tmp_path, capsys):
@@ -394,7 +404,7 @@ def test_unknown_break_is_an_input_error():
 @pytest.mark.parametrize("broken", ["", "noise"])
 def test_a_wrong_noise_sd_is_caught_and_the_right_one_is_not(broken, tmp_path):
     the_study = replace(study(broken=broken), max_steps=2000)
-    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, LocalProcesses(2)).execute()
+    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, Workers(2)).execute()
     assert outcome.calibrated == (broken == "")
 
 
@@ -405,5 +415,5 @@ def test_a_missing_determinant_is_caught_where_the_readings_are_loose(broken, tm
     the_study = study(media(101), broken=broken)
     loose = {**the_study.priors, "noise_sd": Prior("lognormal", 0.3, 0.3)}
     the_study = replace(the_study, priors=loose, max_steps=2000)
-    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, LocalProcesses(2)).execute()
+    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, Workers(2)).execute()
     assert outcome.calibrated == (broken == "")

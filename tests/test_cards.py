@@ -8,24 +8,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from biaxbayes.cards import export
+from biaxbayes.cards.abaqus import read_abaqus, write_abaqus
+from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable, plain_text, safe_label
+from biaxbayes.cards.export import MANIFEST, biaxial_stress, export_cards, relative_deviation
+from biaxbayes.cards.febio import read_febio, write_febio
 from biaxbayes.errors import BiaxbayesError, InputError
-from biaxbayes.findings.representative_draws import (
-    common_states,
-    median_draw,
-    most_probable_draw,
-    random_draws,
-)
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.mechanics.materials import MATERIALS
-from biaxbayes.mechanics.virtual import virtual_test
-from biaxbayes.output.cards import export
-from biaxbayes.output.cards.abaqus import read_abaqus, write_abaqus
-from biaxbayes.output.cards.card import Card, exportable, plain_text, safe_label
-from biaxbayes.output.cards.export import MANIFEST, export_cards
-from biaxbayes.output.cards.febio import read_febio, write_febio
-from biaxbayes.output.cards.selfcheck import biaxial_stress, relative_deviation
-from biaxbayes.output.cards.units import UNIT_SYSTEMS
+from biaxbayes.laws.goh import GOH, GOHLaw
+from biaxbayes.laws.published import MATERIALS
+from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.prediction.draws import common_states, median_draw, most_probable_draw, random_draws
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from goh_functions import GOH_LAW
 
 MEDIA = MATERIALS["weisbecker-media"].material
 WRITE = {"abaqus": write_abaqus, "febio": write_febio}
@@ -154,7 +148,9 @@ def test_table_4_follows_from_the_cards(program, row, r2):
 def test_two_hundred_draws_agree_with_the_closed_form(program, units, tmp_path):
     frame = draws(200)
     sample = specimen(ratios=((1.0, 1.0), (1.0, 0.4)))
-    manifest = export_cards(frame, sample, range(200), tmp_path, program=program, units=units)
+    manifest = export_cards(
+        frame, sample, GOH_LAW, range(200), tmp_path, program=program, units=units
+    )
     assert len(manifest) == 200
     assert manifest["check_relative_deviation"].max() < 1e-8
     assert manifest["weight"].sum() == pytest.approx(1.0)
@@ -192,7 +188,7 @@ def test_a_card_that_fails_its_check_is_removed(tmp_path, monkeypatch):
 
     monkeypatch.setitem(export.PROGRAMS, "abaqus", (careless, read_abaqus, ".inp"))
     with pytest.raises(BiaxbayesError, match="differs from the draw's"):
-        export_cards(draws(3), specimen(), [0], tmp_path, program="abaqus")
+        export_cards(draws(3), specimen(), GOH_LAW, [0], tmp_path, program="abaqus")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -215,7 +211,7 @@ def test_orientation_of_the_geometry_is_honoured():
 def test_bulk_modulus_limits_the_change_of_volume(tmp_path):
     """Free thickness instead of the incompressible limit, ratio 1000: J - 1 is about p / K."""
     frame = draws(1).assign(C1=14.0, k1=140.0, k2=11.9, alpha=38.4, kappa=0.21)
-    manifest = export_cards(frame, specimen(), [0], tmp_path, program="febio")
+    manifest = export_cards(frame, specimen(), GOH_LAW, [0], tmp_path, program="febio")
     energy = read_febio((tmp_path / manifest["file"][0]).read_text()).energy
     lz, h = 1.0 / (1.18 * 1.18), 1e-30
     for _ in range(40):  # Newton for s_zz = 0, slope by differences of complex steps
@@ -236,7 +232,7 @@ def test_bulk_modulus_limits_the_change_of_volume(tmp_path):
 @pytest.mark.parametrize("edge", [{"k2": 0.0}, {"kappa": 0.0}, {"kappa": 1 / 3}, {"alpha": 90.0}])
 def test_edges_are_exported_and_pass_the_check(program, edge, tmp_path):
     frame = draws(1).assign(C1=5.0, k1=20.0, k2=2.0, alpha=40.0, kappa=0.1).assign(**edge)
-    manifest = export_cards(frame, specimen(), [0], tmp_path, program=program)
+    manifest = export_cards(frame, specimen(), GOH_LAW, [0], tmp_path, program=program)
     assert manifest["check_relative_deviation"][0] < 1e-8
     text = (tmp_path / manifest["file"][0]).read_text()
     assert ("k2 = 0 is written as 1e-09" in text) == ("k2" in edge)
@@ -253,7 +249,7 @@ def test_negative_fibre_strain_is_a_warning_in_card_and_manifest(tmp_path):
     frame = draws(1).assign(C1=5.0, k1=50.0, k2=2.0, alpha=90.0, kappa=0.0)
     sample = specimen(ratios=((1.0, 0.0),), lm=(1.0, 0.95))
     frame = frame.assign(mounting_stretch_x=1.0, mounting_stretch_y=0.95)
-    plain = export_cards(frame, sample, [0], tmp_path / "a", program="abaqus")
+    plain = export_cards(frame, sample, GOH_LAW, [0], tmp_path / "a", program="abaqus")
     E = 0.95**2 - 1.0
     assert plain["smallest_fibre_strain"][0] == pytest.approx(E)
     # s_y loses 4 k1 E exp(k2 E^2) ly^2; s_x loses nothing (kappa = 0, fibres along y)
@@ -262,7 +258,7 @@ def test_negative_fibre_strain_is_a_warning_in_card_and_manifest(tmp_path):
     text = (tmp_path / "a" / plain["file"][0]).read_text()
     assert "WARNING: E falls to -0.0975" in text
     assert plain["check_relative_deviation"][0] < 1e-8
-    switched = export_cards(frame, sample, [0], tmp_path / "b", program="abaqus", fibre_switch=True)
+    switched = export_cards(frame, sample, GOHLaw(True), [0], tmp_path / "b", program="abaqus")
     assert switched["switch_changes_stress_kPa"][0] == 0.0
     assert "WARNING" not in (tmp_path / "b" / switched["file"][0]).read_text()
 
@@ -287,7 +283,9 @@ HOSTILE = [
 @pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.parametrize("program", WRITE)
 def test_hostile_names_stay_inside_a_comment(program, name, tmp_path):
-    manifest = export_cards(draws(2), specimen(name), [1], tmp_path, program=program, origin=name)
+    manifest = export_cards(
+        draws(2), specimen(name), GOH_LAW, [1], tmp_path, program=program, origin=name
+    )
     file = tmp_path / manifest["file"][0]
     assert file.parent == tmp_path and re.fullmatch(r"[A-Za-z0-9_]+-\d{4}\.\w+", file.name)
     text = file.read_text(encoding="ascii")
@@ -332,11 +330,11 @@ def test_other_files_are_no_cards(reader, text):
 
 def test_an_earlier_export_is_neither_mixed_with_nor_lost(tmp_path):
     keep = tmp_path / "notes.txt"
-    export_cards(draws(4), specimen(), [0, 1, 2], tmp_path, program="abaqus")
+    export_cards(draws(4), specimen(), GOH_LAW, [0, 1, 2], tmp_path, program="abaqus")
     keep.write_text("mine")
     with pytest.raises(InputError, match="earlier export"):
-        export_cards(draws(4), specimen(), [3], tmp_path, program="febio")
-    export_cards(draws(4), specimen(), [3], tmp_path, program="febio", overwrite=True)
+        export_cards(draws(4), specimen(), GOH_LAW, [3], tmp_path, program="febio")
+    export_cards(draws(4), specimen(), GOH_LAW, [3], tmp_path, program="febio", overwrite=True)
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [MANIFEST, "media-0003.feb", "notes.txt"]
 
@@ -351,13 +349,13 @@ def test_an_earlier_export_is_neither_mixed_with_nor_lost(tmp_path):
 )
 def test_unknown_options_are_named(options, message, tmp_path):
     with pytest.raises(InputError, match=message):
-        export_cards(draws(1), specimen(), [0], tmp_path / "out", **options)
+        export_cards(draws(1), specimen(), GOH_LAW, [0], tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
 
 
 def test_the_manifest_leads_from_card_to_draw(tmp_path):
     frame = draws(30)
-    export_cards(frame, specimen(), [4, 7], tmp_path, program="abaqus", units="Pa-m")
+    export_cards(frame, specimen(), GOH_LAW, [4, 7], tmp_path, program="abaqus", units="Pa-m")
     manifest = pd.read_csv(tmp_path / MANIFEST)
     assert manifest["draw"].tolist() == [4, 7]
     assert manifest["weight"].tolist() == [0.5, 0.5]
@@ -378,7 +376,7 @@ def test_median_draw_is_a_draw_near_the_median_curves_where_the_median_vector_is
     frame["mounting_stretch_x"] = frame["mounting_stretch_y"] = 1.01
     share = rng.permutation(np.linspace(0.02, 0.98, 301))
     frame["C1"], frame["k1"] = 20.0 * share, 60.0 * (1.0 - share)
-    row = median_draw(frame, specimen())
+    row = median_draw(frame, specimen(), GOH_LAW)
     states = common_states(frame, specimen())[0]
     curves = np.array(
         [np.concatenate(GOH(*frame.iloc[i, :5]).piola(*states.T)) for i in range(301)]

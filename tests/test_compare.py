@@ -8,13 +8,12 @@ import pytest
 from scipy.stats import ks_2samp, mannwhitneyu, norm
 
 from biaxbayes.cli import main
+from biaxbayes.comparison.compare import Member, compare, differing_settings, distance, labels_of
 from biaxbayes.errors import InputError
-from biaxbayes.findings.comparability import differing_settings
-from biaxbayes.findings.compare import Member, compare, labels_of
-from biaxbayes.findings.derived import derived_quantities
-from biaxbayes.findings.distance import distance
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.output.comparison import write_comparison
+from biaxbayes.identifiability.determined import derived_quantities
+from biaxbayes.laws.goh import GOH
+from biaxbayes.reports.comparison import write_comparison
+from goh_functions import GOH_LAW
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
 
 SOFT, STIFF = GOH(10.0, 40.0, 8.0, 40.0, 0.1), GOH(25.0, 40.0, 8.0, 40.0, 0.1)
@@ -55,7 +54,7 @@ def test_distance_to_itself_is_nothing():
 def test_derived_quantities_are_the_materials_own():
     columns = {"C1": 10.0, "k1": 40.0, "k2": 8.0, "alpha": 40.0, "kappa": 0.1}
     draws = pd.DataFrame({k: [v, v] for k, v in columns.items()})
-    found = {d.key: d for d in derived_quantities(draws, [1.1], [1.0])}
+    found = {d.key: d for d in derived_quantities(draws, GOH_LAW, [1.1], [1.0])}
     assert found["cauchy_x at 1.1"].values == pytest.approx(SOFT.cauchy(1.1, 1.1)[0])
     H = SOFT.structure_tensor()
     assert [found[f"H{k}"].values[0] for k in "xyz"] == pytest.approx(H)

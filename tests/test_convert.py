@@ -6,6 +6,7 @@ import csv
 import io
 import os
 import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,12 @@ from hypothesis import strategies as st
 from biaxbayes import read_specimen
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError
+from biaxbayes.machines import FORMATS, Format
+from biaxbayes.machines.conversion import Choice, convert
+from biaxbayes.machines.raw_file import read_raw_table
+from biaxbayes.machines.recording import Recording, shear_angle_deg
+from biaxbayes.machines.units import stem_of, unit_of_column
 from biaxbayes.specimens.check import check_specimen
-from biaxbayes.specimens.machines import Choice, convert
-from biaxbayes.specimens.raw_file import read_raw_table
-from biaxbayes.specimens.recording import shear_angle_deg
-from biaxbayes.specimens.units import stem_of, unit_of_column
 from hostile.machine_exports import COLUMNS, EDGE_MM, THICKNESS_MM, biotester_export
 
 DIMENSIONS = [
@@ -285,12 +287,41 @@ def test_refused_options(tmp_path, capsys):
     code, _, err = run([path, "--machine", "biotester", "--out", out], capsys)
     assert code == 2
     assert "forces need edge_x_mm, edge_y_mm, thickness_mm, geometry; give --edge-x-mm," in err
+    for option in (["--set", "all"], ["--stretch-from", "rake"]):
+        code, _, err = run([path, "--machine", "generic", "--out", out, *option], capsys)
+        assert code == 2
+        assert "--set and --stretch-from are for --machine biotester; leave them out" in err
     code, _, err = biotester(path, path, capsys)
     assert code == 2 and "would be overwritten" in err
     assert path.read_text() == GOOD
     code, _, err = run([path, path, "--machine", "biotester", "--out", out, *DIMENSIONS], capsys)
     assert code == 2 and "is given twice" in err
     assert not out.exists()
+
+
+def test_a_format_is_one_module_and_one_line(tmp_path, monkeypatch):
+    """A machine that nobody has written yet, as the registry says that it can be."""
+
+    def recordings(table, choice, edges_mm):
+        load = np.column_stack([table.numbers(i) for i in (1, 3)])
+        stretch = np.column_stack([table.numbers(i) for i in (0, 2)])
+        return [
+            Recording(
+                name="", source="toy", stretch=stretch, load=load, columns=("a", "c", "b", "d"),
+                stress_pair="piola", time_s=None, gradient=None, lines=table.lines,
+                rows_in_file=table.rows, cycle=None, branch=choice.branch,
+            )
+        ]  # fmt: skip
+
+    toy = types.ModuleType("biaxbayes.machines.toy")
+    toy.recordings = recordings
+    monkeypatch.setitem(sys.modules, "biaxbayes.machines.toy", toy)
+    monkeypatch.setitem(FORMATS, "toy", Format("a toy"))
+    path = written(tmp_path, "a,b,c,d\n1,2,1,3\n1.1,20,1.2,30\n1.2,50,1.3,70\n")
+    made = convert([path], Choice("toy"), header={}).specimen
+    np.testing.assert_array_equal(made.protocols[0].load_y, [3.0, 30.0, 70.0])
+    with pytest.raises(InputError, match="machine must be one of biotester, generic, toy, not 'x'"):
+        Choice("x")
 
 
 # --- generic ----------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ import io
 import re
 import shlex
 import shutil
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -170,14 +169,3 @@ def test_console_blocks_are_ours_and_links_lead_somewhere():
         text = path.read_text(encoding="utf-8")
         for target in re.findall(r"\]\(([^)#:]+)\)", text):
             assert (path.parent / target).exists(), f"{path.name}: {target}"
-
-
-def test_the_reference_shows_every_verb(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    sys.modules.pop("docs_verbs", None)
-    import docs_verbs
-
-    page = docs_verbs.on_page_markdown((ROOT / "docs" / "cli.md").read_text(encoding="utf-8"))
-    assert docs_verbs.MARK not in page
-    for verb in ("sample", "fit", "check", "convert", "identify", "report", "export"):
-        assert f"## {verb}\n" in page and f"Usage: biaxbayes {verb}" in page

@@ -2,43 +2,56 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
 import executor_tasks as tasks
 from biaxbayes.errors import InputError
-from biaxbayes.executors.executor import InThisProcess, executor_for
-from biaxbayes.executors.local_processes import LocalProcesses
+from biaxbayes.executors import cluster
+from biaxbayes.executors.executor import InThisProcess, Workers, executor_for
 
 
 def test_every_task_is_done_once_and_in_several_processes():
     numbers = list(range(8))
-    for executor in (InThisProcess(), LocalProcesses(2)):
+    for executor in (InThisProcess(), Workers(2)):
         found = {o.index: o.value for o in executor.run(tasks.square, numbers)}
         assert found == {n: n * n for n in numbers}
-    seen = [o.value for o in LocalProcesses(2).run(tasks.where, numbers)]
+    seen = [o.value for o in Workers(2).run(tasks.where, numbers)]
     assert len({process for process, _ in seen}) == 2
     assert {threads for _, threads in seen} == {1}
 
 
 def test_a_task_whose_worker_died_is_done_by_another(tmp_path):
-    outcomes = list(LocalProcesses(2).run(tasks.die_once, [str(tmp_path)]))
+    outcomes = list(Workers(2).run(tasks.die_once, [str(tmp_path)]))
     assert [(o.value, o.lost) for o in outcomes] == [("survived", "")]
 
 
 def test_a_task_that_kills_every_worker_is_given_up_and_no_other():
     words = ["a", "dies", "b", "c"]
-    outcomes = {o.index: o for o in LocalProcesses(2).run(tasks.die_always, words)}
+    outcomes = {o.index: o for o in Workers(2).run(tasks.die_always, words)}
     assert len(outcomes) == 4
     assert "died 3 times" in outcomes[1].lost
     assert [outcomes[i].value for i in (0, 2, 3)] == ["a", "b", "c"]
     assert not any(outcomes[i].lost for i in (0, 2, 3))
 
 
+def test_a_worker_that_dies_when_it_has_finished_costs_no_task(tmp_path):
+    """Its result may be on the way, on the dead worker, or not known of."""
+    work = [(str(tmp_path), number) for number in range(5)]
+    outcomes = {o.index: (o.value, o.lost) for o in Workers(2).run(tasks.say_and_die_soon, work)}
+    assert outcomes == {number: (number, "") for number in range(5)}
+    assert len(list(tmp_path.iterdir())) == 5
+
+
 def test_an_exception_comes_through_with_where_it_happened():
     with pytest.raises(ValueError, match="two") as raised:
-        list(LocalProcesses(1).run(tasks.fail, [1, 2]))
+        list(Workers(1).run(tasks.fail, [1, 2]))
     assert "executor_tasks.py" in "".join(raised.value.__notes__)
 
 
@@ -51,22 +64,93 @@ def test_a_stop_hands_out_nothing_further_and_waits_for_what_is_under_way(tmp_pa
             (tmp_path / "stop").touch()
         return bool(asked)
 
-    outcomes = list(LocalProcesses(1).run(tasks.until_told, [str(tmp_path)] * 5, stop=stop))
+    outcomes = list(Workers(1).run(tasks.until_told, [str(tmp_path)] * 5, stop=stop))
     assert [o.value for o in outcomes] == ["ended"]
 
 
 def test_leaving_early_ends_the_workers(tmp_path):
-    running = LocalProcesses(2).run(tasks.where, list(range(50)))
+    running = Workers(2).run(tasks.where, list(range(50)))
     next(running)
     clock = time.monotonic()
     running.close()
     assert time.monotonic() - clock < 5.0
 
 
+SCRIPT = """
+import logging, os, signal, sys, time
+from pathlib import Path
+
+import executor_tasks as tasks
+from biaxbayes.cli.progress import graceful_stop
+from biaxbayes.executors.executor import Workers
+
+if __name__ == "__main__":
+    with graceful_stop() as stop, Workers(2) as workers:
+        def stopped():
+            asked = stop()
+            if asked and sys.argv[2] == "finish":
+                (Path(sys.argv[1]) / "stop").touch()
+            if asked:
+                print("asked", flush=True)
+            return asked
+        for o in workers.run(tasks.until_told, [sys.argv[1]] * 9, stop=stopped):
+            print(o.value, flush=True)
+"""
+
+
+@pytest.mark.parametrize("how", ["finish", "at once", "killed"])
+def test_signals_reach_the_workers_through_us_and_leave_none_behind(tmp_path, how):
+    """The terminal sends them to the whole group."""
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT)
+    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    run = subprocess.Popen(
+        [sys.executable, "-W", "error", str(path), str(tmp_path), how],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": paths},
+    )
+    until(lambda: len(list(tmp_path.glob("begun-*"))) == 2)
+    pids = [int(p.name.removeprefix("begun-")) for p in tmp_path.glob("begun-*")]
+    clock = time.monotonic()
+    if how == "killed":
+        run.kill()
+    else:
+        os.killpg(run.pid, signal.SIGINT)
+        assert run.stdout.readline() == "asked\n"
+        if how == "at once":
+            os.killpg(run.pid, signal.SIGINT)
+    out, err = run.communicate(timeout=60)
+    if how == "finish":
+        assert out.count("ended") == 2
+        assert err == "stopping after this block; once more to stop at once\n"
+        assert run.returncode == 0
+    else:
+        assert time.monotonic() - clock < 8.0
+        assert "ended" not in out and "distributed" not in err.replace("distributed/", "")
+    until(lambda: not any(map(alive, pids)))
+
+
+def until(true):
+    end = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 def test_what_was_asked_for():
     assert isinstance(executor_for(1), InThisProcess)
-    assert isinstance(executor_for(1, isolated=True), LocalProcesses)
-    assert executor_for(3).workers == 3
+    assert executor_for(1, isolated=True).count == 1
+    assert executor_for(3).count == 3
     with pytest.raises(InputError, match="at least 1"):
         executor_for(0)
     with pytest.raises(InputError, match="both"):
@@ -74,15 +158,12 @@ def test_what_was_asked_for():
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
-    pytest.importorskip("distributed")
     from distributed import default_client
 
-    from biaxbayes.executors import dask_cluster
-
-    monkeypatch.setattr(dask_cluster, "CONNECT_SECONDS", 1.0)
+    monkeypatch.setattr(cluster, "CONNECT_SECONDS", 1.0)
     for address in ("tcp://127.0.0.1:9", "nowhere", ""):
         with pytest.raises(InputError, match="no Dask scheduler answers"):
-            list(dask_cluster.DaskCluster(address).run(tasks.square, [1]))
+            list(Workers(scheduler=address).run(tasks.square, [1]))
     # Nothing is left behind that other libraries would take for a cluster to ask.
     with pytest.raises(ValueError, match="No client"):
         default_client()

@@ -6,20 +6,25 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.contour import QuadContourSet
+from matplotlib.path import Path
+from scipy.integrate import trapezoid
 from scipy.stats import norm
 
 from biaxbayes.errors import InputError
-from biaxbayes.findings.bands import bands
-from biaxbayes.inference.settings import Settings
-from biaxbayes.mechanics.materials import MATERIALS
-from biaxbayes.output.figures.bands import bands_figure
-from biaxbayes.output.figures.corner import corner_figure
-from biaxbayes.output.figures.mounting import mounting_figure
-from biaxbayes.output.figures.trace import trace_figure
-from biaxbayes.output.style import figure_bytes, print_style, read_style, save_figure
-from biaxbayes.output.truth_file import read_truth
+from biaxbayes.figures.bands import bands_figure
+from biaxbayes.figures.corner import corner_figure
+from biaxbayes.figures.mounting import mounting_figure
+from biaxbayes.figures.style import figure_bytes, print_style, read_style, save_figure
+from biaxbayes.figures.trace import trace_figure
+from biaxbayes.jobs.run_figure import read_truth
+from biaxbayes.laws.published import MATERIALS
+from biaxbayes.options import Settings
+from biaxbayes.parameters import Quantities
+from biaxbayes.prediction.bands import bands
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+from goh_functions import GOH_LAW
 from readable import assert_readable, in_view
 
 HOSTILE = "a$b^2$ 100% <b>_x_ \\frac{ \n\t 中文 é " + "very long " * 30
@@ -111,54 +116,57 @@ def test_density_stays_up_at_a_physical_edge():
     ax = panel(corner_figure(draws), 4, 4)
     assert ax.get_xlim()[0] == 0.0
     x, y = max((line.get_xydata().T for line in ax.lines), key=lambda xy: xy.shape[1])
-    y = y / (y.sum() * (x[2] - x[1]))
+    y = y / trapezoid(y, x)
     assert x[0] == 0.0
     for z in (0.0, 1.0, 2.0):
         wanted = 2.0 * norm.pdf(z) / 0.05
         assert np.interp(0.05 * z, x, y) == pytest.approx(wanted, rel=0.06), z
 
 
+def inside(ax, content, points):
+    """Which points lie in the shades of a panel that hold a share of the draws."""
+    (drawn,) = [c for c in ax.collections if isinstance(c, QuadContourSet) and c.filled]
+    # Beyond 99 %, 99 to 90 %, 90 to 50 %, within 50 %. A shade has a hole where the next one lies.
+    shades = drawn.get_paths()[{0.99: 1, 0.9: 2, 0.5: 3}[content] :]
+    crossings = np.zeros((len(shades), len(points)), int)
+    for k, path in enumerate(shades):
+        for polygon in path.to_polygons():
+            crossings[k] += Path(polygon).contains_points(points)
+    return (crossings % 2 == 1).any(axis=0)
+
+
 def test_regions_reach_the_edge_and_hold_their_share():
     # Independent quantities, kappa half-normal: the 90 % region touches kappa = 0.
-    from biaxbayes.findings.bounded_density import levels, span, surface
-
     rng = np.random.default_rng(5)
     n = 20_000
-    kappa, other = 0.05 * np.abs(rng.standard_normal(n)), rng.standard_normal(n)
-    axes = span(other), span(kappa, edges=(0.0, 1.0 / 3.0))
-    assert axes[1].low == 0.0 and axes[1].closed == (True, False)
-    x, y, density = surface(other, kappa, axes)
-    height = levels(density, (0.9,))[0]
-    assert y[0] == 0.0 and density[0].max() > height
-    inside = (
-        density[
-            np.clip(np.searchsorted(y, kappa), 1, len(y) - 2),
-            np.clip(np.searchsorted(x, other), 1, len(x) - 2),
-        ]
-        >= height
-    )
-    assert inside.mean() == pytest.approx(0.9, abs=0.02)
-    # (other, kappa/0.05) reflected is a standard normal: the region ends at radius 2.146
-    ends = x[density[0] >= height]
-    assert ends.max() == pytest.approx(2.146, abs=0.2)
-    assert ends.min() == pytest.approx(-2.146, abs=0.2)
+    kappa, C1 = 0.05 * np.abs(rng.standard_normal(n)), 10.0 + rng.standard_normal(n)
+    ax = panel(corner_figure(pd.DataFrame({"C1": C1, "kappa": kappa})), 1, 0)
+    assert ax.get_ylim()[0] == 0.0
+    for content in (0.5, 0.9, 0.99):
+        share = inside(ax, content, np.column_stack([C1, kappa])).mean()
+        assert share == pytest.approx(content, abs=0.02)
+    # (C1 - 10, kappa / 0.05) reflected is a standard normal: the region ends at radius 2.146
+    x = np.linspace(5.0, 15.0, 2001)
+    ends = x[inside(ax, 0.9, np.column_stack([x, np.full_like(x, 1e-6)]))]
+    assert ends.max() == pytest.approx(12.146, abs=0.2)
+    assert ends.min() == pytest.approx(7.854, abs=0.2)
 
 
 def test_narrow_ridge_stays_narrow():
-    from biaxbayes.findings.bounded_density import levels, span, surface
-
     rng = np.random.default_rng(6)
-    a = rng.standard_normal(20_000)
+    a = 100.0 + rng.standard_normal(20_000)
     b = a + 0.05 * rng.standard_normal(20_000)
-    x, y, density = surface(a, b, (span(a), span(b)))
-    height = levels(density, (0.9,))[0]
-    share = (density >= height).mean() * (x[-1] - x[0]) * (y[-1] - y[0])
+    ax = panel(corner_figure(pd.DataFrame({"C1": a, "k1": b})), 1, 0)
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    x, y = np.meshgrid(np.linspace(low, high, 700), np.linspace(bottom, top, 700))
+    share = inside(ax, 0.9, np.column_stack([x.ravel(), y.ravel()])).mean()
+    area = share * (high - low) * (top - bottom)
     # Area of the 90 % ellipse: pi * 4.605 * sqrt(det covariance)
-    assert share < 1.9 * np.pi * 4.605 * 0.05
+    assert 0.9 * np.pi * 4.605 * 0.05 < area < 1.9 * np.pi * 4.605 * 0.05
 
 
 def test_interval_is_one_sided_at_an_edge_and_central_elsewhere():
-    from biaxbayes.findings.bounded_density import at_edges, curve, interval, span
+    from biaxbayes.identifiability.bounded_density import at_edges, curve, interval, span
 
     rng = np.random.default_rng(1)
     edge = rng.exponential(0.02, 10_000)
@@ -202,13 +210,21 @@ def test_truth_and_comparison_are_drawn_and_named():
 
 def test_separate_mounted_states_appear_as_their_mean():
     draws = draws_of(1000, states=("1:1", "1:0.5"))
-    figure = corner_figure(draws, width_mm=85.0)
+    known = Quantities(GOH_LAW.parameters, ("1:1", "1:0.5"))
+    figure = corner_figure(draws, width_mm=85.0, known=known)
     assert len(figure.axes) == 7 * 8 // 2
     assert sum(r"\bar" in ax.get_xlabel() for ax in figure.axes) == 2
     assert_readable(figure, 85.0)
     middle = draws[["mounting_stretch_x[1:1]", "mounting_stretch_x[1:0.5]"]].mean(axis=1)
     low, high = panel(figure, 5, 5).get_xlim()
     assert ((middle > low) & (middle < high)).mean() > 0.99
+
+
+def test_few_draws_have_a_smooth_density():
+    line = panel(corner_figure(draws_of(30)), 0, 0).lines[0]
+    heights = np.unique(line.get_ydata())
+    assert len(heights) > 30 and np.isfinite(heights).all()
+    assert_readable(corner_figure(draws_of(3)), 180.0)
 
 
 def test_a_hundred_thousand_draws_are_fast():
@@ -429,8 +445,9 @@ def test_hostile_names_do_not_break_a_figure(tmp_path):
             save_figure(figure, tmp_path / f"figure.{kind}")
             assert (tmp_path / f"figure.{kind}").stat().st_size > 1000
     assert_readable(bands_figure(specimen, draws, width_mm=85.0), 85.0)
-    chains = {f"C1[{HOSTILE}]": chains_of()["C1"]}
-    figure_bytes(trace_figure(chains), "pdf")
+    chains = {f"mounting_stretch_x[{HOSTILE}]": chains_of()["C1"]}
+    known = Quantities(GOH_LAW.parameters, (HOSTILE,))
+    figure_bytes(trace_figure(chains, known=known), "pdf")
 
 
 def test_files_are_reproducible_and_hold_their_fonts():

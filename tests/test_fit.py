@@ -7,22 +7,27 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, root
 
-from biaxbayes.cli import main
-from biaxbayes.commands import fit as fit_command
+from biaxbayes.cli import main, runs
 from biaxbayes.errors import InputError, TaredSpecimen
-from biaxbayes.inference.constrained import constrained_fit
-from biaxbayes.inference.descent import descend
-from biaxbayes.inference.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all
-from biaxbayes.inference.readings import readings
-from biaxbayes.inference.residuals import BalancedMounting, FreeMounting, GivenMounting
-from biaxbayes.inference.starting_points import LOWER, UPPER
-from biaxbayes.inference.stress_response import coordinates_of, material_at, stress_response
-from biaxbayes.mechanics.goh import GOH, cauchy_stress
-from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all
+from biaxbayes.fitting.least_squares import descend
+from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, GivenMounting, readings
+from biaxbayes.laws.goh import GOH
+from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import mounted_state
-from biaxbayes.mechanics.virtual import virtual_test
+from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
+from goh_functions import (
+    GOH_LAW,
+    LOWER,
+    UPPER,
+    cauchy_stress,
+    coordinates_of,
+    material_at,
+    stress_response,
+)
 
 PRESTRETCHES = (1.005, 1.01, 1.015, 1.02)
 TRUTH = {"smoljkic-m55": "Table 3", "weisbecker-media": "Table 4"}
@@ -260,7 +265,7 @@ def test_residual_jacobians_against_differences(geometry, pair, quantity, kind):
     free = np.array([0, 1, 2, 3, 4])
     point = coordinates_of(GOH(3.5, 11.0, 2.5, 42.0, 0.08))
     unknowns = point.copy()
-    common = (data, quantity, point, free, data.peak, np.array(lms).T)
+    common = (data, quantity, point, free, data.peak, np.array(lms).T, GOH_LAW)
     if kind == "noisy":
         problem = BalancedMounting(*common, reading_sd=np.full((2, 2), 1e-3 * data.peak))
         unknowns = np.concatenate([unknowns, [0.3, -0.2, 0.1, 0.4]])
@@ -286,7 +291,7 @@ def test_descent_is_never_beaten_by_scipy_on_a_noisy_specimen():
             specimen_of(published.material, (1.01, 1.015), measured_stretch=1.15), seed=seed
         )
         data = readings(specimen, shared=True, zeroed=True)
-        make = (data, "load", np.zeros(5), np.arange(5), data.peak, np.ones((2, 1)))
+        make = (data, "load", np.zeros(5), np.arange(5), data.peak, np.ones((2, 1)), GOH_LAW)
         start = np.array([5.0, 5.0, 10.0, 0.4, 0.15])
         ours = descend(GivenMounting(*make), start, LOWER, UPPER)
         theirs = least_squares(
@@ -308,7 +313,9 @@ def test_what_is_called_converged_is_stationary():
     rng = np.random.default_rng(11)
     specimen = specimen_of(MATERIALS["smoljkic-m55"].material, (1.02, 1.02))
     data = readings(specimen, shared=True)
-    problem = GivenMounting(data, "cauchy", np.zeros(5), np.arange(5), 100.0, np.ones((2, 1)))
+    problem = GivenMounting(
+        data, "cauchy", np.zeros(5), np.arange(5), 100.0, np.ones((2, 1)), GOH_LAW
+    )
     ends = []
     for _ in range(40):
         start = rng.uniform([1, 1, 0, 0, 0], [100, 300, 50, 1, 1 / 3])
@@ -529,7 +536,8 @@ def media_file(tmp_path):
 
 
 def test_command_lists_the_methods_of_the_library():
-    assert fit_command.METHODS == METHODS
+    methods = next(p for p in runs.fit.params if p.name == "method").type.choices
+    assert tuple(methods) == (*METHODS, "all")
 
 
 def test_json_has_the_promised_keys(capsys, media_file):

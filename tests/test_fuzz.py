@@ -8,12 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hostile.readers import LONG, READERS, finished_run, hammer
-
-
-@pytest.fixture(scope="module")
-def bases(tmp_path_factory):
-    return finished_run(tmp_path_factory.mktemp("bases"))
+from hostile.readers import LONG, READERS, hammer
 
 
 def test_the_long_run_is_long_enough():
@@ -43,6 +38,8 @@ def test_what_is_not_damaged_is_read(reader, bases, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_twenty_thousand(tmp_path):
     """The study whose outcome the page on robustness states."""
-    script = Path(__file__).parents[1] / "scripts" / "study_fuzz.py"
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
+    script = Path(__file__).parents[1] / "scripts" / "study.py"
+    done = subprocess.run(
+        [sys.executable, script, "fuzz"], capture_output=True, text=True, cwd=tmp_path
+    )
     assert done.returncode == 0, done.stdout + done.stderr

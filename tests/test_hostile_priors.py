@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from biaxbayes.cli import main
-from biaxbayes.inference.priors_file import read_priors
+from biaxbayes.model.priors import read_priors
 from hostile.priors_files import ACCEPTED, REFUSED
 from hostile.specimen_files import GOOD
 

@@ -11,17 +11,11 @@ import h5py
 import pytest
 
 from biaxbayes.cli import main
-from hostile.readers import finished_run
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    return finished_run(tmp_path_factory.mktemp("made")).run
 
 
 @pytest.fixture
-def run(made, tmp_path):
-    return Path(shutil.copytree(made, tmp_path / "run"))
+def run(bases, tmp_path):
+    return Path(shutil.copytree(bases.run, tmp_path / "run"))
 
 
 def refused(run: Path, capsys) -> str:

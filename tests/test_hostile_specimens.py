@@ -52,7 +52,7 @@ def test_enough_hostile_files():
     assert len({case.name for case in (*REFUSED, *ACCEPTED)}) == len(REFUSED) + len(ACCEPTED)
 
 
-def test_no_permission(tmp_path, capsys):
+def test_no_permission(tmp_path):
     path = content(GOOD)(tmp_path)
     path.chmod(0)
     nobody = os.geteuid() == 0

@@ -5,14 +5,14 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from biaxbayes.commands.ledger import command
+from biaxbayes.cli.findings import ledger as command
+from biaxbayes.comparison.mounting_bias import TREATMENTS, Treated, ledger, treat
 from biaxbayes.errors import InputError
-from biaxbayes.findings.covered_stretches import BEYOND
-from biaxbayes.findings.ledger import TREATMENTS, Treated, ledger, treat
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.sampler import Plan
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.output.figures.ledger import ledger_figure
+from biaxbayes.figures.mounting import ledger_figure
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.prediction.stress import BEYOND
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import write_specimen
 from quick_posteriors import specimen
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import json
 import os
 import resource
@@ -16,9 +17,8 @@ from pathlib import Path
 import pytest
 
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.output import lock
-from biaxbayes.output.lock import NAME, folder_lock
-from biaxbayes.output.staging import (
+from biaxbayes.runs import lock
+from biaxbayes.runs.folder import (
     PROVENANCE,
     READY,
     clear_leftovers,
@@ -26,12 +26,13 @@ from biaxbayes.output.staging import (
     manifest,
     staged,
 )
-from biaxbayes.specimens.text_file import atomic_write_bytes
+from biaxbayes.runs.lock import NAME, folder_lock
+from biaxbayes.text_files import atomic_write_bytes
 
 HOLDER = """
 import sys, time
 from pathlib import Path
-from biaxbayes.output.lock import folder_lock
+from biaxbayes.runs.lock import folder_lock
 with folder_lock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
@@ -131,7 +132,7 @@ def test_an_owner_on_another_host_is_believed(tmp_path):
     assert (tmp_path / NAME).exists()
 
 
-@pytest.mark.skipif(lock.fcntl is None, reason="no file locks on this platform")
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
 @pytest.mark.parametrize(
     ("changes", "live"),
     [
@@ -144,12 +145,12 @@ def test_an_owner_on_another_host_is_believed(tmp_path):
     ],
 )
 def test_without_file_locks_the_process_and_its_beginning_decide(
-    tmp_path, monkeypatch, changes, live
+    tmp_path, monkeypatch, changes, live, number
 ):
     def without_locks(handle, flags):
-        raise OSError(errno.ENOLCK, "No locks available")
+        raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(lock.fcntl, "flock", without_locks)
+    monkeypatch.setattr(fcntl, "flock", without_locks)
     (tmp_path / NAME).write_text(owner(**changes))
     if live:
         with pytest.raises(RunError, match="is writing there"), folder_lock(tmp_path):
@@ -163,7 +164,7 @@ def test_of_many_at_once_one_gets_a_stale_lock(tmp_path):
     (tmp_path / NAME).write_text(owner(pid=2**31 - 2))
     program = (
         "import sys, time\nfrom pathlib import Path\n"
-        "from biaxbayes.errors import RunError\nfrom biaxbayes.output.lock import folder_lock\n"
+        "from biaxbayes.errors import RunError\nfrom biaxbayes.runs.lock import folder_lock\n"
         "sys.stdin.readline()\n"
         "try:\n"
         "    with folder_lock(Path(sys.argv[1])):\n"

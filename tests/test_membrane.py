@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.mechanics.membrane import (
-    membrane_energy,
-    membrane_stress,
-    membrane_stress_and_tangent,
-)
+from biaxbayes.fem.membrane import membrane_energy, membrane_stress, membrane_stress_and_tangent
+from biaxbayes.laws.goh import GOH
 
 MATERIALS = [
     GOH(2.98, 12.47, 1.88, 39.0, 0.0),

@@ -8,17 +8,18 @@ import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.findings.identifiability import identify_draws
-from biaxbayes.findings.mounting_refits import mounting_refits
-from biaxbayes.findings.verdict import NOT_IDENTIFIED
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.output.closing import closing_message
-from biaxbayes.output.identifiability_file import write_identifiability
-from biaxbayes.output.report.page import report_page
-from biaxbayes.output.report.tables import latex_table, markdown_table
+from biaxbayes.identifiability.identify import identify_draws
+from biaxbayes.identifiability.toe import mounting_refits
+from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
+from biaxbayes.jobs.closing import closing_message
+from biaxbayes.jobs.products import write_identifiability
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import prepare
+from biaxbayes.reports.page import report_page
+from biaxbayes.reports.tables import latex_table, markdown_table
 from biaxbayes.specimens.specimen import Specimen
-from quick_posteriors import specimen
+from quick_posteriors import runs_without_figures, specimen
 
 TISSUE = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 MOUNTING = (1.01, 1.02)
@@ -44,7 +45,7 @@ def missed() -> Specimen:
 def narrow_draws(posterior: Posterior, sd: float = 2e-4, n: int = 4000) -> pd.DataFrame:
     """Draws around the least-squares fit, as a posterior that believes the model."""
     rng = np.random.default_rng(1)
-    fit = posterior.start
+    fit = posterior.fit
     values = {
         "C1": fit.material.C1_kPa,
         "k1": fit.material.k1_kPa,
@@ -66,11 +67,11 @@ def narrow_draws(posterior: Posterior, sd: float = 2e-4, n: int = 4000) -> pd.Da
 @pytest.mark.parametrize("seed", range(8))
 def test_a_described_specimen_is_not_refitted(seed):
     data = specimen(TISSUE, increments=30, noise_N=0.004, seed=seed)
-    assert mounting_refits(Posterior(data)) is None
+    assert mounting_refits(prepare(data)) is None
 
 
 def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
-    posterior = Posterior(missed())
+    posterior = prepare(missed())
     found = identify_draws(posterior, narrow_draws(posterior), "reliable")
     for name, true in zip(NAMES, MOUNTING, strict=True):
         row = found[name]
@@ -84,7 +85,7 @@ def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
 
 
 def test_an_interval_as_wide_as_the_refits_stands():
-    posterior = Posterior(missed())
+    posterior = prepare(missed())
     low, high = identify_draws(posterior, narrow_draws(posterior), "reliable")[
         NAMES[0]
     ].evidence.refits
@@ -97,7 +98,7 @@ def test_a_stretch_known_from_an_image_stands():
         name: {"distribution": "normal", "mean": m, "sd": 2e-4}
         for name, m in zip(NAMES, MOUNTING, strict=True)
     }
-    posterior = Posterior(missed(), priors=seen)
+    posterior = prepare(missed(), priors=seen)
     draws = narrow_draws(posterior)
     for name, m in zip(NAMES, MOUNTING, strict=True):
         draws[name] += m - draws[name].mean()
@@ -106,7 +107,7 @@ def test_a_stretch_known_from_an_image_stands():
 
 
 def test_every_mounted_state_has_its_own_refits(tmp_path):
-    posterior = Posterior(missed(), mounting_stretch="per-protocol")
+    posterior = prepare(missed(), mounting_stretch="per-protocol")
     found = identify_draws(posterior, narrow_draws(posterior), "reliable")
     names = [f"{name}[{p.name}]" for p in missed().protocols for name in NAMES]
     assert {found[name].verdict for name in names} == {NOT_IDENTIFIED}
@@ -118,11 +119,14 @@ def test_every_mounted_state_has_its_own_refits(tmp_path):
 
 @pytest.mark.parametrize("mounting", ["ignored", "zeroed"])
 def test_what_was_not_inferred_is_not_refitted(mounting):
-    assert mounting_refits(Posterior(missed(), mounting=mounting)) is None
+    assert mounting_refits(prepare(missed(), mounting=mounting)) is None
 
 
 def test_a_run_states_the_range_in_place_of_the_interval(tmp_path):
-    run = biaxbayes.sample(missed(), out=tmp_path / "run", ess=80, workers=1, noise="independent")
+    with runs_without_figures():
+        run = biaxbayes.sample(
+            missed(), out=tmp_path / "run", ess=80, workers=1, noise="independent"
+        )
     table = pd.read_csv(tmp_path / "run" / "identifiability.csv", comment="#")
     row = table.set_index("parameter").loc[NAMES[0]]
     assert row["verdict"] == NOT_IDENTIFIED

@@ -15,20 +15,25 @@ from analytic_targets import (
     one_step,
     two_modes,
 )
-from biaxbayes.inference import moves
-from biaxbayes.inference.convergence import autocorrelation_time, split_rhat
-from biaxbayes.inference.ensembles import Ensembles
-from biaxbayes.inference.mixture import StudentMixture, fit_mixture
-from biaxbayes.inference.moves import AdaptedIndependenceMove
-from biaxbayes.inference.proposal import Proposal, edge_array, first_proposal, fit_proposal
-from biaxbayes.inference.trend import fit_trend
+from biaxbayes.sampling import independence_move as moves
+from biaxbayes.sampling.convergence import autocorrelation_time, split_rhat
+from biaxbayes.sampling.ensembles import Ensembles
+from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
+from biaxbayes.sampling.proposal import (
+    TransportedMixture,
+    first_proposal,
+    fit_transported_mixture,
+)
+from biaxbayes.sampling.student_mixture import StudentMixture, fit_mixture
+from biaxbayes.sampling.target import bounds_array
+from biaxbayes.sampling.transport_map import fit_transport_map
 
 IDS = [t.name for t in TARGETS]
 
 
 def fitted_move(target, *, points=3000, seed=1, **options):
     """An independence move with a frozen proposal, fitted to exact draws."""
-    move = AdaptedIndependenceMove(np.random.default_rng(seed), edges=target.edges, **options)
+    move = AdaptedIndependenceMove(np.random.default_rng(seed), bounds=target.bounds, **options)
     move.adapt(target.sample(np.random.default_rng(seed + 100), points))
     move.freeze()
     return move
@@ -92,7 +97,7 @@ class Unfolded(_Flat):
 
     def log_density(self, x):
         q = self.proposal
-        r, log_jacobian = q.trend.straighten(x)
+        r, log_jacobian = q.transport.to_reference(x)
         out = q.mixture.log_density(r) + log_jacobian
         return np.where(np.isfinite(q.log_density(x)), out, -np.inf)
 
@@ -110,7 +115,7 @@ def test_a_wrong_acceptance_ratio_is_caught(target):
 
 
 def test_a_slightly_wrong_proposal_density_is_caught():
-    target = half_bounded(6, with_edges=True)
+    target = half_bounded(6, with_bounds=True)
     move = fitted_move(target)
     assert not is_caught(move, target)
     move.proposal = Scaled(move.proposal)
@@ -119,11 +124,12 @@ def test_a_slightly_wrong_proposal_density_is_caught():
 
 def test_forgotten_images_at_an_edge_are_caught():
     """With a mixture that is not symmetric about the edge; a fitted one nearly is."""
-    target = half_bounded(6, with_edges=True)
+    target = half_bounded(6, with_bounds=True)
     d = target.dimension
     mean = np.full((1, d), 0.5)
-    edges = edge_array(target.edges, d)
-    right = first_proposal(mean, [np.diag([1.0, 0.3, *np.full(d - 2, 1.5)])], np.ones(1), edges)
+    right = first_proposal(
+        mean, [np.diag([1.0, 0.3, *np.full(d - 2, 1.5)])], np.ones(1), target.bounds
+    )
     move = AdaptedIndependenceMove(np.random.default_rng(2), proposal=right)
     assert not is_caught(move, target)
     move.proposal = Unfolded(right)
@@ -162,7 +168,7 @@ def chain_of(target, *, seed=7, steps=160):
             start[:, 0], start[:, 1] = np.abs(start[:, 0]), np.abs(start[:, 1]) % 1
         starts.append(start)
     ensembles = Ensembles(
-        target.log_density, starts, np.random.SeedSequence(seed), edges=target.edges
+        target.log_density, starts, np.random.SeedSequence(seed), bounds=target.bounds
     )
     ensembles.set_share(0.0)
     history, _ = ensembles.run(40)
@@ -239,7 +245,7 @@ def test_any_log_density_with_blobs_and_without_vectorisation():
 
     rng = np.random.default_rng(3)
     start = np.abs(rng.standard_normal((24, 3)))
-    move = AdaptedIndependenceMove(rng, edges={0: (0.0, np.inf)}, components=2)
+    move = AdaptedIndependenceMove(rng, bounds=bounds_array({0: (0.0, np.inf)}, 3), components=2)
     history = rng.standard_normal((600, 3))
     history[:, 0] = np.abs(history[:, 0])
     move.adapt(history)
@@ -267,7 +273,7 @@ def test_proposals_beyond_an_edge_are_never_accepted():
     """Where the density is positive beyond a stated edge, the folded move does not go."""
     target = gaussian(2)
     rng = np.random.default_rng(1)
-    move = AdaptedIndependenceMove(rng, edges={0: (-2.3, -1.7)})
+    move = AdaptedIndependenceMove(rng, bounds=bounds_array({0: (-2.3, -1.7)}, 2))
     inside = target.sample(rng, 60_000)
     inside = inside[(inside[:, 0] > -2.3) & (inside[:, 0] < -1.7)]
     move.adapt(inside[:2000])
@@ -278,48 +284,48 @@ def test_proposals_beyond_an_edge_are_never_accepted():
 # --- the proposal density ----------------------------------------------------------------------
 
 
-def small_proposal(edges, seed=4):
-    """A two-dimensional proposal of three unlike components around a bent trend."""
+def small_proposal(bounds, seed=4):
+    """A two-dimensional proposal of three unlike components behind a bent map."""
     rng = np.random.default_rng(seed)
     x = rng.standard_normal((4000, 2))
-    x[:, 0] = np.abs(x[:, 0]) if np.isfinite(edges[0, 0]) else x[:, 0]
-    if np.isfinite(edges[0, 1]):
-        x[:, 0] %= edges[0, 1]
+    x[:, 0] = np.abs(x[:, 0]) if np.isfinite(bounds[0, 0]) else x[:, 0]
+    if np.isfinite(bounds[0, 1]):
+        x[:, 0] %= bounds[0, 1]
     x[:, 1] = 0.5 * x[:, 1] + 0.3 * x[:, 0] ** 2
-    return fit_proposal(x, rng, edges=edges, components=3)
+    return fit_transported_mixture(x, rng, bounds=bounds, components=3)
 
 
-EDGES = {
+BOUNDS = {
     "none": np.array([[-np.inf, np.inf], [-np.inf, np.inf]]),
     "low": np.array([[0.0, np.inf], [-np.inf, np.inf]]),
     "both": np.array([[0.0, 1.2], [-np.inf, np.inf]]),
 }
 
 
-@pytest.mark.parametrize("edges", EDGES.values(), ids=EDGES)
-def test_proposal_density_is_normalised_and_matches_its_draws(edges):
+@pytest.mark.parametrize("bounds", BOUNDS.values(), ids=BOUNDS)
+def test_proposal_density_is_normalised_and_matches_its_draws(bounds):
     """Cell by cell: quadrature of the density against counted draws."""
-    q = small_proposal(edges)
+    q = small_proposal(bounds)
     rng = np.random.default_rng(8)
     n = 100_000
     draws = q.sample(rng, n)
     inside = np.isfinite(q.log_density(draws))
-    low, high = max(edges[0, 0], -6.0), min(edges[0, 1], 6.0)
-    x_edges, y_edges = np.linspace(low, high, 13), np.linspace(-5, 14, 20)
-    counts, _, _ = np.histogram2d(*draws[inside].T, [x_edges, y_edges])
+    low, high = max(bounds[0, 0], -6.0), min(bounds[0, 1], 6.0)
+    x_ticks, y_ticks = np.linspace(low, high, 13), np.linspace(-5, 14, 20)
+    counts, _, _ = np.histogram2d(*draws[inside].T, [x_ticks, y_ticks])
     nodes, weights = np.polynomial.legendre.leggauss(12)
     mass = np.zeros_like(counts)
-    for i in range(len(x_edges) - 1):
-        hx = 0.5 * (x_edges[i + 1] - x_edges[i])
-        xs = x_edges[i] + hx * (1 + nodes)
-        for j in range(len(y_edges) - 1):
-            hy = 0.5 * (y_edges[j + 1] - y_edges[j])
-            ys = y_edges[j] + hy * (1 + nodes)
+    for i in range(len(x_ticks) - 1):
+        hx = 0.5 * (x_ticks[i + 1] - x_ticks[i])
+        xs = x_ticks[i] + hx * (1 + nodes)
+        for j in range(len(y_ticks) - 1):
+            hy = 0.5 * (y_ticks[j + 1] - y_ticks[j])
+            ys = y_ticks[j] + hy * (1 + nodes)
             grid = np.array(np.meshgrid(xs, ys, indexing="ij")).reshape(2, -1).T
             density = np.exp(q.log_density(grid)).reshape(12, 12)
             mass[i, j] = hx * hy * weights @ density @ weights
     lost = 1 - inside.mean()  # folded beyond the far edge: no density, rejected
-    assert lost < (0.05 if np.isfinite(edges[0, 1]) else 1e-9)
+    assert lost < (0.05 if np.isfinite(bounds[0, 1]) else 1e-9)
     beyond = 1 - counts.sum() / n  # lost, or outside the cells
     assert beyond < 0.06
     assert mass.sum() + beyond == pytest.approx(1.0, abs=4.5 * np.sqrt(0.06 / n))
@@ -359,16 +365,16 @@ def test_mixture_density_against_scipy():
     np.testing.assert_allclose(q.log_density(x), np.log(expected), rtol=1e-10)
 
 
-@pytest.mark.parametrize("edges", [EDGES["low"], EDGES["both"]], ids=["low", "both"])
-def test_folding_adds_up_the_images_exactly(edges):
-    q = small_proposal(edges)
-    j = int(np.flatnonzero(np.isfinite(q.edges).any(axis=1))[0])
+@pytest.mark.parametrize("bounds", [BOUNDS["low"], BOUNDS["both"]], ids=["low", "both"])
+def test_folding_adds_up_the_images_exactly(bounds):
+    q = small_proposal(bounds)
+    j = int(np.flatnonzero(np.isfinite(q.bounds).any(axis=1))[0])
     rng = np.random.default_rng(2)
     x = q.sample(rng, 400)
     x = x[np.isfinite(q.log_density(x))]
-    r, log_jacobian = q.trend.straighten(x)
+    r, log_jacobian = q.transport.to_reference(x)
     total = np.exp(q.mixture.log_density(r))
-    for edge in q.edges[j][np.isfinite(q.edges[j])]:
+    for edge in q.bounds[j][np.isfinite(q.bounds[j])]:
         image = r.copy()
         image[:, j] = 2 * edge - image[:, j]
         total += np.exp(q.mixture.log_density(image))
@@ -384,8 +390,8 @@ def test_folding_at_two_coordinates_adds_up_every_combination(d):
     rng = np.random.default_rng(d)
     factors = [np.linalg.cholesky(np.cov(rng.standard_normal((d, 20)))) for _ in range(3)]
     means, weights = rng.standard_normal((3, d)), np.array([0.5, 0.2, 0.3])
-    edges = edge_array({0: (-1.0, np.inf), 2: (-0.5, 2.0)}, d)
-    q = first_proposal(means, factors, weights, edges)
+    bounds = bounds_array({0: (-1.0, np.inf), 2: (-0.5, 2.0)}, d)
+    q = first_proposal(means, factors, weights, bounds)
     x = rng.standard_normal((150, d))
     x = x[(x[:, 0] > -1) & (x[:, 2] > -0.5) & (x[:, 2] < 2)]
     total = np.zeros(len(x))
@@ -404,41 +410,41 @@ def test_folding_at_two_coordinates_adds_up_every_combination(d):
 def test_first_proposal_is_the_stated_mixture_and_needs_no_triangle():
     rng = np.random.default_rng(5)
     factor = rng.standard_normal((3, 3))  # any square root
-    q = first_proposal(np.zeros((1, 3)), [factor], np.ones(1), edge_array({}, 3))
+    q = first_proposal(np.zeros((1, 3)), [factor], np.ones(1), bounds_array({}, 3))
     x = rng.standard_normal((20, 3))
     expected = multivariate_t(np.zeros(3), factor @ factor.T, df=6.0).logpdf(x)
     np.testing.assert_allclose(q.log_density(x), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("d", [2, 7, 20])
-def test_trend_is_inverted_exactly_and_knows_its_jacobian(d):
+def test_transport_map_is_inverted_exactly_and_knows_its_jacobian(d):
     rng = np.random.default_rng(d)
     points = rng.standard_normal((3000, d)) * np.geomspace(0.1, 3, d)
     points[:, -1] = points[:, -1] * np.exp(0.5 * points[:, 0] / 0.1) + 100 * points[:, 0] ** 2
     bounded = np.zeros(d, dtype=bool)
     bounded[d // 2] = d > 2
-    trend = fit_trend(points, bounded)
+    transport = fit_transport_map(points, bounded)
     x = points[:40] * 1.3
-    r, log_jacobian = trend.straighten(x)
-    np.testing.assert_allclose(trend.bend(r), x, rtol=1e-9, atol=1e-11)
+    r, log_jacobian = transport.to_reference(x)
+    np.testing.assert_allclose(transport.from_reference(r), x, rtol=1e-9, atol=1e-11)
     for row, expected in zip(x[:8], log_jacobian[:8], strict=True):
         h = 1e-6 * points.std(axis=0)
-        moved, _ = trend.straighten(np.concatenate([row + np.diag(h), row - np.diag(h)]))
+        moved, _ = transport.to_reference(np.concatenate([row + np.diag(h), row - np.diag(h)]))
         jacobian = (moved[:d] - moved[d:]).T / (2 * h)
         assert expected == pytest.approx(np.linalg.slogdet(jacobian)[1], abs=1e-5)
     assert np.ptp(log_jacobian) > 0.1  # a funnel: the width follows the first coordinate
     if d > 2:  # the bounded coordinate is only shifted and scaled: its edge stays straight
-        place = int(np.flatnonzero(trend.order == d // 2)[0])
-        z = (x[:, d // 2] - trend.centre[place]) / trend.scale[place]
+        place = int(np.flatnonzero(transport.order == d // 2)[0])
+        z = (x[:, d // 2] - transport.centre[place]) / transport.scale[place]
         np.testing.assert_allclose(r[:, place], z, rtol=1e-12)
-    straight = trend.straighten(points)[0][:, np.flatnonzero(trend.order == d - 1)[0]]
+    straight = transport.to_reference(points)[0][:, np.flatnonzero(transport.order == d - 1)[0]]
     assert abs(np.corrcoef(straight, points[:, 0] ** 2)[0, 1]) < 0.1
     assert abs(np.corrcoef(np.abs(straight), points[:, 0])[0, 1]) < 0.15
 
 
 def test_proposal_survives_a_checkpoint():
-    q = small_proposal(EDGES["both"])
-    again = Proposal.from_arrays(q.arrays())
+    q = small_proposal(BOUNDS["both"])
+    again = TransportedMixture.from_arrays(q.arrays())
     x = q.sample(np.random.default_rng(3), 50)
     np.testing.assert_array_equal(again.log_density(x), q.log_density(x))
     np.testing.assert_array_equal(
@@ -449,7 +455,11 @@ def test_proposal_survives_a_checkpoint():
 def test_few_points_give_few_components_not_an_error():
     rng = np.random.default_rng(1)
     assert len(fit_mixture(rng.standard_normal((30, 6)), rng, components=8).weights) == 1
-    q = fit_proposal(np.tile([[1.0, 2.0]], (50, 1)) + 1e-9 * rng.standard_normal((50, 2)), rng)
+    q = fit_transported_mixture(
+        np.tile([[1.0, 2.0]], (50, 1)) + 1e-9 * rng.standard_normal((50, 2)), rng
+    )
     assert np.isfinite(q.log_density(q.sample(rng, 10))).all()
-    constant = fit_proposal(np.column_stack([rng.standard_normal(200), np.ones(200)]), rng)
+    constant = fit_transported_mixture(
+        np.column_stack([rng.standard_normal(200), np.ones(200)]), rng
+    )
     assert np.isfinite(constant.log_density(constant.sample(rng, 10))).all()

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from biaxbayes.inference.noise import (
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.effective_readings import (
     effective_readings,
     misses_smoothly,
     systematic_readings,
 )
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.mechanics.goh import GOH
+from biaxbayes.model.preparation import prepare
 from model_cases import bent
 from quick_posteriors import specimen
 
@@ -66,12 +66,12 @@ def test_a_grown_error_is_judged_in_its_own_unit():
 
 def test_the_posterior_of_a_missed_specimen_is_weighed_by_its_curves():
     data = specimen(GOH(9.0, 20.0, 4.0, 42.0, 0.15), increments=30)
-    fitted = Posterior(data, noise="systematic")
+    fitted = prepare(data, noise="systematic")
     assert fitted.beta > 0.5
     missed = bent(bent(data, data.protocols[0].name, 0.2), data.protocols[1].name, -0.2)
     by_runs, by_lags = (
-        Posterior(missed, noise=n).readings.total for n in ("systematic", "effective")
+        prepare(missed, noise=n).readings.total for n in ("systematic", "effective")
     )
     assert 6.0 <= by_runs < 0.7 * by_lags
-    growing = Posterior(missed, noise="systematic", noise_growth=True)
+    growing = prepare(missed, noise="systematic", noise_growth=True)
     assert growing.readings.total < 0.7 * by_lags

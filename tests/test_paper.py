@@ -1,19 +1,16 @@
 """The page of the method paper: what ``scripts/reproduce_paper.py`` says, pinned."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from biaxbayes.laws.goh import GOH
+from biaxbayes.laws.published import MATERIALS
+from studies.paper import printed, table5, table6, tables34
+from studies.paper.experiments import mae, r2_truth, theta, total_path
+
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "scripts"))
-
-from biaxbayes.mechanics.goh import GOH  # noqa: E402
-from biaxbayes.mechanics.materials import MATERIALS  # noqa: E402
-from paper import printed, table5, table6, tables34  # noqa: E402
-from paper.experiments import mae, r2_truth, theta, total_path  # noqa: E402
-
 # Cells of Tables 3 and 4 that print and computation do not share.
 MISPRINTS = {
     ("weisbecker-media", "zeroed", "1.010"): ["C1"],

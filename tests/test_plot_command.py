@@ -1,16 +1,18 @@
 """The verb plot, on a run sampled here."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
 from biaxbayes.cli import main
-from biaxbayes.findings.identifiability import identify
-from biaxbayes.findings.profile import profiles
-from biaxbayes.output.figures.identifiability import identifiability_figure
-from biaxbayes.output.figures.profile import profile_figure
-from biaxbayes.output.run import open_run, sample
+from biaxbayes.figures.corner import corner_figure
+from biaxbayes.figures.identifiability import identifiability_figure
+from biaxbayes.figures.profile import profile_figure
+from biaxbayes.identifiability.identify import identify
+from biaxbayes.identifiability.profile import profiles
+from biaxbayes.runs.run import open_run
 from readable import assert_readable
 
 DATA = Path(__file__).parents[1] / "data"
@@ -23,9 +25,8 @@ def call(*arguments) -> int:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("plot") / "media.run"
-    return sample(DATA / "donor2-media.csv", out=folder, ess=300, workers=1).path
+def run(media_run, tmp_path_factory):
+    return Path(shutil.copytree(media_run.path, tmp_path_factory.mktemp("plot") / "media.run"))
 
 
 @pytest.mark.parametrize("figure", ["bands", "mounting", "trace", "identifiability"])
@@ -70,6 +71,15 @@ def test_corner_with_truth_comparison_and_style(run, tmp_path, capsys):
     assert "#123456" in drawn and "#654321" in drawn and "#0072b2" not in drawn
 
 
+def test_corner_of_named_parameters_fits_a_narrow_figure(run, tmp_path):
+    out, names = tmp_path / "three.svg", ("kappa", "alpha", "k1")
+    arguments = [a for name in names for a in ("--parameter", name)]
+    assert call("plot", run, *arguments, "--width-mm", 60, "--out", out) == 0
+    figure = corner_figure(open_run(run).draws, parameters=names, width_mm=60.0)
+    assert len(figure.axes) == 3 * 4 // 2
+    assert_readable(figure, 60.0)
+
+
 def test_the_file_name_decides_the_format(run, tmp_path):
     assert call("plot", run, "--figure", "mounting", "--out", tmp_path / "a.PNG") == 0
     assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
@@ -84,7 +94,9 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
         ((run, "--figure", "trace", "--truth", wrong), "does not go with --figure trace"),
         ((run, "--figure", "bands", "--compare", run), "does not go with --figure bands"),
         ((run, "--figure", "profile", "--width-mm", 85), "5 profiles do not fit one column"),
-        ((run, "--parameter", "C1"), "--parameter does not go with --figure corner"),
+        ((run, "--figure", "bands", "--parameter", "C1"), "does not go with --figure bands"),
+        ((run, "--parameter", "beta"), "no quantity 'beta' varies in this run"),
+        ((run, "--width-mm", 60), "7 quantities do not fit a width of 60 mm"),
         ((run, "--figure", "trace", "--parameter", "beta"), "no quantity 'beta'"),
         ((run, "--figure", "profile", "--parameter", "beta"), "beta"),
         ((run, "--truth", wrong), "no entry for specimen 'donor2-media'"),

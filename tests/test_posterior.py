@@ -1,215 +1,36 @@
 """The compiled density against the model written down a second time, in plain Python and SciPy.
 
-Nothing here uses the product's mechanics or its priors: stresses are complex-step derivatives of
-the printed energy, the mounted state is found by SciPy, and densities come from scipy.stats.
+``plain_posterior`` uses neither the product's mechanics nor its priors and decides its own
+support: at every point both must have a density, or neither.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import root
-from scipy.stats import lognorm, norm, truncnorm, uniform
 
 from biaxbayes.errors import InputError
-from biaxbayes.inference.assemble import assemble
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.priors import Prior
-from biaxbayes.inference.settings import Settings
+from biaxbayes.model.layout import assemble
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import Settings
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from plain_posterior import (
+    IN_LOGS,
+    PlainPosterior,
+    carried,
+    densities,
+    is_stable,
+    load_slope,
+    mounting_load,
+    mounting_reading,
+    readings,
+)
 
-STEP = 1e-30
 EDGES = {"edge_x_mm": 20.0, "edge_y_mm": 17.0, "thickness_mm": 1.1}
 TRUTH = {"C1": 8.0, "k1": 20.0, "k2": 3.0, "alpha": 40.0, "kappa": 0.12}
-
-
-# --- the model, a second time ----------------------------------------------------------------
-
-
-def energy(C1, k1, k2, alpha, kappa, lx, ly, lz, switch):
-    """Eq. 5; the limit k1 E^2 where k2 is 0."""
-    I1 = lx * lx + ly * ly + lz * lz
-    I4 = (lx * np.cos(alpha)) ** 2 + (ly * np.sin(alpha)) ** 2
-    E = kappa * I1 + (1 - 3 * kappa) * I4 - 1
-    fibre = np.expm1(k2 * E * E) / k2 if k2 > 0 else E * E
-    if switch:
-        fibre = fibre * (np.real(E) >= 0)
-    return C1 * (I1 - 3) + k1 * fibre
-
-
-def piola(theta, lx, ly, switch=False):
-    """P_k = dW/dl_k with lz = 1/(lx ly); complex stretches give derivatives of P as well."""
-    h = 1e-6
-    out = []
-    for dx, dy in ((1, 0), (0, 1)):
-        if np.iscomplexobj(lx) or np.iscomplexobj(ly):
-            up = energy(
-                *theta, lx + h * dx, ly + h * dy, 1 / ((lx + h * dx) * (ly + h * dy)), switch
-            )
-            dn = energy(
-                *theta, lx - h * dx, ly - h * dy, 1 / ((lx - h * dx) * (ly - h * dy)), switch
-            )
-            out.append((up - dn) / (2 * h))
-        else:
-            zx, zy = lx + 1j * STEP * dx, ly + 1j * STEP * dy
-            out.append(energy(*theta, zx, zy, 1 / (zx * zy), switch).imag / STEP)
-    return np.array(out)
-
-
-def carried(theta, lm, measured, section, mounted, switch):
-    """Load at measured stretches, (2, n): section times P, mounted sections shrunk by lm."""
-    total = [lm[k] * np.asarray(measured[k]) for k in (0, 1)]
-    force = section[:, None] * piola(theta, *total, switch).reshape(2, -1)
-    return force * np.asarray(lm)[:, None] if mounted else force
-
-
-def load_slope(theta, lm, section, mounted, switch):
-    """d p0 / d lm, (2, 2), by central differences of complex-step stresses."""
-    h = 1e-5
-    columns = []
-    for e in np.eye(2):
-        ends = [
-            carried(theta, lm + s * h * e, ([1.0], [1.0]), section, mounted, switch)[:, 0]
-            for s in (1, -1)
-        ]
-        columns.append((ends[0] - ends[1]) / (2 * h))
-    return np.array(columns).T
-
-
-def mounting_root(theta, p0, section, mounted, switch):
-    start = np.array([1.0, 1.0])
-    for share in (0.25, 0.5, 0.75, 1.0):  # follow the load from nothing
-        found = root(
-            lambda lm, s=share: (
-                (carried(theta, lm, ([1.0], [1.0]), section, mounted, switch)[:, 0] - s * p0)
-                / np.abs(p0).max()
-            ),
-            start,
-            tol=1e-13,
-        )
-        start = found.x
-    assert found.success
-    return start
-
-
-def log_prior(prior, x, *, in_logs):
-    """Log density of a prior at natural x; in ln x where the parameter is sampled so."""
-    family, a, b, *limits = prior
-    low, high = (*limits, *(-math.inf, math.inf)[len(limits) :])
-    if family == "normal":
-        low = max(low, 0.0) if in_logs else low
-        out = truncnorm.logpdf(x, (low - a) / b, (high - a) / b, a, b)
-    elif family == "lognormal":
-        cut = lognorm.cdf(high, b, scale=a) - lognorm.cdf(max(low, 0.0), b, scale=a)
-        inside = low <= x <= high
-        out = lognorm.logpdf(x, b, scale=a) - math.log(cut) if inside else -math.inf
-    elif family == "uniform":
-        out = uniform.logpdf(x, a, b - a)
-    else:
-        out = -math.log(x * math.log(b / a)) if a <= x <= b else -math.inf
-    return out + (math.log(x) if in_logs else 0.0)
-
-
-IN_LOGS = ("C1", "k1", "k2", "noise_sd", "noise_growth")
-
-
-def default_priors(specimen):
-    return {
-        "C1": ("lognormal", 10.0, 2.0),
-        "k1": ("lognormal", 30.0, 2.5),
-        "k2": ("lognormal", 10.0, 2.0),
-        "alpha": ("uniform", 0.0, 90.0),
-        "kappa": ("uniform", 0.0, 1 / 3),
-        "noise_sd": ("lognormal", 0.005 * specimen.peak_load, 1.5),
-        "noise_growth": ("lognormal", 0.03, 1.0),
-        "mounting_stretch_x": ("normal", 1.0, 0.1, 0.0),
-        "mounting_stretch_y": ("normal", 1.0, 0.1, 0.0),
-    }
-
-
-@dataclass
-class Model:
-    """Options of the second implementation."""
-
-    mounting: str = "noisy"
-    per_protocol: bool = False
-    growth: bool = False
-    switch: bool = False
-    beta: float = 1.0
-    determinant: bool = True
-
-
-def second_opinion(specimen, model, values, priors, sampled):
-    """Log density at natural ``values``; ``sampled`` names the unknowns with a prior."""
-    v = {"edge_x": 1.0, "edge_y": 1.0, "thickness": 1.0, "load_offset_x": 0.0, "load_offset_y": 0.0}
-    v |= values
-    theta = (v["C1"], v["k1"], v["k2"], np.deg2rad(v["alpha"]), v["kappa"])
-    total = 0.0
-    for name in sampled:
-        if not name.startswith("mounting"):
-            total += log_prior(priors[name], v[name], in_logs=name in IN_LOGS)
-            if name == "alpha":
-                total += math.log(180 / math.pi)  # stated per degree, a density in radians
-    area = np.ones(2)
-    if specimen.stress_pair == "force":
-        area = np.array([specimen.edge_y_mm, specimen.edge_x_mm]) * specimen.thickness_mm / 1000
-    section = area * [v["edge_y"] * v["thickness"], v["edge_x"] * v["thickness"]]
-    mounted = specimen.geometry == "mounted"
-    offset = np.array([v["load_offset_x"], v["load_offset_y"]])
-
-    def readings(p):
-        pair = np.array([p.load_x, p.load_y])
-        return pair / [p.stretch_x, p.stretch_y] if specimen.stress_pair == "cauchy" else pair
-
-    first = [readings(p)[:, : p.rest_rows].mean(axis=1) for p in specimen.protocols]
-    s0 = [specimen.load_noise / math.sqrt(p.rest_rows) for p in specimen.protocols]
-    states = range(len(specimen.protocols) if model.per_protocol else 1)
-    lms = []
-    for m in states:
-        if model.mounting in ("ignored", "zeroed"):
-            lms.append(np.ones(2))
-            continue
-        tail = f"[{specimen.protocols[m].name}]" if model.per_protocol else ""
-        if model.per_protocol or len(first) == 1:
-            f0, sd = first[m], np.full(2, s0[m])
-        else:  # the mean of the protocols' readings; their scatter counts where it is larger
-            f0 = np.mean(first, axis=0)
-            sd = np.full(2, math.sqrt(sum(s * s for s in s0)) / len(s0))
-            sd = np.maximum(sd, np.std(first, axis=0, ddof=1) / math.sqrt(len(first)))
-        if model.mounting == "free":
-            lm = np.array([v[f"mounting_stretch_{k}{tail}"] for k in "xy"])
-            p0 = carried(theta, lm, ([1.0], [1.0]), section, mounted, model.switch)[:, 0]
-        else:
-            p0 = (
-                f0 - offset
-                if model.mounting == "exact"
-                else np.array([v[f"mounting_force_{k}{tail}"] for k in "xy"])
-            )
-            lm = mounting_root(theta, p0, section, mounted, model.switch)
-            if model.determinant:
-                slope = load_slope(theta, lm, section, mounted, model.switch)
-                total -= math.log(abs(np.linalg.det(slope)))
-        for k, axis in enumerate("xy"):
-            total += log_prior(priors[f"mounting_stretch_{axis}"], lm[k], in_logs=False)
-            if model.mounting in ("noisy", "free"):
-                total += norm.logpdf(f0[k], p0[k] + offset[k], sd[k])
-        lms.append(lm)
-    for i, p in enumerate(specimen.protocols):
-        lm = lms[i if model.per_protocol else 0]
-        load = readings(p)
-        if model.mounting == "zeroed":
-            load = load - first[i][:, None]
-        measured = (p.stretch_x[p.rest_rows :], p.stretch_y[p.rest_rows :])
-        mean = carried(theta, lm, measured, section, mounted, model.switch)
-        sd = np.full(mean.shape, v["noise_sd"])
-        if model.growth:
-            sd = np.sqrt(v["noise_sd"] ** 2 + (v["noise_growth"] * mean) ** 2)
-        logs = norm.logpdf(load[:, p.rest_rows :], mean + offset[:, None], sd)
-        total += model.beta * logs.sum()
-    return total
 
 
 # --- specimens -------------------------------------------------------------------------------
@@ -236,15 +57,16 @@ def specimen_of(
     return Specimen("test", tuple(made), pair, geometry, load_noise=noise, metadata=extra, **EDGES)
 
 
-def random_values(specimen, model, rng, labels=("",)):
+def random_values(specimen, rng, labels=("",)):
     """Natural parameters around the truth, with everything that a model may ask for."""
+    peak = max(np.abs(readings(specimen, p)).max() for p in specimen.protocols)
     out = {
         "C1": TRUTH["C1"] * np.exp(0.3 * rng.standard_normal()),
         "k1": TRUTH["k1"] * np.exp(0.3 * rng.standard_normal()),
         "k2": TRUTH["k2"] * np.exp(0.3 * rng.standard_normal()),
         "alpha": rng.uniform(5, 85),
         "kappa": rng.uniform(0.01, 0.32),
-        "noise_sd": 0.05 * specimen.peak_load * np.exp(0.5 * rng.standard_normal()),
+        "noise_sd": 0.05 * peak * np.exp(0.5 * rng.standard_normal()),
         "noise_growth": 0.05 * np.exp(0.3 * rng.standard_normal()),
         "edge_x": rng.normal(1, 0.02),
         "edge_y": rng.normal(1, 0.02),
@@ -252,48 +74,85 @@ def random_values(specimen, model, rng, labels=("",)):
         "load_offset_x": 0.01 * rng.standard_normal(),
         "load_offset_y": 0.01 * rng.standard_normal(),
     }
-    reading, sd = specimen.mounting_readings(shared=labels == ("",))
-    for m, label in enumerate(labels):
-        tail = f"[{label}]" if label else ""
+    for label, p in zip(labels, specimen.protocols, strict=False):
+        reading, sd = mounting_reading(specimen, p)
         for k, axis in enumerate("xy"):
-            out[f"mounting_force_{axis}{tail}"] = reading[m, k] + sd[m, k] * rng.standard_normal()
-            out[f"mounting_stretch_{axis}{tail}"] = rng.uniform(1.01, 1.07)
+            out[f"mounting_force_{axis}{label}"] = reading[k] + sd[k] * rng.standard_normal()
+            out[f"mounting_stretch_{axis}{label}"] = rng.uniform(1.01, 1.07)
     return out
 
 
-def compare(specimen, model=None, *, priors=None, stated=None, fixed=(), count=6, **options):
-    """The product's density must be the second one's, constant and all."""
-    model = model or Model()
-    posterior = Posterior(
-        specimen,
-        mounting=model.mounting,
+def scattered_values(specimen, rng, labels=("",)):
+    """Values of which some lie far out: beyond ranges and brackets, and where nothing balances."""
+    out = random_values(specimen, rng, labels)
+    peak = max(np.abs(readings(specimen, p)).max() for p in specimen.protocols)
+    far = {
+        "C1": lambda: 10 ** rng.uniform(-3, 2),
+        "k1": lambda: 10 ** rng.uniform(-1, 3.5),
+        "k2": lambda: 10 ** rng.uniform(-2, 1.5),
+        "alpha": lambda: rng.choice([-3.0, 0.0, 90.0, 93.0, rng.uniform(0, 90)]),
+        "kappa": lambda: rng.choice([-0.01, 0.0, 1 / 3, 0.35, rng.uniform(0.25, 1 / 3)]),
+        "noise_sd": lambda: rng.choice([-1.0, 0.0, 10.0, 0.01]) * peak,
+        "noise_growth": lambda: rng.choice([-1.0, 0.0, 1.0]),
+        "edge_x": lambda: rng.choice([-0.5, 1.1]),
+        "edge_y": lambda: rng.choice([-0.5, 0.9]),
+        "thickness": lambda: rng.choice([-1.0, 1.2]),
+    }
+    for name in out:
+        if name.startswith("mounting_force"):
+            far[name] = lambda: peak * rng.uniform(-0.2, 0.6)
+        elif name.startswith("mounting_stretch"):
+            far[name] = lambda: rng.choice([-1.0, 0.0, 0.45, 2.1, rng.uniform(0.6, 1.5)])
+    share = rng.choice([0.1, 0.3])
+    for name, value in far.items():
+        if rng.random() < share:
+            out[name] = value()
+    if rng.random() < 0.02:
+        out["k2"] = math.nan
+    return out
+
+
+def product(plain: PlainPosterior, **options) -> Posterior:
+    """The product's posterior of the same specimen and options."""
+    return Posterior(
+        plain.specimen,
+        mounting=plain.mounting,
         noise="independent",
-        mounting_stretch="per-protocol" if model.per_protocol else "shared",
-        noise_growth=model.growth,
-        fibre_switch=model.switch,
-        beta=model.beta,
-        determinant=model.determinant,
-        priors=priors or {},
+        mounting_stretch="per-protocol" if plain.per_protocol else "shared",
+        noise_growth=plain.growth,
+        fibre_switch=plain.switch,
+        beta=plain.beta,
+        determinant=plain.determinant,
+        thin=plain.thin or "none",
+        priors=plain.priors,
         **options,
     )
+
+
+def met(plain: PlainPosterior, posterior: Posterior, points) -> list[str]:
+    """Both densities must be one at every point; says which points are inside the support."""
+    found = []
+    for values, (want, remote) in zip(points, densities(plain, points), strict=True):
+        got = posterior.log_density({n: values[n] for n in posterior.free})
+        if remote and math.isfinite(want) and got == -math.inf:
+            found.append("missed")  # Newton from the unloaded state need not find it
+            continue
+        assert got == pytest.approx(want, rel=1e-7, abs=1e-5), values
+        found.append("inside" if math.isfinite(want) else "outside")
+    return found
+
+
+def compare(specimen, mounting="noisy", *, near=6, far=24, **options):
+    """The product's density must be the plain one's, constant, support and all."""
+    plain = PlainPosterior(specimen, mounting, **options)
+    posterior = product(plain)
+    assert set(posterior.free) == plain.names
     rng = np.random.default_rng(17)
-    prior_table = default_priors(specimen) | (stated or {})
-    checked = 0
-    for _ in range(count):
-        values = random_values(specimen, model, rng, posterior.mounts)
-        for name, value in dict(fixed).items():
-            values[name] = value(values) if callable(value) else value
-        used = {n: values[n] for n in posterior.free}
-        got = posterior.log_density(used)
-        if not np.isfinite(got):
-            continue  # no stable mounted state there
-        active = {k: v for k, v in values.items() if k in posterior.free or k in dict(fixed)}
-        for name in ("C1", "k1", "k2", "alpha", "kappa", "noise_sd"):
-            active.setdefault(name, values[name])
-        want = second_opinion(specimen, model, active, prior_table, posterior.free)
-        assert got == pytest.approx(want, rel=1e-7, abs=1e-5)
-        checked += 1
-    assert checked >= count // 2
+    points = [random_values(specimen, rng, plain.labels) for _ in range(near)]
+    points += [scattered_values(specimen, rng, plain.labels) for _ in range(far)]
+    found = met(plain, posterior, points)
+    assert found[:near].count("inside") >= near // 2
+    assert found.count("missed") <= 1
     return posterior
 
 
@@ -305,7 +164,7 @@ def compare(specimen, model=None, *, priors=None, stated=None, fixed=(), count=6
 @pytest.mark.parametrize("pair", ["force", "piola", "cauchy"])
 def test_density_is_that_of_the_second_implementation(pair, geometry, mounting):
     noise = 0.005 if pair == "force" else 0.2
-    compare(specimen_of(pair, geometry, noise=noise), Model(mounting))
+    compare(specimen_of(pair, geometry, noise=noise), mounting)
 
 
 @pytest.mark.parametrize("mounting", ["noisy", "exact", "free", "zeroed"])
@@ -313,7 +172,7 @@ def test_density_is_that_of_the_second_implementation(pair, geometry, mounting):
 @pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
 def test_density_of_several_protocols(geometry, per_protocol, mounting):
     specimen = specimen_of("force", geometry, protocols=3, rest=3, noise=0.005)
-    posterior = compare(specimen, Model(mounting, per_protocol=per_protocol))
+    posterior = compare(specimen, mounting, per_protocol=per_protocol)
     names = [n for n in posterior.free if n.startswith("mounting")]
     expected = (6 if per_protocol else 2) if mounting in ("noisy", "free") else 0
     assert len(names) == expected
@@ -324,14 +183,7 @@ def test_density_of_several_protocols(geometry, per_protocol, mounting):
 def test_density_of_measured_dimensions_and_offsets(geometry, mounting):
     extra = {"edge_sd_mm": 0.4, "thickness_sd_mm": 0.05, "load_offset_sd_N": 0.01}
     specimen = specimen_of("force", geometry, noise=0.005, **extra)
-    stated = {
-        "edge_x": ("normal", 1.0, 0.4 / 20.0, 0.0),
-        "edge_y": ("normal", 1.0, 0.4 / 17.0, 0.0),
-        "thickness": ("normal", 1.0, 0.05 / 1.1, 0.0),
-        "load_offset_x": ("normal", 0.0, 0.01),
-        "load_offset_y": ("normal", 0.0, 0.01),
-    }
-    posterior = compare(specimen, Model(mounting), stated=stated)
+    posterior = compare(specimen, mounting)
     assert {"edge_x", "edge_y", "thickness", "load_offset_x", "load_offset_y"} <= set(
         posterior.free
     )
@@ -339,21 +191,22 @@ def test_density_of_measured_dimensions_and_offsets(geometry, mounting):
 
 def test_density_with_growing_noise_temper_and_switch():
     specimen = specimen_of(noise=0.005)
-    compare(specimen, Model(growth=True))
-    compare(specimen, Model(beta=0.17))
-    compare(specimen, Model(growth=True, beta=0.3, mounting="free"))
+    compare(specimen, growth=True)
+    compare(specimen, beta=0.17)
+    compare(specimen, "free", growth=True, beta=0.3)
     squeezed = [
         replace(p, stretch_x=p.stretch_x, stretch_y=2.0 - p.stretch_y) for p in specimen.protocols
     ]
     specimen = replace(specimen, protocols=tuple(squeezed))
-    compare(specimen, Model(switch=True))
-    compare(specimen, Model(switch=False))
+    for mounting in ("noisy", "free"):
+        compare(specimen, mounting, switch=True)
+        compare(specimen, mounting, switch=False)
 
 
 def test_density_without_its_determinant_is_another_one():
     specimen = specimen_of(noise=0.005)
-    compare(specimen, Model(determinant=False))
-    values = random_values(specimen, Model(), np.random.default_rng(1))
+    compare(specimen, determinant=False)
+    values = random_values(specimen, np.random.default_rng(1))
     densities = [
         Posterior(specimen, noise="independent", determinant=flag).log_density(values)
         for flag in (True, False)
@@ -366,7 +219,7 @@ PRIORS = {
         ("lognormal", 7.0, 0.5),
         ("lognormal", 7.0, 0.5, 3.0, 30.0),
         ("normal", 9.0, 6.0),
-        ("normal", 9.0, 6.0, 1.0, 40.0),
+        ("normal", 9.0, 6.0, 1.0, 16.0),
         ("uniform", 0.0, 50.0),
         ("loguniform", 0.5, 80.0),
     ],
@@ -390,48 +243,88 @@ KEYS = {
 def test_density_with_priors_of_every_family(name, prior):
     family, *numbers = prior
     table = {"distribution": family} | dict(zip(KEYS[family], numbers, strict=False))
-    names = [f"{name}_x", f"{name}_y"] if name == "mounting_stretch" else [name]
     for mounting in ("noisy", "free"):
-        compare(
-            specimen_of(noise=0.005),
-            Model(mounting),
-            priors={name: table},
-            stated=dict.fromkeys(names, prior),
-            count=4,
-        )
+        compare(specimen_of(noise=0.005), mounting, priors={name: table}, near=4, far=12)
 
 
+@pytest.mark.parametrize("mounting", ["noisy", "free"])
 @pytest.mark.parametrize(
-    ("priors", "fixed"),
+    "priors",
     [
-        ({"kappa": 0.0}, {"kappa": 0.0}),
-        ({"kappa": 1 / 3}, {"kappa": 1 / 3}),
-        ({"alpha": 41.0, "k2": 0.0}, {"alpha": 41.0, "k2": 0.0}),
-        ({"alpha": 90.0}, {"alpha": 90.0}),
-        ({"k1": 0.0}, {"k1": 0.0}),
-        ({"C1": 6.0, "noise_sd": 0.03}, {"C1": 6.0, "noise_sd": 0.03}),
-        ({"k1": "2.5 * C1"}, {"k1": lambda v: 2.5 * v["C1"]}),
-        ({"C1": "0.2 * k1", "k2": 4.0}, {"C1": lambda v: 0.2 * v["k1"], "k2": 4.0}),
+        {"kappa": 0.0},
+        {"kappa": 1 / 3},
+        {"alpha": 41.0, "k2": 0.0},
+        {"alpha": 90.0},
+        {"k1": 0.0},
+        {"C1": 6.0, "noise_sd": 0.03},
+        {"k1": "2.5 * C1"},
+        {"C1": "0.2 * k1", "k2": 4.0},
     ],
 )
-def test_density_with_fixed_and_tied_parameters(priors, fixed):
-    posterior = compare(specimen_of(noise=0.005), priors=priors, fixed=fixed)
-    assert not set(fixed) & set(posterior.free)
+def test_density_with_fixed_and_tied_parameters(priors, mounting):
+    posterior = compare(specimen_of(noise=0.005), mounting, priors=priors, far=12)
+    assert not set(priors) & set(posterior.free)
 
 
-def test_density_with_tied_mounting_stretches():
-    specimen = specimen_of(noise=0.005)
+@pytest.mark.parametrize("per_protocol", [False, True])
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_density_with_tied_mounting_stretches(geometry, per_protocol):
+    specimen = specimen_of("force", geometry, protocols=2, noise=0.005)
     tie = {"mounting_stretch_y": "mounting_stretch_x"}
-    posterior = Posterior(specimen, mounting="free", noise="independent", priors=tie)
-    assert "mounting_stretch_y" not in posterior.free
-    rng = np.random.default_rng(5)
-    values = random_values(specimen, Model("free"), rng)
-    values = {n: values[n] for n in posterior.free}
-    values["mounting_stretch_y"] = values["mounting_stretch_x"]
-    want = second_opinion(specimen, Model("free"), values, default_priors(specimen), posterior.free)
-    # the tied stretch has no prior of its own
-    want -= norm.logpdf(values["mounting_stretch_x"], 1.0, 0.1)
-    assert posterior.log_density(values) == pytest.approx(want, rel=1e-7)
+    posterior = compare(specimen, "free", per_protocol=per_protocol, priors=tie)
+    assert not any(n.startswith("mounting_stretch_y") for n in posterior.free)
+
+
+@pytest.mark.parametrize("mounting", ["noisy", "exact", "free", "ignored", "zeroed"])
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_density_of_averaged_rows(geometry, mounting):
+    """Groups of two, of three and of both, with growing noise and without."""
+    for rows, left, growth in ((24, 11, False), (36, 12, True), (30, 12, True)):
+        specimen = specimen_of("force", geometry, protocols=2, rows=rows, rest=2, noise=0.005)
+        compare(specimen, mounting, thin=left, growth=growth, far=12)
+
+
+@pytest.mark.parametrize("mounting", ["noisy", "free"])
+def test_density_with_a_mounting_stretch_measured_in_an_image(mounting):
+    extra = {"mounting_stretch_x": "1.04 +- 0.01", "mounting_stretch_y": "1.06 +- 0.02"}
+    compare(specimen_of(noise=0.005, **extra), mounting)
+
+
+@pytest.mark.parametrize("per_protocol", [False, True])
+def test_density_with_readings_at_rest_that_scatter_more_than_the_load_cell(per_protocol):
+    specimen = specimen_of(noise=0.02, protocols=2, rest=6)
+    specimen = replace(specimen, load_noise=0.005)
+    compare(specimen, per_protocol=per_protocol)
+
+
+@pytest.mark.parametrize("mounting", ["noisy", "exact", "free"])
+@pytest.mark.parametrize("switch", [False, True])
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_support_where_fibres_are_pushed_together(geometry, switch, mounting):
+    """Stiff fibres in a soft matrix: many loads balance nowhere, or in an unstable state."""
+    soft = {
+        "C1": {"distribution": "lognormal", "median": 0.3, "sd_log": 1.0},
+        "k1": {"distribution": "lognormal", "median": 100.0, "sd_log": 1.0},
+    }
+    plain = PlainPosterior(
+        specimen_of("force", geometry, noise=0.005), mounting, switch=switch, priors=soft
+    )
+    posterior = product(plain)
+    rng = np.random.default_rng(29)
+    points = []
+    for _ in range(40):
+        values = random_values(plain.specimen, rng)
+        values["C1"], values["k1"] = 10 ** rng.uniform(-2, 0.5), 10 ** rng.uniform(1, 3)
+        values["k2"] = 10 ** rng.uniform(-1, 1)
+        values["kappa"] = rng.uniform(0, 0.2)
+        for axis in "xy":
+            values[f"mounting_stretch_{axis}"] = rng.uniform(0.7, 1.1)
+            values[f"mounting_force_{axis}"] = rng.uniform(-0.1, 0.1)
+        points.append(values)
+    found = met(plain, posterior, points)
+    assert found.count("inside") >= 5 and found.count("missed") <= 2
+    if not switch:  # with it, fibres that are pushed together do not push back
+        assert found.count("outside") >= 3
 
 
 def test_free_and_noisy_differ_by_the_change_of_variables_alone():
@@ -443,22 +336,20 @@ def test_free_and_noisy_differ_by_the_change_of_variables_alone():
         rng = np.random.default_rng(9)
         met = 0
         for _ in range(200):
-            v = random_values(specimen, Model("free"), rng)
+            v = random_values(specimen, rng)
             lm = rng.uniform(0.85, 1.4, 2)
             v["mounting_stretch_x"], v["mounting_stretch_y"] = lm
             section = specimen.area
             theta = (v["C1"], v["k1"], v["k2"], np.deg2rad(v["alpha"]), v["kappa"])
             mounted = geometry == "mounted"
-            p0 = carried(theta, lm, ([1.0], [1.0]), section, mounted, False)[:, 0]
+            p0 = mounting_load(theta, lm, section, mounted)
             v["mounting_force_x"], v["mounting_force_y"] = p0
             a, b = free.log_density(v), noisy.log_density(v)
-            slope = load_slope(theta, lm, section, mounted, False)
+            assert math.isfinite(a) == is_stable(theta, lm, section, mounted)
             if np.isfinite(a) and a > -1e5:
                 met += 1
+                slope = load_slope(theta, lm, section, mounted)
                 assert b + np.log(np.linalg.det(slope)) == pytest.approx(a, rel=1e-6, abs=1e-4)
-            elif not np.isfinite(a):
-                # no stable state at lm: noisy may hold another, stable one for the same load
-                assert np.linalg.eigvalsh(0.5 * (slope + slope.T)).min() < 1e-6 or mounted
         assert met > 20
 
 
@@ -468,7 +359,7 @@ def test_free_and_noisy_differ_by_the_change_of_variables_alone():
 def test_log_density_broadcasts_and_names_what_is_missing():
     specimen = specimen_of(noise=0.005)
     posterior = Posterior(specimen, noise="independent")
-    values = random_values(specimen, Model(), np.random.default_rng(2))
+    values = random_values(specimen, np.random.default_rng(2))
     one = posterior.log_density(values)
     assert isinstance(one, float)
     alphas, kappas = np.linspace(5, 85, 4)[:, None], np.linspace(0.01, 0.3, 3)
@@ -505,7 +396,7 @@ def test_exchanged_axes_leave_the_density(mounting):
     )
     rng = np.random.default_rng(3)
     for _ in range(20):
-        v = random_values(specimen, Model(mounting), rng)
+        v = random_values(specimen, rng)
         w = v | {"alpha": 90.0 - v["alpha"]}
         for what in ("force", "stretch"):
             w[f"mounting_{what}_x"], w[f"mounting_{what}_y"] = (
@@ -513,7 +404,7 @@ def test_exchanged_axes_leave_the_density(mounting):
                 v[f"mounting_{what}_x"],
             )
         a, b = here.log_density(v), there.log_density(w)
-        assert a == pytest.approx(b, rel=1e-9) or (a == b == -np.inf)
+        assert a == pytest.approx(b, rel=1e-9)
 
 
 @pytest.mark.parametrize("mounting", ["noisy", "free", "exact"])
@@ -534,7 +425,7 @@ def test_units_change_the_density_by_a_constant(mounting):
     rng = np.random.default_rng(3)
     shifts = []
     for _ in range(20):
-        v = random_values(square, Model(mounting), rng)
+        v = random_values(square, rng)
         w = v | {k: v[k] / area for k in ("noise_sd", "mounting_force_x", "mounting_force_y")}
         a, b = force_posterior.log_density(v), stress_posterior.log_density(w)
         assert np.isfinite(a) == np.isfinite(b)
@@ -575,7 +466,7 @@ def test_sampling_density_is_the_natural_one_times_the_jacobian(mounting, priors
     specimen = specimen_of(noise=0.005)
     posterior = Posterior(specimen, mounting=mounting, noise="independent", priors=priors)
     rng = np.random.default_rng(23)
-    values = [random_values(specimen, Model(mounting), rng) for _ in range(12)]
+    values = [random_values(specimen, rng) for _ in range(12)]
     natural = {n: np.array([v[n] for v in values]) for n in posterior.free}
     u = posterior.coordinates(natural | {"alpha": natural.get("alpha", 0.0)})
     back = posterior.natural(u)
@@ -631,11 +522,9 @@ def test_density_is_finite_or_minus_infinity(
         "wild", (Protocol("p", x, y, *load),), "piola", geometry, load_noise=noise * scale
     )
     options = Settings(mounting, "independent", noise_growth=growth, fibre_switch=switch)
-    from biaxbayes.inference import kernel
-    from biaxbayes.inference.coordinates import ANGULAR, SHEAR
+    from biaxbayes.model import density as kernel
 
-    chart = SHEAR if structural else ANGULAR
-    assembly = assemble(specimen, options, chart=chart, structural=structural)
+    assembly = assemble(specimen, options, chart=structural, structural=structural)
     d = len(assembly.free)
     # the whole box: near the middle, far out, on the edges and beyond, and no number at all
     u = rng.standard_normal((300, d)) * 10 ** rng.uniform(-2, 3, (300, 1))
@@ -658,7 +547,7 @@ def test_density_is_finite_or_minus_infinity(
 def test_density_survives_exponents_in_the_hundreds():
     specimen = specimen_of(noise=0.005)
     posterior = Posterior(specimen, noise="independent")
-    values = random_values(specimen, Model(), np.random.default_rng(2))
+    values = random_values(specimen, np.random.default_rng(2))
     top = posterior.log_density(values | {"k2": np.geomspace(1, 1e6, 200)})
     assert not np.isnan(top).any()
     assert np.isfinite(top[:50]).any() and (np.diff(top[np.isfinite(top)]) < 0).sum() > 20
@@ -667,26 +556,25 @@ def test_density_survives_exponents_in_the_hundreds():
 def test_two_points_are_enough_for_a_density():
     specimen = specimen_of(noise=0.005, rows=2)
     compare(specimen)
-    compare(specimen, Model("exact"))
+    compare(specimen, "exact")
 
 
 def test_readings_at_rest_are_one_reading_of_the_mounting_force():
     """Rows at rest enter by their mean alone, with the load cell's sd over the root of n."""
     specimen = specimen_of(noise=0.005, rest=4)
     compare(specimen)
-    assert isinstance(Posterior(specimen, noise="independent").priors["C1"], Prior)
 
 
 def test_mounting_force_of_an_exact_run_is_the_reading_less_the_offset():
     specimen = specimen_of(noise=0.005, load_offset_sd_N=0.01)
     posterior = Posterior(specimen, mounting="exact", noise="independent")
-    values = random_values(specimen, Model("exact"), np.random.default_rng(3))
+    values = random_values(specimen, np.random.default_rng(3))
     natural = posterior.natural(posterior.coordinates(values))
-    reading, _ = specimen.mounting_readings(shared=True)
+    reading, _ = mounting_reading(specimen, specimen.protocols[0])
     for k, axis in enumerate("xy"):
         force = natural[f"mounting_force_{axis}"][0]
-        assert force == pytest.approx(reading[0, k] - values[f"load_offset_{axis}"], rel=1e-12)
+        assert force == pytest.approx(reading[k] - values[f"load_offset_{axis}"], rel=1e-12)
     theta = [values[n] for n in ("C1", "k1", "k2")] + [np.deg2rad(values["alpha"]), values["kappa"]]
     lm = [natural[f"mounting_stretch_{axis}"][0] for axis in "xy"]
-    got = carried(theta, np.array(lm), ([1.0], [1.0]), specimen.area, False, False)[:, 0]
+    got = mounting_load(theta, np.array(lm), specimen.area, False)
     np.testing.assert_allclose(got, [natural[f"mounting_force_{a}"][0] for a in "xy"], rtol=1e-8)

@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 
 from biaxbayes.errors import InputError
-from biaxbayes.findings.covered_stretches import BEYOND, INSIDE
-from biaxbayes.findings.percentile_bands import BANDS
-from biaxbayes.output.figures.prediction import inflation_figure, stress_figure
-from biaxbayes.output.style import figure_bytes
-from biaxbayes.specimens.stretch_file import read_stretches
+from biaxbayes.figures.prediction import inflation_figure, stress_figure
+from biaxbayes.figures.style import figure_bytes
+from biaxbayes.prediction.bands import BANDS
+from biaxbayes.prediction.stress import BEYOND, INSIDE
+from biaxbayes.specimens.table import read_stretches
 
 
 def stress_table(x=None, y=None, stress="cauchy") -> pd.DataFrame:

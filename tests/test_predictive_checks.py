@@ -7,16 +7,13 @@ import pandas as pd
 import pytest
 
 from biaxbayes.errors import InputError
-from biaxbayes.findings.leave_out import leave_out, leave_out_each, with_own_mounting
-from biaxbayes.findings.predictive_checks import (
-    checks_in_words,
-    path_warnings,
-    predictive_checks,
-)
-from biaxbayes.inference.sampler import Plan
-from biaxbayes.mechanics.goh import GOH
+from biaxbayes.laws.goh import GOH
+from biaxbayes.prediction.predictive_checks import checks_in_words, path_warnings, predictive_checks
+from biaxbayes.sampling.sampler import Plan
+from goh_functions import GOH_LAW
 from model_cases import bent
 from quick_posteriors import THREE_RATIOS, specimen
+from studies.leave_out import leave_out, leave_out_each, with_own_mounting
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 
@@ -72,7 +69,7 @@ def test_fast_enough_for_a_closing_message():
 def test_own_mounting_balances_the_reading():
     data = specimen(TRUTH, increments=20)
     name = data.protocols[2].name
-    draws = with_own_mounting(true_draws(0.002, 400), data, name, np.random.default_rng(1))
+    draws = with_own_mounting(true_draws(0.002, 400), data, name, np.random.default_rng(1), GOH_LAW)
     lm = draws[[f"mounting_stretch_x[{name}]", f"mounting_stretch_y[{name}]"]].to_numpy()
     force = np.column_stack(TRUTH.piola(*lm.T)) * data.area
     reading, sd = data.mounting_readings(shared=False)

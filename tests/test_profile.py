@@ -11,17 +11,17 @@ import pytest
 from click.testing import CliRunner
 from scipy.optimize import least_squares
 
-from biaxbayes.commands.profile import command
+from biaxbayes.cli.findings import profile as command
 from biaxbayes.errors import InputError
-from biaxbayes.findings.held_fit import Target
-from biaxbayes.findings.profile import THRESHOLD, profile_likelihood, profiles
-from biaxbayes.findings.profile_axis import axis_of
-from biaxbayes.findings.profile_walk import Walk
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.mechanics.goh import GOH, PARAMETERS
-from biaxbayes.output.figures.profile import profile_figure
-from biaxbayes.output.style import figure_bytes
+from biaxbayes.figures.profile import profile_figure
+from biaxbayes.figures.style import figure_bytes
+from biaxbayes.identifiability.conditional_fit import Target
+from biaxbayes.identifiability.profile import THRESHOLD, profile_likelihood, profiles
+from biaxbayes.identifiability.profile_walk import Walk, axis_of
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
+from goh_functions import GOH_LAW, PARAMETERS
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
 
 TRUTH = GOH(10.0, 40.0, 5.0, 40.0, 0.15)
@@ -255,7 +255,9 @@ def test_walking_back_finds_nothing_lower():
     names = [*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"]
     best = table.iloc[int(table["deviance"].argmin())][names].to_numpy(dtype=float, copy=True)
     best[3] = np.cos(np.radians(best[3])) ** 2
-    walk = Walk(target, axis_of("kappa", 4), target.best({}, best, 0.005))
+    walk = Walk(
+        target, axis_of(GOH_LAW.parameter("kappa"), 4, GOH_LAW), target.best({}, best, 0.005)
+    )
     walk.out(-1)
     walk.out(1)
     walk.sweep()

@@ -2,39 +2,49 @@
 
 from __future__ import annotations
 
+import inspect
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from click import Context
 
 import biaxbayes
-import quick_posteriors
-from biaxbayes.cli import VERBS
+from biaxbayes import api
+from biaxbayes.cli import VERBS, group, main
 from biaxbayes.errors import InputError
-from biaxbayes.mechanics.goh import GOH
+from biaxbayes.options import (
+    CalibrationPlan,
+    CardOptions,
+    DesignOptions,
+    FigureOptions,
+    FitOptions,
+    LedgerPlan,
+    ModelOptions,
+    PredictionOptions,
+    ProfileOptions,
+    SamplingPlan,
+    VirtualTest,
+    stated,
+)
+from biaxbayes.specimens.specimen_file import write_specimen
 
 DATA = Path(__file__).parents[1] / "data"
-MATERIAL = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=38.0, kappa=0.1)
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(small_run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "media"
-    with quick_posteriors.runs_without_figures():
-        made = quick_posteriors.specimen(MATERIAL, increments=8)
-        return biaxbayes.sample(
-            made, out=folder, noise="independent", mounting="exact", priors={"kappa": 0.1}, ess=60
-        )
+    return biaxbayes.open_run(shutil.copytree(small_run.path, folder))
 
 
 def test_every_verb_is_a_function_and_every_name_is_there():
     for name in biaxbayes.__all__:
         assert getattr(biaxbayes, name) is not None
-    elsewhere = {"simulate": "virtual_specimen", "check": "check_specimen"}
     for verb in VERBS:
-        assert callable(getattr(biaxbayes, elsewhere.get(verb, verb)))
+        assert getattr(biaxbayes, verb) is getattr(api, verb)
     with pytest.raises(AttributeError):
         _ = biaxbayes.nothing
 
@@ -96,3 +106,228 @@ def test_a_study_of_files(tmp_path):
     found = biaxbayes.batch([tmp_path / "broken.csv"], out=tmp_path / "study", workers=1)
     assert found.states == {"failed": 1}
     assert "1 failed" in shown(found)
+
+
+# --- both ways in: the command line and Python ---------------------------------------------------
+
+
+def command(*words) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(word) for word in words])
+    return int(ended.value.code or 0)
+
+
+def same_files(one: Path, other: Path) -> set[str]:
+    """Names of the files that two folders hold, every byte of which must be equal."""
+    names = {p.name for p in one.iterdir()}
+    assert names == {p.name for p in other.iterdir()} and names
+    for name in names:
+        assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    return names
+
+
+@pytest.fixture(scope="module")
+def tissue(run, tmp_path_factory):
+    path = tmp_path_factory.mktemp("tissue") / "media.csv"
+    write_specimen(run.specimen, path)
+    return path
+
+
+BOTH = {
+    "predict": (
+        ("--stretch", "1.2", "--ratio", "1:0.5", "--points", "7", "--stress", "piola"),
+        lambda run, out: biaxbayes.predict(
+            run, stretch=1.2, ratio=(1.0, 0.5), points=7, stress="piola", out=out
+        ),
+        {"prediction.csv", "prediction.pdf"},
+    ),
+    "predict as far as tested": (
+        (),
+        lambda run, out: biaxbayes.predict(run, stretch="tested", out=out),
+        {"prediction.csv", "prediction.pdf"},
+    ),
+    "predict a tube": (
+        ("--inflate", "--radius", "8", "--wall", "1", "--pressure", "0:10", "--points", "5"),
+        lambda run, out: biaxbayes.inflate(
+            run, np.linspace(0.0, 10.0, 5), radius_mm=8.0, wall_mm=1.0, out=out
+        ),
+        {"inflation.csv", "inflation.pdf"},
+    ),
+    "export": (
+        ("--to", "abaqus", "--draws", "2", "--units", "MPa-mm", "--seed", "3"),
+        lambda run, out: biaxbayes.export(run, "abaqus", draws=2, units="MPa-mm", seed=3, out=out),
+        {"manifest.csv"},
+    ),
+    "design": (
+        ("--ratio", "1:0.75", "--rank-by", "C1"),
+        lambda run, out: biaxbayes.design(run, ratios=((1.0, 0.75),), rank_by="C1", out=out),
+        {"design.csv", "design.pdf", "design.png"},
+    ),
+    "ledger": (
+        ("--ess", "50", "--stretch", "1.1", "--seed", "2", "--quiet"),
+        lambda run, out: biaxbayes.ledger(run, ess=50.0, stretches=[1.1], seed=2, out=out),
+        {"ledger.csv", "ledger.pdf", "ledger.png"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_both_ways_write_the_same_files(run, tmp_path, name):
+    words, verb, files = BOTH[name]
+    assert command(name.split()[0], run.path, *words, "--out", tmp_path / "cli") in (0, 3)
+    assert verb(run, tmp_path / "python") is not None
+    assert files <= same_files(tmp_path / "cli", tmp_path / "python")
+
+
+def test_both_ways_write_the_same_figure_report_and_verdicts(run, tmp_path, capsys):
+    for folder in ("cli", "python"):
+        (tmp_path / folder).mkdir()
+    options = ("--figure", "mounting", "--width-mm", "85", "--format", "svg")
+    assert command("plot", run.path, *options, "--out", tmp_path / "cli" / "m") == 0
+    out = tmp_path / "python" / "m"
+    biaxbayes.plot(run, "mounting", width_mm=85.0, suffix="svg", out=out)
+    told = tmp_path / "cli" / "r.tex"
+    assert command("report", run.path, "--format", "latex", "--out", told) in (0, 3)
+    assert biaxbayes.report(run, "latex", out=tmp_path / "python" / "r.tex").name == "r.tex"
+    assert same_files(tmp_path / "cli", tmp_path / "python") == {"m.svg", "r.tex"}
+    capsys.readouterr()
+    assert command("report", run.path, "--format", "latex", "--out", "-") in (0, 3)
+    assert capsys.readouterr().out == told.read_text(encoding="utf-8")
+    copy = tmp_path / "copy"
+    shutil.copytree(run.path, copy)
+    assert command("identify", copy) in (0, 3)
+    biaxbayes.identify(run, out=tmp_path / "judged")
+    for path in (tmp_path / "judged").iterdir():
+        assert path.read_bytes() == (copy / path.name).read_bytes()
+
+
+def test_both_ways_compare_the_same(run, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(run.path, other)
+    words = ("compare", run.path, other, "--labels", "a, b", "--quiet")
+    assert command(*words, "--out", tmp_path / "cli") in (0, 3)
+    biaxbayes.compare([run, other], labels=["a", "b"], out=tmp_path / "python")
+    assert "compare.html" in same_files(tmp_path / "cli", tmp_path / "python")
+
+
+def test_both_ways_profile_the_same(tissue, tmp_path):
+    words = ("profile", tissue, "--parameter", "kappa", "--noise", "independent")
+    assert command(*words, "--fix", "alpha=38", "--out", tmp_path / "cli") == 0
+    how = {"noise": "independent", "priors": {"alpha": 38.0}}
+    biaxbayes.profile(tissue, ["kappa"], out=tmp_path / "python", **how)
+    assert "profile.csv" in same_files(tmp_path / "cli", tmp_path / "python")
+
+
+def test_both_ways_simulate_and_fit_the_same(tissue, tmp_path, capsys):
+    words = ("--material", "donor2-media", "--seed", "3", "--ratio", "1:0.5", "--noise-N", "0.001")
+    for folder in ("cli", "python"):
+        (tmp_path / folder).mkdir()
+    assert command("simulate", *words, "--out", tmp_path / "cli" / "v.csv") == 0
+    how = {"seed": 3, "ratios": [(1.0, 0.5)], "noise_N": 0.001}
+    biaxbayes.simulate(tmp_path / "python" / "v.csv", material="donor2-media", **how)
+    assert same_files(tmp_path / "cli", tmp_path / "python") == {"v.csv", "v.truth.json"}
+    capsys.readouterr()
+    assert command("check", tissue, "--json", "--no-fit") == 0
+    import json
+
+    assert json.loads(capsys.readouterr().out) == biaxbayes.check(tissue, fit=False).record()
+    assert command("fit", tissue, "--method", "linden", "--json", "--starts", "2") == 0
+    found = biaxbayes.fit(tissue, "linden", starts=2).record()
+    assert json.loads(capsys.readouterr().out) == [found]
+
+
+# --- options are stated once ---------------------------------------------------------------------
+
+
+TABLES = {
+    "sample": (SamplingPlan, ModelOptions),
+    "batch": (ModelOptions,),
+    "calibrate": (CalibrationPlan, ModelOptions),
+    "fit": (FitOptions,),
+    "simulate": (VirtualTest,),
+    "profile": (ProfileOptions,),
+    "compare": (SamplingPlan, ModelOptions),
+    "ledger": (LedgerPlan, ModelOptions),
+    "design": (DesignOptions,),
+    "predict": (FigureOptions, PredictionOptions),
+    "export": (CardOptions,),
+}
+
+
+@pytest.mark.parametrize("verb", TABLES)
+def test_command_and_function_have_the_defaults_of_the_table(verb):
+    of_command = {p.name: p for p in group.get_command(Context(group), verb).params}
+    of_function = inspect.signature(getattr(biaxbayes, verb)).parameters
+    shared = set()
+    for table in TABLES[verb]:
+        for name in stated(table):
+            default = getattr(table, name)
+            if name in of_function and name != "seed":
+                assert of_function[name].default == default, name
+            if name in of_command and default is not None and default != ():
+                assert of_command[name].default in (default, str(default)), name
+                shared.add(name)
+    assert shared
+
+
+SAMPLED = {
+    "mounting": ("guessed", None),
+    "noise": ("loud", None),
+    "mounting_stretch": ("both", None),
+    "thin": ("half", "thin"),
+    "ess": (3, "--ess must be a number from 50"),
+    "seed": (-1, "--seed must be a whole number"),
+    "max_steps": (5, "--max-steps must be a number"),
+    "workers": (0, "--workers must be at least 1"),
+    "mounting_force": ((float("nan"), 1.0), "two finite numbers"),
+}
+
+
+@pytest.mark.parametrize("verb", ["sample", "ledger"])
+@pytest.mark.parametrize("name", SAMPLED)
+def test_bad_values_are_refused_both_ways(run, tmp_path, capsys, verb, name):
+    if verb == "ledger" and name == "max_steps":
+        return
+    value, message = SAMPLED[name]
+    tared = tmp_path / "tared.csv"
+    write_specimen(run.specimen.zeroed(), tared)
+    words = value if isinstance(value, tuple) else (value,)
+    assert command(verb, tared, f"--{name.replace('_', '-')}", *words, "--out", tmp_path / "r") == 2
+    told = capsys.readouterr().err
+    assert "internal" not in told and not (tmp_path / "r").exists()
+    with pytest.raises(InputError) as refused:
+        getattr(biaxbayes, verb)(tared, out=tmp_path / "r", **{name: value})
+    assert "\n" not in str(refused.value) and not (tmp_path / "r").exists()
+    if message:
+        assert message in told and message in str(refused.value)
+        assert told.count("\n") == 1
+
+
+def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
+    assert command("ledger", run.path, "--thin", "50", "--out", tmp_path / "out") == 2
+    assert "--thin does not go with a run" in capsys.readouterr().err
+    with pytest.raises(InputError, match="--thin does not go with a run"):
+        biaxbayes.ledger(run, thin=50)
+    with pytest.raises(InputError, match="no option 'colour'"):
+        biaxbayes.sample(run.specimen, out=tmp_path / "out", colour="red")
+
+
+@pytest.mark.parametrize(
+    ("verb", "arguments", "message"),
+    [
+        ("design", {"further": 9.0}, "further"),
+        ("design", {"kappa_sd": -1.0}, "kappa-sd"),
+        ("design", {"rank_by": "luck"}, "rank-by"),
+        ("predict", {"stretch": 1.1, "probability": 1.0}, "probability"),
+        ("predict", {"stretch": 1.1, "points": 1}, "points"),
+        ("predict", {"stretch": 20.0}, "not strains"),
+        ("predict", {"stretch": 1.1, "suffix": "gif"}, "suffix"),
+        ("export", {"to": "febio", "draws": 2, "at": "map"}, "exclude each other"),
+        ("export", {"to": "febio", "units": "psi"}, "units"),
+        ("plot", {"figure": "bands", "truth": {"C1": 1.0}}, "does not go with"),
+        ("report", {"kind": "doc"}, "no report"),
+    ],
+)
+def test_what_a_run_cannot_be_asked(run, verb, arguments, message):
+    with pytest.raises(InputError, match=message):
+        getattr(biaxbayes, verb)(run, **arguments)

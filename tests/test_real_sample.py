@@ -10,9 +10,8 @@ import pandas as pd
 import pytest
 
 from biaxbayes import read_specimen, sample, write_specimen
-from biaxbayes.inference.fit import fit
-from biaxbayes.specimens.protocol import Protocol
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.fitting.fit import fit
+from biaxbayes.specimens.specimen import Protocol, Specimen
 
 REAL = os.environ.get("BIAXBAYES_REAL")
 

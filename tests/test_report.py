@@ -15,14 +15,13 @@ import pytest
 import quick_posteriors as quick
 import reported
 from biaxbayes.cli import main
-from biaxbayes.findings.misfit import misfit, misfit_in_words
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.output.report import page as report
-from biaxbayes.output.report.methods import prior_in_words
-from biaxbayes.output.report.names import latex_text, markdown_text
-from biaxbayes.output.report.page import write_report
-from biaxbayes.output.report.pictures import TOTAL_BYTES, pictures
-from biaxbayes.output.run import open_run
+from biaxbayes.laws.goh import GOH
+from biaxbayes.prediction.predictive_checks import misfit, misfit_in_words
+from biaxbayes.reports import page as report
+from biaxbayes.reports.methods import prior_in_words
+from biaxbayes.reports.names import latex_text, markdown_text
+from biaxbayes.reports.page import TOTAL_BYTES, pictures, write_report
+from biaxbayes.runs.run import open_run
 
 VOID = {"meta", "link", "img", "br", "hr"}
 
@@ -64,13 +63,14 @@ def outline(text: str) -> Outline:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    return reported.hostile_run(tmp_path_factory.mktemp("run") / "hostile")
+def run(hostile_run):
+    return hostile_run
 
 
 @pytest.fixture(scope="module")
-def html(run):
-    return write_report(run.path, run).read_text(encoding="utf-8")
+def html(run, tmp_path_factory):
+    folder = shutil.copytree(run.path, tmp_path_factory.mktemp("report") / "hostile")
+    return write_report(folder, open_run(folder)).read_text(encoding="utf-8")
 
 
 def altered(run, tmp_path: Path, change) -> Path:
@@ -155,7 +155,7 @@ def test_hostile_names_are_text(html):
 @pytest.mark.parametrize(
     ("state", "word"), [("unusable", "Not usable"), ("tentative", "Tentative")]
 )
-def test_a_run_that_did_not_converge_says_so(run, tmp_path, state, word, capsys):
+def test_a_run_that_did_not_converge_says_so(run, tmp_path, state, word):
     def change(record):
         record["convergence"] |= {"state": state, "reason": "the ensembles <disagree>"}
 
@@ -177,7 +177,7 @@ def test_a_run_that_ignores_the_mounting_says_so(run, tmp_path, mounting):
     assert "mounting stretch was ignored" in " ".join("".join(outline(text).text).split())
 
 
-def test_markdown_and_latex_keep_their_cells(run, tmp_path, capsys):
+def test_markdown_and_latex_keep_their_cells(run, tmp_path):
     for kind in ("md", "latex"):
         with pytest.raises(SystemExit) as ended:
             main(["report", str(run.path), "--format", kind, "--out", str(tmp_path / kind)])
@@ -231,8 +231,8 @@ def test_page_without_figures_and_verdicts(run, tmp_path):
     assert "biaxbayes identify" in "".join(page.text)
 
 
-def test_report_is_the_same_twice(run, html):
-    assert write_report(run.path).read_text(encoding="utf-8") == html
+def test_report_is_the_same_twice(run, html, copied):
+    assert write_report(copied(run.path)).read_text(encoding="utf-8") == html
     assert open_run(run.path).state == "reliable"
 
 

@@ -11,15 +11,16 @@ import pytest
 
 import browser
 import reported
-from biaxbayes.output.report.page import write_report
+from biaxbayes.reports.page import write_report
+from biaxbayes.runs.run import open_run
 
 pytestmark = pytest.mark.skipif(not browser.CHROMIUM, reason="no Chromium here")
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    run = reported.hostile_run(tmp_path_factory.mktemp("run") / "hostile")
-    path = write_report(run.path, run)
+def page(hostile_run, tmp_path_factory):
+    folder = shutil.copytree(hostile_run.path, tmp_path_factory.mktemp("report") / "hostile")
+    path = write_report(folder, open_run(folder))
     # Chromium may leave files behind while it ends; the profile is removed at leisure.
     profile = tmp_path_factory.mktemp("profile")
     shown = browser.Page(profile)

@@ -21,25 +21,25 @@ import pytest
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.commands.progress_line import StoppedAtOnce, graceful_stop
+from biaxbayes.cli.progress import StoppedAtOnce, graceful_stop
 from biaxbayes.errors import RunError
-from biaxbayes.inference import checkpoint
-from biaxbayes.inference.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
-from biaxbayes.inference.sampler import State
-from biaxbayes.output import sampling
-from biaxbayes.output.staging import PROVENANCE
+from biaxbayes.jobs import sample as sampling
+from biaxbayes.runs import checkpoint
+from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
+from biaxbayes.runs.folder import PROVENANCE
+from biaxbayes.sampling.sampler import State
 
 ROOT = Path(__file__).parents[1]
 SPECIMEN = ROOT / "data" / "donor2-adventitia.csv"
-OPTIONS = ("--ess", "32000", "--seed", "3", "--quiet")
+OPTIONS = ("--ess", "48000", "--seed", "3", "--quiet")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def without_figures():
     """Figures and report are the same whatever happened before: they are left out here."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("biaxbayes.output.run_products.write_products", lambda *a: None)
-        patch.setattr("biaxbayes.output.report.page.write_report", lambda *a: None)
+        patch.setattr("biaxbayes.jobs.products.write_products", lambda *a: None)
+        patch.setattr("biaxbayes.reports.page.write_report", lambda *a: None)
         yield
 
 
@@ -119,7 +119,7 @@ def test_a_finished_run_continues_when_more_is_asked_for(expected, tmp_path):
 
 def test_killed_at_random_and_starved_of_space():
     """A few trials of the study that counts them; figures left out."""
-    command = [sys.executable, ROOT / "scripts" / "study_crashes.py", "--no-figures"]
+    command = [sys.executable, ROOT / "scripts" / "study.py", "crashes", "--no-figures"]
     done = subprocess.run(
         [*command, "--kills", "3", "--calls", "0", "--disks", "1"],
         capture_output=True,
@@ -165,7 +165,7 @@ def test_a_signal_finishes_the_block_saves_and_says_how_to_continue(
 
 def test_a_second_signal_stops_at_once_without_damage(expected, halfway, capsys, monkeypatch):
     """Also in the middle of a block, with the ensembles in threads."""
-    from biaxbayes.inference.ensembles import Ensembles
+    from biaxbayes.sampling.ensembles import Ensembles
 
     real, begun = Ensembles.run, []
 
@@ -275,7 +275,9 @@ def test_starting_again_needs_no_permission_and_keeps_the_checkpoint_until_its_f
     halfway, expected, monkeypatch
 ):
     before = (halfway / NAME).read_bytes()
-    monkeypatch.setattr(sampling, "draw", lambda *a, **k: (_ for _ in ()).throw(MemoryError))
+    monkeypatch.setattr(
+        sampling, "draw_posterior", lambda *a, **k: (_ for _ in ()).throw(MemoryError)
+    )
     assert sample(halfway, "--seed", "3") == 2
     assert (halfway / NAME).read_bytes() == before
     monkeypatch.undo()
@@ -484,7 +486,7 @@ def limited(call, *arguments, size, code):
 
 
 def test_a_folder_that_is_being_written_is_left_alone(halfway, capsys):
-    from biaxbayes.output.lock import folder_lock
+    from biaxbayes.runs.lock import folder_lock
 
     before = {p.name: p.read_bytes() for p in halfway.iterdir()}
     with folder_lock(halfway):
@@ -494,7 +496,7 @@ def test_a_folder_that_is_being_written_is_left_alone(halfway, capsys):
 
 
 def test_a_worker_that_fails_ends_the_run_in_one_line(halfway, capsys, monkeypatch):
-    from biaxbayes.inference.ensembles import Ensemble
+    from biaxbayes.sampling.ensembles import Ensemble
 
     before = {p.name: p.read_bytes() for p in halfway.iterdir()}
     monkeypatch.setattr(Ensemble, "run", lambda *a: (_ for _ in ()).throw(MemoryError))

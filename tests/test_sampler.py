@@ -16,11 +16,13 @@ from scipy.stats import norm
 import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.errors import RunError
-from biaxbayes.inference import checkpoint
-from biaxbayes.inference.convergence import effective_sample_size
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.sampler import Plan, draw
-from biaxbayes.output.summary import COLUMNS
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.runs import checkpoint
+from biaxbayes.runs.summary import COLUMNS
+from biaxbayes.sampling.convergence import effective_sample_size
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 
 with warnings.catch_warnings():
@@ -60,9 +62,11 @@ def limit(tests, level=1e-3):
     ("name", "noise"), [("donor2-media", "effective"), ("donor2-adventitia", "independent")]
 )
 def test_free_and_noisy_are_the_same_posterior(name, noise):
-    reference = Posterior(specimen(name), mounting="noisy", noise=noise)
+    reference = prepare(specimen(name), mounting="noisy", noise=noise)
     runs = [
-        draw(Posterior(specimen(name), mounting=m, noise=noise, beta=reference.beta), QUICK)
+        draw_posterior(
+            Posterior(specimen(name), mounting=m, noise=noise, beta=reference.beta), QUICK
+        )
         for m in ("noisy", "free")
     ]
     assert [r.convergence.state for r in runs] == ["reliable"] * 2
@@ -76,20 +80,20 @@ def test_free_and_noisy_are_the_same_posterior(name, noise):
         beta=reference.beta,
         priors={"mounting_stretch": {"distribution": "normal", "mean": 1.03, "sd": 0.01}},
     )
-    assert departures(runs[1], draw(other, QUICK)).max() > 2 * limit(z.size)
+    assert departures(runs[1], draw_posterior(other, QUICK)).max() > 2 * limit(z.size)
 
 
 def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_determinant():
     """The determinant matters where the toe is soft and few readings count."""
     media = specimen()
     options = {"noise": "effective", "beta": 0.05}
-    exact = draw(Posterior(media, mounting="exact", **options), QUICK)
+    exact = draw_posterior(Posterior(media, mounting="exact", **options), QUICK)
     still = replace(media, load_noise=1e-7)
-    noisy = draw(Posterior(still, mounting="noisy", **options), QUICK)
+    noisy = draw_posterior(Posterior(still, mounting="noisy", **options), QUICK)
     assert exact.convergence.state == noisy.convergence.state == "reliable"
     z = departures(exact, noisy)
     assert z.max() < limit(z.size)
-    wrong = draw(Posterior(still, mounting="noisy", determinant=False, **options), QUICK)
+    wrong = draw_posterior(Posterior(still, mounting="noisy", determinant=False, **options), QUICK)
     assert wrong.convergence.state == "reliable"
     assert departures(exact, wrong).max() > 3 * limit(z.size)
 
@@ -99,14 +103,14 @@ def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_deter
 
 @pytest.fixture(scope="module")
 def chain():
-    return draw(Posterior(specimen()), Plan(ess=500, seed=4, workers=1))
+    return draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=1))
 
 
 def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
-    again = draw(Posterior(specimen()), Plan(ess=500, seed=4, workers=2))
+    again = draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=2))
     np.testing.assert_array_equal(chain.chain, again.chain)
     assert again.rejected == chain.rejected
-    other = draw(Posterior(specimen()), Plan(ess=500, seed=5, workers=2))
+    other = draw_posterior(prepare(specimen()), Plan(ess=500, seed=5, workers=2))
     assert not np.array_equal(chain.chain, other.chain)
 
 
@@ -116,7 +120,7 @@ def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
 )
 def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, noise, stops, tmp_path):
     plan = Plan(ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048)
-    whole = draw(Posterior(specimen(name), noise=noise), plan)
+    whole = draw_posterior(prepare(specimen(name), noise=noise), plan)
     assert whole.convergence.state != "reliable"  # the target is out of reach: the budget ended it
     assert whole.chain.shape[1] == 300
     identity = {"test": "interruption"}
@@ -129,8 +133,8 @@ def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, nois
             seen.append(state.steps)
             checkpoint.save(folder, state, identity)
 
-        part = draw(
-            Posterior(specimen(name), noise=noise),
+        part = draw_posterior(
+            prepare(specimen(name), noise=noise),
             plan,
             on_block=save,
             stop=lambda seen=seen, stop_after=stop_after: len(seen) > stop_after,
@@ -140,7 +144,7 @@ def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, nois
         assert part.chain.shape[1] == seen[-1] < 300
         state, note = checkpoint.load(folder, identity)
         assert note == ""
-        resumed = draw(Posterior(specimen(name), noise=noise), plan, state=state)
+        resumed = draw_posterior(prepare(specimen(name), noise=noise), plan, state=state)
         np.testing.assert_array_equal(resumed.chain, whole.chain)
         assert (resumed.evaluations, resumed.rejected) == (whole.evaluations, whole.rejected)
         for quantity, values in whole.quantities.items():
@@ -149,20 +153,20 @@ def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, nois
 
 def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
     """And a posterior that was drawn from before gives the same draws again."""
-    from biaxbayes.inference import sampler
+    from biaxbayes.sampling import sampler
 
     posterior = Posterior(specimen("donor2-adventitia"), noise="independent")
     plan = Plan(ess=1e9, max_steps=300, seed=3, first_block=64, population=2048)
-    whole = draw(posterior, plan)
+    whole = draw_posterior(posterior, plan)
     monkeypatch.setattr(sampler, "MAX_KEPT_STEPS", 70)
-    thinned = draw(posterior, plan)
+    thinned = draw_posterior(posterior, plan)
     assert thinned.thin == 8
     np.testing.assert_array_equal(thinned.chain, whole.chain[:, ::8])
 
 
 def test_draws_carry_what_they_claim(chain):
     assert chain.convergence.state == "reliable"
-    posterior = Posterior(specimen())
+    posterior = prepare(specimen())
     ensembles, steps, walkers, d = chain.chain.shape
     assert (ensembles, d) == (4, posterior.dimension)
     for values in chain.quantities.values():
@@ -200,9 +204,8 @@ ROWS = (*THETA, "mounting_force_x", "mounting_force_y", "noise_sd")
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("runs") / "media"
-    return biaxbayes.sample(DATA / "donor2-media.csv", out=folder, seed=11, ess=500, workers=1)
+def run(media_run):
+    return media_run
 
 
 def test_run_folder_holds_every_file_and_reopens(run):
@@ -373,9 +376,9 @@ def test_a_foreign_folder_is_not_written_into(tmp_path, capsys):
 
 
 def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
-    posterior = Posterior(specimen())
+    posterior = prepare(specimen())
     plan = Plan(ess=1e9, max_steps=128, first_block=64)
-    draw(
+    draw_posterior(
         posterior,
         plan,
         on_block=lambda s: checkpoint.save(tmp_path, s, {"specimen": "one", "seed": 1}),

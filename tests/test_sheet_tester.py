@@ -6,12 +6,13 @@ import pytest
 pytest.importorskip("skfem")
 
 from biaxbayes.errors import InputError, NotConverged
-from biaxbayes.mechanics import sheet as sheet_module
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.mechanics.grips import Hooks, uniform_edges
-from biaxbayes.mechanics.membrane import membrane_energy
-from biaxbayes.mechanics.sheet import Sheet
-from biaxbayes.mechanics.sheet_tester import SheetTester
+from biaxbayes.fem import sheet as sheet_module
+from biaxbayes.fem.grips import Hooks
+from biaxbayes.fem.membrane import membrane_energy
+from biaxbayes.fem.sheet import Sheet
+from biaxbayes.fem.sheet_tester import SheetTester
+from biaxbayes.laws.goh import GOH
+from studies.hooks import uniform_edges
 
 MEDIA = GOH(2.98, 12.47, 1.88, 39.0, 0.0)
 WEISBECKER = GOH(14.0, 140.0, 11.9, 38.4, 0.21)

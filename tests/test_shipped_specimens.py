@@ -1,6 +1,5 @@
 """The files in ``data/`` are what the script makes, and carry the conditions of the paper."""
 
-import importlib.util
 import json
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 
 from biaxbayes.specimens.specimen_file import read_specimen
+from make_specimens import make
 
 ROOT = Path(__file__).parents[1]
 NAMES = [
@@ -32,11 +32,8 @@ TABLE2 = {
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     pytest.importorskip("skfem")
-    spec = importlib.util.spec_from_file_location("make", ROOT / "scripts/make_specimens.py")
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
     folder = tmp_path_factory.mktemp("data")
-    script.make(folder)
+    make(folder)
     return folder
 
 

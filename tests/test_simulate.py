@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from biaxbayes.cli import main
-from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.laws.published import MATERIALS
 from biaxbayes.specimens.specimen_file import read_specimen
 
 

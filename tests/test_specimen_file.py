@@ -16,8 +16,8 @@ from biaxbayes import Protocol, Specimen, read_specimen, write_specimen
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.header import measured_stretch
-from biaxbayes.specimens.protocol import referenced_protocol, rest_rows
-from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.specimens.specimen import STRESS_PAIRS, referenced_protocol, rest_rows
+from biaxbayes.specimens.table import read_stretches
 from hostile.specimen_files import GOOD, body, protocols
 
 
@@ -236,6 +236,28 @@ def test_stretch_from_an_image(text, value):
 def test_stretch_from_an_image_refused(text):
     with pytest.raises(InputError, match=r"reads like '1\.03 "):
         measured_stretch(text)
+
+
+# --- paths of stretches ---
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("# a\u2028b\nstretch_x,stretch_y\n1,1\n1.1,x\n", "row 4, column stretch_y: 'x' is not"),
+        ('stretch_x,stretch_y\n1,1\n1.1,"1.1\n1.2,1\n', "row 3: not a row of a CSV: a quotation"),
+        ("stretch_x,stretch_y\n1,1\n1_0e-1,1\n", "row 3, column stretch_x: '1_0e-1' is not a st"),
+    ],
+)
+def test_rows_of_a_path_are_those_of_an_editor(text, says, tmp_path):
+    with pytest.raises(InputError) as refusal:
+        read_stretches(write(tmp_path / "a.csv", text))
+    assert says in str(refusal.value)
+
+
+def test_a_comment_in_a_path_may_hold_a_quotation_mark(tmp_path):
+    text = 'stretch_x,stretch_y\n1,1\n# 5", "as marked\n\n1.1,1.2\n'
+    assert read_stretches(write(tmp_path / "a.csv", text)).tolist() == [[1.0, 1.0], [1.1, 1.2]]
 
 
 # --- fuzz -------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,12 +12,13 @@ import pandas as pd
 import pytest
 
 from biaxbayes.cli import main
-from biaxbayes.inference import sampler
-from biaxbayes.inference.ensembles import Ensembles
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.sampler import Plan
-from biaxbayes.output import run_products, sampling
-from biaxbayes.output.report import page
+from biaxbayes.jobs import products as run_products
+from biaxbayes.jobs import sample as sampling
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.reports import page
+from biaxbayes.sampling import sampler
+from biaxbayes.sampling.ensembles import Ensembles
+from biaxbayes.sampling.sampler import Plan
 
 SPECIMEN = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"
 CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
@@ -47,17 +49,22 @@ def sample(out, capsys, most=256) -> tuple[int, dict, pd.DataFrame]:
 def with_a_wall(monkeypatch):
     """No density where the third coordinate is within most of an sd of its median.
 
-    Two basins, both with mass; every second ensemble starts in the other one.
+    Two modes, both with mass; every second ensemble starts in the other one.
     """
-    real, starts = Posterior.log_prob, sampler.dispersed_starts
+    real, starts = Posterior.target, sampler.dispersed_starts
     place: dict[str, float] = {}
 
-    def log_prob(self, coordinates):
-        out = real(self, coordinates)
-        if place:
-            inside = np.abs(np.atleast_2d(coordinates)[:, 2] - place["at"]) < place["width"]
-            out[inside] = -np.inf
-        return out
+    def target(self, counts=None):
+        free = real(self, counts)
+
+        def log_prob(coordinates):
+            out = free.log_prob(coordinates)
+            if place:
+                inside = np.abs(np.atleast_2d(coordinates)[:, 2] - place["at"]) < place["width"]
+                out[inside] = -np.inf
+            return out
+
+        return replace(free, log_prob=log_prob)
 
     def on_two_sides(population, log_weight, rng, *, ensembles, walkers):
         weight = np.exp(log_weight - log_weight.max())
@@ -72,17 +79,17 @@ def with_a_wall(monkeypatch):
             out += starts(population, there, rng, ensembles=1, walkers=walkers)
         return out
 
-    monkeypatch.setattr(Posterior, "log_prob", log_prob)
+    monkeypatch.setattr(Posterior, "target", target)
     monkeypatch.setattr(sampler, "dispersed_starts", on_two_sides)
 
 
-def test_two_basins_are_sampled_where_a_move_crosses(tmp_path, capsys, monkeypatch):
+def test_two_modes_are_sampled_where_a_move_crosses(tmp_path, capsys, monkeypatch):
     with_a_wall(monkeypatch)
     code, convergence, _ = sample(tmp_path / "run", capsys, most=2048)
     assert code == 0 and convergence["state"] == "reliable", convergence
 
 
-def test_ensembles_that_stay_in_their_basins_make_a_run_unusable(tmp_path, capsys, monkeypatch):
+def test_ensembles_that_stay_at_their_modes_make_a_run_unusable(tmp_path, capsys, monkeypatch):
     """Without the move that crosses: each ensemble alone looks converged."""
     with_a_wall(monkeypatch)
     monkeypatch.setattr(Ensembles, "set_share", lambda self, share: None)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from biaxbayes.errors import InputError
-from biaxbayes.inference.priors import Prior
-from biaxbayes.inference.study_file import DEFAULT_OPTIONS, read_study, study_of_files
+from biaxbayes.model.priors import Prior
+from biaxbayes.studies.study_file import DEFAULT_OPTIONS, read_study, study_of_files
 
 WHOLE = """
 name = "three"

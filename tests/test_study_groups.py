@@ -7,7 +7,7 @@ import math
 import pandas as pd
 import pytest
 
-from biaxbayes.findings.study_groups import group_summaries, layer_contrasts
+from biaxbayes.studies.groups import group_summaries, layer_contrasts
 
 
 def rows(*cells):

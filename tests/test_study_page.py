@@ -14,10 +14,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import browser
-from biaxbayes.output.figures.study import study_figure
-from biaxbayes.output.study_files import write_study
-from biaxbayes.output.study_result import StudyResult, donor_groups
-from biaxbayes.output.study_rows import COLUMNS
+from biaxbayes.figures.compare import study_figure
+from biaxbayes.jobs.batch import write_study
+from biaxbayes.studies.result import COLUMNS, StudyResult, donor_groups
 
 LAYERS = ("intima", "media", "<b>adventitia</b>")
 QUANTITIES = {

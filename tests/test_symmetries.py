@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.priors import Prior
-from biaxbayes.mechanics.goh import GOH
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Prior
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
 POINTS = 12

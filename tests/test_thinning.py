@@ -9,11 +9,13 @@ import pandas as pd
 import pytest
 
 from biaxbayes.errors import InputError
-from biaxbayes.findings.curves import Curves
-from biaxbayes.inference.convergence import effective_sample_size
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.sampler import Plan, draw
-from biaxbayes.mechanics.goh import GOH
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.curves import Curves
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.sampling.convergence import effective_sample_size
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.thinning import rows_to_keep, thinned_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
@@ -92,7 +94,7 @@ def test_likelihood_is_that_of_all_rows(growth):
 
 
 def test_pointwise_likelihood_adds_up_to_the_compiled_one():
-    posterior = Posterior(long_specimen(), thin=50)
+    posterior = prepare(long_specimen(), thin=50)
     u = np.array([posterior.coordinates(start(posterior))[0]])
     natural = posterior.natural(u)
     curves = Curves.of(posterior)
@@ -103,7 +105,7 @@ def test_pointwise_likelihood_adds_up_to_the_compiled_one():
 
 
 def start(posterior: Posterior) -> dict[str, float]:
-    fit = posterior.start
+    fit = posterior.fit
     m = fit.material
     return {
         "C1": m.C1_kPa,
@@ -119,10 +121,10 @@ def start(posterior: Posterior) -> dict[str, float]:
 
 def test_automatic_only_where_it_is_long_and_noise_is_effective():
     long, short = long_specimen(), long_specimen(increments=150)
-    assert Posterior(long).settings.thin == 100
+    assert prepare(long).settings.thin == 100
     assert Posterior(long, noise="independent").settings.thin == 0
-    assert Posterior(short).settings.thin == 0
-    assert Posterior(long, thin="none").settings.thin == 0
+    assert prepare(short).settings.thin == 0
+    assert prepare(long, thin="none").settings.thin == 0
 
 
 @pytest.mark.parametrize("thin", [3, "some", -5])
@@ -133,7 +135,7 @@ def test_other_numbers_are_refused(thin):
 
 def test_mounting_reading_and_weight_do_not_change():
     data = long_specimen()
-    full, thin = Posterior(data, thin="none"), Posterior(data)
+    full, thin = prepare(data, thin="none"), prepare(data)
     assert thin.beta == full.beta
     assert np.array_equal(thin._assembly.problem.reading_sd, full._assembly.problem.reading_sd)
 
@@ -154,7 +156,7 @@ def test_growing_noise_is_worth_what_its_own_residuals_say():
         )
         for p in data.protocols
     )
-    posterior = Posterior(replace(data, protocols=protocols), noise_growth=True)
+    posterior = prepare(replace(data, protocols=protocols), noise_growth=True)
     assert posterior.beta > 0.6
 
 
@@ -166,7 +168,9 @@ def test_real_tissue_thinned_or_not():
     if not folder:
         pytest.skip("BIAXBAYES_REAL is not set")
     data = aorta(Path(folder) / "aorta-tbad")
-    found = [draw(Posterior(data, thin=t), Plan(ess=4000, workers=1)) for t in ("none", "auto")]
+    found = [
+        draw_posterior(prepare(data, thin=t), Plan(ess=4000, workers=1)) for t in ("none", "auto")
+    ]
     for name, all_rows in found[0].quantities.items():
         if name in ("lp", "log_likelihood"):
             continue

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from biaxbayes.mechanics.goh import GOH
-from biaxbayes.mechanics.materials import MATERIALS
+from biaxbayes.laws.goh import GOH
+from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import mounted_state
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from biaxbayes.specimens.virtual_specimen import (

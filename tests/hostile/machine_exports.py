@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes import GOH
-from biaxbayes.mechanics.virtual import virtual_test
+from biaxbayes.mechanics.virtual_test import virtual_test
 
 MEDIA = GOH(C1_kPa=14.0, k1_kPa=140.0, k2=11.9, alpha_deg=38.4, kappa=0.21)
 EDGE_MM, THICKNESS_MM = 10.0, 1.2

@@ -29,13 +29,13 @@ import numpy as np
 import biaxbayes
 from biaxbayes import read_specimen
 from biaxbayes.cli import main
-from biaxbayes.commands.run_state import open_usable_run, uses_fibre_switch
+from biaxbayes.cli.progress import open_usable_run
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.inference import checkpoint
-from biaxbayes.inference.posterior import Posterior
-from biaxbayes.inference.sampler import Plan
-from biaxbayes.output.run import open_run
-from biaxbayes.output.sampling import Sampling
+from biaxbayes.jobs.sample import Sampling
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.runs import checkpoint
+from biaxbayes.runs.run import open_run
+from biaxbayes.sampling.sampler import Plan
 from hostile import machine_exports, priors_files, specimen_files
 from hostile.mutations import TOKENS, as_toml, mutated_bytes, mutated_table
 
@@ -84,9 +84,9 @@ def finished_run(folder: Path) -> Bases:
     """A small run to damage, without figures."""
     specimen = Path(__file__).parents[2] / "data" / "donor2-adventitia.csv"
     with (
-        mock.patch("biaxbayes.output.run_products.write_products", lambda *a: None),
-        mock.patch("biaxbayes.output.report.page.write_report", lambda *a: None),
-        mock.patch("biaxbayes.output.sampling.Plan", partial(Plan, walkers=32, first_block=16)),
+        mock.patch("biaxbayes.jobs.products.write_products", lambda *a: None),
+        mock.patch("biaxbayes.reports.page.write_report", lambda *a: None),
+        mock.patch("biaxbayes.jobs.sample.Plan", partial(Plan, walkers=32, first_block=16)),
     ):
         biaxbayes.sample(specimen, out=folder / "run", ess=500)
     return Bases(folder / "run")
@@ -242,7 +242,7 @@ def priors_file(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tal
 
 
 def study_file(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) -> None:
-    from biaxbayes.inference.study_file import read_study
+    from biaxbayes.studies.study_file import read_study
 
     for name in ("specimen.csv", "other.csv"):
         (folder / name).write_text(specimen_files.GOOD)
@@ -331,7 +331,7 @@ def opened(run: Path) -> tuple[int, str]:
     try:
         it = open_run(run)
         it.specimen, it.summary, it.draws, it.chains, it.fit
-        uses_fibre_switch(open_usable_run(run, anyway=True))
+        assert open_usable_run(run, anyway=True).law.names
         it.posterior()
     except BiaxbayesError as refusal:
         return 2, f"biaxbayes: {refusal}\n"
@@ -377,7 +377,7 @@ STRETCHES = b"# a path\nstretch_x,stretch_y\n1,1\n1.05,1.02\n1.1,1.05\n"
 
 
 def stretch_path(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) -> None:
-    from biaxbayes.specimens.stretch_file import read_stretches
+    from biaxbayes.specimens.table import read_stretches
 
     path = folder / "path.csv"
     path.write_bytes(mutated_bytes(rng, STRETCHES))

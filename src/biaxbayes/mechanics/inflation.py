@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.mechanics.goh import cauchy_stress, piola_stress
+from biaxbayes.laws.law import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 
 __all__ = [
@@ -93,28 +93,17 @@ class Tube:
 
 
 def inflation_pressure(
-    C1,
-    k1,
-    k2,
-    alpha,
-    kappa,
-    tube: Tube,
-    circumferential_stretch,
-    *,
-    fibre_switch=False,
-    piola_offset_kPa=0.0,
+    material: MaterialResponse, tube: Tube, circumferential_stretch, *, piola_offset_kPa=0.0
 ) -> Any:
     """Pressure that holds the tube at a circumferential stretch.
 
     Parameters
     ----------
-    C1, k1, k2, alpha, kappa : array_like
-        GOH parameters; kPa and radians, as in :func:`biaxbayes.mechanics.goh.strain_energy`.
+    material : Material
+        One, or one a draw.
     tube : Tube
     circumferential_stretch : array_like
-        Total stretch of the mid surface; broadcasts with the parameters.
-    fibre_switch : bool
-        Fibres carry no compression.
+        Total stretch of the mid surface; broadcasts with the material.
     piola_offset_kPa : array_like
         Added to the circumferential first Piola-Kirchhoff stress: the misfit of a new specimen.
 
@@ -124,7 +113,7 @@ def inflation_pressure(
         Pressure in kPa.
     """
     stretch_x, stretch_y = tube.stretches(circumferential_stretch)
-    Px, Py = piola_stress(C1, k1, k2, alpha, kappa, stretch_x, stretch_y, fibre_switch=fibre_switch)
+    Px, Py = material.piola(stretch_x, stretch_y)
     hoop = Px if tube.circumferential == "x" else Py
     # p = P_t H / (R lt la)
     return (
@@ -134,16 +123,12 @@ def inflation_pressure(
     )
 
 
-def inflation_axial_force(
-    C1, k1, k2, alpha, kappa, tube: Tube, circumferential_stretch, *, fibre_switch=False
-) -> Any:
+def inflation_axial_force(material: MaterialResponse, tube: Tube, circumferential_stretch) -> Any:
     """Reduced axial force of the closed tube in mN (kPa mm^2); arguments as for the pressure."""
     stretch_x, stretch_y = tube.stretches(circumferential_stretch)
-    s = cauchy_stress(C1, k1, k2, alpha, kappa, stretch_x, stretch_y, fibre_switch=fibre_switch)
+    s = material.cauchy(stretch_x, stretch_y)
     axial = s[1] if tube.circumferential == "x" else s[0]
-    p = inflation_pressure(
-        C1, k1, k2, alpha, kappa, tube, circumferential_stretch, fibre_switch=fibre_switch
-    )
+    p = inflation_pressure(material, tube, circumferential_stretch)
     R, H = tube.mid_radius_mm, tube.thickness_mm
     # f = 2 pi r h s_a - pi r^2 p,  r h = R H / la
     return (
@@ -153,25 +138,16 @@ def inflation_axial_force(
 
 
 def inflation_stretch(
-    C1,
-    k1,
-    k2,
-    alpha,
-    kappa,
-    tube: Tube,
-    pressure_kPa,
-    *,
-    fibre_switch=False,
-    piola_offset_kPa=0.0,
+    material: MaterialResponse, tube: Tube, pressure_kPa, *, piola_offset_kPa=0.0
 ) -> np.ndarray:
     """Circumferential stretch at a pressure: the first state met from the unpressurised one.
 
     Parameters
     ----------
-    C1, k1, k2, alpha, kappa : array_like, shape (n,) or scalar
+    material : Material
+        One, or one a draw: its values have shape (n, 1).
     tube : Tube
     pressure_kPa : array_like, shape (m,)
-    fibre_switch : bool
     piola_offset_kPa : array_like, shape (n,) or scalar
 
     Returns
@@ -179,18 +155,12 @@ def inflation_stretch(
     ndarray, shape (n, m)
         NaN where no equilibrium lies inside the bracket of stretches 0.5 to 2.
     """
-    columns = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(v, dtype=float)) for v in (C1, k1, k2, alpha, kappa)),
-        np.atleast_1d(np.asarray(piola_offset_kPa, dtype=float)),
-    )
-    a, b, c, d, e, offset = (column[:, None] for column in columns)
+    offset = np.atleast_1d(np.asarray(piola_offset_kPa, dtype=float))[:, None]
     target = np.atleast_1d(np.asarray(pressure_kPa, dtype=float))
 
     def pressure(stretch: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore", invalid="ignore"):
-            p = inflation_pressure(
-                a, b, c, d, e, tube, stretch, fibre_switch=fibre_switch, piola_offset_kPa=offset
-            )
+            p = inflation_pressure(material, tube, stretch, piola_offset_kPa=offset)
         # Beyond the range of the exponential the wall is rigid, inwards as outwards.
         return np.where(np.isfinite(p), p, np.where(stretch > 1.0, np.inf, -np.inf))
 

@@ -17,17 +17,17 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from biaxbayes.mechanics.goh import (
-    GOH,
-    cauchy_stress_by_parameter,
-    fibre_factor,
-    fibre_factor_slope,
-    fibre_strain,
-    stress_component,
-    stress_jacobian,
+from biaxbayes.laws.law import (
+    MaterialResponse,
+    cauchy_components,
+    derivatives,
+    exponentials,
+    exponents,
+    log_stretch_jacobian,
+    second_derivatives,
 )
 
-__all__ = ["BRACKET", "MountedState", "mounted_state"]
+__all__ = ["BRACKET", "MountedState", "balance", "mounted_state", "solve_balance"]
 
 BRACKET = (0.5, 2.0)
 """Mounting stretches are looked for between these; outside there is no root."""
@@ -39,18 +39,16 @@ TOLERANCE = 1e-13  # of the log stretch; Newton's last step is quadratically sma
 
 
 @register_jitable
-def balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted, x, y):
+def balance(constants, px, py, mounted, x, y):
     """Residual (2) and Jacobian (3) of the force balance at log stretches (x, y)."""
     lx, ly = np.exp(x), np.exp(y)
-    ax, ay = lx * lx, ly * ly
-    az = 1.0 / (ax * ay)
-    E = fibre_strain(Hx, Hy, Hz, ax, ay, az)
-    growth = np.exp(k2 * E * E)
-    e = fibre_factor(k1, E, growth, fibre_switch)
-    slope = fibre_factor_slope(k1, k2, E, growth, fibre_switch)
-    jxx, jxy, jyy = stress_jacobian(C1, Hx, Hy, Hz, e, slope, ax, ay, az)
-    rx = stress_component(C1, Hx, Hz, e, ax, az)
-    ry = stress_component(C1, Hy, Hz, e, ay, az)
+    X, Y = lx * lx, ly * ly
+    Z = 1.0 / (X * Y)
+    g = exponentials(exponents(constants, X, Y, Z))
+    A, B, C = derivatives(constants, X, Y, Z, g)
+    second = second_derivatives(constants, X, Y, Z, g)
+    jxx, jxy, jyy = log_stretch_jacobian(X, Y, Z, A, B, C, second)
+    rx, ry = cauchy_components(X, Y, Z, A, B, C)
     if mounted:
         return rx - px, ry - py, jxx, jxy, jyy
     # d(p0 lm)/d ln lm = p0 lm
@@ -58,8 +56,17 @@ def balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted, x, y):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def solve_balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted):
+def solve_balance(constants, px, py, mounted):
     """Newton's method from the unloaded state.
+
+    Parameters
+    ----------
+    constants : NamedTuple
+        Of the law; numbers.
+    px, py : float
+        Mounting force over the section, kPa.
+    mounted : bool
+        Whether the section is that of the mounted state.
 
     Returns
     -------
@@ -72,7 +79,7 @@ def solve_balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted):
     """
     x = y = 0.0
     for _ in range(MAX_STEPS):
-        rx, ry, jxx, jxy, jyy = balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted, x, y)
+        rx, ry, jxx, jxy, jyy = balance(constants, px, py, mounted, x, y)
         det = jxx * jyy - jxy * jxy
         if not (np.isfinite(det) and np.isfinite(rx) and np.isfinite(ry)):
             return False, x, y, jxx, jxy, jyy
@@ -93,9 +100,7 @@ def solve_balance(C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted):
             return False, x, y, jxx, jxy, jyy
         if size < 1e-7:
             # The error of the next step is below size^2: one more Jacobian and done.
-            rx, ry, jxx, jxy, jyy = balance(
-                C1, k1, k2, Hx, Hy, Hz, fibre_switch, px, py, mounted, x, y
-            )
+            rx, ry, jxx, jxy, jyy = balance(constants, px, py, mounted, x, y)
             det = jxx * jyy - jxy * jxy
             stable = det > 0.0 and jxx > 0.0 and np.isfinite(det)
             return stable, x, y, jxx, jxy, jyy
@@ -112,8 +117,8 @@ class MountedState:
         False when no stable root exists inside :data:`BRACKET`; the rest is then NaN.
     stretch : ndarray, shape (2,)
         Mounting stretches (lm_x, lm_y).
-    by_parameter : ndarray, shape (2, 5)
-        d lm / d (C1, k1, k2, alpha, kappa), alpha in radians.
+    by_parameter : ndarray, shape (2, p)
+        d lm / d theta by the parameters of the law, angles in radians.
     by_reading : ndarray, shape (2, 2)
         d lm / d p0, per kPa.
     log_determinant : float
@@ -128,13 +133,17 @@ class MountedState:
 
 
 def mounted_state(
-    material: GOH, reading_x_kPa: float, reading_y_kPa: float, *, geometry: str = "unloaded"
+    material: MaterialResponse,
+    reading_x_kPa: float,
+    reading_y_kPa: float,
+    *,
+    geometry: str = "unloaded",
 ) -> MountedState:
     """Mounting stretches that balance a mounting force.
 
     Parameters
     ----------
-    material : GOH
+    material : Material
     reading_x_kPa, reading_y_kPa : float
         Mounting force over the section in the stated geometry: a first Piola-Kirchhoff stress
         for ``unloaded``, a Cauchy stress for ``mounted`` dimensions.
@@ -146,20 +155,15 @@ def mounted_state(
     MountedState
     """
     mounted = geometry == "mounted"
-    C1, k1, k2, alpha, kappa = material.theta
-    H = material.structure_tensor()
     ok, x, y, jxx, jxy, jyy = solve_balance(
-        C1, k1, k2, *H, float(material.fibre_switch), reading_x_kPa, reading_y_kPa, mounted
+        material.constants, reading_x_kPa, reading_y_kPa, mounted
     )
     if not ok:
-        return MountedState(
-            False, np.full(2, np.nan), np.full((2, 5), np.nan), np.full((2, 2), np.nan), np.nan
-        )
+        nowhere = np.full((2, len(material.theta)), np.nan)
+        return MountedState(False, np.full(2, np.nan), nowhere, np.full((2, 2), np.nan), np.nan)
     lm = np.exp([x, y])
     inverse = np.array([[jyy, -jxy], [-jxy, jxx]]) / (jxx * jyy - jxy * jxy)
-    ds = cauchy_stress_by_parameter(
-        C1, k1, k2, alpha, kappa, lm[0], lm[1], fibre_switch=material.fibre_switch
-    )
+    ds = material.cauchy_by_parameter(*lm)
     # Implicit function theorem: J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
     by_parameter = lm[:, None] * (-inverse @ ds)
     load = np.eye(2) if mounted else np.diag(lm)

@@ -1,14 +1,234 @@
-"""Everything that is noticed about a specimen, as data."""
+"""Everything that is noticed about a specimen, as data, and what its curves say.
+
+Unloading, jumps, a stiff start, one direction only.
+"""
 
 from __future__ import annotations
 
-from biaxbayes.specimens.finding import Finding
-from biaxbayes.specimens.mounting_findings import mounting_findings
-from biaxbayes.specimens.path_findings import path_findings
-from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.unit_findings import unit_findings
+from itertools import pairwise
 
-__all__ = ["Finding", "check_specimen"]
+import numpy as np
+
+from biaxbayes.specimens.branches import progress, relapse
+from biaxbayes.specimens.findings import Finding, mounting_findings
+from biaxbayes.specimens.plausibility import unit_findings
+from biaxbayes.specimens.specimen import Protocol, Specimen
+
+__all__ = ["Finding", "check_specimen", "path_findings"]
+
+
+START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
+"""Shares of the load's range between which stiffnesses are compared."""
+STIFF_START = 1.5
+PROPORTIONAL = 0.01
+JUMP = 0.05
+FEW_ROWS = 8
+
+
+def path_findings(specimen: Specimen) -> list[Finding]:
+    """Findings about the loading paths.
+
+    Parameters
+    ----------
+    specimen : Specimen
+
+    Returns
+    -------
+    list of Finding
+    """
+    found = []
+    for p in specimen.protocols:
+        stretch = np.column_stack([p.stretch_x, p.stretch_y])
+        load = specimen.load(p)
+        if p.rows < FEW_ROWS:
+            found.append(
+                Finding("few-rows", "warning", f"only {p.rows} rows in this protocol", p.name)
+            )
+        found += _unloading(p, stretch, load)
+        found += _jumps(p, stretch, load)
+        found += _time(p)
+    return [
+        *found,
+        *_resampled(specimen),
+        *_stiff_start(specimen),
+        *_one_direction(specimen),
+    ]
+
+
+def _unloading(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
+    back = relapse(progress(stretch, load))
+    if back is None:
+        return []
+    peak, _ = back
+    return [
+        Finding(
+            "unloading",
+            "warning",
+            f"the path turns back at row {peak + 1} of {p.rows}: unloading (or several cycles) "
+            "mixed in. An elastic model has one curve; convert with --branch loading",
+            p.name,
+        )
+    ]
+
+
+def _jumps(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
+    """Single readings beside the curve: a wrong digit, a lost marker, a line cut off."""
+    if p.rows < 12:
+        return []
+    found = []
+    curves = zip(("stretch", "stretch", "load", "load"), "xyxy", (*stretch.T, *load.T), strict=True)
+    for kind, axis, curve in curves:
+        limit = max(JUMP * float(np.ptp(curve)), 30.0 * float(np.median(np.abs(np.diff(curve, 2)))))
+        left, middle, right = curve[:-2], curve[1:-1], curve[2:]
+        beside = np.maximum(middle - np.maximum(left, right), np.minimum(left, right) - middle)
+        row = int(np.argmax(beside)) + 1
+        if beside[row - 1] <= limit:
+            # The last reading has one neighbour: compare it with the way the curve was going.
+            row = p.rows - 1
+            if abs(curve[-1] - 2.0 * curve[-2] + curve[-3]) <= 4.0 * limit:
+                continue
+        found.append(
+            Finding(
+                "jump",
+                "warning",
+                f"the {kind} in {axis} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
+                f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off",
+                p.name,
+            )
+        )
+    return found
+
+
+def _stiff_start(specimen: Specimen) -> list[Finding]:
+    """Stiffness that falls along the start, and faster than that of the matrix alone does."""
+    ratios, ends, names = [], [], []
+    for p in specimen.protocols:
+        lx, ly = p.stretch_x[p.rest_rows - 1 :], p.stretch_y[p.rest_rows - 1 :]
+        # Neo-Hookean matrix: P_x = 2 C1 (lx - lx^-3 ly^-2), concave by itself
+        matrix = np.column_stack([lx - lx**-3 * ly**-2, ly - ly**-3 * lx**-2])
+        load = specimen.load(p)[p.rest_rows - 1 :]
+        for k, axis in enumerate("xy"):
+            bins = _bins(load[:, k])
+            stiffness = [_slope(lx + ly - 2.0, load[:, k], matrix[:, k], rows) for rows in bins]
+            known = [(s, rows) for s, rows in zip(stiffness, bins, strict=True) if s is not None]
+            if stiffness[0] is None or len(known) < 2:
+                continue
+            first, error = stiffness[0]
+            (softest, other), rows = min(known[1:], key=lambda pair: pair[0])
+            enough = first - softest > 4.0 * np.hypot(error, other)
+            if enough and first > STIFF_START * softest > 0.0:
+                ratios.append(first / softest)
+                ends.append(float(load[rows, k].mean()))
+                names.append(f"{p.name} {axis}")
+    if not ratios:
+        return []
+    shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+    return [
+        Finding(
+            "stiff-start",
+            "warning",
+            f"{len(ratios)} of {2 * len(specimen.protocols)} curves are concave at their start: up "
+            f"to {max(ratios):.1f} times as stiff there as at about {np.median(ends):.2g} "
+            f"{specimen.unit} ({shown}). A GOH toe is not, and the mounting stretch is read "
+            "from it",
+        )
+    ]
+
+
+def _bins(curve: np.ndarray) -> list[slice]:
+    """Rows between shares of the load's range, by the first crossing of the smoothed curve."""
+    width = max(1, curve.size // 30)
+    smooth = np.convolve(curve, np.ones(width) / width, mode="valid")
+    low, high = float(smooth[0]), float(smooth.max())
+    if high <= low:
+        return [slice(0, 0)] * (len(START_BINS) - 1)
+    ends = [
+        int(np.argmax(smooth >= low + share * (high - low))) + width // 2 for share in START_BINS
+    ]
+    ends[0] = 0
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def _slope(
+    path: np.ndarray, curve: np.ndarray, matrix: np.ndarray, rows: slice
+) -> tuple[float, float] | None:
+    """Stiffness over some rows relative to that of a unit matrix, and its standard error."""
+    x, y, unit = path[rows], curve[rows], matrix[rows]
+    if x.size < 6 or np.ptp(x) <= 1e-6 or not np.all(np.isfinite(unit)):
+        return None
+    centred = x - x.mean()
+    square = float(centred @ centred)
+    slope = float(centred @ y) / square
+    basis = float(centred @ unit) / square
+    residual = y - y.mean() - slope * centred
+    error = float(np.sqrt(residual @ residual / (x.size - 2) / square))
+    # A path that hardly advances, or on which the matrix itself unloads, tells nothing.
+    if basis < 0.5:
+        return None
+    return slope / basis, error / basis
+
+
+def _resampled(specimen: Specimen) -> list[Finding]:
+    """Loads on an even grid: no load cell records that beside a stretch that is not."""
+    names = []
+    for p in specimen.protocols:
+        load = specimen.load(p)
+        tiny = 1e-6 * np.ptp(load, axis=0)
+        step = np.abs(np.diff(load, axis=0))[1:]
+        even = (np.abs(np.diff(load, 2, axis=0)) < tiny) & (step > tiny)
+        if p.rows >= 12 and even.mean(axis=0).min() >= 0.8:
+            names.append(p.name)
+    if not names:
+        return []
+    where = "" if len(names) == len(specimen.protocols) else f" of {', '.join(names)}"
+    return [
+        Finding(
+            "resampled",
+            "warning",
+            f"the loads{where} lie on an evenly spaced grid: the record was resampled or "
+            "smoothed, so its rows are no independent readings and its noise is gone",
+        )
+    ]
+
+
+def _time(p: Protocol) -> list[Finding]:
+    if p.time_s is None:
+        return []
+    back = np.flatnonzero(np.diff(p.time_s) < 0.0)
+    if not back.size:
+        return []
+    return [
+        Finding("time", "warning", f"time_s runs backwards at row {back[0] + 2}", p.name),
+    ]
+
+
+def _one_direction(specimen: Specimen) -> list[Finding]:
+    stretch = np.concatenate(
+        [np.column_stack([p.stretch_x, p.stretch_y]) - 1.0 for p in specimen.protocols]
+    )
+    load = np.concatenate([specimen.load(p) for p in specimen.protocols])
+    misses = []
+    for curves in (stretch, load):
+        scale = np.abs(curves).max(axis=0)
+        if scale.min() <= 0.0:
+            return []
+        # How far the two columns are from one multiple of each other: the smaller singular value.
+        values = np.linalg.svd(curves / scale, compute_uv=False)
+        misses.append(float(values[1] / values[0]))
+    if max(misses) > PROPORTIONAL:
+        return []
+    return [
+        Finding(
+            "one-direction",
+            "warning",
+            "x and y are proportional to each other within "
+            f"{100 * max(misses):.1f} %, in stretch and in load: the file holds one effective "
+            "direction; expect stiffness, fibre angle and dispersion to trade with each other",
+        )
+    ]
+
+
+# --- everything that is noticed ------------------------------------------------------------------
 
 
 def check_specimen(specimen: Specimen) -> tuple[Finding, ...]:

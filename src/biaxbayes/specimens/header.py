@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from biaxbayes.csv_tables import cells_of, number_in, one_line
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.cell import number_in, one_line
+from biaxbayes.specimens.plausibility import NUMBER_RANGES, STRETCH_RANGE
 
 __all__ = [
     "KNOWN_KEYS",
@@ -33,21 +33,6 @@ TEXT_KEYS = (
     "branch",
 )
 MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
-NUMBER_RANGES = {
-    "edge_x_mm": (0.01, 10_000.0),
-    "edge_y_mm": (0.01, 10_000.0),
-    "thickness_mm": (1e-4, 1_000.0),
-    "load_noise_N": (1e-15, 1e9),
-    "load_noise_kPa": (1e-15, 1e9),
-    "edge_sd_mm": (1e-9, 1_000.0),
-    "thickness_sd_mm": (1e-9, 1_000.0),
-    "load_offset_sd_N": (1e-15, 1e9),
-    "load_offset_sd_kPa": (1e-15, 1e9),
-    "stress_limit_kPa": (1.0, 1e9),
-    "largest_shear": (0.0, 10.0),
-    "largest_shear_angle_deg": (0.0, 90.0),
-}
-"""Numbers, and the range outside of which the unit or the value must be wrong."""
 METADATA_KEYS = (
     "donor",
     *MEASURED_STRETCH_KEYS,
@@ -128,7 +113,7 @@ def _as_written(line: str) -> str:
     """A header line as it was before a spreadsheet quoted it and padded it with separators."""
     stripped = line.strip()
     if stripped.startswith('"#'):
-        stripped = next(csv.reader([stripped]))[0].strip()
+        stripped = cells_of(stripped)[0].strip()
     return stripped.rstrip(",").rstrip() if stripped.endswith(",,") else stripped
 
 
@@ -226,7 +211,8 @@ def measured_stretch(text: str, path: object = None, row: int | None = None) -> 
         mean, sd = (number_in(part) for part in parts)
     except ValueError:
         mean = sd = 0.0
-    if not (0.2 < mean < 5.0 and 0.0 < sd < 5.0):
+    low, high = STRETCH_RANGE
+    if not (low < mean < high and 0.0 < sd < high):
         raise InputError(
             f"a mounting stretch known from an image reads like '1.03 +- 0.01', not {text[:40]!r}",
             file=path,

@@ -2,33 +2,136 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from biaxbayes.csv_tables import one_line, rows_text
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.cell import one_line
-from biaxbayes.specimens.columns import STRETCHES
-from biaxbayes.specimens.consistency import check_keys, check_numbers, stress_pair_of
 from biaxbayes.specimens.header import METADATA_KEYS, Header, measured_stretch, read_header
-from biaxbayes.specimens.plausibility import STRESS_LIMIT_KPA
-from biaxbayes.specimens.protocol import Protocol, referenced_protocol, rest_rows
-from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
-from biaxbayes.specimens.table import Table, read_table
-from biaxbayes.specimens.text_file import atomic_write_text, read_lines
+from biaxbayes.specimens.plausibility import STRESS_LIMIT_KPA, check_load, check_stretch, check_time
+from biaxbayes.specimens.specimen import (
+    STRESS_PAIRS,
+    Protocol,
+    Specimen,
+    referenced_protocol,
+    rest_rows,
+)
+from biaxbayes.specimens.table import STRETCHES, Table, read_table
+from biaxbayes.text_files import atomic_write_text, read_lines
 
 __all__ = [
     "STRESS_LIMIT_KPA",
+    "check_keys",
+    "check_numbers",
     "measured_stretch",
     "parse_specimen",
     "read_specimen",
     "specimen_text",
+    "stress_pair_of",
     "write_specimen",
 ]
+
+
+# --- whether header and table belong together ----------------------------------------------------
+
+
+SECTION_EDGES = ("edge_y_mm", "edge_x_mm")
+"""The force in x acts on edge_y x thickness."""
+
+
+def stress_pair_of(table: Table, path: Path) -> str:
+    """The one stress pair of a table, with both its columns."""
+    present = [
+        pair for pair, columns in STRESS_PAIRS.items() if any(c in table.columns for c in columns)
+    ]
+    row = table.names_line
+    if not present:
+        raise InputError(
+            "no stress pair",
+            file=path,
+            row=row,
+            remedy="give force_x_N and force_y_N, or piola_x_kPa and piola_y_kPa, "
+            "or cauchy_x_kPa and cauchy_y_kPa",
+        )
+    if len(present) > 1:
+        raise InputError(
+            f"more than one stress pair ({', '.join(present)})",
+            file=path,
+            row=row,
+            remedy="keep the one that was measured",
+        )
+    for column in STRESS_PAIRS[present[0]]:
+        if column not in table.columns:
+            raise InputError(
+                "missing column", file=path, row=row, column=column, remedy="give both directions"
+            )
+    return present[0]
+
+
+def check_keys(header: Header, stress_pair: str, path: Path) -> None:
+    """Refuse a force file without dimensions, and noise in the unit of another pair."""
+    if stress_pair == "force":
+        for key in ("edge_x_mm", "edge_y_mm", "thickness_mm", "geometry"):
+            if key not in header:
+                raise InputError(
+                    f"a force file must state {key}",
+                    file=path,
+                    remedy=f"add a line '# {key}: ...' at the top",
+                )
+    wrong, right = ("kPa", "N") if stress_pair == "force" else ("N", "kPa")
+    for key in (f"load_noise_{wrong}", f"load_offset_sd_{wrong}"):
+        if key in header:
+            raise InputError(
+                f"{key} does not fit the file's columns",
+                file=path,
+                row=header.rows[key],
+                remedy=f"give it in {right}",
+            )
+
+
+def check_numbers(table: Table, header: Header, stress_pair: str, path: Path) -> None:
+    """Refuse numbers that cannot be what their column and the header say."""
+    for column in STRETCHES:
+        check_stretch(table.columns[column], table.lines, column, path)
+        if np.ptp(table.columns[column]) == 0.0:
+            raise InputError(
+                "the stretch never changes",
+                file=path,
+                row=int(table.lines[0]),
+                column=column,
+                remedy="at least one protocol has to stretch this direction",
+            )
+    if "time_s" in table.columns:
+        check_time(table.columns["time_s"], table.lines, "time_s", path)
+    peak = 0.0
+    for column, edge in zip(STRESS_PAIRS[stress_pair], SECTION_EDGES, strict=True):
+        section = None
+        if stress_pair == "force":
+            section = float(header.values[edge]) * float(header.values["thickness_mm"])
+        check_load(
+            table.columns[column],
+            table.lines,
+            column,
+            path,
+            section_mm2=section,
+            limit_kPa=header.number("stress_limit_kPa"),
+        )
+        peak = max(peak, float(np.abs(table.columns[column]).max()))
+    key = "load_noise_N" if stress_pair == "force" else "load_noise_kPa"
+    noise = header.number(key)
+    if noise is not None and noise > peak:
+        raise InputError(
+            f"{key} of {noise:g} exceeds every load in the file (at most {peak:.4g})",
+            file=path,
+            row=header.rows[key],
+            remedy=f"give the standard deviation of one reading in {key.rsplit('_', 1)[1]}",
+        )
+
+
+# --- reading and writing -------------------------------------------------------------------------
 
 
 def read_specimen(path: str | os.PathLike) -> Specimen:
@@ -127,13 +230,12 @@ def specimen_text(specimen: Specimen) -> str:
     stated = [p.rest_rows for p in specimen.protocols]
     if stated != [rest_rows(p.stretch_x, p.stretch_y) for p in specimen.protocols]:
         keys["rest_rows"] = ", ".join(map(str, stated))
-    out = io.StringIO()
+    lines = []
     for key, value in keys.items():
         if value is not None and value != "":
             text = repr(float(value)) if isinstance(value, float) else one_line(str(value))
-            out.write(f"# {key}: {text}\n")
-    _write_table(specimen, out)
-    return out.getvalue()
+            lines.append(f"# {key}: {text}\n")
+    return "".join(lines) + rows_text(_rows(specimen))
 
 
 def _check_writable(specimen: Specimen) -> None:
@@ -152,23 +254,21 @@ def _check_writable(specimen: Specimen) -> None:
             )
 
 
-def _write_table(specimen: Specimen, out: io.StringIO) -> None:
+def _rows(specimen: Specimen) -> Iterator[Sequence]:
+    """Column names, and the rows of all protocols."""
     named = len(specimen.protocols) > 1 or specimen.protocols[0].name != "1"
     timed = specimen.protocols[0].time_s is not None
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow(
-        [
-            *(["protocol"] if named else []),
-            *(["time_s"] if timed else []),
-            *STRETCHES,
-            *STRESS_PAIRS[specimen.stress_pair],
-        ]
-    )
+    yield [
+        *(["protocol"] if named else []),
+        *(["time_s"] if timed else []),
+        *STRETCHES,
+        *STRESS_PAIRS[specimen.stress_pair],
+    ]
     for p in specimen.protocols:
         columns: list[Sequence] = [[one_line(p.name)] * p.rows] if named else []
         curves = (p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         columns += [curve.tolist() for curve in curves if curve is not None]
-        table.writerows(zip(*columns, strict=True))
+        yield from zip(*columns, strict=True)
 
 
 def _protocols(

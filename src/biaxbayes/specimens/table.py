@@ -1,8 +1,9 @@
-"""The table of a specimen file: named columns of numbers, each row with its line."""
+"""Tables in a specimen's terms: the columns of a specimen file, and paths of stretches."""
 
 from __future__ import annotations
 
-import csv
+import difflib
+import os
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,11 +12,117 @@ from pathlib import Path
 
 import numpy as np
 
+from biaxbayes.csv_tables import bad_cell, cells_of, number_in, one_line, rows_of
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.cell import fault_of, number_in, one_line
-from biaxbayes.specimens.columns import column_names
+from biaxbayes.specimens.plausibility import STRETCH_RANGE, STRETCH_REMEDY
+from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.text_files import read_lines
 
-__all__ = ["Table", "read_table"]
+__all__ = [
+    "KNOWN_COLUMNS",
+    "STRETCHES",
+    "Table",
+    "column_names",
+    "read_stretches",
+    "read_table",
+]
+
+
+# --- which column names are known, and what a wrong line of them means ---------------------------
+
+
+STRETCHES = ("stretch_x", "stretch_y")
+KNOWN_COLUMNS = (
+    *STRETCHES,
+    "protocol",
+    "time_s",
+    *(name for pair in STRESS_PAIRS.values() for name in pair),
+)
+MAX_COLUMNS = 50
+
+
+def column_names(line: str, row: int, path: Path) -> list[str]:
+    """Names of the columns, each known and there once, both stretches among them.
+
+    Parameters
+    ----------
+    line : str
+        The first line below the header.
+    row : int
+        Its number, from 1.
+    path : Path
+        For messages.
+
+    Raises
+    ------
+    InputError
+    """
+    names = [name.strip() for name in cells_of(line)]
+    while names and not names[-1]:
+        names.pop()  # separators at the end of the line
+    _check_separator(line, row, path)
+    if len(names) > MAX_COLUMNS or not any(name in KNOWN_COLUMNS for name in names):
+        shown = line.strip()[:60]
+        found = f" ({len(names)} columns)" if len(names) > MAX_COLUMNS else ""
+        raise InputError(
+            f"not a specimen CSV: the first line after the header reads {shown!r}{found}",
+            file=path,
+            row=row,
+            remedy="expected comma-separated column names such as "
+            "stretch_x,stretch_y,force_x_N,force_y_N ('biaxbayes convert' reads machine exports)",
+        )
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                "column appears twice", file=path, row=row, column=name[:60], remedy="keep one"
+            )
+        if name not in KNOWN_COLUMNS:
+            raise _unknown_column(name, row, path)
+    for name in STRETCHES:
+        if name not in names:
+            raise InputError(
+                "missing column",
+                file=path,
+                row=row,
+                column=name,
+                remedy="stretches are relative to the mounted state",
+            )
+    return names
+
+
+def _check_separator(line: str, row: int, path: Path) -> None:
+    for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+        if any(part.strip().strip('"') in KNOWN_COLUMNS for part in line.split(separator)[1:]):
+            raise InputError(
+                f"the columns are separated by {word}",
+                file=path,
+                row=row,
+                remedy="save it with commas and decimal points, "
+                "or use 'biaxbayes convert --machine generic'",
+            )
+
+
+def _unknown_column(name: str, row: int, path: Path) -> InputError:
+    if not name:
+        return InputError(
+            "a column without a name",
+            file=path,
+            row=row,
+            remedy="write the table without row names or indices",
+        )
+    close = difflib.get_close_matches(name[:60], KNOWN_COLUMNS, n=1, cutoff=0.75)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return InputError(
+        "unknown column",
+        file=path,
+        row=row,
+        column=name[:60],
+        remedy=f"{hint}known columns are {', '.join(KNOWN_COLUMNS)}",
+    )
+
+
+# --- the table of a specimen file: named columns of numbers, each row with its line --------------
+
 
 MAX_PROTOCOLS = 1_000
 
@@ -91,10 +198,7 @@ def read_table(lines: Sequence[str], first: int, path: Path) -> Table:
     line_of = np.frombuffer(cells.lines, dtype=np.int64)
     if not np.isfinite(matrix).all():
         row, column = np.argwhere(~np.isfinite(matrix))[0]
-        problem, remedy = fault_of(f"{matrix[row, column]:g}")
-        raise InputError(
-            problem, file=path, row=int(line_of[row]), column=numeric[column], remedy=remedy
-        )
+        raise bad_cell(f"{matrix[row, column]:g}", path, int(line_of[row]), numeric[column])
     return Table(
         columns=dict(zip(numeric, np.ascontiguousarray(matrix.T), strict=True)),
         lines=line_of,
@@ -111,34 +215,21 @@ def _read_cells(lines: Sequence[str], first: int, names: list[str], path: Path) 
     # float() takes '1_000' for a number; look closely only where an underscore occurs.
     plain = not any("_" in line for line in islice(lines, first + 1, None))
     out = _Cells()
-    row = first + 1
-    reader = csv.reader(islice(lines, first + 1, None), skipinitialspace=True)
-    try:
-        for cells in reader:
-            if first + 1 + reader.line_num > row + 1:
-                raise csv.Error("a quotation mark is not closed")
-            row += 1
-            if len(cells) != len(names) or not any(cells):
-                if not any(cell.strip() for cell in cells):
-                    continue  # a blank line
-                cells = _trimmed(cells, names, row, path)
-            if labelled is not None:
-                label = cells.pop(labelled)
-                out.codes.append(out.labels.setdefault(label, len(out.labels)))
-            try:
-                if not plain and "_" in "".join(cells):
-                    raise ValueError
-                out.numbers.extend(map(float, cells))
-            except ValueError:
-                raise _bad_cell(cells, numeric, row, path) from None
-            out.lines.append(row)
-    except csv.Error as error:
-        raise InputError(
-            f"not a row of a CSV: {error}",
-            file=path,
-            row=row + 1,
-            remedy="look for a stray quotation mark",
-        ) from None
+    for row, cells in rows_of(lines, path, first=first + 1):
+        if len(cells) != len(names) or not any(cells):
+            if not any(cell.strip() for cell in cells):
+                continue  # a blank line
+            cells = _trimmed(cells, names, row, path)
+        if labelled is not None:
+            label = cells.pop(labelled)
+            out.codes.append(out.labels.setdefault(label, len(out.labels)))
+        try:
+            if not plain and "_" in "".join(cells):
+                raise ValueError
+            out.numbers.extend(map(float, cells))
+        except ValueError:
+            raise _first_bad_cell(cells, numeric, row, path) from None
+        out.lines.append(row)
     return out
 
 
@@ -170,13 +261,12 @@ def _trimmed(cells: list[str], names: list[str], row: int, path: Path) -> list[s
     )
 
 
-def _bad_cell(cells: list[str], numeric: list[str], row: int, path: Path) -> InputError:
+def _first_bad_cell(cells: list[str], numeric: list[str], row: int, path: Path) -> InputError:
     for name, cell in zip(numeric, cells, strict=True):
         try:
             number_in(cell)
         except ValueError:
-            problem, remedy = fault_of(cell)
-            return InputError(problem, file=path, row=row, column=name, remedy=remedy)
+            return bad_cell(cell, path, row, name)
     return InputError("a cell is not a number", file=path, row=row)
 
 
@@ -221,3 +311,66 @@ def _groups(
             )
         groups[name] = slice(int(start), int(end))
     return tuple(groups.items())
+
+
+# --- a path of stretches on which to predict -----------------------------------------------------
+
+
+def read_stretches(path: str | os.PathLike) -> np.ndarray:
+    """Read the columns stretch_x and stretch_y; others and lines that start with # are passed over.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+
+    Raises
+    ------
+    InputError
+        With file, row, column and remedy.
+    """
+    path = Path(path)
+    lines = ["" if line.lstrip().startswith("#") else line for line in read_lines(path)]
+    rows = ((row, cells) for row, cells in rows_of(lines, path) if "".join(cells).strip())
+    at_names, names = next(rows, (0, []))
+    if not names:
+        raise InputError("has no rows", file=path, remedy="give stretch_x,stretch_y and numbers")
+    names = [cell.strip() for cell in names]
+    for column in STRETCHES:
+        if names.count(column) != 1:
+            raise InputError(
+                "missing column" if column not in names else "column appears twice",
+                file=path,
+                row=at_names,
+                column=column,
+                remedy="name the columns stretch_x,stretch_y",
+            )
+    stretches = []
+    for row, cells in rows:
+        if len(cells) != len(names):
+            raise InputError(
+                f"{len(cells)} cells where the header names {len(names)}", file=path, row=row
+            )
+        stretches.append([_stretch(cells[names.index(c)], path, row, c) for c in STRETCHES])
+    if not stretches:
+        raise InputError("has no rows", file=path, remedy="give one state of stretch a row")
+    return np.array(stretches)
+
+
+def _stretch(cell: str, path: Path, row: int, column: str) -> float:
+    try:
+        value = number_in(cell)
+    except ValueError:
+        value = 0.0
+    if not STRETCH_RANGE[0] <= value <= STRETCH_RANGE[1]:
+        raise InputError(
+            f"{cell.strip()[:40]!r} is not a stretch",
+            file=path,
+            row=row,
+            column=column,
+            remedy=STRETCH_REMEDY,
+        )
+    return value

@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.protocol import Protocol
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen import Protocol, Specimen
 
 __all__ = ["AUTO_ABOVE", "AUTO_ROWS", "ThinnedSpecimen", "rows_to_keep", "thinned_specimen"]
 

@@ -1,0 +1,1 @@
+"""Studies behind the pages of ``docs/``; ``python scripts/study.py`` lists and runs them."""

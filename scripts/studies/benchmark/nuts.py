@@ -1,0 +1,200 @@
+"""NUTS on the same posterior, the density written once more in JAX."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
+from studies.benchmark.outcome import Outcome, judged
+from studies.benchmark.straight import Straight
+
+__all__ = ["jax_log_density", "jax_mounting_load", "nuts", "straightened", "straightened_nuts"]
+
+
+def jax_log_density(density: NaturalDensity) -> Any:
+    """Log posterior of (C1, k1, k2, alpha, kappa, lm_x, lm_y, noise sd), up to a constant.
+
+    Independent of the package's own: written from the equations, for NUTS and as a check.
+    """
+    import jax.numpy as jnp
+
+    problem, priors = density.problem, density.posterior.priors
+    squared = [jnp.asarray(v) for v in (problem.ax, problem.ay, problem.az)]
+    inverse = [jnp.asarray(v) for v in (problem.ilx, problem.ily)]
+    read = [jnp.asarray(v) for v in (problem.fx, problem.fy)]
+    rows = np.diff(problem.start)
+    beta = jnp.asarray(np.repeat(problem.beta, rows, axis=0))
+
+    def log_density(x):
+        theta, (lx, ly), w = x[:5], x[5:7], x[7]
+        lz2 = 1.0 / (lx * ly) ** 2
+        mounted = _stress(theta, lx**2, ly**2, lz2)
+        total = 0.0
+        loads = _stress(theta, lx**2 * squared[0], ly**2 * squared[1], lz2 * squared[2])
+        for k, lm in enumerate((lx, ly)):
+            section = problem.area[k] * (1.0 if problem.mounted else 1.0 / lm)
+            residual = read[k] - section * inverse[k] * loads[k]
+            total += (beta[:, k] * (-0.5 * (residual / w) ** 2 - jnp.log(w))).sum()
+            p0 = section * mounted[k]
+            total -= 0.5 * ((problem.reading[0, k] - p0) / problem.reading_sd[0, k]) ** 2
+            prior = priors[f"mounting_stretch_{'xy'[k]}"]
+            total -= 0.5 * ((lm - prior.location) / prior.scale) ** 2
+        for value, name in ((x[0], "C1"), (x[1], "k1"), (x[2], "k2"), (w, "noise_sd")):
+            prior = priors[name]
+            z = (jnp.log(value) - np.log(prior.location)) / prior.scale
+            total += -0.5 * z * z - jnp.log(value)
+        return total
+
+    return log_density
+
+
+def _stress(theta: Any, lx2: Any, ly2: Any, lz2: Any) -> tuple[Any, Any]:
+    import jax.numpy as jnp
+
+    c1, k1, k2, alpha, kappa = theta
+    t = jnp.cos(alpha) ** 2
+    hx, hy, hz = kappa + (1 - 3 * kappa) * t, kappa + (1 - 3 * kappa) * (1 - t), kappa
+    # E = H : C - 1,  s_k = 2 C1 (l_k^2 - l_z^2) + 4 k1 E exp(k2 E^2) (H_k l_k^2 - H_z l_z^2)
+    e = hx * lx2 + hy * ly2 + hz * lz2 - 1.0
+    w = 4.0 * k1 * e * jnp.exp(jnp.minimum(k2 * e * e, 300.0))
+    return (
+        2.0 * c1 * (lx2 - lz2) + w * (hx * lx2 - hz * lz2),
+        2.0 * c1 * (ly2 - lz2) + w * (hy * ly2 - hz * lz2),
+    )
+
+
+def jax_mounting_load(density: NaturalDensity) -> Any:
+    """Mounting loads (2,) of theta (5,) and mounting stretches (2,)."""
+    import jax.numpy as jnp
+
+    problem = density.problem
+
+    def load(theta, lm):
+        lz2 = 1.0 / (lm[0] * lm[1]) ** 2
+        stress = jnp.stack(_stress(theta, lm[0] ** 2, lm[1] ** 2, lz2))
+        return jnp.asarray(problem.area) * (1.0 if problem.mounted else 1.0 / lm) * stress
+
+    return load
+
+
+def nuts(density: NaturalDensity, *, warmup: int, draws: int, chains: int = 4) -> Outcome:
+    """Numpyro's NUTS with a dense mass matrix, chain after chain on one core.
+
+    Unconstrained coordinates: logs of C1, k1, k2 and the noise sd, logits of alpha and kappa
+    within their ranges.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    jax.config.update("jax_enable_x64", True)
+    target = jax_log_density(density)
+    tops = {3: 0.5 * np.pi, 4: 1.0 / 3.0}
+
+    def natural(u):
+        columns = []
+        for i in range(len(NAMES)):
+            if i in tops:
+                columns.append(tops[i] * jax.nn.sigmoid(u[..., i]))
+            elif i in (5, 6):
+                columns.append(u[..., i])
+            else:
+                columns.append(jnp.exp(u[..., i]))
+        return jnp.stack(columns, axis=-1)
+
+    def potential(u):
+        jacobian = u[0] + u[1] + u[2] + u[7]
+        for i in tops:
+            jacobian = jacobian + jax.nn.log_sigmoid(u[i]) + jax.nn.log_sigmoid(-u[i])
+        return -(target(natural(u)) + jacobian)
+
+    rng = np.random.default_rng(1)
+    starts = density.starts(chains, rng)
+    u0 = np.log(starts)
+    u0[:, 5:7] = starts[:, 5:7]
+    for i, top in tops.items():
+        u0[:, i] = np.log(starts[:, i] / (top - starts[:, i]))
+    return _run(potential, natural, u0, warmup, draws, 0.8)
+
+
+def straightened(density: NaturalDensity, draws: np.ndarray) -> Straight:
+    """Coordinates fitted to draws of ours, shape (n, 8)."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    return Straight(density, jax_mounting_load(density), draws)
+
+
+def straightened_nuts(
+    density: NaturalDensity, straight: Straight, *, warmup: int, draws: int, chains: int = 4
+) -> Outcome:
+    """NUTS in coordinates that follow the posterior (:class:`.Straight`), for agreement.
+
+    Not a rival: the coordinates are fitted to draws of ours. The chains start at standard normal
+    points of the straightened space.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    target = jax_log_density(density)
+
+    def potential(r):
+        x, log_jacobian = straight.natural(r)
+        out = target(x) + log_jacobian
+        return jnp.where(jnp.isfinite(out), -out, jnp.inf)
+
+    rng = np.random.default_rng(2)
+    r0 = np.empty((0, len(NAMES)))
+    while len(r0) < chains:
+        r = rng.standard_normal((1, len(NAMES)))
+        if np.isfinite(float(potential(r[0]))):
+            r0 = np.vstack([r0, r])
+    natural = jax.jit(jax.vmap(jax.vmap(lambda r: straight.natural(r)[0])))
+    return _run(potential, natural, r0, warmup, draws, 0.9, together=True)
+
+
+def _run(
+    potential: Any,
+    natural: Any,
+    start: np.ndarray,
+    warmup: int,
+    draws: int,
+    accept: float,
+    *,
+    together: bool = False,
+) -> Outcome:
+    """Chains one after the other, or in step with one another (quicker where a step is short)."""
+    import jax
+    import jax.numpy as jnp
+    from numpyro.infer import MCMC, NUTS
+
+    sampler = MCMC(
+        NUTS(potential_fn=potential, dense_mass=True, target_accept_prob=accept),
+        num_warmup=warmup,
+        num_samples=draws,
+        num_chains=len(start),
+        chain_method="vectorized" if together else "sequential",
+        progress_bar=False,
+    )
+    jax.block_until_ready(jax.jit(jax.value_and_grad(potential))(jnp.asarray(start[0])))
+    clock = time.perf_counter()
+    sampler.warmup(jax.random.PRNGKey(1), init_params=jnp.asarray(start), collect_warmup=False)
+    jax.block_until_ready(sampler.last_state)
+    middle = time.perf_counter()
+    sampler.run(jax.random.PRNGKey(2), extra_fields=("num_steps", "diverging"))
+    u = np.asarray(jax.block_until_ready(sampler.get_samples(group_by_chain=True)))
+    end = time.perf_counter()
+    extra = sampler.get_extra_fields()
+    chain = np.asarray(natural(jnp.asarray(u)))[:, :, None, :]
+    ess, rhat = judged(summaries(chain))
+    return Outcome(
+        ess,
+        int(np.asarray(extra["num_steps"]).sum()),
+        end - middle,
+        middle - clock,
+        rhat,
+        summaries(chain),
+        f"{int(np.asarray(extra['diverging']).sum())} divergences",
+    )

@@ -1,0 +1,167 @@
+"""Samplers on the same posterior, on one core each."""
+
+from __future__ import annotations
+
+import time
+
+import emcee
+import numpy as np
+
+from biaxbayes.model.evidence import evidence
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import charted
+from biaxbayes.model.search import draw_posterior, search
+from biaxbayes.sampling.sampler import Plan, State, ensembles_at, first_state
+from biaxbayes.sampling.target import Target
+from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
+from studies.benchmark.outcome import Outcome, judged
+
+__all__ = ["emcee_plain", "emcee_reseeded", "ours"]
+
+WALKERS = 64
+ENSEMBLES = 4
+CRITERION_ESS, CRITERION_RHAT = 2000.0, 1.01
+SEEDS = 5
+SHORT = 30.0  # seconds; plain emcee's limit up to which every seed is tried
+BLOCK, MOST_BLOCKS = 16, 200  # steps of ours between two looks, and looks
+BLOCK_OF_PLAIN, GROWTH = 50, 0.1
+"""Steps of plain emcee between two looks: so many at first, then this part of those taken."""
+JUDGED_EVERY = 10  # steps of plain emcee, whose autocorrelation times are hundreds
+
+
+def ours(posterior: Posterior, *, steps: int) -> Outcome:
+    """Our sampler: to its own criterion, then on for a rate that is not that of a short run."""
+    times = [_time_to_criterion(posterior, seed) for seed in range(SEEDS)]
+    kept: list[State] = []
+    plan = Plan(ess=CRITERION_ESS, workers=1)
+    first = draw_posterior(posterior, plan, on_block=kept.append)
+    warmup = sum(v for k, v in first.seconds.items() if k != "sampling")
+    ensembles = ensembles_at(first.target, plan, kept[-1])
+    before = ensembles.evaluations
+    clock = time.perf_counter()
+    chain, _ = ensembles.run(steps)
+    seconds = time.perf_counter() - clock
+    draws = _natural(first.target, chain)
+    ess, rhat = judged(draws)
+    told = None
+    if posterior.settings.noise == "independent":
+        integral = evidence(posterior, first)
+        told = (integral.log_evidence, integral.error)
+    return Outcome(
+        ess,
+        ensembles.evaluations - before,
+        seconds,
+        warmup,
+        rhat,
+        draws,
+        "" if first.convergence.state == "reliable" else first.convergence.reason,
+        told,
+        {
+            "to_criterion": float(np.median(times)),
+            "fastest": min(times),
+            "slowest": max(times),
+            "acceptance": ensembles.acceptance,
+        },
+    )
+
+
+def _time_to_criterion(posterior: Posterior, seed: int) -> float:
+    """From the deterministic fit to R-hat and ESS on target, the judging itself left out.
+
+    As for plain emcee below: judged by the same function after every short block.
+    """
+    posterior = charted(posterior)  # the fit is where both start
+    plan = Plan(ess=CRITERION_ESS, workers=1, seed=seed)
+    clock = time.perf_counter()
+    target, start = search(posterior, plan.search_rng(), plan.population)
+    ensembles = ensembles_at(target, plan, first_state(target, start, plan))
+    spent = time.perf_counter() - clock
+    blocks: list[dict[str, np.ndarray]] = []
+    while len(blocks) < MOST_BLOCKS:
+        clock = time.perf_counter()
+        chain, _ = ensembles.run(BLOCK)
+        blocks.append(_natural(target, chain))
+        spent += time.perf_counter() - clock
+        kept = {k: np.concatenate([b[k] for b in blocks], axis=1) for k in blocks[0]}
+        ess, rhat = judged(kept)
+        if rhat < CRITERION_RHAT and ess >= CRITERION_ESS:
+            return spent
+    return np.inf
+
+
+def _natural(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:
+    """Draws by name, angles in radians as the other samplers have them."""
+    natural = target.quantities(chain.reshape(-1, chain.shape[-1]))
+    draws = {k: v.reshape(chain.shape[:3]) for k, v in natural.items() if k in NAMES}
+    draws["alpha"] = np.deg2rad(draws["alpha"])
+    return draws
+
+
+def emcee_reseeded(density: NaturalDensity, *, limit: float) -> Outcome:
+    """:func:`emcee_plain` of one seed, its time to the criterion the median over several.
+
+    One seed is enough where it takes long and does not get there.
+    """
+    outcome = emcee_plain(density, limit=limit)
+    times = [outcome.extra["to_criterion"]]
+    if limit <= SHORT or np.isfinite(times[0]):
+        rest = range(2, SEEDS + 1)
+        times += [emcee_plain(density, limit=limit, seed=s).extra["to_criterion"] for s in rest]
+    outcome.extra |= {
+        "to_criterion": float(np.median(times)),
+        "fastest": min(times),
+        "slowest": max(times),
+        "limit": limit,
+    }
+    return outcome
+
+
+def emcee_plain(density: NaturalDensity, *, limit: float, seed: int = 1) -> Outcome:
+    """The stretch move in natural parameters, for at most so many seconds, on the same density.
+
+    Four ensembles of 64 walkers, all started around the deterministic fit; the first quarter of
+    the steps is left out. ``to_criterion`` is the time at which R-hat and ESS met the criterion
+    (infinite where they did not).
+    """
+    rng = np.random.default_rng(seed)
+    samplers = [
+        emcee.EnsembleSampler(WALKERS, len(NAMES), density, vectorize=True)
+        for _ in range(ENSEMBLES)
+    ]
+    for sampler in samplers:  # else all four would share NumPy's global stream
+        sampler._random.seed(rng.integers(2**32))
+    states = [density.starts(WALKERS, rng) for _ in samplers]
+    spent, met, block, total = 0.0, np.inf, BLOCK_OF_PLAIN, 0
+    before = density.evaluations
+    while spent < limit:
+        clock = time.perf_counter()
+        states = [
+            s.run_mcmc(x, block, skip_initial_state_check=True)
+            for s, x in zip(samplers, states, strict=True)
+        ]
+        spent += time.perf_counter() - clock
+        total += block
+        block = max(BLOCK_OF_PLAIN, int(GROWTH * total))
+        # The last block must not overrun the limit by much.
+        block = max(1, min(block, int((limit - spent) / spent * total) + 1))
+        kept = _kept(samplers, total)  # (ensembles, steps, walkers, 8)
+        ess, rhat = judged(summaries(kept))
+        if rhat < CRITERION_RHAT and ess >= CRITERION_ESS:
+            met = spent
+            break
+    share = 1.0 - total // 4 / total
+    return Outcome(
+        ess,
+        int((density.evaluations - before) * share),
+        spent * share,
+        spent * (1.0 - share),
+        rhat,
+        summaries(kept),
+        "" if np.isfinite(met) else "not converged",
+        extra={"to_criterion": met},
+    )
+
+
+def _kept(samplers: list[emcee.EnsembleSampler], total: int) -> np.ndarray:
+    first, every = total // 4, JUDGED_EVERY
+    return np.stack([s.get_chain(discard=first, thin=every) for s in samplers])

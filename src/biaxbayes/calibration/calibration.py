@@ -1,0 +1,284 @@
+"""Simulation-based calibration: whether the intervals are right on this protocol and noise.
+
+True values are drawn from a prior, readings are simulated, and the posterior of the readings is
+sampled with the same prior and the procedure that a measured specimen gets. The rank of a true
+value among its posterior draws is then uniform (Talts et al., arXiv:1804.06788), whatever the
+prior, if and only if density and sampler are right for what was ranked.
+
+Many replications of a calibration study, on any executor.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.calibration.simulated_specimen import Rules, draw_truth, simulate_specimen
+from biaxbayes.errors import InputError, NotConverged, RunError
+from biaxbayes.executors.executor import Executor, InThisProcess
+from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws.law import Law
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.priors import Prior, Tie
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.options import INFERRING, CalibrationPlan, ModelOptions
+from biaxbayes.parameters import Quantities
+from biaxbayes.sampling.sampler import Draws, Plan
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["BREAKS", "Replication", "Study", "replicate", "run_replications"]
+
+
+# --- simulation-based calibration: whether the intervals are right on this protocol and noise ----
+
+
+RANKED_DRAWS = 127
+"""Draws that a true value is ranked among; 128 possible ranks."""
+BREAKS = ("determinant", "noise")
+WRONG_SD = 1.2
+
+
+@dataclass(frozen=True)
+class Study:
+    """A calibration study; with an index, it determines a replication.
+
+    Attributes
+    ----------
+    specimen : Specimen
+        Whose protocols, dimensions and load noise are used; its loads are not.
+    options : mapping
+        Keyword arguments of :class:`Posterior`, without its priors.
+    priors : mapping
+        Of every parameter, drawn from and sampled with.
+    seed : int
+    ess : float
+        Effective draws of the worst quantity asked for.
+    max_steps, ensembles, walkers, population, first_block : int
+        As in :class:`~biaxbayes.sampling.sampler.Plan`, and smaller than there: a replication
+        needs a few hundred effective draws, not thousands.
+    broken : str
+        Empty, or one of :data:`BREAKS`, to show that the study notices: ``determinant`` leaves
+        the change of variables out of the density, ``noise`` simulates with a sd 20 % larger
+        than the true value says.
+    """
+
+    specimen: Specimen
+    options: Mapping[str, Any]
+    priors: Mapping[str, Prior | float | Tie]
+    seed: int = CalibrationPlan.seed
+    ess: float = CalibrationPlan.ess
+    max_steps: int = 2_000
+    ensembles: int = 2
+    walkers: int = 32
+    population: int = 2048
+    first_block: int = 64
+    broken: str = ""
+
+    @property
+    def quantities(self) -> Quantities:
+        """What each name is."""
+        shared = self.options.get("mounting_stretch") != "per-protocol"
+        states = ("",) if shared else tuple(p.name for p in self.specimen.protocols)
+        return Quantities(self.law.parameters, states, self.specimen.unit)
+
+    @property
+    def law(self) -> Law:
+        """The law that is calibrated."""
+        return law_named(DEFAULT_LAW, fibre_switch=self.options.get("fibre_switch", False))
+
+    def __post_init__(self) -> None:
+        if self.options.get("mounting", ModelOptions.mounting) not in INFERRING:
+            raise InputError(
+                "a study needs the mounting stretch as an unknown",
+                remedy="use --mounting noisy, exact or free",
+            )
+        if self.broken not in ("", *BREAKS):
+            raise InputError(f"--break must be one of {', '.join(BREAKS)}")
+        if self.broken == "determinant" and self.options.get("mounting") == "free":
+            raise InputError("--mounting free has no determinant to leave out")
+
+    def posterior(self, specimen: Specimen, seed: int = 0) -> Posterior:
+        """The posterior of a simulated specimen."""
+        return prepare(
+            specimen,
+            **self.options,
+            priors=self.priors,
+            seed=seed,
+            determinant=self.broken != "determinant",
+        )
+
+    def rules(self) -> Rules:
+        """What simulated specimens have in common."""
+        # Independent errors: the layout of the unknowns needs no fit.
+        template = Posterior(
+            self.specimen, **{**self.options, "noise": "independent"}, priors=self.priors
+        )
+        return Rules(self.specimen, template.settings, template.priors, template.mounts)
+
+
+@dataclass(frozen=True)
+class Replication:
+    """One simulated specimen, sampled and ranked.
+
+    Attributes
+    ----------
+    index : int
+    state : str
+        Of the draws; ``failed`` when there are none.
+    reason : str
+        Why the state is not ``reliable``.
+    truth : dict of str to float
+        True values by the names of ``summary.csv``, and ``log_likelihood`` at them.
+    rank : dict of str to int
+        Rank of the true value among :data:`RANKED_DRAWS` draws; empty when failed.
+    below : dict of str to float
+        Share of all draws below the true value.
+    median, sd : dict of str to float
+        Of the posterior.
+    rejected : int
+        Draws from the prior rejected for want of a stable mounted state.
+    worst_ess, worst_rhat, beta, seconds : float
+    """
+
+    index: int
+    state: str
+    reason: str
+    truth: dict[str, float]
+    rank: dict[str, int] = field(default_factory=dict)
+    below: dict[str, float] = field(default_factory=dict)
+    median: dict[str, float] = field(default_factory=dict)
+    sd: dict[str, float] = field(default_factory=dict)
+    rejected: int = 0
+    worst_ess: float = float("nan")
+    worst_rhat: float = float("nan")
+    beta: float = float("nan")
+    seconds: float = 0.0
+
+
+def replicate(study: Study, index: int) -> Replication:
+    """Draw true values, simulate, sample, rank.
+
+    Parameters
+    ----------
+    study : Study
+    index : int
+        Of the replication. Study and index determine the result.
+
+    Returns
+    -------
+    Replication
+        ``failed`` when nothing could be sampled, with the reason; nothing is raised for it.
+    """
+    clock = time.perf_counter()
+    rules = study.rules()
+    rng = np.random.default_rng([study.seed, index])
+    truth, rejected = draw_truth(rules, rng)
+    simulated = simulate_specimen(
+        rules, truth, rng, noise_factor=WRONG_SD if study.broken == "noise" else 1.0
+    )
+    seed = int(rng.integers(2**62))
+    try:
+        posterior = study.posterior(simulated, seed)
+        draws = draw_posterior(
+            posterior,
+            Plan(
+                ess=study.ess,
+                max_steps=study.max_steps,
+                ensembles=study.ensembles,
+                walkers=study.walkers,
+                population=study.population,
+                first_block=study.first_block,
+                seed=seed,
+            ),
+        )
+    except (NotConverged, InputError, np.linalg.LinAlgError) as error:
+        seconds = time.perf_counter() - clock
+        return Replication(index, "failed", str(error), truth, rejected=rejected, seconds=seconds)
+    return _ranked(index, posterior, draws, truth, rejected, rng, clock)
+
+
+def _ranked(
+    index: int,
+    posterior: Posterior,
+    draws: Draws,
+    truth: dict[str, float],
+    rejected: int,
+    rng: np.random.Generator,
+    clock: float,
+) -> Replication:
+    at_truth = posterior.natural(posterior.coordinates(truth))
+    truth = truth | {"log_likelihood": float(at_truth["log_likelihood"][0])}
+    rank, below, median, sd = {}, {}, {}, {}
+    total = draws.chain.shape[0] * draws.chain.shape[1] * draws.chain.shape[2]
+    kept = rng.choice(total, size=min(RANKED_DRAWS, total), replace=False)
+    for name, values in draws.quantities.items():
+        flat = values.ravel()
+        if name == "lp" or not np.ptp(flat) > 1e-12 * max(abs(float(flat[0])), 1e-300):
+            continue  # constants have no rank; lp differs from the likelihood by the prior only
+        rank[name] = int(np.count_nonzero(flat[kept] < truth[name]))
+        below[name] = float(np.mean(flat < truth[name]))
+        median[name], sd[name] = float(np.median(flat)), float(flat.std())
+    judged = draws.convergence
+    return Replication(
+        index,
+        judged.state,
+        judged.reason,
+        {name: truth[name] for name in rank},
+        rank,
+        below,
+        median,
+        sd,
+        rejected,
+        judged.worst_ess,
+        judged.worst_rhat,
+        posterior.beta,
+        time.perf_counter() - clock,
+    )
+
+
+# --- many replications of a calibration study, on any executor -----------------------------------
+
+
+def run_replications(
+    study: Study,
+    indices: Sequence[int],
+    *,
+    executor: Executor | None = None,
+    stop: Callable[[], object] = lambda: False,
+) -> Iterator[Replication]:
+    """Yield replications as they finish; their order depends on the executor, they do not.
+
+    Parameters
+    ----------
+    study : Study
+    indices : sequence of int
+    executor : Executor, optional
+        Default: this process.
+    stop : callable
+        Asked between replications; what is under way is still yielded.
+
+    Raises
+    ------
+    RunError
+        If workers keep dying.
+    """
+    left = list(indices)
+    if executor is not None and not isinstance(executor, InThisProcess) and left:
+        # The first is made here: what it compiles, the workers find in the cache.
+        for outcome in InThisProcess().run(partial(replicate, study), left[:1], stop=stop):
+            yield outcome.value
+            left = left[1:]
+    chosen = executor or InThisProcess()
+    for outcome in chosen.run(partial(replicate, study), left, stop=stop):
+        if outcome.lost:
+            raise RunError(
+                f"replication {left[outcome.index]}: {outcome.lost}; --resume continues, with "
+                "fewer --workers"
+            )
+        yield outcome.value

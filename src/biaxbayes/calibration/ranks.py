@@ -1,0 +1,261 @@
+"""What the ranks of a study say: uniformity, and coverage.
+
+Simultaneous bands of the distribution function of uniform ranks, exactly.
+
+With N replications and ranks 0 ... L, the number of ranks up to r is binomial with probability
+z_r = (r + 1) / (L + 1). A pointwise tail probability
+
+    p_r = 2 min(P(X <= count_r), P(X >= count_r)),   X ~ Bin(N, z_r)
+
+is small where the count is far off. The smallest p_r over all r decides. Its distribution under
+uniformity is computed exactly, since the counts form a Markov chain:
+count_r - count_(r-1) ~ Bin(N - count_(r-1), 1 / (L + 2 - r - 1)).
+Saeilynoja, Buerkner and Vehtari, Statistics and Computing 32 (2022) 32, section 2.
+
+Whether intervals hold the truth as often as they say.
+
+What the ranks of a study say, parameter by parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+from scipy.special import gammaln
+from scipy.stats import beta, binom
+
+__all__ = [
+    "LEVELS",
+    "SIGNIFICANT",
+    "Coverage",
+    "band_level",
+    "calibration_table",
+    "count_band",
+    "coverage",
+    "probability_inside",
+    "rank_counts",
+    "uniformity_p_value",
+    "verdict",
+]
+
+
+# --- simultaneous bands of the distribution function of uniform ranks, exactly -------------------
+
+
+def rank_counts(ranks: np.ndarray, draws: int) -> np.ndarray:
+    """How many ranks are at most r, for r = 0 ... draws - 1; shape (draws,)."""
+    return np.cumsum(np.bincount(np.asarray(ranks, dtype=int), minlength=draws + 1))[:draws]
+
+
+def tail_probabilities(counts: np.ndarray, replications: int) -> np.ndarray:
+    """Pointwise two-sided tail probability of each count, shape (draws,)."""
+    draws = counts.size
+    z = np.arange(1, draws + 1) / (draws + 1)
+    below = binom.cdf(counts, replications, z)
+    above = binom.sf(counts - 1, replications, z)
+    return 2.0 * np.minimum(below, above)
+
+
+@lru_cache(maxsize=64)
+def _allowed(replications: int, draws: int, level: float) -> tuple[tuple[int, int], ...]:
+    """Smallest and largest count whose tail probability exceeds the level, for each rank."""
+    out = []
+    every = np.arange(replications + 1)
+    for r in range(1, draws + 1):
+        z = r / (draws + 1)
+        p = 2.0 * np.minimum(
+            binom.cdf(every, replications, z), binom.sf(every - 1, replications, z)
+        )
+        inside = np.flatnonzero(p > level)
+        if inside.size == 0:
+            return ()
+        out.append((int(inside[0]), int(inside[-1])))
+    return tuple(out)
+
+
+def probability_inside(replications: int, draws: int, level: float) -> float:
+    """Probability, under uniform ranks, that every tail probability exceeds a level.
+
+    Parameters
+    ----------
+    replications, draws : int
+        N and L.
+    level : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    float
+    """
+    allowed = _allowed(replications, draws, level)
+    if not allowed:
+        return 0.0
+    log_factorial = gammaln(np.arange(replications + 1) + 1.0)
+    low, probability = 0, np.ones(1)  # count before the first rank: 0
+    for r, (first, last) in enumerate(allowed):
+        step = 1.0 / (draws + 1 - r)  # probability that a rank beyond r - 1 is r
+        i = low + np.arange(probability.size)[:, None]
+        j = np.arange(first, last + 1)[None, :]
+        up = j - i
+        possible = up >= 0
+        up = np.where(possible, up, 0)
+        rest = np.where(possible, replications - j, 0)
+        log_pmf = (
+            log_factorial[replications - i]
+            - log_factorial[up]
+            - log_factorial[rest]
+            + up * np.log(step)
+            + rest * np.log1p(-step)
+        )
+        probability = probability @ np.exp(np.where(possible, log_pmf, -np.inf))
+        low = first
+    return float(min(probability.sum(), 1.0))
+
+
+@lru_cache(maxsize=64)
+def band_level(replications: int, draws: int, coverage: float = 0.95) -> float:
+    """Pointwise level at which the bands hold all ranks at once with at least a coverage.
+
+    Parameters
+    ----------
+    replications, draws : int
+    coverage : float
+
+    Returns
+    -------
+    float
+        The largest level, to a relative 1e-3.
+    """
+    low, high = np.log((1.0 - coverage) / (10.0 * draws)), np.log(1.0 - coverage)
+    while high - low > 1e-3:
+        middle = 0.5 * (low + high)
+        enough = probability_inside(replications, draws, float(np.exp(middle))) >= coverage
+        low, high = (middle, high) if enough else (low, middle)
+    return float(np.exp(low))
+
+
+def count_band(
+    replications: int, draws: int, coverage: float = 0.95
+) -> tuple[np.ndarray, np.ndarray]:
+    """Simultaneous band of :func:`rank_counts`: lowest and highest count inside, shape (draws,)."""
+    allowed = _allowed(replications, draws, band_level(replications, draws, coverage))
+    low, high = np.array(allowed).T
+    return low, high
+
+
+def uniformity_p_value(ranks: np.ndarray, draws: int) -> float:
+    """Probability that uniform ranks leave uniformity as far behind somewhere as these.
+
+    Parameters
+    ----------
+    ranks : ndarray of int, shape (replications,)
+        Between 0 and ``draws``.
+    draws : int
+
+    Returns
+    -------
+    float
+        Below 0.05 exactly when the ranks leave the 95 % band somewhere.
+    """
+    ranks = np.asarray(ranks)
+    worst = float(tail_probabilities(rank_counts(ranks, draws), ranks.size).min())
+    return 1.0 - probability_inside(ranks.size, draws, min(worst, 1.0))
+
+
+# --- whether intervals hold the truth as often as they say ---------------------------------------
+
+
+LEVELS = (0.50, 0.80, 0.90, 0.95)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Observed coverage of central intervals of one probability.
+
+    Attributes
+    ----------
+    level : float
+        Expected coverage.
+    observed, low, high : float
+        Share of replications, and its 95 % binomial (Clopper-Pearson) interval.
+    """
+
+    level: float
+    observed: float
+    low: float
+    high: float
+
+
+def coverage(below: np.ndarray, level: float) -> Coverage:
+    """Coverage of the central interval.
+
+    Parameters
+    ----------
+    below : ndarray, shape (replications,)
+        Share of each posterior below the true value.
+    level : float
+        Probability of the interval.
+    """
+    n = below.size
+    hits = int(np.count_nonzero(np.abs(below - 0.5) <= 0.5 * level))
+    low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
+    high = float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
+    return Coverage(level, hits / n, low, high)
+
+
+# --- what the ranks of a study say, parameter by parameter ---------------------------------------
+
+
+SIGNIFICANT = 0.05
+"""The simultaneous bands hold 95 % of uniform studies."""
+
+
+def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
+    """Uniformity and coverage of every ranked quantity.
+
+    Parameters
+    ----------
+    ranks : DataFrame
+        One row a replication and quantity, with ``parameter``, ``unit``, ``rank``, ``below``.
+    draws : int
+        Draws that a true value was ranked among.
+
+    Returns
+    -------
+    DataFrame
+        ``parameter``, ``unit``, ``replications``, ``uniformity_p``, ``inside_band``, and for
+        each probability ``coverage_50``, its binomial interval ``_low`` and ``_high``.
+    """
+    rows = []
+    for name, group in ranks.groupby("parameter", sort=False):
+        p = uniformity_p_value(group["rank"].to_numpy(dtype=int), draws)
+        row: dict[str, object] = {
+            "parameter": name,
+            "unit": group["unit"].iloc[0],
+            "replications": len(group),
+            "uniformity_p": p,
+            "inside_band": "yes" if p >= SIGNIFICANT else "no",
+        }
+        for level in LEVELS:
+            found, key = coverage(group["below"].to_numpy(), level), f"coverage_{100 * level:.0f}"
+            row |= {key: found.observed, f"{key}_low": found.low, f"{key}_high": found.high}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def verdict(table: pd.DataFrame) -> tuple[bool, float]:
+    """Whether the ranks of all quantities together are compatible with uniform ones.
+
+    Returns
+    -------
+    calibrated : bool
+        Whether ``p`` is at least 0.05.
+    p : float
+        Smallest p-value times the number of quantities (Bonferroni: one parameter in twenty
+        leaves its own band by chance).
+    """
+    p = min(float(table["uniformity_p"].min()) * len(table), 1.0)
+    return p >= SIGNIFICANT, p

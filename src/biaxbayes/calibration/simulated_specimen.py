@@ -1,0 +1,373 @@
+"""A specimen drawn from the statistical model, and the priors its truth is drawn from.
+
+A specimen drawn from the statistical model: true values from the prior, readings from them.
+
+Priors that a calibration study draws its true values from, and samples with.
+
+The default priors of a posterior are wide on purpose: most of their draws are no tissue (10 MPa,
+or pushed together at mounting) on the protocol at hand. A study needs true values that could be
+a specimen on this machine, and it must sample with the prior that it draws from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.laws.law import Law, MaterialResponse
+from biaxbayes.mechanics.load import load_per_stress, sections
+from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
+from biaxbayes.model.error_model import errors_of
+from biaxbayes.model.priors import Prior, Tie, default_priors
+from biaxbayes.options import Settings
+from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Quantities, mounting_names
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = [
+    "Rules",
+    "SimulatedSpecimen",
+    "draw_truth",
+    "local_prior",
+    "prior_value",
+    "priors_toml",
+    "protocol_prior",
+    "simulate_specimen",
+]
+
+
+# --- A specimen drawn from the statistical model: true values from the prior, readings from them--
+
+
+SAME_ROOT = 1e-6
+"""Relative difference of mounting stretches that count as one root."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What stays the same in every replication.
+
+    Attributes
+    ----------
+    specimen : Specimen
+        Whose protocols, dimensions and load noise are used.
+    settings : Settings
+    priors : mapping
+        Of every unknown, by the names that the posterior uses.
+    mounts : tuple of str
+        Label of each mounted state.
+    """
+
+    specimen: Specimen
+    settings: Settings
+    priors: Mapping[str, Prior | float | Tie]
+    mounts: tuple[str, ...]
+
+    @property
+    def quantities(self) -> Quantities:
+        """What each name is."""
+        law = self.settings.material_law
+        return Quantities(law.parameters, self.mounts, self.specimen.unit)
+
+    @property
+    def shared(self) -> bool:
+        """One mounted state for all protocols."""
+        return self.settings.mounting_stretch == "shared"
+
+
+@dataclass(frozen=True)
+class SimulatedSpecimen(Specimen):
+    """A specimen whose mounting readings have a stated sd.
+
+    The sd of a measured specimen's mounting reading may be estimated from its rows at rest; in
+    a study it is the one that the readings were simulated with.
+    """
+
+    reading: tuple[tuple[float, float], ...] = ()
+    reading_sd: tuple[tuple[float, float], ...] = ()
+
+    def mounting_readings(self, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
+        """As in :class:`Specimen`, but as simulated."""
+        del shared
+        return np.array(self.reading), np.array(self.reading_sd)
+
+    def __reduce__(self) -> Any:
+        fields = {key: getattr(self, key) for key in self.__dataclass_fields__}
+        return _rebuild, (fields | {"metadata": dict(self.metadata)},)
+
+
+def _rebuild(fields: dict[str, Any]) -> SimulatedSpecimen:
+    return SimulatedSpecimen(**fields)
+
+
+def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float], int]:
+    """True values from the prior, cut to the support of the posterior.
+
+    The posterior is zero where no stable mounted state exists inside the bracket, and, where
+    the mounting force is sampled, where the state that balances it is not the one that
+    Newton's method finds from the unloaded state. Such draws are rejected whole, so that the
+    true values follow the prior times that indicator, which is the prior that the posterior uses.
+
+    Parameters
+    ----------
+    rules : Rules
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    truth : dict
+        By the names of ``summary.csv``, mounting forces included.
+    rejected : int
+        Draws that were rejected before.
+
+    Raises
+    ------
+    ValueError
+        If a thousand draws in a row are rejected.
+    """
+    for rejected in range(1000):
+        truth = _from_prior(rules.priors, rules.quantities, rng)
+        if _add_mounting_forces(rules, truth):
+            return truth, rejected
+    raise ValueError("the prior has next to no mass where a stable mounted state exists")
+
+
+def simulate_specimen(
+    rules: Rules, truth: Mapping[str, float], rng: np.random.Generator, *, noise_factor: float = 1.0
+) -> SimulatedSpecimen:
+    """Readings of the true values on the specimen's own protocols.
+
+    Parameters
+    ----------
+    rules : Rules
+    truth : mapping
+        From :func:`draw_truth`.
+    rng : numpy.random.Generator
+    noise_factor : float
+        Times the true noise sd: other than one only to show that a wrong sd is noticed.
+
+    Returns
+    -------
+    SimulatedSpecimen
+        Rows at rest all hold the mounting reading.
+    """
+    specimen = rules.specimen
+    forces = np.array([_pair(truth, "force", m) for m in rules.mounts])
+    _, sd = specimen.mounting_readings(shared=rules.shared)
+    reading = forces
+    if rules.settings.mounting != "exact":
+        # f0 = p0 + offset + s0 eps
+        reading = forces + _offset(truth) + sd * rng.standard_normal(sd.shape)
+    protocols = []
+    for i, p in enumerate(specimen.protocols):
+        m = 0 if rules.shared else i
+        stretch = np.array([p.stretch_x, p.stretch_y])
+        load = _load(rules, truth, stretch, _pair(truth, "stretch", rules.mounts[m]))
+        spread = errors_of(rules.settings).sd(truth, load)
+        load = load + _offset(truth)[:, None]
+        load += noise_factor * spread * rng.standard_normal(load.shape)
+        load[:, : p.rest_rows] = reading[m][:, None]
+        if specimen.stress_pair == "cauchy":
+            load = load * stretch
+        protocols.append(replace(p, load_x=load[0], load_y=load[1]))
+    fields = {k: getattr(specimen, k) for k in Specimen.__dataclass_fields__}
+    return SimulatedSpecimen(
+        **fields | {"protocols": tuple(protocols)},
+        reading=tuple((float(x), float(y)) for x, y in reading),
+        reading_sd=tuple((float(x), float(y)) for x, y in sd),
+    )
+
+
+def _from_prior(
+    priors: Mapping[str, Prior | float | Tie], quantities: Quantities, rng: np.random.Generator
+) -> dict[str, float]:
+    truth = {}
+    for name, prior in priors.items():
+        if isinstance(prior, Prior):
+            truth[name] = float(prior.sample(rng, 1)[0])
+        elif not isinstance(prior, Tie):
+            truth[name] = float(prior)
+    for name, prior in priors.items():
+        if isinstance(prior, Tie):
+            truth[name] = prior.factor * truth[quantities.sibling(name, prior.other)]
+    return truth
+
+
+def _pair(truth: Mapping[str, float], what: str, label: str) -> np.ndarray:
+    return np.array([truth[name] for name in mounting_names(what, label)])
+
+
+def _offset(truth: Mapping[str, float]) -> np.ndarray:
+    return np.array([truth.get("load_offset_x", 0.0), truth.get("load_offset_y", 0.0)])
+
+
+def _section(rules: Rules, truth: Mapping[str, float]) -> np.ndarray:
+    """True load per kPa, (x, y): measured dimensions times their true factors."""
+    factors = (truth.get(name, 1.0) for name in ("edge_x", "edge_y", "thickness"))
+    return np.array(sections(rules.specimen.area, *factors))
+
+
+def _material(rules: Rules, truth: Mapping[str, float]) -> MaterialResponse:
+    law = rules.settings.material_law
+    return law.scalar(tuple(truth[name] for name in law.names))
+
+
+def _load(
+    rules: Rules, truth: Mapping[str, float], stretch: np.ndarray, mounting: np.ndarray
+) -> np.ndarray:
+    """Load without noise at measured stretches, shape (2, n)."""
+    stress = np.array(_material(rules, truth).cauchy(*(stretch * mounting[:, None])))
+    section, mounted = _section(rules, truth)[:, None], rules.specimen.geometry == "mounted"
+    return load_per_stress(section, stretch, mounting[:, None], mounted) * stress
+
+
+def _add_mounting_forces(rules: Rules, truth: dict[str, float]) -> bool:
+    """Put the mounting forces in; False where the posterior has no such state."""
+    material, section = _material(rules, truth), _section(rules, truth)
+    if not (np.all(section > 0.0) and np.all(np.isfinite(list(truth.values())))):
+        return False
+    for label in rules.mounts:
+        lm = _pair(truth, "stretch", label)
+        if not np.all((lm > BRACKET[0]) & (lm < BRACKET[1])):
+            return False
+        force = _load(rules, truth, np.ones((2, 1)), lm)[:, 0]
+        if rules.settings.mounting == "free":
+            good = _stable(material, force / section, lm, rules.specimen.geometry == "mounted")
+        else:
+            state = mounted_state(material, *(force / section), geometry=rules.specimen.geometry)
+            good = state.found and bool(np.allclose(state.stretch, lm, rtol=SAME_ROOT, atol=0.0))
+        if not good:
+            return False
+        truth.update(zip(mounting_names("force", label), map(float, force), strict=True))
+    return True
+
+
+def _stable(material: MaterialResponse, reading: np.ndarray, lm: np.ndarray, mounted: bool) -> bool:
+    """Whether the balance is stable at a state, however it would be found."""
+    _, _, jxx, jxy, jyy = balance(
+        material.constants, reading[0], reading[1], mounted, np.log(lm[0]), np.log(lm[1])
+    )
+    return bool(jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0)
+
+
+# --- priors that a calibration study draws its true values from, and samples with ----------------
+
+
+WIDENED = 2.0
+"""A local prior is this much wider than the posterior it is taken from."""
+
+
+def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Tie]:
+    """Prior of tissue that reaches stresses like this specimen's on its protocols.
+
+    The largest measured stretch and the peak stress set the scales of the law's
+    :meth:`~biaxbayes.laws.law.Law.scaled_prior`. The noise sd is around 0.5 % of the peak load of
+    *this* specimen, whatever a simulated one's peak is.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    law : Law
+
+    Returns
+    -------
+    dict
+        Natural units, as in a priors file.
+    """
+    stretch = 1.02 * max(
+        float(max(p.stretch_x.max(), p.stretch_y.max())) for p in specimen.protocols
+    )
+    peak = max(float(np.abs(specimen.load(p) / specimen.area).max()) for p in specimen.protocols)
+    stated = default_priors(specimen, law)
+    prior: dict[str, Prior | float | Tie] = {}
+    for name, (family, first, second) in law.scaled_prior(stretch, peak).items():
+        rounded = first if family == "uniform" else _rounded(first)
+        prior[name] = Prior.stated(family, rounded, second)
+    prior[NOISE_SD.name] = Prior("lognormal", _rounded(0.005 * specimen.peak_load), 0.7)
+    prior[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 0.5)
+    for name in mounting_names("stretch"):
+        measured = name in specimen.metadata
+        prior[name] = stated[name] if measured else Prior("normal", 1.02, 0.01, low=0.5)
+    return prior
+
+
+def local_prior(
+    draws: Mapping[str, np.ndarray],
+    wide: Mapping[str, Prior | float | Tie],
+    known: Quantities,
+) -> dict[str, Prior | float | Tie]:
+    """Prior around a posterior: its marginals, each twice as wide, independent of one another.
+
+    Parameters
+    ----------
+    draws : mapping of str to ndarray
+        Draws of the specimen's own posterior. Those of several mounted states are pooled.
+    wide : mapping
+        The priors it was sampled with; never exceeded in width, and kept where not a
+        distribution.
+    known : Quantities
+        What each name of the draws is.
+
+    Returns
+    -------
+    dict
+    """
+    out: dict[str, Prior | float | Tie] = {}
+    for name, prior in wide.items():
+        own = [q for q in known.of_parameter(name) if q.name in draws]
+        found = [draws[q.name].ravel() for q in own]
+        if not isinstance(prior, Prior) or not found:
+            out[name] = prior
+            continue
+        values = np.concatenate(found)
+        parameter = own[0].parameter
+        logs = parameter.logarithmic
+        x = np.log(values) if logs else values
+        low, middle, high = np.quantile(x, [0.1587, 0.5, 0.8413])
+        scale = WIDENED * 0.5 * float(high - low)
+        if prior.family == ("lognormal" if logs else "normal"):
+            scale = min(scale, prior.scale)
+        centre = float(np.exp(middle) if logs else middle)
+        family = "lognormal" if logs else "normal"
+        bounds = parameter.range if parameter.bounded else (prior.low, prior.high)
+        out[name] = Prior(family, float(f"{centre:.6g}"), _rounded(scale)).within(*bounds)
+    return out
+
+
+def prior_value(prior: Prior | float | Tie) -> Any:
+    """A prior as a priors file holds it: a table, text of a tie, or a number."""
+    if isinstance(prior, Prior):
+        return prior.as_table()
+    return f"{prior.factor!r} * {prior.other}" if isinstance(prior, Tie) else float(prior)
+
+
+def priors_toml(priors: Mapping[str, Prior | float | Tie], unit: str, law: Law) -> str:
+    """A priors file that reads back to these priors."""
+    lines = [f"# {_units_in_words(law)}, {unit} for noise_sd"]
+    for name, prior in priors.items():
+        value = prior_value(prior)
+        if isinstance(value, dict):
+            items = ", ".join(f"{key} = {_toml(item)}" for key, item in value.items())
+            lines.append(f"{name} = {{ {items} }}")
+        else:
+            lines.append(f"{name} = {_toml(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _units_in_words(law: Law) -> str:
+    by_unit: dict[str, list[str]] = {}
+    for p in law.parameters:
+        if p.unit_words():
+            by_unit.setdefault(p.unit_words().strip(), []).append(p.name)
+    return ", ".join(f"{unit} for {' and '.join(names)}" for unit, names in by_unit.items())
+
+
+def _toml(value: object) -> str:
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def _rounded(value: float) -> float:
+    """Three significant digits: a stated prior should be possible to state."""
+    return float(f"{value:.3g}")

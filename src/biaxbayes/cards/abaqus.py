@@ -1,0 +1,161 @@
+"""Abaqus: ``*ANISOTROPIC HYPERELASTIC, HOLZAPFEL`` with two local directions.
+
+Abaqus Analysis User's Guide, "Anisotropic hyperelastic behavior", Holzapfel-Gasser-Ogden form:
+
+    U = C10 (I1 - 3) + (1/D) ((J^2 - 1)/2 - ln J) + k1/(2 k2) sum_a { exp[k2 <E_a>^2] - 1 }
+    E_a = kappa (I1 - 3) + (1 - 3 kappa) (I4_a - 1)          I1, I4 of the isochoric part of C
+
+The data line holds C10, D, k1, k2, kappa. The mean fibre directions are the LOCAL DIRECTIONS of
+an ``*ORIENTATION``, in its local system. C10 is our C1; each family counts once, as in ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from biaxbayes.cards.card import Card, header_lines
+from biaxbayes.errors import InputError
+
+__all__ = ["SUFFIX", "AbaqusCard", "read_abaqus", "write_abaqus"]
+
+SUFFIX = ".inp"
+
+CONVENTIONS = [
+    "Strain energy (isochoric invariants I1, I4; Macaulay brackets <>; two fibre families):",
+    "  U = C10 (I1 - 3) + (1/D) ((J^2 - 1)/2 - ln J)",
+    "      + k1/(2 k2) sum { exp[k2 <E>^2] - 1 },  E = kappa (I1 - 3) + (1 - 3 kappa) (I4 - 1)",
+    "C10 is the C1 of the fit; the initial shear modulus of the matrix is mu = 2 C10.",
+    "Two families lie at +alpha and -alpha from the local 1-direction, which is the x axis of the "
+    "test; the local 2-direction is its y axis. Replace the first two data lines of *ORIENTATION "
+    "by the axes of your geometry and keep the last two.",
+    "kappa = 0 means aligned fibres, 1/3 an isotropic distribution.",
+]
+USE = [
+    "Use: *SOLID SECTION (or *MEMBRANE SECTION), MATERIAL={label}, ORIENTATION={label}_ORI, with "
+    "NLGEOM=YES. In a file with parts the *ORIENTATION block belongs in the part, the *MATERIAL "
+    "block outside it. Abaqus/CAE does not keep oblique local directions: include this file by "
+    "keyword.",
+]
+
+
+@dataclass(frozen=True)
+class AbaqusCard:
+    """What a written card says, in its own units.
+
+    Attributes
+    ----------
+    label : str
+    C10, D, k1, k2, kappa : float
+    directions : ndarray, shape (2, 3)
+        Mean fibre directions in the global system.
+    """
+
+    label: str
+    C10: float
+    D: float
+    k1: float
+    k2: float
+    kappa: float
+    directions: np.ndarray
+
+    def energy(self, F: np.ndarray) -> np.ndarray:
+        """Strain energy of deformation gradients of shape (..., 3, 3), real or complex."""
+        U = self.isochoric_energy(F)
+        if self.D == 0.0:
+            return U
+        J = np.linalg.det(F)
+        return U + ((J**2 - 1.0) / 2.0 - np.log(J)) / self.D
+
+    def isochoric_energy(self, F: np.ndarray) -> np.ndarray:
+        """The energy without its volumetric term, which does no work while J = 1."""
+        J = np.linalg.det(F)
+        C = np.swapaxes(F, -1, -2) @ F * J[..., None, None] ** (-2.0 / 3.0)
+        I1 = np.trace(C, axis1=-2, axis2=-1)
+        U = self.C10 * (I1 - 3.0)
+        for direction in self.directions:
+            A = direction / np.linalg.norm(direction)
+            I4 = np.einsum("i,...ij,j->...", A, C, A)
+            E = self.kappa * (I1 - 3.0) + (1.0 - 3.0 * self.kappa) * (I4 - 1.0)
+            E = np.where(E.real > 0.0, E, 0.0)
+            U = U + self.k1 / (2.0 * self.k2) * (np.exp(self.k2 * E**2) - 1.0)
+        return U
+
+
+def write_abaqus(card: Card, version: str) -> str:
+    """Text of the card, ready for ``*INCLUDE``."""
+    material = card.material
+    if card.bulk_kPa is None:
+        D = 0.0
+        bulk = [
+            "D = 0: incompressible, as in the fit. Use hybrid elements (or membranes) in "
+            "Abaqus/Standard; Abaqus/Explicit needs D > 0 (export with --bulk-ratio)."
+        ]
+    else:
+        D = 2.0 / card.stress(card.bulk_kPa)
+        bulk = [
+            f"D = 2/K with a bulk modulus K = {card.stress(card.bulk_kPa):.6g} {card.units.stress}"
+            ": nearly incompressible; the fit is incompressible and does not determine K."
+        ]
+    use = [line.format(label=card.label) for line in USE]
+    alpha = np.radians(material.alpha_deg)
+    numbers = (card.stress(material.C1_kPa), D, card.stress(material.k1_kPa))
+    lines = [
+        *(f"** {line}" for line in header_lines(card, version, [*CONVENTIONS, *bulk, *use])),
+        f"*ORIENTATION, NAME={card.label}_ORI, SYSTEM=RECTANGULAR, LOCAL DIRECTIONS=2",
+        "1., 0., 0., 0., 1., 0.",
+        "3, 0.",
+        f"{_number(np.cos(alpha))}, {_number(np.sin(alpha))}, 0.",
+        f"{_number(np.cos(alpha))}, {_number(-np.sin(alpha))}, 0.",
+        f"*MATERIAL, NAME={card.label}",
+        "*ANISOTROPIC HYPERELASTIC, HOLZAPFEL, LOCAL DIRECTIONS=2",
+        ", ".join(_number(v) for v in (*numbers, material.k2, material.kappa)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float) -> str:
+    """At most 20 characters, the width Abaqus reads of a number."""
+    return f"{value:.12E}"
+
+
+def read_abaqus(text: str) -> AbaqusCard:
+    """Read a card back as Abaqus would: keyword lines, data lines, comments passed over.
+
+    Raises
+    ------
+    InputError
+        If the text is no card of this kind.
+    """
+    blocks: dict[str, tuple[dict[str, str], list[list[str]]]] = {}
+    rows: list[list[str]] = []
+    for line in text.splitlines():
+        if line.startswith("**") or not line.strip():
+            continue
+        cells = [cell.strip() for cell in line.split(",")]
+        if line.startswith("*"):
+            options = dict((cell.upper() + "=").split("=")[:2] for cell in cells[1:])
+            rows = []
+            blocks[cells[0].upper()] = (options, rows)
+        else:
+            rows.append(cells)
+    try:
+        orientation, axes = blocks["*ORIENTATION"]
+        law, constants = blocks["*ANISOTROPIC HYPERELASTIC"]
+        if "HOLZAPFEL" not in law or orientation["LOCAL DIRECTIONS"] != law["LOCAL DIRECTIONS"]:
+            raise ValueError("another law, or other directions")
+        first, second = np.array(axes[0], dtype=float).reshape(2, 3)
+        about, angle = int(axes[1][0]), float(axes[1][1])
+        if about != 3 or angle != 0.0:
+            raise ValueError("an additional rotation")
+        # Local axes: 1 along a, 3 normal to a and b, 2 completing them.
+        normal = np.cross(first, second)
+        base = np.array([first, np.cross(normal, first), normal])
+        base /= np.linalg.norm(base, axis=1, keepdims=True)
+        local = np.array(axes[2 : 2 + int(law["LOCAL DIRECTIONS"])], dtype=float)
+        C10, D, k1, k2, kappa = (float(cell) for cell in constants[0])
+        label = blocks["*MATERIAL"][0]["NAME"]
+    except (KeyError, ValueError, IndexError) as error:
+        raise InputError(f"not a material card of this kind ({error})") from None
+    return AbaqusCard(label, C10, D, k1, k2, kappa, local @ base)

@@ -1,0 +1,206 @@
+"""A material card: one draw, in one unit system, with what a reader of the file must know.
+
+Consistent unit systems of finite-element input.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+import unicodedata
+from dataclasses import dataclass, replace
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws.goh import GOH
+
+__all__ = [
+    "K2_FLOOR",
+    "UNIT_SYSTEMS",
+    "Card",
+    "UnitSystem",
+    "exportable",
+    "header_lines",
+    "plain_text",
+    "safe_label",
+    "unit_system",
+]
+
+
+# --- consistent unit systems of finite-element input ---------------------------------------------
+
+
+@dataclass(frozen=True)
+class UnitSystem:
+    """Units that belong together: force = mass length / time^2, stress = force / length^2.
+
+    Attributes
+    ----------
+    name, stress, length, force, mass, time : str
+    per_kPa : float
+        The stress unit's number for 1 kPa.
+    """
+
+    name: str
+    stress: str
+    length: str
+    force: str
+    mass: str
+    time: str
+    per_kPa: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name}: stress {self.stress}, length {self.length}, force {self.force}, "
+            f"mass {self.mass}, time {self.time}"
+        )
+
+
+UNIT_SYSTEMS = {
+    system.name: system
+    for system in (
+        UnitSystem("kPa-mm", "kPa", "mm", "mN", "kg", "s", 1.0),
+        UnitSystem("MPa-mm", "MPa", "mm", "N", "tonne", "s", 1e-3),
+        UnitSystem("Pa-m", "Pa", "m", "N", "kg", "s", 1e3),
+    )
+}
+
+
+def unit_system(name: str) -> UnitSystem:
+    """Unit system by name.
+
+    Raises
+    ------
+    InputError
+        For a name that is not known.
+    """
+    try:
+        return UNIT_SYSTEMS[name]
+    except KeyError:
+        raise InputError(
+            f"no unit system {name[:40]!r}", remedy=f"choose {', '.join(UNIT_SYSTEMS)}"
+        ) from None
+
+
+# --- A material card: one draw, in one unit system, with what a reader of the file must know -----
+
+
+K2_FLOOR = 1e-9
+"""Smallest exponent written. The programs divide by k2; at 1e-9 the stress differs from its
+limit by less than k2 E^2, 1e-9 of itself while the fibre strain is below one."""
+
+UNLOADED = "Reference state: the unloaded specimen; the mounting stretch is already taken out."
+MOUNTED = (
+    "WARNING: the run ignored the mounting stretch, so this material takes the mounted state, "
+    "which was loaded, as its stress-free reference."
+)
+LINE = 96  # characters; both programs take more
+LABEL = 56  # an Abaqus label may have 80, and suffixes follow
+TEXT = 200
+
+
+@dataclass(frozen=True)
+class Card:
+    """One material for a finite-element program.
+
+    Attributes
+    ----------
+    label : str
+        Name of the material in the file: letters, digits and underscores.
+    material : GOH
+        As written: no exponent below :data:`K2_FLOOR`.
+    units : UnitSystem
+    bulk_kPa : float or None
+        Bulk modulus; None for incompressible.
+    specimen, origin : str
+        Where the material comes from; any text.
+    prestretch : bool
+        Whether the mounting stretch was inferred, so that the material starts unloaded.
+    notes : tuple of str
+        What a user of this draw must know, in plain ASCII.
+    """
+
+    label: str
+    material: GOH
+    units: UnitSystem
+    bulk_kPa: float | None
+    specimen: str = ""
+    origin: str = ""
+    prestretch: bool = True
+    notes: tuple[str, ...] = ()
+
+    def stress(self, value_kPa: float) -> float:
+        """A stress in the units of the card."""
+        return value_kPa * self.units.per_kPa
+
+
+def exportable(material: GOH) -> tuple[GOH, tuple[str, ...]]:
+    """The material as the programs can take it, and notes on what was changed.
+
+    Raises
+    ------
+    InputError
+        If the material has no matrix stiffness, which both programs need.
+    """
+    if not material.C1_kPa > 0.0:
+        raise InputError(
+            "C1 is zero: a material without matrix stiffness has no shear modulus",
+            remedy="Abaqus and FEBio need C1 above zero; choose another draw",
+        )
+    kappa = min(material.kappa, 1.0 / 3.0)  # the programs allow no rounding beyond
+    if material.k2 >= K2_FLOOR:
+        return replace(material, kappa=kappa), ()
+    note = (
+        f"NOTE: k2 = {material.k2:g} is written as {K2_FLOOR:g}, because the energy divides by "
+        "k2; the stress changes by less than k2 E^2 of itself."
+    )
+    return replace(material, k2=K2_FLOOR, kappa=kappa), (note,)
+
+
+def safe_label(text: str) -> str:
+    """A name that every file system and both programs accept, made from any text."""
+    decomposed = unicodedata.normalize("NFKD", text)
+    ascii_text = decomposed.encode("ascii", "ignore").decode()
+    label = re.sub(r"[^A-Za-z0-9]+", "_", ascii_text)[:LABEL].strip("_")
+    if not label:
+        return "material"
+    return label if label[0].isalpha() else f"M_{label}"[:LABEL]
+
+
+def plain_text(text: str) -> str:
+    """One line of printable ASCII; what is not becomes a question mark, and it ends somewhere."""
+    decomposed = unicodedata.normalize("NFKD", text)
+    kept = (ch for ch in decomposed if not unicodedata.combining(ch))
+    line = "".join(ch if ch.isascii() and ch.isprintable() else "?" for ch in kept)
+    line = " ".join(line.split())
+    return line if len(line) <= TEXT else line[: TEXT - 3] + "..."
+
+
+def header_lines(card: Card, version: str, conventions: list[str]) -> list[str]:
+    """The explanation at the top of a card: ASCII lines of at most 96 characters.
+
+    Parameters
+    ----------
+    card : Card
+    version : str
+        Of biaxbayes.
+    conventions : list of str
+        What this program means by its parameters. A line that starts with a blank is kept as
+        it is; others are wrapped.
+    """
+    paragraphs = [
+        f"biaxbayes {version}: material card",
+        f"Specimen: {plain_text(card.specimen)}",
+        f"Material: {plain_text(card.origin)}",
+        f"Units: {card.units}",
+        UNLOADED if card.prestretch else MOUNTED,
+        *conventions,
+        "Density is not part of the fit: add it, in these units, where inertia or weight matter.",
+        *card.notes,
+    ]
+    lines: list[str] = []
+    for paragraph in paragraphs:
+        if paragraph.startswith(" "):
+            lines.append(paragraph)
+        else:
+            lines.extend(textwrap.wrap(paragraph, LINE, subsequent_indent="  "))
+    return lines

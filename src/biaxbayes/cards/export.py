@@ -1,0 +1,335 @@
+"""Posterior draws to a folder of material cards, each checked after it was written.
+
+The check that a written card gives the stress of the draw it was made from.
+
+The card is read back from its text and the program's own strain energy is evaluated in three
+dimensions, differentiated by complex steps, with the pressure from plane stress: a route that
+shares nothing with :mod:`biaxbayes.laws.goh`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes import __version__
+from biaxbayes.cards import abaqus, febio
+from biaxbayes.cards.card import Card, exportable, safe_label, unit_system
+from biaxbayes.csv_tables import write_csv
+from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.laws.dispersed_fibres import fibre_strain
+from biaxbayes.laws.goh import GOH
+from biaxbayes.laws.law import Law
+from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.text_files import atomic_write_text
+
+__all__ = [
+    "AGREEMENT",
+    "MANIFEST",
+    "PROGRAMS",
+    "biaxial_stress",
+    "export_cards",
+    "relative_deviation",
+]
+
+
+# --- the check that a written card gives the stress of the draw it was made from -----------------
+
+
+STEP = 1e-30
+
+
+def biaxial_stress(
+    energy: Callable[[np.ndarray], np.ndarray], stretch_x, stretch_y
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cauchy stresses of an incompressible planar biaxial state of an energy of F.
+
+    Parameters
+    ----------
+    energy : callable
+        Strain energy of deformation gradients of shape (n, 3, 3), complex.
+    stretch_x, stretch_y : array_like, shape (n,)
+        Total stretches.
+
+    Returns
+    -------
+    (ndarray, ndarray), shape (n,)
+        In the stress unit of the energy.
+
+    Raises
+    ------
+    ArithmeticError
+        If the state needs a shear stress: the card is not symmetric about the axes.
+    """
+    x, y = np.atleast_1d(stretch_x).astype(float), np.atleast_1d(stretch_y).astype(float)
+    F = np.zeros((x.size, 3, 3))
+    F[:, 0, 0], F[:, 1, 1], F[:, 2, 2] = x, y, 1.0 / (x * y)
+    P = np.empty_like(F)
+    for i in range(3):
+        for j in range(3):
+            moved = F.astype(complex)
+            moved[:, i, j] += 1j * STEP
+            # P_ij = dU/dF_ij
+            P[:, i, j] = energy(moved).imag / STEP
+    # s = P F^T / J, less the pressure that frees the faces: s_zz = 0
+    s = P @ np.swapaxes(F, -1, -2)
+    s = s - s[:, 2, 2, None, None] * np.eye(3)
+    off = np.abs(s - s * np.eye(3)).max(initial=0.0)
+    if off > 1e-9 * np.abs(s).max(initial=1e-300):
+        raise ArithmeticError("the card needs a shear stress in a state without shear")
+    return s[:, 0, 0], s[:, 1, 1]
+
+
+def relative_deviation(
+    energy: Callable[[np.ndarray], np.ndarray],
+    per_kPa: float,
+    material: GOH,
+    stretch_x: np.ndarray,
+    stretch_y: np.ndarray,
+) -> float:
+    """Largest deviation of a card's stress from the draw's, relative to the state's stress.
+
+    Parameters
+    ----------
+    energy : callable
+        Of the card, in its units.
+    per_kPa : float
+        The card's number for 1 kPa.
+    material : GOH
+        The draw, without any change made for export. Compared with the fibre switch, which both
+        programs have.
+    stretch_x, stretch_y : ndarray, shape (n,)
+        Total stretches; states with less than a millionth of the largest stress are left out.
+
+    Returns
+    -------
+    float
+    """
+    card = np.array(biaxial_stress(energy, stretch_x, stretch_y)) / per_kPa
+    switched = replace(material, fibre_switch=True)
+    ours = np.array(switched.cauchy(np.asarray(stretch_x), np.asarray(stretch_y)))
+    size = np.abs(ours).max(axis=0)
+    counted = size > 1e-6 * size.max(initial=0.0)
+    if not counted.any():
+        return 0.0
+    return float((np.abs(card - ours).max(axis=0)[counted] / size[counted]).max())
+
+
+# --- posterior draws to a folder of material cards, each checked after it was written ------------
+
+
+Writer = Callable[[Card, str], str]
+Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard]
+
+PROGRAMS: dict[str, tuple[Writer, Reader, str]] = {
+    "abaqus": (abaqus.write_abaqus, abaqus.read_abaqus, abaqus.SUFFIX),
+    "febio": (febio.write_febio, febio.read_febio, febio.SUFFIX),
+}
+"""Writer, reader and file ending of each program."""
+
+AGREEMENT = 1e-8
+"""Largest relative deviation of a card's stress from the draw's."""
+
+MANIFEST = "manifest.csv"
+BULK_RATIO = 1000.0  # FEBio's material is nearly incompressible, never exactly
+STATES = 60
+CARD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*-\d{4,}\.(inp|feb)")
+
+
+def export_cards(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    law: Law,
+    rows: Sequence[int],
+    out: Path,
+    *,
+    program: str,
+    units: str = "kPa-mm",
+    bulk_ratio: float | None = None,
+    origin: str = "posterior draw",
+    overwrite: bool = False,
+) -> pd.DataFrame:
+    """Write one material card a draw, a manifest, and check every card.
+
+    Parameters
+    ----------
+    draws : DataFrame
+        Posterior draws.
+    specimen : Specimen
+        Its states of stretch are those of the checks.
+    rows : sequence of int
+        Positions of the draws to write; each gets the same weight.
+    out : Path
+        Folder, made if it is missing.
+    program : {"abaqus", "febio"}
+    units : str
+        One of :data:`biaxbayes.cards.card.UNIT_SYSTEMS`.
+    bulk_ratio : float, optional
+        Bulk modulus over the larger of the matrix's shear modulus and the largest stress in the
+        tested range; the change of volume at that stress is about its inverse. Default:
+        incompressible for Abaqus, 1000 for FEBio.
+        Whether the run was fitted with the fibre switch.
+    origin : str
+        What the draws are, for the header.
+    overwrite : bool
+        Remove the cards of an earlier export in the same folder.
+
+    Returns
+    -------
+    DataFrame
+        The manifest: card, file, draw, weight, parameters, smallest fibre strain, what the fibre
+        switch changes, deviation found by the check.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, the folder holds an earlier export, or a material cannot be
+        written.
+    BiaxbayesError
+        If a card fails its check.
+    """
+    if program not in PROGRAMS:
+        raise InputError(f"no export to {program[:40]!r}", remedy=f"choose {', '.join(PROGRAMS)}")
+    if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:
+        raise InputError(f"a bulk ratio of {bulk_ratio:g} is not a positive number")
+    if bulk_ratio is None and program == "febio":
+        bulk_ratio = BULK_RATIO
+    system = unit_system(units)
+    _prepare(out, overwrite=overwrite)
+    stem, digits = safe_label(specimen.name), max(4, len(str(len(draws))))
+    records = []
+    for row in rows:
+        draw = draws.iloc[[int(row)]]
+        fitted = law.scalar([float(draw.iloc[0][name]) for name in law.names])
+        states = _states(draw, specimen)
+        written, notes = exportable(fitted)
+        fibres = _fibres(fitted, states)
+        card = Card(
+            f"{stem}_{row:0{digits}d}",
+            written,
+            system,
+            _bulk_modulus(fitted, states, bulk_ratio),
+            specimen.name,
+            f"{origin}; row {row} of {len(draws)} draws, weight {1.0 / len(rows):.6g}",
+            bool(mounting_labels(draws, specimen)),
+            (*notes, *fibres.notes),
+        )
+        file = f"{stem}-{row:0{digits}d}{PROGRAMS[program][2]}"
+        deviation = _write_and_check(card, out / file, program, fitted, states)
+        records.append(
+            {"card": card.label, "file": file, "draw": int(row), "weight": 1.0 / len(rows)}
+            | _parameters(card, program)
+            | {
+                "smallest_fibre_strain": fibres.smallest,
+                "switch_changes_stress_kPa": fibres.change_kPa,
+                "check_relative_deviation": deviation,
+            }
+        )
+    manifest = pd.DataFrame(records)
+    write_csv(out / MANIFEST, manifest)
+    return manifest
+
+
+def _parameters(card: Card, program: str) -> dict[str, object]:
+    """What a card says, as columns of the manifest."""
+    written = card.material
+    return {
+        "C1_kPa": written.C1_kPa,
+        "k1_kPa": written.k1_kPa,
+        "k2": written.k2,
+        "alpha_deg": written.alpha_deg,
+        "kappa": written.kappa,
+        "bulk_modulus_kPa": np.nan if card.bulk_kPa is None else card.bulk_kPa,
+        "program": program,
+        "units": card.units.name,
+    }
+
+
+def _bulk_modulus(fitted: GOH, states: np.ndarray, ratio: float | None) -> float | None:
+    """Bulk modulus in kPa, from the stiffness and the stress that the material meets."""
+    if ratio is None:
+        return None
+    peak = float(np.abs(fitted.cauchy(*states.T)).max())
+    return ratio * max(2.0 * fitted.C1_kPa, peak)
+
+
+def _write_and_check(
+    card: Card, path: Path, program: str, fitted: GOH, states: np.ndarray
+) -> float:
+    """Write a card, read the file back and compare its stress with the draw's."""
+    write, read, _ = PROGRAMS[program]
+    atomic_write_text(path, write(card, __version__))
+    # What counts is the file, not what was meant to be in it. In the incompressible limit the
+    # volumetric term vanishes; evaluating it would only add its rounding, K times 1e-16.
+    found = read(path.read_text(encoding="utf-8"))
+    deviation = relative_deviation(found.isochoric_energy, card.units.per_kPa, fitted, *states.T)
+    if not deviation <= AGREEMENT:
+        path.unlink()
+        raise BiaxbayesError(
+            f"{path.name}: its stress differs from the draw's by {deviation:.1e} of itself"
+        )
+    return deviation
+
+
+@dataclass(frozen=True)
+class _Fibres:
+    smallest: float
+    change_kPa: float
+    notes: tuple[str, ...]
+
+
+def _fibres(fitted: GOH, states: np.ndarray) -> _Fibres:
+    """What the programs' fibre switch does to this draw in the tested states."""
+    X, Y = np.square(states.T)
+    E = fibre_strain(fitted.constants, X, Y, 1.0 / (X * Y))
+    smallest = float(E.min())
+    switch = (
+        "Fibre switch: fibres carry no load at E < 0 in this program and in the fit alike."
+        if fitted.fibre_switch
+        else "Fibre switch: this program drops the fibre term at E < 0; the fit does not "
+        "(Eq. 5 of its paper has no switch)."
+    )
+    if smallest >= 0.0 or fitted.fibre_switch:
+        where = "Over the tested states E >= 0, so the two agree there." if smallest >= 0.0 else ""
+        return _Fibres(smallest, 0.0, (f"{switch} {where}".strip(),))
+    switched = dataclasses.replace(fitted, fibre_switch=True)
+    change = float(np.abs(np.subtract(switched.cauchy(*states.T), fitted.cauchy(*states.T))).max())
+    note = (
+        f"WARNING: E falls to {smallest:.3g} in the tested states, where the switch changes the "
+        f"stress by up to {change:.3g} kPa; sample with --fibre-switch for a consistent material."
+    )
+    return _Fibres(smallest, change, (switch, note))
+
+
+def _states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
+    """Total stretches (m, 2) of the tested states for one draw."""
+    out = []
+    for protocol in specimen.protocols:
+        index = np.unique(np.linspace(0, protocol.rows - 1, STATES).round().astype(int))
+        measured = np.column_stack([protocol.stretch_x, protocol.stretch_y])[index]
+        out.append(measured * protocol_mounting(draw, protocol))
+    return np.vstack(out)
+
+
+def _prepare(out: Path, *, overwrite: bool) -> None:
+    """Make the folder; an earlier export in it is removed or refused, never mixed with."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        old = [path for path in out.iterdir() if CARD_NAME.fullmatch(path.name)]
+        if (old or (out / MANIFEST).exists()) and not overwrite:
+            raise InputError(
+                "holds the cards of an earlier export",
+                file=out,
+                remedy="name another folder with --out, or remove them with --overwrite",
+            )
+        for path in (*old, out / MANIFEST):
+            path.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", file=out) from None

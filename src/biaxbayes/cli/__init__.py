@@ -1,0 +1,135 @@
+"""The command line: a lazy group of verbs, a module of this package for each topic.
+
+Nothing heavy is imported here; a verb's module is imported when the verb is called, so that
+``biaxbayes --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from importlib import import_module
+from typing import Any
+
+import click
+
+from biaxbayes.errors import BiaxbayesError, one_line
+
+__all__ = ["main"]
+
+VERBS = {
+    "sample": "Joint posterior of the GOH parameters and the mounting stretches.",
+    "batch": "A whole study: many specimens, layers and donors compared.",
+    "fit": "Deterministic fits, with and without the mounting stretch.",
+    "check": "What the tool understands of a specimen file, and its warnings.",
+    "convert": "Machine exports to a specimen file.",
+    "simulate": "A virtual biaxial test, written as a specimen file.",
+    "identify": "Which parameters the data determine.",
+    "profile": "Profile likelihood of one parameter.",
+    "compare": "Several runs side by side: layers, specimens, settings.",
+    "design": "What to measure next.",
+    "ledger": "What ignoring the mounting stretch costs.",
+    "calibrate": "Simulation-based calibration on your own protocol.",
+    "predict": "Stress with bands on any path; thin-walled inflation.",
+    "plot": "Figures of a run, sized for a paper.",
+    "report": "The report of a run: HTML page, Markdown or LaTeX tables.",
+    "export": "Material cards for Abaqus and FEBio.",
+}
+"""Verbs in the order of the help page."""
+
+MODULES = {
+    "runs": ("sample", "batch", "fit", "calibrate"),
+    "specimens": ("check", "convert", "simulate"),
+    "findings": ("identify", "profile", "compare", "design", "ledger"),
+    "outputs": ("predict", "plot", "report", "export"),
+}
+"""Which module of this package has the command of a verb, by the verb's name."""
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in VERBS:
+            return None
+        module = next(name for name, verbs in MODULES.items() if cmd_name in verbs)
+        command: click.Command = getattr(import_module(f"biaxbayes.cli.{module}"), cmd_name)
+        # Raw docstrings hold click's mark of a paragraph to leave alone as two characters.
+        command.help = (command.help or "").replace("\\b\n", "\b\n")
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="biaxbayes")
+def group() -> None:
+    """GOH parameters and mounting stretches of soft tissue from planar biaxial tests.
+
+    Start with: biaxbayes sample specimen.csv
+    """
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; errors become one line and an exit code.
+
+    Exit codes: 0 done, 2 an input, option or file that cannot be used, 3 ran but the result
+    cannot be trusted, 70 a defect of this program (``BIAXBAYES_DEBUG=1`` shows where), and 128
+    plus the signal when stopped by one.
+    """
+    with contextlib.suppress(AttributeError, ValueError):
+        # Names from files may hold characters that the terminal's encoding lacks.
+        sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    try:
+        sys.exit(_outcome(arguments))
+    except BrokenPipeError:
+        # Whoever read the output has gone; nothing may be flushed into it on the way out.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+
+
+def _outcome(arguments: list[str] | None) -> int:
+    """Exit code of a command line, its error printed."""
+    try:
+        outcome: Any = group.main(arguments, prog_name="biaxbayes", standalone_mode=False)
+        sys.stdout.flush()
+    except BiaxbayesError as error:
+        return _ended(str(error), error.exit_code)
+    except (click.exceptions.Abort, KeyboardInterrupt) as error:
+        # A second signal says which it was.
+        cause = error.__cause__ if isinstance(error, click.exceptions.Abort) else error
+        number = next((a for a in getattr(cause, "args", ()) if isinstance(a, int)), 2)
+        return _ended("stopped at once; what was saved is safe", 128 + number)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if os.environ.get("BIAXBAYES_DEBUG"):
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        return _ended(f"{where}{error.strerror or error}; check space and permissions", 2)
+    except MemoryError:
+        return _ended("not enough memory; thin the record or ask for fewer draws", 2)
+    except Exception as error:
+        if os.environ.get("BIAXBAYES_DEBUG"):
+            raise
+        return _ended(
+            f"internal error: {type(error).__name__}: {error}; please report it with the command "
+            "and the file (BIAXBAYES_DEBUG=1 shows where it happened)",
+            70,
+        )
+    return outcome if isinstance(outcome, int) else 0
+
+
+def _ended(problem: str, code: int) -> int:
+    with contextlib.suppress(OSError):
+        click.echo(f"biaxbayes: {one_line(problem)}", err=True)
+    return code

@@ -1,0 +1,419 @@
+"""``biaxbayes identify``, ``profile``, ``compare``, ``ledger`` and ``design``: what data say."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from biaxbayes.cli.options import (
+    MODEL,
+    Pair,
+    argument,
+    executor_options,
+    file_option,
+    fix_option,
+    model_options,
+    mounting_force_option,
+    options,
+    quiet_option,
+    read_model_options,
+    refuse_given,
+)
+from biaxbayes.cli.progress import graceful_stop, open_usable_run, progress_line
+from biaxbayes.options import DesignOptions, LedgerPlan, ProfileOptions, SamplingPlan
+
+if TYPE_CHECKING:
+    from biaxbayes.comparison.compare import Comparison
+    from biaxbayes.comparison.mounting_bias import Ledger
+    from biaxbayes.jobs.products import Identified
+    from biaxbayes.optimal_design.design import Design
+
+__all__ = ["compare", "design", "identify", "ledger", "profile"]
+
+NOT_RELIABLE = 3
+
+
+# --- identify: which parameters the data determine -----------------------------------------------
+
+
+SHOWN = ("Hx", "Hy", "Hz", "small-strain stiffness xx", "small-strain stiffness yy")
+
+
+@click.command("identify")
+@argument("run")
+@click.option("--json", "as_json", is_flag=True, help="Verdicts and evidence as JSON.")
+@click.option("--no-figure", is_flag=True, help="Leave the figure out.")
+def identify(run: Path, as_json: bool, no_figure: bool) -> int:
+    """Say which parameters of RUN the data determine, alone or only in combination.
+
+    Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder.
+    Exit code 3 where the chains are not reliable: there is no verdict then.
+    """
+    from biaxbayes import api
+    from biaxbayes.jobs.products import verdicts_as_json
+
+    found = api.identify(run, out=run, figure=not no_figure)
+    if as_json:
+        click.echo(verdicts_as_json(found.verdicts, found.determined, found.directions))
+    else:
+        _tell_identified(found, run)
+    return 0 if found.state == "reliable" else NOT_RELIABLE
+
+
+def _tell_identified(found: Identified, run: Path) -> None:
+    for line in found.verdicts.in_words():
+        click.echo(line)
+    if found.determined is not None:
+        click.echo("\nwhat the curves themselves say:")
+        directions = found.directions.in_words() if found.directions else []
+        for line in [*_determined_words(found), *directions]:
+            click.echo(f"  {line}")
+    click.echo(f"\nevidence in {run / 'identifiability.csv'}")
+
+
+def _determined_words(found: Identified) -> list[str]:
+    """A few quantities, and the stress at the end of the first test."""
+    from biaxbayes.identifiability.determined import FARTHEST
+
+    assert found.determined is not None
+    table = found.determined
+    stress = table[table["quantity"].isin(("Cauchy stress x", "Cauchy stress y"))]
+    shown = [*table[table["quantity"].isin(SHOWN)].itertuples(), *list(stress.itertuples())[2:4]]
+    lines = []
+    for row in shown:
+        where = f" at {row.stretch_x:g}, {row.stretch_y:g}" if "stress" in str(row.quantity) else ""
+        numbers = f"{row.median:.3g} ({row.low_90:.3g} to {row.high_90:.3g})"
+        line = f"{row.quantity}{where} {numbers} {row.unit}".rstrip()
+        ends = [float(str(v)) for v in (row.tissue_low_90, row.tissue_high_90)]
+        if not math.isnan(ends[0]):  # the interval to state: with the error of the model
+            line += f"; of the tissue {ends[0]:.3g} to {ends[1]:.3g}"
+        elif str(row.quantity).startswith("Cauchy stress"):
+            line += f"; of the tissue not stated, the mounting stretch may be {FARTHEST:g} or more"
+        lines.append(line)
+    return lines
+
+
+# --- profile: the likelihood along one parameter, everything else re-optimised -------------------
+
+
+@click.command("profile")
+@argument("specimen")
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    metavar="NAME",
+    help="C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; repeatable [the first five].",
+)
+@options(ProfileOptions, "mounting", "noise", "mounting_stretch")
+@fix_option("Hold a parameter; repeatable.")
+@options(ProfileOptions, "fibre_switch")
+@mounting_force_option()
+@click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
+@file_option("out", "Folder [<stem>-profile].")
+@click.option("--json", "as_json", is_flag=True, help="Intervals and curves as JSON.")
+def profile(
+    specimen: Path,
+    parameters: tuple[str, ...],
+    mounting_force: tuple[float, float] | None,
+    workers: int,
+    out: Path | None,
+    as_json: bool,
+    **model: Any,
+) -> None:
+    r"""Profile likelihood of parameters of SPECIMEN (a CSV): what the data alone say.
+
+    At every value of the parameter all others and the mounting stretches are fitted again. Writes
+    profile.csv, profile-intervals.csv and profile.pdf.
+
+    \b
+    biaxbayes profile media.csv --parameter kappa
+    """
+    chosen = read_model_options(**model)
+    from biaxbayes import api
+    from biaxbayes.jobs.products import profiles_as_json
+
+    folder = out or Path(f"{specimen.stem}-profile")
+    found = api.profile(
+        specimen, parameters, out=folder, mounting_force=mounting_force, workers=workers, **chosen
+    )
+    if as_json:
+        click.echo(profiles_as_json(found))
+        return
+    for one in found:
+        click.echo(one.in_words())
+    click.echo(f"curves in {folder / 'profile.csv'}, figure {folder / 'profile.pdf'}")
+
+
+# --- compare: several runs side by side ----------------------------------------------------------
+
+
+@click.command("compare")
+@argument("sources", metavar="RUN|CSV...", nargs=-1, required=True)
+@click.option("--labels", metavar="A,B,...", help="Names of the runs, in their order.")
+@file_option(
+    "out",
+    "Folder of the tables, figures and the page.",
+    default=Path("comparison"),
+    show_default=True,
+)
+@options(SamplingPlan, "seed", seed={"help": "For specimens to sample."})
+@model_options
+@options(SamplingPlan, "ess", "workers")
+@click.option("--anyway", is_flag=True, help="Take runs whose chains have not converged.")
+@quiet_option
+def compare(
+    sources: tuple[Path, ...],
+    labels: str | None,
+    out: Path,
+    seed: int,
+    mounting_force: tuple[float, float] | None,
+    ess: float,
+    workers: int | None,
+    anyway: bool,
+    quiet: bool,
+    **model: Any,
+) -> int:
+    r"""Compare runs of different layers, specimens or settings.
+
+    Writes the matrix of verdicts, the overlaid posteriors, the forest of intervals, the distances
+    between the runs and a page, compare.html. A specimen CSV is sampled first, with the model
+    options given here, into a run folder inside of --out.
+
+    \b
+    biaxbayes compare intima.run media.run adventitia.run --out layers
+    biaxbayes compare media.run media.csv --fix alpha=41 --labels "free,alpha from histology"
+    """
+    chosen = read_model_options(**model)
+    from biaxbayes import api
+
+    names = None if labels is None else [name.strip() for name in labels.split(",")]
+    api.check_comparison(sources, names)
+    runs = [open_usable_run(s, anyway=anyway) if s.is_dir() else s for s in sources]
+    with progress_line(quiet=quiet) as tell, graceful_stop() as stop:
+        found = api.compare(
+            runs,
+            labels=names,
+            out=out,
+            mounting_force=mounting_force,
+            anyway=anyway,
+            progress=tell,
+            stop=stop,
+            seed=seed,
+            ess=ess,
+            workers=workers,
+            **chosen,
+        )
+    if not quiet:
+        _tell_compared(found, out)
+    if not found.reliable:
+        click.echo("biaxbayes: not every run is reliable, see compare.html", err=True)
+    return 0 if found.reliable else NOT_RELIABLE
+
+
+def _tell_compared(found: Comparison, out: Path) -> None:
+    from biaxbayes.comparison.compare import WARNING
+
+    for label, verdicts in zip(found.labels, found.verdicts, strict=True):
+        click.echo(f"{label}:")
+        for parameter in verdicts.parameters:
+            share = ""
+            if parameter.evidence is not None:
+                share = f"{min(100.0 * max(parameter.evidence.contraction, 0.0), 99.9):.1f} %"
+            click.echo(f"  {parameter.name:<22}{parameter.verdict:<22}{share:>8}")
+    apart = found.distances[found.distances["determined_in_both"]]
+    click.echo("\ndetermined in both, largest distances (in sd):")
+    for (a, b), rows in apart.groupby(["run_a", "run_b"], sort=False):
+        most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
+        cells = [f"{_name(r)} {r['standardised']:+.1f}" for r in most.to_dict("records")]
+        click.echo(f"  {b} minus {a}: {', '.join(cells)}")
+    for note in found.notes:
+        click.echo(f"note: {note}")
+    click.echo(f"note: {WARNING}")
+    click.echo(f"\n{out / 'compare.html'}")
+
+
+def _name(row: dict[Any, Any]) -> str:
+    at = row["total_stretch"]
+    return str(row["quantity"]) if at != at or at is None else f"{row['quantity']} at {at:.4g}"
+
+
+# --- ledger: what ignoring the mounting stretch costs --------------------------------------------
+
+
+@click.command("ledger")
+@argument("source", metavar="SPECIMEN|RUN")
+@click.option(
+    "--stretch",
+    "stretches",
+    type=float,
+    multiple=True,
+    help="Total equibiaxial stretch of the stresses. Repeatable  [five up to the largest tested]",
+)
+@file_option("out", "Folder [<stem>-ledger].")
+@options(LedgerPlan, "seed")
+@model_options
+@options(LedgerPlan, "ess", "workers")
+@quiet_option
+@click.pass_context
+def ledger(
+    context: click.Context,
+    source: Path,
+    stretches: tuple[float, ...],
+    out: Path | None,
+    seed: int,
+    mounting_force: tuple[float, float] | None,
+    ess: float,
+    workers: int | None,
+    quiet: bool,
+    **model: Any,
+) -> int:
+    """Sample a specimen with its mounting stretch inferred, ignored and zeroed, side by side.
+
+    Writes ledger.csv, ledger.pdf and ledger.png. A RUN folder serves as the inferred posterior,
+    with its own model options; a specimen CSV is sampled. Exit code 3 when one of the three is
+    not reliable.
+    """
+    chosen: dict[str, Any] = {}
+    begun: Any = source
+    if source.is_dir():
+        refuse_given(
+            context,
+            ("mounting_force", *MODEL, "fix", "priors"),
+            "{} does not go with a run, which has its own",
+            remedy="give the specimen's CSV instead",
+        )
+        begun = open_usable_run(source, anyway=False)
+    else:
+        chosen = read_model_options(**model)
+    from biaxbayes import api
+
+    folder = out or Path(f"{source.name if source.is_dir() else source.stem}-ledger")
+    with progress_line(quiet=quiet) as tell:
+        found = api.ledger(
+            begun,
+            stretches=stretches,
+            out=folder,
+            mounting_force=mounting_force,
+            progress=tell,
+            seed=seed,
+            ess=ess,
+            workers=workers,
+            **chosen,
+        )
+    if not quiet:
+        _tell_ledger(found, folder)
+    unreliable = [name for name, state in found.states.items() if state != "reliable"]
+    if unreliable:
+        click.echo(f"biaxbayes: not reliable: {', '.join(unreliable)}; ask for more", err=True)
+    return NOT_RELIABLE if unreliable else 0
+
+
+def _tell_ledger(found: Ledger, folder: Path) -> None:
+    from biaxbayes.prediction.stress import INSIDE
+
+    click.echo(f"{found.specimen}: median (5 %, 95 %); shift in sd of the inferred posterior\n")
+    click.echo(f"{'':<27}{'inferred':>24}{'ignored':>24}{'shift':>8}{'zeroed':>24}{'shift':>8}")
+    for _, row in found.table.iterrows():
+        name = str(row["quantity"])
+        if row["total_stretch"] == row["total_stretch"]:
+            mark = "" if row["extrapolation"] == INSIDE else "*"
+            name = f"{name} at {row['total_stretch']:.4g}{mark}"
+        cells = [_cell(row, t) for t in ("inferred", "ignored", "zeroed")]
+        shifts = [f"{row[f'shift_{t}_sd']:+.1f}" for t in ("ignored", "zeroed")]
+        unit = f" ({row['unit']})" if row["unit"] else ""
+        click.echo(
+            f"{name + unit:<27}{cells[0]:>24}{cells[1]:>24}{shifts[0]:>8}{cells[2]:>24}"
+            f"{shifts[1]:>8}"
+        )
+    outside = found.stresses["extrapolation"] != INSIDE
+    if outside.any():
+        click.echo("\n* outside of what the test covered, or below the mounted state")
+    click.echo(f"\n{folder / 'ledger.csv'}, {folder / 'ledger.pdf'}")
+
+
+def _cell(row: Any, name: str) -> str:
+    low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))
+    if low == high:
+        return f"{median:.4g} (taken)"
+    return f"{median:.4g} ({low:.3g}, {high:.3g})"
+
+
+# --- design: what to measure next ----------------------------------------------------------------
+
+
+@click.command("design")
+@argument("run")
+@options(
+    DesignOptions,
+    ratios={
+        "multiple": True,
+        "type": Pair("ratio", ":", single=False, zero=True),
+        "show_default": False,
+    },
+)
+@executor_options
+@click.option("--quiet", is_flag=True, help="No progress.")
+@file_option("out", "Folder of the files [the run's].")
+def design(
+    run: Path,
+    workers: int | None,
+    scheduler: str | None,
+    quiet: bool,
+    out: Path | None,
+    **how: Any,
+) -> int:
+    """Say which further measurement would narrow the posterior of RUN most.
+
+    Outcomes of each candidate are simulated from the draws of the run, which are then reweighted;
+    where an outcome leaves too few of them, new ones are drawn.
+    Writes design.csv, design.pdf and design.png. Exit code 3 where the run is not reliable.
+    """
+    from biaxbayes import api
+
+    opened = open_usable_run(run, anyway=False)
+    folder = out or run
+    with progress_line(quiet=quiet) as tell:
+        found = api.design(
+            opened, out=folder, workers=workers, scheduler=scheduler, progress=tell, **how
+        )
+    _tell_design(found, opened.draws, opened.specimen.unit)
+    click.echo(f"\n{folder / 'design.csv'}, {folder / 'design.pdf'}")
+    return 0 if opened.state == "reliable" else NOT_RELIABLE
+
+
+def _tell_design(found: Design, draws: Any, unit: str) -> None:
+    from biaxbayes.optimal_design.candidates import FurtherProtocol
+
+    names = [p.name for p in found.known.material if p.name in found.quantities]
+    click.echo("expected reduction of the standard deviation, per cent; information in nats\n")
+    head = "".join(f"{n:>9}" for n in names)
+    click.echo(f"{'':<24}{'information':>14}{head}{'draws':>8}{'peak load (' + unit + ')':>18}")
+    for expected, candidate in zip(found.expected, found.candidates, strict=True):
+        cells = ""
+        for name in names:
+            i = found.quantities.index(name)
+            percent = 100.0 * expected.reduction[i], 100.0 * expected.error[i]
+            cells += f"{'{:.0f}±{:.0f}'.format(*percent):>9}"
+        gain = f"{expected.gain:.1f} ± {expected.gain_error:.1f}"
+        peak = ""
+        if isinstance(candidate, FurtherProtocol):
+            peak = "{:.3g} to {:.3g}".format(*candidate.peak_load(draws.iloc[::20]))
+        mark = "" if expected.trusted else "*"
+        click.echo(
+            f"{expected.name + mark:<24}{gain:>14}{cells}{expected.effective:>8.0f}{peak:>18}"
+        )
+    if not all(e.trusted for e in found.expected):
+        click.echo(
+            "\n* too few draws could be had for these outcomes: the true reduction "
+            "is at least the column at_least of design.csv"
+        )
+    for name in found.skipped:
+        click.echo(f"note: {name} left out, its loads are beyond any number for some draws")
+    click.echo(
+        "note: new protocols are taken to have errors of their own, of the size and correlation "
+        "of the run's;\na misfit that comes back in every repeat is not averaged away"
+    )

@@ -1,0 +1,206 @@
+"""Options of the commands, made of the tables of :mod:`biaxbayes.options`; how they are read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from biaxbayes.errors import InputError
+from biaxbayes.options import ModelOptions, Option, Options, stated
+
+__all__ = [
+    "MODEL",
+    "Decorator",
+    "Pair",
+    "anyway_option",
+    "argument",
+    "executor_options",
+    "file_option",
+    "fix_option",
+    "fixed_values",
+    "model_options",
+    "mounting_force_option",
+    "options",
+    "quiet_option",
+    "read_model_options",
+    "refuse_given",
+]
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+class Pair(click.ParamType):
+    """Two positive numbers with a separator, or one number for both: ``20`` or ``20x15``."""
+
+    def __init__(self, name: str, separator: str, *, single: bool, zero: bool = False) -> None:
+        self.name, self.separator, self.single, self.zero = name, separator, single, zero
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Numbers from the text of the option."""
+        if isinstance(value, tuple):
+            return value
+        parts = str(value).split(self.separator)
+        if len(parts) == 1 and self.single:
+            parts *= 2
+        try:
+            x, y = (float(part) for part in parts)
+        except ValueError:
+            x = y = math.nan
+        lowest = min(x, y)
+        if not (math.isfinite(x + y) and (lowest > 0.0 or (self.zero and lowest == 0.0))):
+            example = "20 or 20x15" if self.single else "1:0.5"
+            self.fail(f"{value!r} does not read like {example}", param, ctx)
+        return x, y
+
+
+def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
+    """Add options of a table to a command.
+
+    Parameters
+    ----------
+    table : type
+        One of the tables of :mod:`biaxbayes.options`.
+    *names : str
+        In the order of the help; all of the table's where none is named.
+    **changes
+        What this command says otherwise of an option, as keyword arguments of ``click.option``.
+    """
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        for name in reversed(names or tuple(stated(table))):
+            function = _option(table, name, changes.get(name, {}))(function)
+        return function
+
+    return add
+
+
+def _option(table: type[Options], name: str, changes: dict[str, Any]) -> Decorator:
+    option, default = stated(table)[name], getattr(table, name)
+    told: dict[str, Any] = {"help": option.words or None, "metavar": option.metavar}
+    if option.kind is bool:
+        told |= {"is_flag": True, "default": default}
+    else:
+        if option.choices:
+            told["type"] = click.Choice(option.choices)
+        elif option.shown:
+            told["type"] = _range(option)
+        elif option.kind is not None:
+            told["type"] = option.kind
+        if default is not None:
+            # A count is shown as a user would write it: 2000, not 2000.0.
+            whole = isinstance(default, float) and default >= 100.0 and default.is_integer()
+            told |= {"default": int(default) if whole else default, "show_default": True}
+    return click.option(f"--{option.flag}", name, **(told | changes))
+
+
+def _range(option: Option) -> click.ParamType:
+    most = None if option.most == math.inf else option.most
+    if option.kind is int:
+        return click.IntRange(int(option.least), None if most is None else int(most))
+    inside = option.inside
+    return click.FloatRange(option.least, most, min_open=inside, max_open=inside)
+
+
+def argument(name: str, **more: Any) -> Decorator:
+    """A path among the arguments of a command."""
+    return click.argument(name, type=click.Path(path_type=Path), **more)
+
+
+def file_option(name: str, words: str, metavar: str | None = None, **more: Any) -> Decorator:
+    """An option that takes a path."""
+    kind = click.Path(path_type=Path)
+    return click.option(f"--{name}", type=kind, metavar=metavar, help=words, **more)
+
+
+quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+anyway_option = click.option("--anyway", is_flag=True, help="Even if the run is not reliable.")
+
+
+def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add ``--workers`` and ``--scheduler``; the result depends on neither."""
+    for option in (
+        click.option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Use the workers of this Dask scheduler, as tcp://host:8786.",
+        ),
+        click.option(
+            "--workers", type=int, default=None, help="Local processes [processors, at most 4]."
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+# --- the statistical model and its priors --------------------------------------------------------
+
+
+MODEL = ("mounting", "noise", "mounting_stretch", "noise_growth", "thin", "fibre_switch")
+
+
+def fix_option(words: str) -> Decorator:
+    """``--fix NAME=VALUE``."""
+    return click.option("--fix", multiple=True, metavar="NAME=VALUE", help=words)
+
+
+def mounting_force_option(
+    words: str = "For a tared file: the force (or stress) at the mounted state, put back on.",
+) -> Decorator:
+    """``--mounting-force X Y``."""
+    return click.option(
+        "--mounting-force", nargs=2, type=float, default=None, metavar="X Y", help=words
+    )
+
+
+def model_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of the statistical model to a command."""
+    for option in (
+        mounting_force_option(),
+        file_option("priors", "Priors, fixed and tied parameters.", "FILE.toml"),
+        fix_option("Fix a parameter, as kappa=0 or alpha=41 (degrees). Repeatable."),
+        options(ModelOptions, *MODEL),
+    ):
+        function = option(function)
+    return function
+
+
+def read_model_options(
+    *, fix: tuple[str, ...], priors: Path | None = None, **model: Any
+) -> dict[str, Any]:
+    """Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`.
+
+    Raises
+    ------
+    InputError
+        Naming the option or the key of the priors file that cannot be used.
+    """
+    from biaxbayes.model.priors import check_fixed, read_priors
+
+    chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors))
+    chosen |= {name: check_fixed(name, value) for name, value in fixed_values(fix).items()}
+    return {**model, "priors": chosen}
+
+
+def fixed_values(texts: tuple[str, ...]) -> dict[str, float]:
+    """Numbers of ``--fix``, not checked against the range of their parameter."""
+    held = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            held[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--fix {text[:60]!r}", remedy="write it as --fix kappa=0.1") from None
+    return held
+
+
+def refuse_given(context: click.Context, names: tuple[str, ...], problem: str, **more: Any) -> None:
+    """Refuse the first of these options that was given; ``{}`` in the problem is its name."""
+    for name in names:
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise InputError(problem.format(f"--{name.replace('_', '-')}"), **more)

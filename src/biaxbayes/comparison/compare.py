@@ -1,0 +1,491 @@
+"""Several runs side by side: what each determines, and how far apart they are.
+
+How far two posteriors of one quantity lie apart.
+
+Whether runs can be compared at all: what else than the tissue differs between them.
+
+Materials drawn from the priors of a run, and how much less its posterior spreads.
+
+A quantity that follows from the parameters has no prior of its own; its prior is what the
+parameters' priors make of it.
+
+A difference in a parameter that one of the runs does not determine is no difference between
+tissues: the same curves could have been described by other values of it. The stresses, the
+stiffness and the structure tensor are compared as well, and each is judged by how much the data
+say about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError
+from biaxbayes.identifiability.determined import (
+    STRESS,
+    Derived,
+    derived_quantities,
+    largest_equibiaxial,
+)
+from biaxbayes.identifiability.identify import Identifiability, identify_draws
+from biaxbayes.identifiability.marginals import judged_scales
+from biaxbayes.identifiability.verdict import IDENTIFIED, ONE_SIDED, Thresholds
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Prior, Tie
+from biaxbayes.parameters import MATERIAL
+
+__all__ = [
+    "DISJOINT",
+    "WARNING",
+    "Comparison",
+    "Distance",
+    "Member",
+    "compare",
+    "contractions",
+    "differing_settings",
+    "distance",
+    "labels_of",
+    "prior_material",
+    "spread",
+]
+
+
+# --- how far two posteriors of one quantity lie apart --------------------------------------------
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Difference of a quantity between two posteriors whose draws are independent.
+
+    Attributes
+    ----------
+    low, median, high : float
+        90 % interval and median of b - a.
+    standardised : float
+        (mean b - mean a) / sqrt(var a + var b).
+    probability_greater : float
+        Probability that b is larger than a.
+    kolmogorov : float
+        Largest difference of the two cumulative distributions: 0 where they are the same, 1
+        where they do not overlap. It does not depend on the scale of the quantity.
+    """
+
+    low: float
+    median: float
+    high: float
+    standardised: float
+    probability_greater: float
+    kolmogorov: float
+
+
+def distance(a: np.ndarray, b: np.ndarray, *, seed: int = 0) -> Distance:
+    """Compare draws of one quantity.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (n,), (m,)
+        Finite draws of two runs.
+    seed : int
+        For the random pairing behind the interval of the difference.
+
+    Returns
+    -------
+    Distance
+    """
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    rng = np.random.default_rng(seed)
+    n = max(a.size, b.size)
+    difference = np.resize(rng.permutation(b), n) - np.resize(rng.permutation(a), n)
+    low, median, high = np.quantile(difference, [0.05, 0.5, 0.95])
+    spread = float(np.sqrt(a.var() + b.var()))
+    apart = float(b.mean() - a.mean())
+    if spread > 0.0:
+        standardised = apart / spread
+    else:
+        standardised = float(np.copysign(np.inf, apart)) if apart else 0.0
+    ordered_a, ordered_b = np.sort(a), np.sort(b)
+    # P(b > a) + P(b = a) / 2 over all pairs
+    below = np.searchsorted(ordered_a, b, "left") + np.searchsorted(ordered_a, b, "right")
+    pooled = np.concatenate([ordered_a, ordered_b])
+    cumulative = [np.searchsorted(s, pooled, "right") / s.size for s in (ordered_a, ordered_b)]
+    return Distance(
+        float(low),
+        float(median),
+        float(high),
+        standardised,
+        float(0.5 * below.mean() / a.size),
+        float(np.abs(cumulative[0] - cumulative[1]).max()),
+    )
+
+
+# --- whether runs can be compared at all: what else than the tissue differs between them ---------
+
+
+OPTIONS = {
+    "mounting": "the mounting force enters as",
+    "noise": "the errors are",
+    "mounting_stretch": "the mounted state is",
+    "noise_growth": "the noise grows with the load:",
+    "fibre_switch": "fibres drop out in compression:",
+}
+
+
+def differing_settings(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
+    """One sentence for each difference between runs that is not one of tissue.
+
+    Parameters
+    ----------
+    runs : sequence of (str, Posterior)
+        Labels and posteriors.
+    """
+    notes = []
+    for option, words in OPTIONS.items():
+        found = {label: getattr(p.settings, option) for label, p in runs}
+        if len(set(found.values())) > 1:
+            notes.append(f"different options: {words} {_each(found)}")
+    judged = {q.parameter.name: None for _, p in runs for q in p.quantities.judged()}
+    for name in judged:
+        stated = {label: _in_words(p, name) for label, p in runs}
+        if len({text for text in stated.values() if text}) > 1:
+            notes.append(f"different priors of {name}: {_each(stated)}")
+    for axis in "xy":
+        axes = {label: getattr(p.specimen, f"axis_{axis}") for label, p in runs}
+        if len(set(axes.values())) > 1:
+            notes.append(f"axis {axis} is not the same direction: {_each(axes)}")
+    geometry = {label: p.specimen.geometry for label, p in runs}
+    if len(set(geometry.values())) > 1:
+        notes.append(f"dimensions and stresses refer to different states: {_each(geometry)}")
+    return notes + _same_specimens(runs)
+
+
+def _each(values: dict) -> str:
+    return ", ".join(f"{'not stated' if v is None else v} ({k})" for k, v in values.items())
+
+
+def _in_words(posterior: Posterior, name: str) -> str:
+    """A prior as text; empty where the run has no such unknown."""
+    prior = posterior.priors.get(name)
+    if prior is None:
+        prior = posterior.priors.get(next((k for k in posterior.priors if k.startswith(name)), ""))
+    if isinstance(prior, Prior):
+        table = prior.as_table()
+        family = str(table.pop("distribution"))
+        return " ".join([family, *(f"{k} {v:.4g}" for k, v in table.items())])
+    if isinstance(prior, Tie):
+        return f"tied to {prior.other}"
+    return "" if prior is None else f"fixed at {prior:g}"
+
+
+def _same_specimens(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
+    notes = []
+    for i, (label, first) in enumerate(runs):
+        for other, second in runs[i + 1 :]:
+            if first.specimen.protocols == second.specimen.protocols:
+                notes.append(
+                    f"{label} and {other} are the same measurements: their differences are those "
+                    "of the settings, and their draws are not independent evidence"
+                )
+    return notes
+
+
+# --- materials drawn from the priors of a run, and how much less its posterior spreads -----------
+
+
+PRIOR_DRAWS = 4096
+
+
+def prior_material(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
+    """Materials drawn from the priors of a run.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    draws : DataFrame
+        Its draws, for the names.
+    """
+    rng = np.random.default_rng(0)
+    level = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
+    columns: dict[str, np.ndarray] = {}
+    scales = judged_scales(posterior.priors, posterior.quantities, draws)
+    for scale in scales:
+        if scale.parameter.kind == MATERIAL and isinstance(scale.prior, Prior):
+            columns[scale.name] = scale.prior.ppf(rng.permutation(level))
+        elif scale.parameter.kind == MATERIAL and isinstance(scale.prior, int | float):
+            columns[scale.name] = np.full(PRIOR_DRAWS, float(scale.prior))
+    for scale in scales:
+        if isinstance(scale.prior, Tie) and scale.parameter.kind == MATERIAL:
+            columns[scale.name] = scale.prior.factor * columns[scale.prior.other]
+    return pd.DataFrame(columns)
+
+
+def spread(quantity: Derived) -> float:
+    """Half the width of the middle 68 %: of the logarithm, where the quantity has a unit."""
+    values = quantity.values
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = np.log(values) if quantity.unit else values
+    moved = moved[np.isfinite(moved)]
+    if not moved.size:
+        return np.inf
+    low, high = np.quantile(moved, [0.1587, 0.8413])
+    return max(0.5 * float(high - low), 1e-12)
+
+
+def contractions(prior: Sequence[Derived], posterior: Sequence[Derived]) -> list[float]:
+    """Share by which the data shrink the variance of each quantity.
+
+    Parameters
+    ----------
+    prior, posterior : sequence of Derived
+        The same quantities of draws from both.
+    """
+    return [
+        1.0 - (spread(after) / spread(before)) ** 2
+        for before, after in zip(prior, posterior, strict=True)
+    ]
+
+
+# --- several runs side by side: what each determines, and how far apart they are -----------------
+
+
+WARNING = (
+    "A difference in a quantity that is not determined in both runs is not a difference between "
+    "tissues: other values of it describe the same curves."
+)
+DISJOINT = 0.99
+"""Kolmogorov distance from which two posteriors count as apart: no trade in a run bridges it."""
+MOST_DRAWS = 10_000
+STRESS_STEPS = 5
+PARAMETER = "parameter"
+
+
+@dataclass(frozen=True)
+class Member:
+    """One run of a comparison.
+
+    Attributes
+    ----------
+    label : str
+    posterior : Posterior
+    draws : DataFrame
+    state : str
+    """
+
+    label: str
+    posterior: Posterior
+    draws: pd.DataFrame
+    state: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs with their verdicts, their common quantities and the distances between them.
+
+    Attributes
+    ----------
+    members : tuple of Member
+    verdicts : tuple of Identifiability
+    derived : tuple of list of Derived
+        The same quantities of every run.
+    determined : tuple of dict
+        For each run, whether the data determine a quantity, by its key.
+    distances : DataFrame
+        One row a pair of runs and quantity.
+    stretches : list of float
+        Total equibiaxial stretches that all runs reached.
+    notes : list of str
+        Differences between the runs that are none of tissue.
+    """
+
+    members: tuple[Member, ...]
+    verdicts: tuple[Identifiability, ...]
+    derived: tuple[list[Derived], ...]
+    determined: tuple[dict[str, bool], ...]
+    distances: pd.DataFrame
+    stretches: list[float]
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def labels(self) -> list[str]:
+        """Labels of the runs."""
+        return [m.label for m in self.members]
+
+    @property
+    def reliable(self) -> bool:
+        """Whether all runs are."""
+        return all(m.state == "reliable" for m in self.members)
+
+    def matrix(self) -> pd.DataFrame:
+        """Verdicts and contractions, one row a run and parameter."""
+        tables = []
+        for member, found in zip(self.members, self.verdicts, strict=True):
+            table = found.to_frame()
+            table.insert(0, "run", member.label)
+            tables.append(table)
+        return pd.concat(tables, ignore_index=True)
+
+    def _repr_html_(self) -> str:
+        """Verdicts, and what differs among the quantities that both runs determine."""
+        verdicts = self.matrix().pivot(index="run", columns="parameter", values="verdict")
+        names = list(dict.fromkeys(self.matrix()["parameter"]))
+        known = self.distances[self.distances["determined_in_both"]]
+        kept = ["run_a", "run_b", "quantity", "unit", "total_stretch", "median_a", "median_b"]
+        kept += ["difference_q05", "difference_q95", "standardised"]
+        return verdicts.loc[self.labels, names].to_html(na_rep="–") + known[kept].to_html(
+            index=False, float_format=lambda v: f"{v:.4g}", na_rep="–"
+        )
+
+
+def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) -> Comparison:
+    """Compare runs of different layers, specimens or settings.
+
+    Parameters
+    ----------
+    members : sequence of Member
+        Two or more, with different labels.
+    thresholds : Thresholds, optional
+        Of the verdicts. A derived quantity counts as determined where the data shrink the variance
+        of its logarithm (of the structure tensor itself) by at least ``contraction``.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two runs, or one has unusable draws.
+    """
+    chosen = thresholds or Thresholds()
+    _check(members)
+    members = tuple(
+        Member(m.label, m.posterior, m.draws.iloc[:: -(-len(m.draws) // MOST_DRAWS)], m.state)
+        for m in members
+    )
+    verdicts = tuple(
+        identify_draws(m.posterior, m.draws, m.state, thresholds=chosen) for m in members
+    )
+    stretches = common_stretches(members)
+    derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)
+    determined = tuple(
+        _determined(*each, chosen) for each in zip(members, verdicts, derived, strict=True)
+    )
+    rows = [
+        row
+        for i, j in combinations(range(len(members)), 2)
+        for row in _distances(members, derived, determined, i, j)
+    ]
+    return Comparison(
+        members,
+        verdicts,
+        derived,
+        determined,
+        pd.DataFrame(rows),
+        stretches,
+        differing_settings([(m.label, m.posterior) for m in members]),
+    )
+
+
+def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
+    """Labels for runs: the layers if they differ, else the specimens, else the folders.
+
+    Parameters
+    ----------
+    specimens : sequence of Specimen
+    folders : sequence of str
+        Names of the run folders.
+    """
+    layers = [s.layer for s in specimens]
+    names = [s.name for s in specimens]
+    for chosen in (layers, names, list(folders)):
+        if all(chosen) and len(set(chosen)) == len(chosen):
+            return [str(c) for c in chosen]
+    return [f"{name} ({i})" for i, name in enumerate(names, start=1)]
+
+
+def common_stretches(members: Sequence[Member]) -> list[float]:
+    """Five total equibiaxial stretches, evenly up to the largest that every run reached."""
+    top = min(largest_equibiaxial(m.draws, m.posterior.specimen) for m in members)
+    if top > 1.005:
+        top = 1.0 + float(np.floor(1e3 * (top - 1.0))) / 1e3
+    return [float(round(v, 6)) for v in 1.0 + (top - 1.0) * np.arange(1, 6) / STRESS_STEPS]
+
+
+def _check(members: Sequence[Member]) -> None:
+    if len(members) < 2:
+        raise InputError("a comparison needs two runs or more")
+    labels = [m.label for m in members]
+    if len(set(labels)) < len(labels):
+        raise InputError("two runs have the same label", remedy="give --labels A,B,...")
+    for member in members:
+        if member.state == "unusable":
+            raise InputError(
+                f"the chains of {member.label} have not converged, so its draws say nothing",
+                remedy="sample it longer, or leave it out",
+            )
+
+
+def _derived(draws: pd.DataFrame, stretches: list[float], posterior: Posterior) -> list[Derived]:
+    return derived_quantities(draws, posterior.law, stretches, (1.0, stretches[-1]))
+
+
+def _determined(
+    member: Member, found: Identifiability, derived: list[Derived], thresholds: Thresholds
+) -> dict[str, bool]:
+    """Whether the data determine each quantity of a run."""
+    reliable = member.state == "reliable"
+    out = {p.name: p.verdict in (IDENTIFIED, ONE_SIDED) for p in found.parameters}
+    stretches = [d.stretch for d in derived if d.kind == STRESS and d.name == "cauchy_x"]
+    prior = _derived(
+        prior_material(member.posterior, member.draws),
+        [s for s in stretches if s],
+        member.posterior,
+    )
+    shrunk = contractions(prior, derived)
+    for quantity, share in zip(derived, shrunk, strict=True):
+        out[quantity.key] = reliable and share >= thresholds.contraction
+    return out
+
+
+def _distances(
+    members: Sequence[Member],
+    derived: Sequence[list[Derived]],
+    determined: Sequence[dict[str, bool]],
+    i: int,
+    j: int,
+) -> list[dict[str, Any]]:
+    a, b = members[i], members[j]
+    rows = []
+    pairs: list[tuple[str, str, str, str, float | None, np.ndarray, np.ndarray]] = []
+    for scale in judged_scales(a.posterior.priors, a.posterior.quantities, a.draws):
+        # A mounting stretch is a state of the test, not a property of the tissue.
+        if scale.parameter.kind == MATERIAL:
+            of_a, of_b = (m.draws[scale.name].to_numpy(dtype=float) for m in (a, b))
+            pairs.append((PARAMETER, scale.name, scale.name, scale.unit, None, of_a, of_b))
+    for first, second in zip(derived[i], derived[j], strict=True):
+        head = (first.kind, first.key, first.name, first.unit, first.stretch)
+        pairs.append((*head, first.values, second.values))
+    for kind, key, name, unit, stretch, of_a, of_b in pairs:
+        found = distance(of_a, of_b)
+        rows.append(
+            {
+                "run_a": a.label,
+                "run_b": b.label,
+                "kind": kind,
+                "quantity": name,
+                "unit": unit,
+                "total_stretch": stretch,
+                "determined_in_a": determined[i][key],
+                "determined_in_b": determined[j][key],
+                "median_a": float(np.median(of_a)),
+                "median_b": float(np.median(of_b)),
+                "difference_q05": found.low,
+                "difference_q50": found.median,
+                "difference_q95": found.high,
+                "standardised": found.standardised,
+                "probability_b_greater": found.probability_greater,
+                "kolmogorov": found.kolmogorov,
+                "determined_in_both": determined[i][key] and determined[j][key],
+            }
+        )
+    return rows

@@ -1,0 +1,270 @@
+"""What ignoring the mounting stretch costs: the same specimen, sampled three ways.
+
+``inferred`` is the posterior with the mounting stretch as an unknown; ``ignored`` takes the mounted
+state for the reference and leaves the forces; ``zeroed`` subtracts the first reading as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError
+from biaxbayes.identifiability.determined import (
+    derived_quantities,
+    largest_equibiaxial,
+    median_mounting,
+)
+from biaxbayes.identifiability.marginals import Scale, judged_scales
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.parameters import MATERIAL, Quantities, mounting_names
+from biaxbayes.prediction.stress import covered_stretches
+from biaxbayes.sampling.sampler import Plan, Progress
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = [
+    "TREATMENTS",
+    "Ledger",
+    "Treated",
+    "classical",
+    "default_stretches",
+    "ledger",
+    "treat",
+    "treated_three_ways",
+]
+
+TREATMENTS = ("inferred", "ignored", "zeroed")
+MOST_DRAWS = 20_000
+STEPS = 5
+
+
+@dataclass(frozen=True)
+class Treated:
+    """Draws of a specimen under one treatment of its mounting force.
+
+    Attributes
+    ----------
+    posterior : Posterior
+    draws : DataFrame
+        Natural quantities, one row a draw.
+    state : str
+        ``reliable``, ``tentative`` or ``unusable``.
+    """
+
+    posterior: Posterior
+    draws: pd.DataFrame
+    state: str
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """Parameters and stresses under the three treatments.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row a quantity: ``quantity``, ``unit``, ``total_stretch`` (empty for parameters),
+        ``extrapolation``, ``scale`` of the comparison (natural logs for C1, k1 and k2), for each
+        treatment ``_median``, ``_q05`` and ``_q95``, ``inferred_sd`` on the scale, and
+        ``shift_ignored_sd``, ``shift_zeroed_sd``: the difference of the medians from the
+        inferred one in units of that.
+    states : dict
+        State of each treatment's draws.
+    specimen : str
+    known : Quantities
+        What the parameters are.
+    """
+
+    table: pd.DataFrame
+    states: dict[str, str]
+    specimen: str
+    known: Quantities
+
+    @property
+    def reliable(self) -> bool:
+        """Whether all three are."""
+        return set(self.states.values()) == {"reliable"}
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """Rows of the parameters and mounting stretches."""
+        return self.table[self.table["total_stretch"].isna()]
+
+    @property
+    def stresses(self) -> pd.DataFrame:
+        """Rows of the stresses."""
+        return self.table[self.table["total_stretch"].notna()]
+
+    def _repr_html_(self) -> str:
+        """Medians of the three treatments, for notebooks."""
+        kept = ["quantity", "unit", "total_stretch", "inferred_median", "ignored_median"]
+        kept += ["shift_ignored_sd", "zeroed_median", "shift_zeroed_sd"]
+        return self.table[kept].to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+
+
+def treat(
+    specimen: Specimen,
+    options: Mapping[str, Any],
+    plan: Plan,
+    progress: Callable[[Progress], None] = lambda p: None,
+) -> Treated:
+    """Sample a specimen in memory.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    options : mapping
+        Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`.
+    plan : Plan
+    progress : callable
+    """
+    posterior = prepare(specimen, **options, seed=plan.seed)
+    found = draw_posterior(posterior, plan, progress=progress)
+    draws = pd.DataFrame({name: q.ravel() for name, q in found.quantities.items()})
+    return Treated(posterior, draws, found.convergence.state)
+
+
+def classical(options: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Options of a classical treatment: no mounting stretch, hence no prior of one."""
+    priors = {k: v for k, v in options["priors"].items() if k not in mounting_names("stretch")}
+    return {**options, "mounting": name, "priors": priors}
+
+
+def treated_three_ways(
+    specimen: Specimen,
+    options: Mapping[str, Any],
+    plan: Plan,
+    inferred: Treated | None = None,
+    progress: Callable[[Progress], None] = lambda p: None,
+) -> dict[str, Treated]:
+    """A specimen under each of :data:`TREATMENTS`.
+
+    Parameters
+    ----------
+    specimen, options, plan, progress
+        As in :func:`treat`; the options are those of ``inferred``.
+    inferred : Treated, optional
+        Where it was sampled before.
+    """
+    first = inferred or treat(specimen, options, plan, progress)
+    treated = {TREATMENTS[0]: first}
+    for name in TREATMENTS[1:]:
+        treated[name] = treat(first.posterior.specimen, classical(options, name), plan, progress)
+    return treated
+
+
+def ledger(treated: Mapping[str, Treated], stretches: Sequence[float] | None = None) -> Ledger:
+    """Lay three treatments of one specimen side by side.
+
+    Parameters
+    ----------
+    treated : mapping
+        A :class:`Treated` for each of :data:`TREATMENTS`.
+    stretches : sequence of float, optional
+        Total equibiaxial stretches of the stresses; five up to the largest tested one if not
+        given.
+
+    Returns
+    -------
+    Ledger
+    """
+    inferred = treated["inferred"]
+    specimen = inferred.posterior.specimen
+    chosen = default_stretches(inferred) if stretches is None else _checked(stretches)
+    draws = {name: _thinned(treated[name].draws) for name in TREATMENTS}
+    rows = _parameter_rows(inferred.posterior, draws) + _stress_rows(treated, draws, chosen)
+    table = pd.DataFrame(rows)
+    lm = median_mounting(inferred.draws, specimen)
+    at = table["total_stretch"].to_numpy(dtype=float)
+    known = np.isfinite(at)
+    place = np.full(len(table), "", dtype=object)
+    place[known] = covered_stretches(specimen, lm).extrapolation(at[known], at[known])
+    table.insert(3, "extrapolation", place)
+    states = {name: treated[name].state for name in TREATMENTS}
+    return Ledger(table, states, specimen.name, inferred.posterior.quantities)
+
+
+def default_stretches(inferred: Treated) -> list[float]:
+    """Five total equibiaxial stretches, evenly up to the largest tested one."""
+    top = largest_equibiaxial(inferred.draws, inferred.posterior.specimen)
+    top = 1.0 + np.floor(1e3 * (top - 1.0)) / 1e3 if top > 1.005 else top
+    return [float(round(v, 6)) for v in 1.0 + (top - 1.0) * np.arange(1, STEPS + 1) / STEPS]
+
+
+def _checked(stretches: Sequence[float]) -> list[float]:
+    for value in stretches:
+        if not (0.5 < value < 3.0 and value != 1.0):
+            raise InputError(
+                f"a total stretch of {value:g} has no stress to compare",
+                remedy="state stretches such as 1.05; one is the unloaded state",
+            )
+    return sorted(set(map(float, stretches)))
+
+
+def _thinned(draws: pd.DataFrame) -> pd.DataFrame:
+    return draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+
+
+def _parameter_rows(
+    posterior: Posterior, draws: Mapping[str, pd.DataFrame]
+) -> list[dict[str, Any]]:
+    rows = []
+    for scale in judged_scales(posterior.priors, posterior.quantities, draws["inferred"]):
+        row: dict[str, Any] = {
+            "quantity": scale.name,
+            "unit": scale.unit,
+            "total_stretch": np.nan,
+            "scale": scale.label,
+        }
+        values = {name: _values(scale, frame) for name, frame in draws.items()}
+        rows.append(row | _compared(values, scale))
+    return rows
+
+
+def _values(scale: Scale, draws: pd.DataFrame) -> np.ndarray:
+    """Draws of a parameter; a mounting stretch that is not inferred was taken as one."""
+    if scale.name in draws:
+        return draws[scale.name].to_numpy(dtype=float)
+    assert scale.parameter.kind != MATERIAL
+    return np.ones(1)
+
+
+def _stress_rows(
+    treated: Mapping[str, Treated], draws: Mapping[str, pd.DataFrame], stretches: Sequence[float]
+) -> list[dict[str, Any]]:
+    law = treated["inferred"].posterior.law
+    found = {
+        name: derived_quantities(frame, law, stretches, tensor=False)
+        for name, frame in draws.items()
+    }
+    rows = []
+    for i, quantity in enumerate(found["inferred"]):
+        row: dict[str, Any] = {
+            "quantity": quantity.name,
+            "unit": "kPa",
+            "total_stretch": quantity.stretch,
+            "scale": quantity.name,
+        }
+        rows.append(row | _compared({name: found[name][i].values for name in TREATMENTS}, None))
+    return rows
+
+
+def _compared(values: Mapping[str, np.ndarray], scale: Scale | None) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for name in TREATMENTS:
+        q05, q50, q95 = np.quantile(values[name], [0.05, 0.5, 0.95])
+        out |= {f"{name}_median": q50, f"{name}_q05": q05, f"{name}_q95": q95}
+    moved = {name: v if scale is None else scale.of(v) for name, v in values.items()}
+    sd = float(moved["inferred"].std(ddof=1))
+    out |= {"inferred_sd": sd}
+    for name in TREATMENTS[1:]:
+        # shift = (median of the treatment - median inferred) / sd inferred
+        difference = float(np.median(moved[name]) - np.median(moved["inferred"]))
+        out[f"shift_{name}_sd"] = difference / sd if sd > 0.0 else np.nan
+    return out

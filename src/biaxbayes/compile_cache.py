@@ -1,0 +1,59 @@
+"""Where compiled code is kept between runs.
+
+Numba notices a change of the file that a compiled function stands in, not of the files that it
+calls. Keyed by all sources that are compiled, the cache can never serve a density of yesterday's
+mechanics.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numba
+import platformdirs
+
+__all__ = ["first_alone", "use_own_cache"]
+
+FILLED = "filled"
+
+
+def use_own_cache() -> None:
+    """Keep compiled code in the user's cache, unless ``NUMBA_CACHE_DIR`` says where."""
+    config: Any = numba.config
+    if config.CACHE_DIR:
+        return
+    digest = hashlib.sha256()
+    package = Path(__file__).parent
+    for folder in ("laws", "mechanics", "sampling", "model"):
+        for source in sorted((package / folder).glob("*.py")):
+            digest.update(source.read_bytes())
+    config.CACHE_DIR = str(Path(platformdirs.user_cache_dir("biaxbayes")) / digest.hexdigest()[:16])
+
+
+@contextlib.contextmanager
+def first_alone() -> Iterator[None]:
+    """Let one process fill an empty cache while the others that use it wait.
+
+    Numba's cache is not made for several processes that compile the same function at once. Where
+    the folder cannot be written or locked, nobody waits.
+    """
+    config: Any = numba.config
+    folder = Path(config.CACHE_DIR or ".")
+    if not config.CACHE_DIR or (folder / FILLED).exists():
+        yield
+        return
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            from filelock import FileLock
+
+            folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(FileLock(folder / ".filling", fallback_to_soft=False))
+        if (folder / FILLED).exists():
+            stack.close()
+        yield
+        with contextlib.suppress(OSError):
+            (folder / FILLED).touch()

@@ -1,0 +1,203 @@
+"""A square sheet in finite elements: one quarter of it, for load and material are symmetric.
+
+Mirroring x or y swaps the two fibre families and leaves the material as it is; grips are placed
+symmetrically. So the quarter 0 <= X <= edge_x/2, 0 <= Y <= edge_y/2 with u_x = 0 on X = 0 and
+u_y = 0 on Y = 0 carries every symmetric solution, at a quarter of the unknowns, and no rigid
+motion is left. (A solution that buckles out of the symmetry is excluded.)
+
+Elements are quadrilaterals with biquadratic displacement and 3 x 3 Gauss points. In plane
+stress the thickness follows the sheet, so nothing locks and no pressure unknown is needed.
+Needs scikit-fem.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from biaxbayes.errors import InputError
+from biaxbayes.fem.membrane import membrane_stress_and_tangent
+from biaxbayes.laws.goh import GOH
+
+__all__ = ["Sheet"]
+
+
+class Sheet:
+    """Mesh, displacement space and assembly of a quarter of a rectangular sheet.
+
+    Parameters
+    ----------
+    edge_x_mm, edge_y_mm : float
+        Unloaded edges of the whole sheet.
+    elements : int
+        Elements along an edge of the whole sheet, an even number.
+    distortion : float
+        Moves inner mesh points at random by up to this share of an element: for patch tests.
+
+    Raises
+    ------
+    InputError
+        If scikit-fem is not installed.
+    ValueError
+        If ``elements`` is odd or below two.
+    """
+
+    def __init__(
+        self, edge_x_mm: float, edge_y_mm: float, *, elements: int = 20, distortion: float = 0.0
+    ) -> None:
+        if elements < 2 or elements % 2:
+            raise ValueError("elements must be an even number, so that a quarter can be meshed")
+        self.edge = np.array([edge_x_mm, edge_y_mm], dtype=float)
+        self.elements = elements
+        skfem = _scikit_fem()
+        lines = [np.linspace(0.0, length / 2.0, elements // 2 + 1) for length in self.edge]
+        mesh = skfem.MeshQuad.init_tensor(*lines)
+        if distortion:
+            mesh = _distorted(skfem, mesh, distortion * self.edge / elements)
+        self._skfem = skfem
+        self.basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad2()), intorder=5)
+        self.position = self.basis.doflocs
+        self.component = np.empty(self.basis.N, dtype=int)
+        for local in range(self.basis.Nbfun):
+            self.component[self.basis.element_dofs[local]] = local % 2
+        # u_x = 0 on X = 0, u_y = 0 on Y = 0
+        here = self.position[self.component, np.arange(self.basis.N)]
+        self.free = np.flatnonzero(here > 1e-9 * self.edge.min())
+
+    @cached_property
+    def _gradient(self) -> np.ndarray:
+        """Displacement gradient of the local functions, (elements, points, 4, functions)."""
+        grads = [self.basis.basis[i][0].grad for i in range(self.basis.Nbfun)]
+        stacked = np.stack(grads)  # functions, i, J, elements, points
+        count, _, _, cells, points = stacked.shape
+        return np.ascontiguousarray(stacked.reshape(count, 4, cells, points).transpose(2, 3, 1, 0))
+
+    @cached_property
+    def _pattern(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Where the entries of the element matrices go: (kept, target, row indices, pointers)."""
+        number = np.full(self.basis.N, -1)
+        number[self.free] = np.arange(self.free.size)
+        local = number[self.basis.element_dofs.T]  # elements, functions
+        rows = np.broadcast_to(local[:, :, None], (*local.shape, local.shape[1])).ravel()
+        columns = np.broadcast_to(local[:, None, :], (*local.shape, local.shape[1])).ravel()
+        kept = np.flatnonzero((rows >= 0) & (columns >= 0))
+        unique, target = np.unique(columns[kept] * self.free.size + rows[kept], return_inverse=True)
+        pointers = np.searchsorted(unique, np.arange(self.free.size + 1) * self.free.size)
+        return kept, target, unique % self.free.size, pointers
+
+    def displacement(self, free_values: np.ndarray) -> np.ndarray:
+        """All displacement unknowns (symmetry included) from the free ones, mm."""
+        u = np.zeros(self.basis.N)
+        u[self.free] = free_values
+        return u
+
+    def deformation_gradient(self, free_values: np.ndarray) -> np.ndarray:
+        """F at the Gauss points, shape (2, 2, elements, points)."""
+        u = self.displacement(free_values)
+        local = u[self.basis.element_dofs.T]  # elements, functions
+        # F = 1 + sum_a u_a grad N_a
+        flat = np.matmul(self._gradient, local[:, None, :, None])[..., 0]
+        cells, points, _ = flat.shape
+        return np.eye(2)[:, :, None, None] + flat.transpose(2, 0, 1).reshape(2, 2, cells, points)
+
+    def internal_force(
+        self, material: GOH, free_values: np.ndarray
+    ) -> tuple[np.ndarray, csc_matrix, float]:
+        """Internal force, tangent stiffness and the smallest area ratio.
+
+        Parameters
+        ----------
+        material : GOH
+        free_values : ndarray, shape (n,)
+            Free displacement unknowns, mm.
+
+        Returns
+        -------
+        force : ndarray, shape (n,)
+            Per unit of thickness, kPa mm.
+        stiffness : csc_matrix, shape (n, n)
+            Its derivative by the free unknowns, kPa.
+        area_ratio : float
+            Smallest det F over the Gauss points; the step is unusable if not positive.
+        """
+        F = self.deformation_gradient(free_values)
+        area_ratio = float((F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]).min())
+        with np.errstate(all="ignore"):  # a wild trial step may overflow; the caller looks
+            P, A = membrane_stress_and_tangent(material, F)
+            B, dx = self._gradient, self.basis.dx
+            cells, points = dx.shape
+            # f_a = int P : grad N_a,   K_ab = int grad N_a : A : grad N_b
+            stress = (P.reshape(4, cells, points) * dx).transpose(1, 2, 0)
+            tangent = (A.reshape(4, 4, cells, points) * dx).transpose(2, 3, 0, 1)
+            rows = B.reshape(cells, points * 4, -1)
+            local_force = np.matmul(stress.reshape(cells, 1, points * 4), rows)[:, 0]
+            product = np.matmul(tangent, B).reshape(cells, points * 4, -1)
+            local_stiffness = np.matmul(rows.transpose(0, 2, 1), product)
+        force = np.bincount(
+            self.basis.element_dofs.T.ravel(), local_force.ravel(), minlength=self.basis.N
+        )
+        kept, target, indices, pointers = self._pattern
+        values = np.bincount(target, local_stiffness.ravel()[kept], minlength=indices.size)
+        size = self.free.size
+        return (
+            force[self.free],
+            csc_matrix((values, indices, pointers), shape=(size, size)),
+            area_ratio,
+        )
+
+    def displacement_at(self, x_mm: float, y_mm: float) -> np.ndarray:
+        """Rows that give (u_x, u_y) at a material point from the free unknowns, shape (2, n)."""
+        mapping, mesh = self.basis.mapping, self.basis.mesh
+        point = np.array([[x_mm], [y_mm]])
+        cell = mesh.element_finder(mapping=mapping)(*point)
+        local = mapping.invF(point[:, :, None], tind=cell)
+        out = np.zeros((2, self.basis.N))
+        for i, dof in enumerate(self.basis.element_dofs[:, cell[0]]):
+            shape = self.basis.elem.gbasis(mapping, local, i, tind=cell)[0]
+            out[:, dof] = np.asarray(shape)[:, 0, 0]
+        return out[:, self.free]
+
+    def load_vector(self, weight, direction: int) -> np.ndarray:
+        """Integral of weight(X, Y) times the displacement functions of one direction.
+
+        Parameters
+        ----------
+        weight : callable
+            Of arrays X, Y in mm.
+        direction : {0, 1}
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Over the free unknowns.
+        """
+        # A fine rule, once: the footprint of a hook is about as wide as an element.
+        fine = self._skfem.Basis(self.basis.mesh, self.basis.elem, intorder=20)
+        values = weight(*fine.mapping.F(fine.X)) * fine.dx
+        out = np.zeros(fine.N)
+        for local in range(fine.Nbfun):
+            share = (np.asarray(fine.basis[local][0])[direction] * values).sum(axis=1)
+            np.add.at(out, fine.element_dofs[local], share)
+        return out[self.free]
+
+
+def _scikit_fem() -> Any:
+    try:
+        import skfem
+    except ImportError:
+        raise InputError(
+            "finite elements need scikit-fem, which is not installed",
+            remedy="pip install 'biaxbayes[fe]'",
+        ) from None
+    return skfem
+
+
+def _distorted(skfem: Any, mesh: Any, reach: np.ndarray) -> Any:
+    points = mesh.p.copy()
+    inner = np.setdiff1d(np.arange(points.shape[1]), mesh.boundary_nodes())
+    rng = np.random.default_rng(0)
+    points[:, inner] += reach[:, None] * rng.uniform(-1.0, 1.0, (2, inner.size))
+    return skfem.MeshQuad(points, mesh.t)

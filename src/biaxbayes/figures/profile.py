@@ -1,0 +1,192 @@
+"""Profile likelihoods: the curve with its threshold, and how the other parameters follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from biaxbayes.figures.quantities import axis_text
+from biaxbayes.figures.style import MM, PAGE_MM, colour, plain, print_style
+from biaxbayes.identifiability.profile import THRESHOLD, Profile
+from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["profile_figure"]
+
+ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
+CEILING = 6.0
+"""Deviance up to which a curve is drawn."""
+STYLES = (("run", "-"), ("other", "--"), ("third", "-."))
+
+
+def profile_figure(
+    profiles: Sequence[Profile],
+    *,
+    titles: Sequence[str] | None = None,
+    width_mm: float = PAGE_MM,
+    style: Mapping[str, Any] | None = None,
+) -> Figure:
+    """One row a profile.
+
+    Parameters
+    ----------
+    profiles : sequence of Profile
+    titles : sequence of str, optional
+        One a row, such as the layer.
+    width_mm : float
+    style : mapping, optional
+        From :func:`biaxbayes.figures.style.read_style`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        From left to right the deviance with the 95 % threshold and interval, and the values that
+        C1, k1 and k2 (relative to the best fit), alpha and kappa, and the mounting stretches take;
+        below 120 mm two and two.
+    """
+    from matplotlib.figure import Figure
+
+    with print_style(style):
+        lines = 2 if width_mm < 120.0 else 1
+        height = (HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)) * MM
+        figure = Figure((width_mm * MM, height), layout="constrained")
+        panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
+        grid = panels.reshape(len(profiles), 4)
+        for i, (row, profile) in enumerate(zip(grid, profiles, strict=True)):
+            _deviance(row[0], profile)
+            _stiffness(row[1], profile)
+            _structure(row[2], profile)
+            _mounting(row[3], profile)
+            label = axis_text(profile.quantity).label
+            for ax in row:
+                ax.set_xlabel(label)
+                _scale(ax, profile)
+            if titles is not None:
+                row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
+    return figure
+
+
+def _shown(profile: Profile) -> np.ndarray:
+    """Rows of the table that are drawn: up to a little beyond the threshold."""
+    table = profile.table
+    shown = table["deviance"].to_numpy() <= CEILING
+    if profile.quantity.parameter.logarithmic:
+        shown &= table["value"].to_numpy() > 0.0
+    return shown
+
+
+def _scale(ax: Axes, profile: Profile) -> None:
+    value = profile.table["value"].to_numpy()[_shown(profile)]
+    logarithmic = profile.quantity.parameter.logarithmic and value.max() > 5.0 * value.min()
+    if logarithmic:
+        ax.set_xscale("log")
+        return
+    margin = 0.03 * float(np.ptp(value))
+    ax.set_xlim(value.min() - margin, value.max() + margin)
+    ax.locator_params(axis="x", nbins=4)
+
+
+def _deviance(ax: Axes, profile: Profile) -> None:
+    shown = profile.table[_shown(profile)]
+    blue = colour("run")
+    inside = shown[(shown["value"] >= profile.low) & (shown["value"] <= profile.high)]
+    if len(inside):
+        ax.axvspan(
+            max(profile.low, float(shown["value"].min())),
+            min(profile.high, float(shown["value"].max())),
+            color=blue,
+            alpha=0.12,
+            linewidth=0.0,
+        )
+    ax.plot(shown["value"], shown["deviance"], color=blue, marker="o", markersize=1.6)
+    ax.axhline(THRESHOLD, color="0.35", linewidth=0.8, linestyle=(0, (4, 2)))
+    ax.annotate(
+        "95 %",
+        (0.5, THRESHOLD),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, 1.5),
+        textcoords="offset points",
+        ha="center",
+        va="bottom",
+        fontsize=7.0,
+        color="0.35",
+    )
+    ax.set_ylim(0.0, CEILING)
+    ax.set_ylabel(r"$-2\,\Delta\ln L$")
+
+
+def _stiffness(ax: Axes, profile: Profile) -> None:
+    """C1, k1 and k2 relative to the best fit, on a logarithmic axis."""
+    shown = profile.table[_shown(profile)]
+    best = profile.table.iloc[int(profile.table["deviance"].argmin())]
+    scales = [q for q in profile.known.of_kind(MATERIAL) if q.parameter.logarithmic]
+    for (role, line), q in zip(cycle(STYLES), scales, strict=False):
+        name = q.name
+        if name == profile.parameter or not best[name] > 0.0:
+            continue
+        ratio = np.maximum(shown[name].to_numpy() / best[name], 1e-4)
+        label = axis_text(q).symbol
+        ax.plot(shown["value"], ratio, color=colour(role), linestyle=line, label=label)
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, 0.5), max(high, 2.0))
+    ax.set_ylabel("relative to best")
+    _plain_ticks(ax)
+    ax.legend(loc="best", handlelength=1.8)
+
+
+def _plain_ticks(ax: Axes) -> None:
+    """1, 2, 5 rather than powers of ten where the range is short."""
+    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
+
+    low, high = ax.get_ylim()
+    subs = (1.0, 2.0, 5.0) if high < 60.0 * low else (1.0,)
+    ax.yaxis.set_major_locator(LogLocator(10.0, subs=subs))
+    ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _structure(ax: Axes, profile: Profile) -> None:
+    """Angle on the left, dispersion on the right, but for the one that is profiled."""
+    shown = profile.table[_shown(profile)]
+    bounded = [q for q in profile.known.of_kind(MATERIAL) if q.parameter.bounded]
+    names = [q for q in bounded if q.name != profile.parameter][:2]
+    for k, q in enumerate(names):
+        name, angle = q.name, q.parameter.unit == DEGREE
+        side = ax if k == 0 else ax.twinx()
+        role, line = STYLES[k]
+        side.plot(shown["value"], shown[name], color=colour(role), linestyle=line)
+        side.set_ylabel(axis_text(q).label, color=colour(role) if len(names) > 1 else "black")
+        values = shown[name].to_numpy()
+        pad = max(0.08 * float(np.ptp(values)), 1.0 if angle else 0.005)
+        top = q.parameter.high
+        side.set_ylim(max(values.min() - pad, -0.02 * top), min(values.max() + pad, 1.02 * top))
+        if k == 1:
+            side.spines["right"].set_visible(True)
+
+
+def _mounting(ax: Axes, profile: Profile) -> None:
+    """Mounting stretches; the mean over the protocols where each has its own."""
+    shown = profile.table[_shown(profile)]
+    stretches = profile.known.of_kind(STRETCH)
+    for k, (role, line, axis) in enumerate((("x", "-", "x"), ("y", "--", "y"))):
+        columns = [q.name for q in stretches if q.axis == k and q.name in shown.columns]
+        if not columns:
+            continue
+        lm = shown[columns].mean(axis=1)
+        ax.plot(shown["value"], lm, color=colour(role), linestyle=line, label=f"${axis}$")
+    if not ax.lines:
+        ax.axhline(1.0, color="0.6", linewidth=0.8)
+    low, high = ax.get_ylim()
+    middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.004)
+    ax.set_ylim(middle - half, middle + half)
+    ax.set_ylabel("mounting stretch")
+    if len(ax.lines) > 1:
+        ax.legend(loc="best", handlelength=1.8)

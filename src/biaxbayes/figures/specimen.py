@@ -1,0 +1,106 @@
+"""A specimen as recorded: one panel a protocol, load against stretch in both directions."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from biaxbayes.figures.style import MM, colour, plain, print_style
+from biaxbayes.specimens.specimen import Specimen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from biaxbayes.specimens.specimen import Protocol
+
+__all__ = ["specimen_figure"]
+
+MARKERS = {"x": "o", "y": "s"}
+POINTS = 300
+PANEL_MM = (56.0, 48.0)
+MAX_PANELS = 24
+LOADS = {
+    "force": "force (N)",
+    "piola": "first Piola-Kirchhoff stress (kPa)",
+    "cauchy": "Cauchy stress (kPa)",
+}
+
+
+def specimen_figure(specimen: Specimen) -> Figure:
+    """Draw a specimen.
+
+    Parameters
+    ----------
+    specimen : Specimen
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel a protocol (the first 24), the same axes in all. Every row up to 300 a
+        curve, evenly chosen beyond; the rows at rest are drawn in black.
+    """
+    from matplotlib.figure import Figure
+
+    protocols = specimen.protocols[:MAX_PANELS]
+    columns = min(3, len(protocols)) if len(protocols) != 4 else 2
+    rows = math.ceil(len(protocols) / columns)
+    width, height = max(columns * PANEL_MM[0], 85.0), rows * PANEL_MM[1] + 14.0
+    with print_style():
+        figure = Figure(figsize=(width * MM, height * MM), layout="constrained")
+        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+        for ax, protocol in zip(grid.flat, protocols, strict=False):
+            _panel(ax, protocol)
+            if len(specimen.protocols) > 1:
+                ax.set_title(plain(protocol.name, 34))
+        for ax in grid.flat[len(protocols) :]:
+            ax.remove()
+        for column in range(columns):
+            # The lowest panel of each column carries the ticks of the shared axis.
+            lowest = grid[(len(protocols) - 1 - column) // columns, column]
+            lowest.tick_params(labelbottom=True)
+        figure.supxlabel("measured stretch")
+        figure.supylabel(LOADS[specimen.stress_pair])
+        names = [specimen.axis_x, specimen.axis_y]
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        labels = [
+            f"{label}: {plain(name, 24)}" if name else label
+            for label, name in zip(labels, [*names, None], strict=False)
+        ]
+        figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+def _panel(ax: Axes, protocol: Protocol) -> None:
+    index = np.unique(np.linspace(0, protocol.rows - 1, POINTS).round().astype(int))
+    if protocol.rows <= POINTS:
+        index = np.arange(protocol.rows)
+    rest = slice(0, protocol.rest_rows, max(1, protocol.rest_rows // 50))
+    for axis in "xy":
+        stretch, load = getattr(protocol, f"stretch_{axis}"), getattr(protocol, f"load_{axis}")
+        ax.plot(
+            stretch[index],
+            load[index],
+            marker=MARKERS[axis],
+            markersize=2.0,
+            markeredgewidth=0.0,
+            linewidth=0.5,
+            color=colour(axis),
+            label=axis,
+        )
+        ax.plot(
+            stretch[rest],
+            load[rest],
+            linestyle="none",
+            marker="+",
+            markersize=6.0,
+            markeredgewidth=0.8,
+            color="black",
+            zorder=3,
+            label="rows at rest" if axis == "y" else None,
+        )
+    ax.axhline(0.0, color="0.75", linewidth=0.5, zorder=0)
+    ax.margins(x=0.04, y=0.06)
+    ax.locator_params(axis="x", nbins=5)

@@ -1,0 +1,271 @@
+"""How every figure looks in print: widths, fonts and colours, replaceable by a style file."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from biaxbayes.errors import InputError
+from biaxbayes.text_files import atomic_write_bytes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+__all__ = [
+    "COLUMN_MM",
+    "CREDIBLE",
+    "FORMATS",
+    "MM",
+    "PAGE_MM",
+    "PREDICTIVE",
+    "RUNS",
+    "STYLE",
+    "colour",
+    "figure_bytes",
+    "font_points",
+    "layout",
+    "plain",
+    "print_style",
+    "read_style",
+    "save_figure",
+    "settle",
+]
+
+MM = 1.0 / 25.4
+"""Inches in a millimetre; matplotlib counts in inches."""
+COLUMN_MM, PAGE_MM = 85.0, 180.0
+"""Widths of one column and of a page."""
+CREDIBLE, PREDICTIVE = 0.45, 0.18
+"""Opacity of the two bands."""
+FORMATS = ("pdf", "svg", "png")
+
+# Okabe and Ito (2008): told apart with every common colour vision deficiency.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+RUNS = ("run", "other", "third", "fourth", "fifth", "sixth")
+"""Roles of up to six runs, ensembles or mounted states side by side."""
+_ROLES = {"x": 0, "y": 1, **{role: k for k, role in enumerate(RUNS)}}
+
+STYLE: dict[str, Any] = {
+    "axes.prop_cycle": "cycler('color', [{}])".format(", ".join(f"'{c}'" for c in _COLOURS)),
+    "axes.labelsize": 8.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 8.0,
+    "figure.titlesize": 8.0,
+    "figure.labelsize": 8.0,
+    "font.size": 8.0,
+    "legend.fontsize": 7.0,
+    "legend.title_fontsize": 7.0,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "lines.linewidth": 1.1,
+    "patch.linewidth": 0.6,
+    "savefig.dpi": 300.0,
+    "xtick.labelsize": 7.0,
+    "xtick.major.size": 2.5,
+    "xtick.major.width": 0.6,
+    "xtick.minor.size": 1.5,
+    "xtick.minor.width": 0.4,
+    "ytick.labelsize": 7.0,
+    "ytick.major.size": 2.5,
+    "ytick.major.width": 0.6,
+    "ytick.minor.size": 1.5,
+    "ytick.minor.width": 0.4,
+    # Fonts go into the file: TrueType in a PDF, outlines in an SVG.
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "svg.fonttype": "path",
+}
+"""Matplotlib settings of every figure; a style file overrides them one by one."""
+
+# What a style file cannot change. The width in millimetres is a promise, so nothing is cut to fit;
+# names in specimen files are no TeX.
+_FIXED: dict[str, Any] = {
+    "text.parse_math": True,
+    "text.usetex": False,
+    "savefig.bbox": None,
+    "svg.hashsalt": "biaxbayes",
+    "axes.formatter.useoffset": False,
+}
+_IGNORED = ("backend", "backend_fallback", "interactive", "toolbar", "timezone")
+
+
+def read_style(path: Path | str) -> dict[str, Any]:
+    """Settings of a matplotlib style file.
+
+    Parameters
+    ----------
+    path : path-like
+        Lines ``key: value``, as in a ``.mplstyle`` file. The first colour of
+        ``axes.prop_cycle`` is that of direction x (and of the run), the second that of
+        direction y (and of a run compared with it).
+
+    Returns
+    -------
+    dict
+        For the ``style`` argument of the figures.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds a key or value that matplotlib does not know.
+    """
+    import matplotlib as mpl
+
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        raise InputError(f"the style cannot be read ({reason})", file=path) from None
+    for row, line in enumerate(lines, start=1):
+        entry = line.split("#", 1)[0].strip()
+        if not entry:
+            continue
+        key = entry.split(":", 1)[0].strip()
+        if ":" not in entry or key not in mpl.rcParams:
+            raise InputError(
+                f"{key[:60]!r} is no setting of matplotlib",
+                file=path,
+                row=row,
+                remedy="a style holds lines 'key: value', such as 'font.family: Arial'",
+            )
+        if key == "text.usetex" and "t" in entry.split(":", 1)[1].lower():
+            raise InputError(
+                "text.usetex cannot be used: names in specimen files are no TeX",
+                file=path,
+                row=row,
+                remedy="set font.family, and mathtext.fontset: cm for the symbols of TeX",
+            )
+    try:
+        settings = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
+    except Exception as error:  # whatever a validator raises
+        raise InputError(f"matplotlib does not accept the style: {error}", file=path) from None
+    return {key: value for key, value in settings.items() if key not in _IGNORED}
+
+
+@contextmanager
+def print_style(style: Mapping[str, Any] | None = None) -> Iterator[None]:
+    """Draw in the style of a paper, whatever the session's own settings are.
+
+    Parameters
+    ----------
+    style : mapping, optional
+        Settings that override :data:`STYLE`, from :func:`read_style`.
+    """
+    import matplotlib as mpl
+
+    settings: Any = {k: v for k, v in mpl.rcParamsDefault.items() if k not in _IGNORED}
+    settings |= {**STYLE, **(style or {}), **_FIXED}
+    with mpl.rc_context(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", mpl.MatplotlibDeprecationWarning)
+        mpl.rcParams.update(settings)
+        yield
+
+
+def colour(role: str) -> str:
+    """Colour of a role in the active style, from its property cycle.
+
+    Parameters
+    ----------
+    role : {"x", "y", "run", "other", "third", "fourth", "fifth", "sixth"}
+    """
+    import matplotlib as mpl
+    from matplotlib.colors import to_hex
+
+    cycle = mpl.rcParams["axes.prop_cycle"].by_key().get("color", _COLOURS)
+    return to_hex(cycle[_ROLES[role] % len(cycle)])
+
+
+def font_points(setting: str) -> float:
+    """Size in points of a font setting of the active style, such as ``legend.fontsize``."""
+    import matplotlib as mpl
+    from matplotlib.font_manager import FontProperties
+
+    settings: Any = mpl.rcParams
+    return float(FontProperties(size=settings[setting]).get_size_in_points())
+
+
+def layout(*, across_mm: float = 0.7, down_mm: float = 0.7, **how: Any) -> ConstrainedLayoutEngine:
+    """Matplotlib's constrained layout with the narrow margins of a print.
+
+    Parameters
+    ----------
+    across_mm, down_mm : float
+        Half the space between neighbours.
+    **how
+        Of :class:`matplotlib.layout_engine.ConstrainedLayoutEngine`.
+    """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    pads = {"w_pad": across_mm * MM, "h_pad": down_mm * MM, "wspace": 0.0, "hspace": 0.0}
+    return ConstrainedLayoutEngine(**(pads | how))
+
+
+def settle(figure: Figure) -> None:
+    """Let the layout find its places and keep them: the same figure gives the same bytes."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        for _ in range(2):  # ticks depend on the panels' size, and this on the ticks
+            engine: Any = figure.get_layout_engine()
+            engine.execute(figure)
+    figure.set_layout_engine("none")
+
+
+def plain(text: object, length: int = 40) -> str:
+    """Text from a file, made safe to draw: one line, dollar signs that start no mathematics.
+
+    Parameters
+    ----------
+    text : object
+    length : int
+        Longer texts are cut, with an ellipsis.
+    """
+    line = " ".join("".join(ch if ch.isprintable() else " " for ch in str(text)).split())
+    if len(line) > length:
+        line = line[: length - 1].rstrip() + "…"
+    return line.replace("$", r"\$")
+
+
+def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = None) -> bytes:
+    """The figure as a file: fonts inside, the same bytes for the same figure.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    suffix : {"pdf", "svg", "png"}
+    style : mapping, optional
+        The settings that it was drawn with; some act when a figure is written.
+    """
+    out = io.BytesIO()
+    undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    with print_style(style), warnings.catch_warnings():
+        # Characters that the font lacks are drawn as boxes; that is no error.
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        figure.savefig(out, format=suffix, metadata=undated.get(suffix))
+    return out.getvalue()
+
+
+def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | None = None) -> None:
+    """Write a figure in the format that the file name ends with, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the ending is none of :data:`FORMATS`, or the file cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix not in FORMATS:
+        raise InputError(
+            f"cannot draw a figure as {path.suffix or 'a file without ending'!r}",
+            file=path,
+            remedy="let the name end with .pdf, .png or .svg",
+        )
+    atomic_write_bytes(path, figure_bytes(figure, suffix, style))

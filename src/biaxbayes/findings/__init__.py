@@ -1,1 +1,0 @@
-"""What the posterior says: identifiability, profiles, bands, comparisons, designs."""

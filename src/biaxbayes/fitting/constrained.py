@@ -1,0 +1,204 @@
+"""One least squares over theta with the mounting stretch implicit in the force balance.
+
+It minimises what the posterior minimises, the misfit of the load, and is where a sampler
+starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from biaxbayes.errors import InputError, TaredSpecimen
+from biaxbayes.fitting.least_squares import Descent, best_descent, descend
+from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, Readings, readings
+from biaxbayes.fitting.result import FitResult, fit_result
+from biaxbayes.fitting.starting_points import held_and_free, screened_points
+from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws.law import Law, MaterialResponse
+from biaxbayes.options import MOUNTING_STRETCH
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["MOUNTING_STRETCH", "READINGS", "constrained_fit", "refuse_tared"]
+
+READINGS = ("exact", "noisy", "ignored", "zeroed")
+MAX_REWEIGHTINGS = 50
+MIN_SD = 1e-6  # of the peak load: below, a reading counts as exact
+
+
+def constrained_fit(
+    specimen: Specimen,
+    *,
+    reading: str = "exact",
+    mounting_stretch: str = "shared",
+    fixed: Mapping[str, float] | None = None,
+    starts: int = 8,
+    seed: int = 0,
+    initial: MaterialResponse | None = None,
+    fibre_switch: bool = False,
+) -> FitResult:
+    """Least squares on the measured load, the mounting stretch solved for at every step.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    reading : {"exact", "noisy", "ignored", "zeroed"}
+        ``exact``: the mounting load is what was read. ``noisy``: it is unknown with its
+        reading as one more datum, weighed by the load cell's sd against the rms misfit of the
+        other rows, until that rms no longer changes. ``ignored`` and ``zeroed``: the mounted
+        state is taken as unloaded, loads as they are or less their reading.
+    mounting_stretch : {"shared", "per-protocol"}
+    fixed : mapping, optional
+        Values held: C1, k1 in kPa, k2, alpha in degrees, kappa.
+    starts : int
+        Random starting points, the best of many screened ones; none with ``initial`` and 0.
+    seed : int
+    initial : Material, optional
+        A further starting point.
+    fibre_switch : bool
+        Fibres carry no compression.
+
+    Returns
+    -------
+    FitResult
+        ``converged`` is False when no start could be evaluated (no mounting stretch balances
+        the reading); nothing is raised for numerical reasons.
+
+    Raises
+    ------
+    TaredSpecimen
+        If a prestretch is to be inferred from a file whose mounting force is zero.
+    InputError
+        For an unknown option or fixed parameter.
+    """
+    if reading not in READINGS:
+        raise InputError(f"unknown reading {reading!r}", remedy=f"one of {', '.join(READINGS)}")
+    law = law_named(DEFAULT_LAW, fibre_switch=fibre_switch)
+    setup = _setup(specimen, reading, mounting_stretch, fixed, law)
+    points = _starting_points(setup, starts, seed, initial)
+    held = (law.lower[setup.free], law.upper[setup.free])
+    found = best_descent(setup.problem, [p[setup.free] for p in points], *held)
+    problem: GivenMounting = setup.problem()
+    if reading == "noisy" and setup.sd is not None and np.isfinite(found.cost):
+        problem, found = _reweighted(setup, found)
+    unknowns = found.unknowns
+    return fit_result(
+        "constrained" if setup.balanced else ("standard" if reading == "ignored" else "zeroed"),
+        setup.data,
+        problem.theta(unknowns),
+        problem.mounting(unknowns),
+        setup.free,
+        iterations=found.iterations,
+        converged=found.converged,
+        law=law,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Setup:
+    """What stays the same while a specimen is fitted."""
+
+    data: Readings
+    stretched: Readings
+    point: np.ndarray
+    free: np.ndarray
+    balanced: bool
+    sd: np.ndarray | None
+    law: Law
+
+    def problem(self) -> GivenMounting:
+        """The problem with the mounting load known, or with no mounting stretch at all."""
+        common = (self.stretched, "load", self.point, self.free, self.data.peak)
+        one = np.ones_like(self.data.mounting_load)
+        kind = BalancedMounting if self.balanced else GivenMounting
+        return kind(*common, one, self.law)
+
+
+def refuse_tared(specimen: Specimen) -> None:
+    """Raise :class:`TaredSpecimen` where the mounting force was zeroed."""
+    if specimen.is_tared:
+        raise TaredSpecimen(
+            f"{specimen.name}: the force at the mounted state is zero (a tared load cell), so "
+            "prestretch cannot be inferred",
+            remedy="give the force before taring with --mounting-force X Y, or fit without "
+            "prestretch (zeroed)",
+        )
+
+
+def _setup(
+    specimen: Specimen,
+    reading: str,
+    mounting_stretch: str,
+    fixed: Mapping[str, float] | None,
+    law: Law,
+) -> _Setup:
+    if mounting_stretch not in MOUNTING_STRETCH:
+        raise InputError(
+            f"unknown mounting stretch {mounting_stretch!r}",
+            remedy=f"one of {', '.join(MOUNTING_STRETCH)}",
+        )
+    balanced = reading in ("exact", "noisy")
+    if balanced:
+        refuse_tared(specimen)
+    point, free = held_and_free(fixed, law)
+    data = readings(specimen, shared=mounting_stretch == "shared", zeroed=reading == "zeroed")
+    sd = None
+    if reading == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
+        sd = np.maximum(data.mounting_sd, MIN_SD * data.peak)
+    return _Setup(data, data.stretched(), point, free, balanced, sd, law)
+
+
+def _starting_points(
+    setup: _Setup, starts: int, seed: int, initial: MaterialResponse | None
+) -> list[np.ndarray]:
+    count = starts if initial is not None else max(starts, 1)
+    points: list[np.ndarray] = []
+    if count:
+        screened, _ = screened_points(
+            setup.data,
+            count,
+            np.random.default_rng(seed),
+            setup.law,
+            point=setup.point,
+            free=setup.free,
+            with_mounting=setup.balanced,
+        )
+        points.extend(screened)
+    if initial is not None:
+        points.append(setup.law.point(initial.values))
+    return points
+
+
+def _reweighted(setup: _Setup, exact: Descent) -> tuple[BalancedMounting, Descent]:
+    """Free the mounting loads; weigh their readings against the rms misfit of the other rows."""
+    reading = setup.data.mounting_load
+    unknowns = np.concatenate([exact.unknowns, np.zeros(reading.size)])
+    far = np.full(reading.size, np.inf)
+    lower = np.concatenate([setup.law.lower[setup.free], -far])
+    upper = np.concatenate([setup.law.upper[setup.free], far])
+    rows = 2 * setup.stretched.group.size
+    floor = MIN_SD * setup.data.peak
+    rms = max(np.sqrt(exact.cost / rows) * setup.data.peak, floor)
+    steps, settled = exact.iterations, False
+    for _ in range(MAX_REWEIGHTINGS):
+        problem = BalancedMounting(
+            setup.stretched,
+            "load",
+            setup.point,
+            setup.free,
+            rms,
+            np.ones_like(reading),
+            setup.law,
+            reading_sd=setup.sd,
+        )
+        found = descend(problem, unknowns, lower, upper, tolerance=1e-10)
+        unknowns, steps = found.unknowns, steps + found.iterations
+        misfit = problem.residual(unknowns)[:rows]
+        new = max(float(np.sqrt(misfit @ misfit / rows)) * rms, floor)
+        settled = abs(new - rms) <= 1e-4 * rms
+        rms = new
+        if settled:
+            break
+    return problem, Descent(unknowns, found.cost, steps, found.converged and settled)

@@ -1,0 +1,245 @@
+"""Bounded nonlinear least squares, from several starting points.
+
+Bounded nonlinear least squares with parameters that end exactly on their bounds.
+
+A trust-region reflective method keeps strictly inside the box and creeps towards a bound;
+several printed optima lie on one (k2 = 0, kappa = 0, alpha = 90 degrees). This is
+Levenberg-Marquardt with Nielsen's damping on the free set of a projected step: an unknown on a
+bound whose gradient points outward is held there, the others move, and a step that leaves the
+box is cut back to it.
+
+Descents from several starting points, carried on only where they lead somewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+__all__ = ["Descent", "best_descent", "descend"]
+
+
+# --- bounded nonlinear least squares with parameters that end exactly on their bounds ------------
+
+
+SMALL = 1e-300
+INTERIOR_STEPS = 10  # accepted, before a step may end on a bound
+REACH = 0.9  # of the way to a bound, until then
+FLOOR = 1e-26  # mean square of residuals scaled to order one: nothing but rounding is left
+
+
+class Problem(Protocol):
+    """Residuals with an analytic Jacobian."""
+
+    def residual(self, unknowns: np.ndarray) -> np.ndarray:
+        """Residual vector."""
+        ...
+
+    def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
+        """Derivative of the residual vector."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where a descent ended.
+
+    Attributes
+    ----------
+    unknowns : ndarray
+    cost : float
+        Sum of squares; infinite where the start could not be evaluated.
+    iterations : int
+        Accepted steps.
+    converged : bool
+    """
+
+    unknowns: np.ndarray
+    cost: float
+    iterations: int
+    converged: bool
+
+
+def descend(
+    problem: Problem,
+    start: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    *,
+    steps: int = 500,
+    tolerance: float = 1e-12,
+) -> Descent:
+    """Minimise the sum of squared residuals in a box.
+
+    Parameters
+    ----------
+    problem : Problem
+        May return residuals that are not finite: such a step is refused.
+    start, lower, upper : ndarray, shape (p,)
+    steps : int
+        Most steps tried.
+    tolerance : float
+        Ends when the predicted relative decrease of the cost, or the scaled gradient, is below.
+
+    Returns
+    -------
+    Descent
+    """
+    with np.errstate(all="ignore"):
+        return _descend(problem, np.clip(start, lower, upper), lower, upper, steps, tolerance)
+
+
+def _descend(
+    problem: Problem,
+    x: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    steps: int,
+    tolerance: float,
+) -> Descent:
+    r, cost, J = _evaluate(problem, x)
+    if not np.isfinite(cost):
+        return Descent(x, np.inf, 0, False)
+    column = np.zeros(x.size)
+    damping, growth, accepted, interior = 1e-3, 2.0, 0, INTERIOR_STEPS
+    for _ in range(steps):
+        gradient = J.T @ r
+        column = np.maximum(column, np.sqrt(np.einsum("ij,ij->j", J, J)))
+        free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
+        if cost <= FLOOR * r.size or not free.any():
+            return Descent(x, cost, accepted, True)
+        if _stationary(J, gradient, free, cost, tolerance):
+            return Descent(x, cost, accepted, True)
+        # Early steps keep inside: with k1 or C1 at zero the other gradients vanish or mislead.
+        reach = REACH if accepted < interior else 1.0
+        near, far = x + reach * (lower - x), x + reach * (upper - x)
+        step, predicted = _step(J, r, free, column, damping, x, near, far)
+        if predicted <= tolerance * cost and damping <= 1.0:
+            # A step that was cut may predict nothing where a shorter one would
+            if _stationary(J, gradient, free, cost, 10.0 * np.sqrt(tolerance)):
+                return Descent(x, cost, accepted, True)
+            interior = 0
+        candidate = x + step
+        trial, new, slope = _evaluate(problem, candidate)
+        gain = (cost - new) / predicted if np.isfinite(new) and predicted > 0.0 else -1.0
+        if gain > 1e-4:
+            x, r, cost, J = candidate, trial, new, slope
+            accepted += 1
+            # Nielsen's rule: trust more the better the linear model predicted
+            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-15)
+            growth = 2.0
+        else:
+            damping *= growth
+            growth *= 2.0
+            if damping > 1e12:
+                # No step however small lowers the cost: at the floor of rounding.
+                return Descent(x, cost, accepted, _stationary(J, gradient, free, cost, 1e-6))
+    return Descent(x, cost, accepted, False)
+
+
+def _evaluate(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Residual, its sum of squares and its Jacobian; the sum is infinite if any is not finite."""
+    r, J = problem.residual(x), problem.jacobian(x)
+    cost = float(r @ r)
+    # The squares of the columns must be finite too, or no step can be solved for
+    if not (np.isfinite(cost) and np.isfinite(np.einsum("ij,ij->j", J, J)).all()):
+        cost = np.inf
+    return r, cost, J
+
+
+def _step(
+    J: np.ndarray,
+    r: np.ndarray,
+    free: np.ndarray,
+    column: np.ndarray,
+    damping: float,
+    x: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """Damped step of the free unknowns, cut to the box, and the decrease it predicts.
+
+    Unknowns that the step would carry over a bound are put on it, and the others are solved for
+    again, until none leaves.
+    """
+    scale = np.maximum(column, SMALL)
+    step = np.zeros(x.size)
+    moving = free.copy()
+    while moving.any():
+        A = np.vstack([J[:, moving], np.diag(np.sqrt(damping) * scale[moving])])
+        b = np.concatenate([-(r + J @ np.where(moving, 0.0, step)), np.zeros(moving.sum())])
+        # QR rather than normal equations: k1 and k2 trade with a condition number of 1e8
+        q, upper_triangle = np.linalg.qr(A)
+        diagonal = np.abs(np.diag(upper_triangle))
+        if diagonal.min() <= 1e-14 * diagonal.max():
+            part = np.linalg.lstsq(A, b, rcond=1e-14)[0]
+        else:
+            part = np.linalg.solve(upper_triangle, q.T @ b)
+        step[moving] = part
+        target = x + step
+        out = moving & ((target < lower) | (target > upper))
+        if not out.any():
+            break
+        step[out] = np.clip(target, lower, upper)[out] - x[out]
+        moving &= ~out
+    linear = r + J @ step
+    return step, float(r @ r - linear @ linear)
+
+
+def _stationary(
+    J: np.ndarray, gradient: np.ndarray, free: np.ndarray, cost: float, cosine: float
+) -> bool:
+    """Whether every free column is orthogonal to the residual, to the stated cosine."""
+    norms = np.sqrt(np.einsum("ij,ij->j", J, J))[free]
+    return bool(np.all(np.abs(gradient[free]) <= cosine * np.maximum(norms, SMALL) * np.sqrt(cost)))
+
+
+# --- descents from several starting points, carried on only where they lead somewhere ------------
+
+
+SCOUTING_STEPS = 20
+FINALISTS = 3
+
+
+def best_descent(
+    problem: Callable[[], Problem],
+    starts: Sequence[np.ndarray],
+    lower: np.ndarray,
+    upper: np.ndarray,
+    *,
+    finalists: int = FINALISTS,
+) -> Descent:
+    """A few steps from every start, then the best few to the end.
+
+    Parameters
+    ----------
+    problem : callable
+        Makes a fresh problem (problems remember their last evaluation).
+    starts : sequence of ndarray, shape (p,)
+    lower, upper : ndarray, shape (p,)
+    finalists : int
+        How many scouted points are followed to convergence.
+
+    Returns
+    -------
+    Descent
+        The lowest; its cost is infinite when no start could be evaluated.
+    """
+    scouted = [
+        descend(problem(), start, lower, upper, steps=SCOUTING_STEPS, tolerance=1e-8)
+        for start in starts
+    ]
+    scouted.sort(key=lambda found: found.cost)
+    best: Descent | None = None
+    for scout in scouted[:finalists]:
+        if best is not None and not np.isfinite(scout.cost):
+            continue
+        end = descend(problem(), scout.unknowns, lower, upper)
+        end = Descent(end.unknowns, end.cost, scout.iterations + end.iterations, end.converged)
+        if best is None or end.cost < best.cost * (1.0 - 1e-9):
+            best = end
+    assert best is not None, "at least one start"
+    return best

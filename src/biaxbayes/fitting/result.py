@@ -1,0 +1,144 @@
+"""What a deterministic fit found."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.fitting.residuals import Readings
+from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.mechanics.mounting import BRACKET
+
+__all__ = ["FitResult", "fit_result"]
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """A deterministic fit.
+
+    Attributes
+    ----------
+    method : str
+        ``standard``, ``zeroed``, ``fip``, ``linden`` or ``constrained``.
+    material : Material
+    mounting_stretch : ndarray, shape (m, 2)
+        One row, or one a protocol.
+    mounting_load : ndarray, shape (m, 2)
+        What the model carries at the mounted state, in the specimen's unit.
+    r2, rmse_kPa : float
+        Of the Cauchy stress against the data at the fit's own mounting stretch, all rows, both
+        directions pooled with one mean. R2 is NaN where the data do not vary.
+    iterations : int
+        Accepted steps; for ``fip`` the alternations.
+    converged : bool
+    at_bound : tuple of str
+        Unknowns that ended on a bound.
+    residuals : tuple of ndarray, shape (n_p, 2)
+        Measured minus model load in the specimen's unit, the rows after those at rest.
+    """
+
+    method: str
+    material: Any
+    mounting_stretch: np.ndarray
+    mounting_load: np.ndarray
+    r2: float
+    rmse_kPa: float
+    iterations: int
+    converged: bool
+    at_bound: tuple[str, ...]
+    residuals: tuple[np.ndarray, ...]
+
+    def record(self) -> dict[str, object]:
+        """The fit as plain values; mounting stretches are lists where each protocol has one."""
+        stretch_x, stretch_y = (
+            [float(v) for v in column] if len(column) > 1 else float(column[0])
+            for column in self.mounting_stretch.T
+        )
+        return {
+            "method": self.method,
+            **{
+                p.label: value
+                for p, value in zip(self.material.law.parameters, self.material.values, strict=True)
+            },
+            "mounting_stretch_x": stretch_x,
+            "mounting_stretch_y": stretch_y,
+            "r2": self.r2 if math.isfinite(self.r2) else None,
+            "rmse_kPa": self.rmse_kPa if math.isfinite(self.rmse_kPa) else None,
+            "iterations": self.iterations,
+            "converged": self.converged,
+            "at_bound": list(self.at_bound),
+        }
+
+    def _repr_html_(self) -> str:
+        """The fit as a table of one column, for notebooks."""
+        rows = []
+        for name, value in self.record().items():
+            told = f"{value:.5g}" if isinstance(value, float) else str(value)
+            rows.append(f"<tr><th>{escape(name)}</th><td>{escape(told)}</td></tr>")
+        return f"<table>{''.join(rows)}</table>"
+
+
+def fit_result(
+    method: str,
+    data: Readings,
+    point: np.ndarray,
+    mounting_stretch: np.ndarray,
+    free: np.ndarray,
+    *,
+    iterations: int,
+    converged: bool,
+    law: Law,
+) -> FitResult:
+    """Judge a point of the law with mounting stretches (2, m) against the data."""
+    lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
+    lmr = lm[:, data.group]
+    area = data.area[:, None]
+    with np.errstate(all="ignore"):
+        model = law.response(point, data.stretch * lmr).stress
+        rest = law.response(point, lm).stress
+        factor = load_per_stress(area, data.stretch, lmr, data.mounted)
+        # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
+        measured = data.load / factor
+        load = model * factor
+        mounting_load = rest * load_per_stress(area, 1.0, lm, data.mounted)
+        miss = measured - model
+        total = float(((measured - measured.mean()) ** 2).sum())
+        r2 = 1.0 - float((miss**2).sum()) / total if total > 0.0 else math.nan
+        rmse = float(np.sqrt((miss**2).mean()))
+    residuals = tuple((data.load - load)[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
+    return FitResult(
+        method=method,
+        material=law.scalar(law.values(point)),
+        mounting_stretch=lm.T.copy(),
+        mounting_load=mounting_load.T.copy(),
+        r2=r2,
+        rmse_kPa=rmse,
+        iterations=iterations,
+        converged=bool(converged and np.isfinite(rmse)),
+        at_bound=_at_bound(point, free, lm, method, law),
+        residuals=residuals,
+    )
+
+
+def _at_bound(
+    point: np.ndarray, free: np.ndarray, lm: np.ndarray, method: str, law: Law
+) -> tuple[str, ...]:
+    lower, upper = law.lower, law.upper
+    names = [
+        law.names[i]
+        for i in free
+        if point[i] <= lower[i] + 1e-9 * upper[i] * (not law.parameters[i].logarithmic)
+        or point[i] >= upper[i] * (1.0 - 1e-9)
+    ]
+    if method == "linden":
+        names += [
+            f"mounting_stretch_{axis}"
+            for axis, row in zip("xy", lm, strict=True)
+            if (row <= BRACKET[0]).any() or (row >= BRACKET[1]).any()
+        ]
+    return tuple(names)

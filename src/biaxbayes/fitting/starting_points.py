@@ -1,0 +1,118 @@
+"""Where deterministic fits start, and what they hold.
+
+Many random materials are screened in one vectorised sweep, each with its best amplitudes (the
+law's :meth:`~biaxbayes.laws.law.Law.screen`), and the most promising are kept apart from one
+another.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.fitting.residuals import Readings
+from biaxbayes.laws.law import Law
+from biaxbayes.laws.screening import Screening
+from biaxbayes.mechanics.load import load_per_stress
+
+__all__ = ["held_and_free", "screened_points"]
+
+ROWS = 24  # of each protocol, enough to rank starting points
+CANDIDATES = 512
+
+
+def screened_points(
+    data: Readings,
+    count: int,
+    rng: np.random.Generator,
+    law: Law,
+    *,
+    point: np.ndarray,
+    free: np.ndarray,
+    with_mounting: bool,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The most promising of many random materials, kept apart from one another.
+
+    Parameters
+    ----------
+    data : Readings
+    count : int
+    rng : numpy.random.Generator
+    law : Law
+    point : ndarray, shape (p,)
+        Values of the fixed ones among the law's coordinates.
+    free : ndarray of int
+        Indices of the others.
+    with_mounting : bool
+        Draw mounting stretches and let the mounting reading count; else they are one.
+
+    Returns
+    -------
+    points : ndarray, shape (count, p)
+    mounting : ndarray, shape (count, 2)
+        One pair of mounting stretches each, for all groups.
+    """
+    few = data.thinned(ROWS)
+    stretch, load = few.stretch, few.load
+    if with_mounting:
+        stretch = np.hstack([np.ones_like(data.mounting_load), stretch])
+        load = np.hstack([data.mounting_load, load])
+
+    def factor(total: np.ndarray) -> np.ndarray:
+        return load_per_stress(data.area[:, None], stretch, total / stretch, data.mounted)
+
+    readings = Screening(
+        stretch, load, data.area, data.mounted, with_mounting, point, free, CANDIDATES, factor
+    )
+    with np.errstate(all="ignore"):
+        points, mounting, cost, marks = law.screen(readings, rng)
+    chosen = _spread_out(cost, marks, count)
+    return points[chosen], mounting[chosen]
+
+
+def _spread_out(cost, marks, count) -> np.ndarray:
+    """Indices of low costs, no two close to each other while there is a choice."""
+    order = np.argsort(cost, kind="stable")
+    chosen: list[int] = []
+    for distance in (0.25, 0.1, 0.0):
+        for i in order:
+            if len(chosen) == count:
+                return np.array(chosen, dtype=int)
+            near = [j for j in chosen if np.abs(marks[i] - marks[j]).max() < distance]
+            if i not in chosen and not near:
+                chosen.append(int(i))
+    return np.array(chosen, dtype=int)
+
+
+def held_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarray, np.ndarray]:
+    """Held values as coordinates of the fit, and the indices of the free ones.
+
+    Parameters
+    ----------
+    fixed : mapping of str to float, optional
+        By the law's parameters, in their own units.
+    law : Law
+
+    Raises
+    ------
+    InputError
+        For an unknown name or a value outside the parameter's range.
+    """
+    values = np.zeros(len(law.names))
+    held = dict(fixed or {})
+    for name, value in held.items():
+        if name not in law.names:
+            raise InputError(f"unknown parameter {name!r}", remedy=f"one of {', '.join(law.names)}")
+        p = law.parameter(name)
+        low, high = p.low, min(p.high, p.largest)
+        if not (math.isfinite(value) and low <= value <= high + 1e-12):
+            raise InputError(
+                f"{name} = {value:g} is out of range",
+                remedy=f"{name} lies between {low:g} and {high:g}{p.unit_words()}",
+            )
+        values[law.names.index(name)] = min(value, high)
+    point = np.where([n in held for n in law.names], law.point(tuple(values)), 0.0)
+    return point, np.array([i for i, name in enumerate(law.names) if name not in held], dtype=int)

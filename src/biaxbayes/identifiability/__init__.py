@@ -1,0 +1,1 @@
+"""What the data determine: verdicts, profiles, combinations."""

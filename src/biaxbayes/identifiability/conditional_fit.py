@@ -1,0 +1,232 @@
+"""The best fit while one parameter is held: what a profile likelihood is made of.
+
+The deviance is -2 ln L of the posterior's own likelihood, with the error sd profiled out:
+
+    D(theta, lm) = n_eff ln RSS(theta, lm) + sum_k ((f0_k - A0_k P_k(theta, lm)) / s0_k)^2
+
+RSS is the misfit of the loads after the mounted state, n_eff = beta n what its n readings are worth
+(beta = 1 for independent errors), f0 the mounting reading with its own sd s0, never tempered. No
+prior enters. The logarithm lies below its tangent, so least squares with the sd of the last step
+lowers D at every step until it settles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from biaxbayes.fitting.least_squares import descend
+from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, Readings, readings
+from biaxbayes.fitting.starting_points import screened_points
+from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.options import Settings
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["HeldFit", "Target"]
+
+ROUNDS, STEPS = 30, 200
+SETTLED = 1e-7
+MIN_SD = 1e-9  # of the peak load: the misfit of exact data
+
+
+@dataclass(frozen=True, eq=False)
+class HeldFit:
+    """A conditional optimum.
+
+    Attributes
+    ----------
+    unknowns : ndarray, shape (p + 2 m,)
+        Coordinates that fits move in, then mounting stretches in x and in y.
+    deviance : float
+        Infinite where no fit was found.
+    error_sd : float
+        In the unit of the specimen's loads.
+    """
+
+    unknowns: np.ndarray
+    deviance: float
+    error_sd: float
+
+
+@dataclass(eq=False)
+class ReadMounting(GivenMounting):
+    """Theta and mounting stretches are unknown; the mounting load has a reading.
+
+    ``unknown`` are indices into the law's coordinates, then lm_x..., lm_y...; the rest is held at
+    ``point`` and ``mounting_stretch``.
+    """
+
+    reading: np.ndarray = field(default_factory=lambda: np.zeros((2, 1)))
+    reading_sd: np.ndarray = field(default_factory=lambda: np.ones((2, 1)))
+    unknown: np.ndarray = field(default_factory=lambda: np.arange(0))
+
+    def all(self, unknowns: np.ndarray) -> np.ndarray:
+        """Every parameter, the held ones filled in."""
+        out = np.concatenate([self.point, self.mounting_stretch.ravel()])
+        out[self.unknown] = unknowns
+        return out
+
+    def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        full, data = self.all(unknowns), self.data
+        size = self.point.size
+        point, lm = full[:size], full[size:].reshape(self.mounting_stretch.shape)
+        r, by_point, by_lm = self._rows(point, lm)
+        by_all = np.hstack([by_point, self._spread(by_lm) / lm.ravel()])
+        state = self.law.response(point, lm)
+        weight = load_per_stress(data.area[:, None], 1.0, lm, data.mounted) / self.reading_sd
+        z = weight * state.stress - self.reading / self.reading_sd
+        slope = state.by_log_stretch.copy()
+        if not data.mounted:
+            slope[0, 0] -= state.stress[0]
+            slope[1, 1] -= state.stress[1]
+        z_point = (weight[:, None, :] * state.by_coordinate).transpose(0, 2, 1).reshape(-1, size)
+        groups = self.reading.shape[1]
+        z_lm = np.zeros((2, groups, 2, groups))
+        for g in range(groups):
+            z_lm[:, g, :, g] = weight[:, g, None] * slope[:, :, g] / lm[:, g]
+        z_all = np.hstack([z_point, z_lm.reshape(2 * groups, -1)])
+        return (
+            np.concatenate([r, z.ravel()]),
+            np.vstack([by_all, z_all])[:, self.unknown],
+        )
+
+
+class Target:
+    """The likelihood of a specimen as a function of what is held.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    settings : Settings
+    beta : float
+        Weight n_eff / n of the readings.
+    fixed : dict of int to float
+        Unknowns that stay, by index, with cos^2 for the angle.
+    """
+
+    def __init__(
+        self, specimen: Specimen, settings: Settings, beta: float, fixed: dict[int, float]
+    ) -> None:
+        self.settings = settings
+        self.law = settings.material_law
+        self.theta = self.law.lower.size  # unknowns before the mounting stretches
+        shared = settings.mounting_stretch == "shared"
+        data = readings(specimen, shared=shared, zeroed=settings.mounting == "zeroed")
+        self.data: Readings = data.stretched()
+        self.reading = data.mounting_load
+        self.reading_sd = data.mounting_sd
+        self.fixed = dict(fixed)
+        self.rows = 2 * self.data.group.size
+        self.beta = beta
+        self.reads = settings.mounting in ("noisy", "free")
+        self.groups = self.reading.shape[1]
+        self.size = self.theta + 2 * self.groups
+        top = np.full(2 * self.groups, BRACKET[1])
+        self.lower = np.concatenate([self.law.lower, np.full(2 * self.groups, BRACKET[0])])
+        self.upper = np.concatenate([self.law.upper, top])
+
+    @property
+    def adjustable(self) -> np.ndarray:
+        """Indices of the unknowns that are free when nothing is held."""
+        count = self.size if self.reads else self.theta
+        return np.array([i for i in range(count) if i not in self.fixed], dtype=int)
+
+    def best(
+        self,
+        held: dict[int, float],
+        start: np.ndarray,
+        error_sd: float,
+        *,
+        rounds: int = ROUNDS,
+        steps: int = STEPS,
+    ) -> HeldFit:
+        """The lowest deviance with some unknowns held, from a starting point.
+
+        Parameters
+        ----------
+        held : dict of int to float
+        start : ndarray, shape (p + 2 m,)
+        error_sd : float
+            A first value; settles by itself.
+        rounds, steps : int
+            Most updates of the error sd, and most steps of each least squares; few for a look.
+        """
+        point = np.array(start, dtype=float)
+        for index, value in {**self.fixed, **held}.items():
+            point[index] = value
+        free = np.array([i for i in self.adjustable if i not in held], dtype=int)
+        floor = MIN_SD * self.data.peak
+        sd, before = max(error_sd, floor), np.inf
+        fit = HeldFit(point, np.inf, sd)
+        for _ in range(rounds):
+            fit = self._step(fit.unknowns, free, sd, steps)
+            sd = max(fit.error_sd, floor)
+            if not (np.isfinite(fit.deviance) and before - fit.deviance > SETTLED):
+                break
+            before = fit.deviance
+        return fit
+
+    def scouts(self, held: dict[int, float], count: int) -> list[np.ndarray]:
+        """Promising starting points far from any other fit, the best of many random materials."""
+        point = np.zeros(self.theta)
+        known = {**self.fixed, **held}
+        for index in known:
+            if index < self.theta:
+                point[index] = known[index]
+        free = np.array([i for i in range(self.theta) if i not in known], dtype=int)
+        materials, lm = screened_points(
+            self.data,
+            count,
+            np.random.default_rng(0),
+            self.law,
+            point=point,
+            free=free,
+            with_mounting=self.settings.infers_mounting,
+        )
+        return [
+            np.concatenate([material, np.repeat(pair, self.groups)])
+            for material, pair in zip(materials, lm, strict=True)
+        ]
+
+    def _step(self, point: np.ndarray, free: np.ndarray, sd: float, steps: int) -> HeldFit:
+        """Least squares with a given error sd, and the deviance where it ends."""
+        problem = self._problem(point, free, sd / np.sqrt(self.beta))
+        lower, upper = self.lower[free], self.upper[free]
+        x = np.clip(point[free], lower, upper)
+        if free.size:
+            x = descend(problem, x, lower, upper, steps=steps, tolerance=1e-13).unknowns
+        residual = problem.residual(x)
+        if not np.isfinite(residual).all():
+            return HeldFit(point, np.inf, sd)
+        found = point.copy()
+        found[free] = x
+        if isinstance(problem, BalancedMounting):
+            found[self.theta :] = problem.mounting(x).ravel()
+        # residuals are in units of sd / sqrt(beta)
+        squares = float(residual[: self.rows] @ residual[: self.rows]) * sd**2 / self.beta
+        new = max(np.sqrt(squares / self.rows), MIN_SD * self.data.peak)
+        z = residual[self.rows :]
+        deviance = 2.0 * self.beta * self.rows * np.log(new) + float(z @ z)
+        return HeldFit(found, deviance, float(new))
+
+    def _problem(self, point: np.ndarray, free: np.ndarray, scale: float) -> GivenMounting:
+        lm = point[self.theta :].reshape(2, -1)
+        theta = free[free < self.theta]
+        if self.reads:
+            return ReadMounting(
+                self.data,
+                "load",
+                point[: self.theta],
+                theta,
+                scale,
+                lm,
+                self.law,
+                reading=self.reading,
+                reading_sd=self.reading_sd,
+                unknown=free,
+            )
+        kind = BalancedMounting if self.settings.mounting == "exact" else GivenMounting
+        lm = np.ones_like(lm) if not self.settings.infers_mounting else lm
+        return kind(self.data, "load", point[: self.theta], theta, scale, lm, self.law)

@@ -1,0 +1,317 @@
+"""Which parameters the data determine: a verdict on each, with its evidence.
+
+The verdicts are judged on the draws of a run and its priors alone. What they mean and every
+threshold are in ``docs/identifiability.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.identifiability import power_scaling
+from biaxbayes.identifiability.marginals import (
+    LEVELS,
+    Density,
+    Scale,
+    count_modes,
+    density,
+    edge_distances,
+    find_edges,
+    judged_scales,
+)
+from biaxbayes.identifiability.sloppiness import Partners, find_partners
+from biaxbayes.identifiability.toe import mounting_refits
+from biaxbayes.identifiability.verdict import (
+    FIXED,
+    NO_VERDICT,
+    NOT_IDENTIFIED,
+    Evidence,
+    Thresholds,
+    decide,
+    in_words,
+)
+from biaxbayes.laws.law import Law
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Prior
+from biaxbayes.parameters import STRETCH
+
+__all__ = ["Identifiability", "ParameterVerdict", "identify", "identify_draws"]
+
+INTERVAL = (0.05, 0.95)
+MOST_DRAWS = 20_000  # evenly chosen; more change no digit that matters
+
+
+@dataclass(frozen=True)
+class ParameterVerdict:
+    """The verdict on one parameter.
+
+    Attributes
+    ----------
+    scale : Scale
+    verdict : str
+        One of :data:`biaxbayes.identifiability.verdict.VERDICTS`.
+    words : str
+        The same as a sentence.
+    evidence : Evidence or None
+        None where the parameter was fixed or tied, or the draws are unusable.
+    prior, posterior : Density or None
+        On the sampling scale, for figures.
+    """
+
+    scale: Scale
+    verdict: str
+    words: str
+    evidence: Evidence | None = None
+    prior: Density | None = field(default=None, repr=False)
+    posterior: Density | None = field(default=None, repr=False)
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.scale.name
+
+    @property
+    def partners(self) -> tuple[str, ...]:
+        """Parameters that it trades with, whatever the verdict."""
+        return self.evidence.partners.names if self.evidence else ()
+
+    def record(self) -> dict[str, Any]:
+        """One row of ``identifiability.csv``."""
+        row: dict[str, Any] = {
+            "parameter": self.name,
+            "unit": self.scale.unit,
+            "verdict": self.verdict,
+            "in_words": self.words,
+        }
+        e = self.evidence
+        if e is None:
+            return row
+        row |= {
+            "median": e.median,
+            "low_90": e.low,
+            "high_90": e.high,
+            "scale": self.scale.label,
+            "prior_sd": e.prior_sd,
+            "posterior_sd": e.posterior_sd,
+            "contraction": e.contraction,
+            "prior_excluded": e.prior_excluded,
+        }
+        for edge in e.edges:
+            stem = f"{('low', 'high')[edge.side]}_edge"
+            row |= {
+                stem: edge.value,
+                f"{stem}_kind": edge.kind,
+                f"{stem}_distance": edge.distance,
+                f"{stem}_mass": edge.mass,
+                f"{stem}_prior_mass": edge.prior_mass,
+                f"{stem}_support": edge.support,
+            }
+        return row | {
+            "partners": " ".join(e.partners.names),
+            "spread_given_all": e.partners.spread_given_all,
+            "spread_given_partners": e.partners.spread_given_partners,
+            "modes": e.modes,
+            "prior_sensitivity": e.prior_sensitivity,
+            "likelihood_sensitivity": e.likelihood_sensitivity,
+            "refit_low": e.refits[0] if e.refits else np.nan,
+            "refit_high": e.refits[1] if e.refits else np.nan,
+        }
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Verdicts on all parameters of a run.
+
+    Attributes
+    ----------
+    parameters : tuple of ParameterVerdict
+    state : str
+        State of the run that the draws are from.
+    draws : int
+    thresholds : Thresholds
+    law : Law
+    """
+
+    parameters: tuple[ParameterVerdict, ...]
+    state: str
+    draws: int
+    thresholds: Thresholds
+    law: Law
+
+    def __getitem__(self, name: str) -> ParameterVerdict:
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise KeyError(name)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Verdicts and evidence, one row a parameter."""
+        return pd.DataFrame([p.record() for p in self.parameters])
+
+    def refits(self) -> dict[str, tuple[float, float]]:
+        """Ranges of the mounting stretches that are not identified, by name."""
+        lost = [p for p in self.parameters if p.verdict == NOT_IDENTIFIED]
+        return {p.name: p.evidence.refits for p in lost if p.evidence and p.evidence.refits}
+
+    def limits(self) -> list[tuple[str, float]]:
+        """Every threshold by name, with the widths of sharp intervals."""
+        return self.thresholds.items(p.scale.parameter for p in self.parameters)
+
+    def in_words(self) -> list[str]:
+        """One sentence a parameter."""
+        return [p.words for p in self.parameters]
+
+    def _repr_html_(self) -> str:
+        """Verdicts in words with the interval, for notebooks."""
+        kept = ["parameter", "unit", "verdict", "median", "low_90", "high_90", "contraction"]
+        table = self.to_frame().reindex(columns=[*kept, "in_words"])
+        return table.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+
+
+def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiability:
+    """Judge the parameters of a run.
+
+    Parameters
+    ----------
+    run : Run
+        Or anything with ``posterior()``, ``draws`` and ``state``.
+    thresholds : Thresholds, optional
+
+    Returns
+    -------
+    Identifiability
+    """
+    return identify_draws(run.posterior(), run.draws, run.state, thresholds=thresholds)
+
+
+def identify_draws(
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    state: str,
+    *,
+    thresholds: Thresholds | None = None,
+) -> Identifiability:
+    """Judge the parameters of a posterior by its draws.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        For the priors and the mounting readings.
+    draws : DataFrame
+        Natural quantities by the names of ``summary.csv``, with ``log_likelihood``.
+    state : {"reliable", "tentative", "unusable"}
+        Anything but ``reliable`` gives no verdict; the evidence of tentative draws is there all
+        the same, unusable ones give none.
+    thresholds : Thresholds, optional
+    """
+    chosen = thresholds or Thresholds()
+    total, draws = len(draws), draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+    scales = judged_scales(posterior.priors, posterior.quantities, draws)
+    free = tuple(s for s in scales if isinstance(s.prior, Prior))
+    evidence = {} if state == "unusable" else _evidence(posterior, draws, free, chosen)
+    nothing = _meaningless(posterior.law, {n: e for n, (e, _, _) in evidence.items()}, chosen)
+    out = []
+    for scale in scales:
+        if scale.name not in evidence:
+            verdict = NO_VERDICT if scale in free else FIXED
+            words = in_words(scale, verdict, None, chosen, state)
+            out.append(ParameterVerdict(scale, verdict, words))
+            continue
+        found, before, after = evidence[scale.name]
+        verdict = NO_VERDICT
+        if state == "reliable":
+            verdict = decide(found, chosen, meaningless=scale.name in nothing)
+        told = nothing.get(scale.name, "")
+        words = in_words(scale, verdict, found, chosen, state, meaningless=told)
+        out.append(ParameterVerdict(scale, verdict, words, found, before, after))
+    return Identifiability(tuple(out), state, total, chosen, posterior.law)
+
+
+def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds) -> dict[str, str]:
+    """Parameters that may mean nothing, because an end of another one is open; words for it."""
+    out = {}
+    for name, (other, side, words) in law.meaningless.items():
+        if other in evidence:
+            ends = evidence[other].open_edges(thresholds)
+            if any(edge.side == side and edge.kind == "physical" for edge in ends):
+                out[name] = words
+    return out
+
+
+def _evidence(
+    posterior: Posterior, draws: pd.DataFrame, free: tuple[Scale, ...], thresholds: Thresholds
+) -> dict[str, tuple[Evidence, Density, Density]]:
+    values = np.column_stack([s.of(draws[s.name].to_numpy(dtype=float)) for s in free])
+    partners = find_partners(values, tuple(s.name for s in free))
+    by_prior = power_scaling.sensitivity(values, power_scaling.log_prior(free, draws))
+    by_data = power_scaling.sensitivity(values, power_scaling.log_likelihood(posterior, draws))
+    distances = edge_distances(draws, posterior.specimen, posterior.law)
+    found = {
+        scale.name: _evidence_of(
+            scale,
+            draws[scale.name].to_numpy(dtype=float),
+            partners[scale.name],
+            (float(by_prior[j]), float(by_data[j])),
+            distances.get(scale.kind),
+            thresholds,
+        )
+        for j, scale in enumerate(free)
+    }
+    return _with_refits(found, posterior, free, thresholds)
+
+
+def _with_refits(
+    found: dict[str, tuple[Evidence, Density, Density]],
+    posterior: Posterior,
+    free: tuple[Scale, ...],
+    thresholds: Thresholds,
+) -> dict[str, tuple[Evidence, Density, Density]]:
+    """Ranges of the mounting stretches in fits to parts of a record that the model misses."""
+    mounting = [s for s in free if s.parameter.kind == STRETCH]
+    refits = mounting_refits(posterior) if mounting else None
+    if refits is None:
+        return found
+    out = dict(found)
+    for scale in mounting:
+        assert isinstance(scale.prior, Prior)
+        e, before, after = found[scale.name]
+        span = refits.range(scale.name, (e.low, e.high), thresholds.refit_errors, scale.prior)
+        out[scale.name] = (replace(e, refits=span), before, after)
+    return out
+
+
+def _evidence_of(
+    scale: Scale,
+    natural: np.ndarray,
+    partners: Partners,
+    sensitivity: tuple[float, float],
+    distance: float | None,
+    thresholds: Thresholds,
+) -> tuple[Evidence, Density, Density]:
+    prior = scale.prior
+    assert isinstance(prior, Prior)
+    x = scale.of(natural)
+    low_wall, high_wall = (float(v) for v in scale.of(np.maximum(scale.walls, 0.0)))
+    walls = (low_wall if scale.walls[0] > -np.inf else -np.inf, high_wall)
+    before = scale.of(prior.ppf(LEVELS))
+    likelihood = density(prior.cdf(natural), (0.0, 1.0))
+    low, median, high = np.quantile(natural, [INTERVAL[0], 0.5, INTERVAL[1]])
+    evidence = Evidence(
+        parameter=scale.parameter,
+        median=float(median),
+        low=float(low),
+        high=float(high),
+        prior_sd=float(before.std()),
+        posterior_sd=float(x.std()),
+        prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),
+        edges=find_edges(scale, natural, likelihood, distance),
+        partners=partners,
+        modes=count_modes(x, walls),
+        prior_sensitivity=sensitivity[0],
+        likelihood_sensitivity=sensitivity[1],
+    )
+    return evidence, density(before, walls), density(x, walls)

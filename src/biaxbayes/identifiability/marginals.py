@@ -1,0 +1,357 @@
+"""One parameter at a time: its scale, the shape of its draws, the bounds of its range.
+
+The scale on which a parameter's prior and posterior are compared.
+
+Stiffnesses and the exponent are compared in natural logs, the angle in degrees, the dispersion
+and the mounting stretches as they are: the scales on which the default priors are normal or
+flat.
+
+Shape of a one-dimensional sample: its density, its peaks, and where it stays open.
+
+The likelihood of a parameter with everything else averaged out is posterior over prior density.
+In the variable v = cumulative prior probability the prior is flat, so that the density of v is
+that likelihood, whatever the prior: its value at v = 0 and 1, relative to its maximum, says
+whether the data close the parameter's range on that side.
+
+Where a parameter's range ends, and whether the data keep it away from there.
+
+Physical edges are those of the law, such as kappa at 0 (aligned fibres) and at 1/3 (isotropic), and
+stiffnesses and exponents towards 0 (no matrix, no fibres, no stiffening). At an edge the draws are
+judged by the likelihood with everything else averaged out, relative to its maximum: above
+exp(-1.92) = 0.147, what a 95 % likelihood interval leaves in, the data do not exclude the edge. An
+angle of 0 or 90 degrees is a mirror of the material, not an edge. Bounds that a user set are no
+property of tissue and are kept apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.identifiability.bounded_density import Span, curve
+from biaxbayes.laws.law import Law
+from biaxbayes.model.priors import Prior, Tie
+from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quantity
+from biaxbayes.prediction.draws import protocol_mounting
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = [
+    "LEVELS",
+    "Density",
+    "Edge",
+    "Scale",
+    "count_modes",
+    "density",
+    "edge_distances",
+    "find_edges",
+    "judged_scales",
+]
+
+
+# --- the scale on which a parameter's prior and posterior are compared ---------------------------
+
+
+LEVELS = (np.arange(4096) + 0.5) / 4096
+"""Cumulative probabilities whose values stand for a prior."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A parameter, its prior and the scale to compare them on.
+
+    Attributes
+    ----------
+    quantity : Quantity
+        What it is, and in which mounted state.
+    prior : Prior, Tie or float
+        A number where the parameter was fixed.
+    """
+
+    quantity: Quantity
+    prior: Prior | Tie | float
+
+    @property
+    def name(self) -> str:
+        """As in the draws."""
+        return self.quantity.name
+
+    @property
+    def parameter(self) -> Parameter:
+        """What it is."""
+        return self.quantity.parameter
+
+    @property
+    def kind(self) -> str:
+        """Name of the parameter, in whichever mounted state."""
+        return self.parameter.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of the parameter, empty where it has none."""
+        return "" if self.parameter.unit == "1" else self.parameter.unit
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether it is compared in natural logs."""
+        return self.parameter.logarithmic
+
+    @property
+    def label(self) -> str:
+        """Name of the scale."""
+        return f"ln {self.name}" if self.logarithmic else self.name
+
+    def of(self, natural: np.ndarray) -> np.ndarray:
+        """Natural values on the scale."""
+        with np.errstate(divide="ignore"):
+            return np.log(natural) if self.logarithmic else np.asarray(natural, dtype=float)
+
+    def natural(self, scaled: np.ndarray) -> np.ndarray:
+        """Inverse of :meth:`of`."""
+        return np.exp(scaled) if self.logarithmic else np.asarray(scaled, dtype=float)
+
+    @property
+    def walls(self) -> tuple[float, float]:
+        """Natural values where the density ends; infinite where it does not."""
+        p = self.parameter
+        low, high = p.range if p.bounded else (-np.inf, np.inf)
+        if isinstance(self.prior, Prior):
+            low, high = max(low, self.prior.low), min(high, self.prior.high)
+        return low, high
+
+
+def judged_scales(
+    priors: Mapping[str, Prior | Tie | float], quantities: Quantities, draws: pd.DataFrame
+) -> tuple[Scale, ...]:
+    """The material parameters and mounting stretches of a run, in the order of its columns."""
+    judged = {q.name: q for q in quantities.judged()}
+    return tuple(Scale(judged[n], priors[n]) for n in map(str, draws.columns) if n in judged)
+
+
+# --- shape of a one-dimensional sample: its density, its peaks, and where it stays open ----------
+
+
+BEYOND = 0.15  # of the sample's range, left beside it for the tails
+SADDLE, MODE_MASS = 0.7, 0.05
+
+
+@dataclass(frozen=True)
+class Density:
+    """A density on a grid.
+
+    Attributes
+    ----------
+    x, height : ndarray, shape (m,)
+    """
+
+    x: np.ndarray
+    height: np.ndarray
+
+    @property
+    def peak(self) -> float:
+        """Its maximum."""
+        return float(self.height.max())
+
+    def at(self, x: float) -> float:
+        """Height at a point; zero outside the grid."""
+        return float(np.interp(x, self.x, self.height, left=0.0, right=0.0))
+
+    def width_above(self, share: float) -> float:
+        """Length on which the density is at least a share of its maximum."""
+        above = self.height >= share * self.peak
+        return float(np.sum(np.gradient(self.x)[above]))
+
+
+def density(sample: np.ndarray, walls: tuple[float, float] = (-np.inf, np.inf)) -> Density:
+    """Density of a sample, reflected at walls.
+
+    Parameters
+    ----------
+    sample : ndarray, shape (n,)
+    walls : (float, float)
+        Where the density ends, infinite where it does not.
+
+    Returns
+    -------
+    Density
+        Its grid spans the sample, and reaches a wall that is near.
+    """
+    low, high = float(sample.min()), float(sample.max())
+    beyond = max(BEYOND * (high - low), 1e-9 * max(1.0, abs(low)))
+    low, high = max(low - beyond, walls[0]), min(high + beyond, walls[1])
+    axis = Span(low, high, closed_low=low == walls[0], closed_high=high == walls[1])
+    x, height = curve(sample, axis)
+    return Density(x, np.maximum(height, 0.0) / (high - low))
+
+
+def count_modes(sample: np.ndarray, walls: tuple[float, float] = (-np.inf, np.inf)) -> int:
+    """Number of separate peaks, such that Monte Carlo noise does not add any.
+
+    A peak counts if the lowest point between it and any higher one is below 70 % of it and if
+    5 % of the draws lie in it; in the whole sample and in both of two interleaved halves.
+    """
+    return min(
+        _peaks(density(part, walls)) for part in (sample, sample[::2], sample[1::2]) if part.size
+    )
+
+
+def _peaks(found: Density) -> int:
+    """Peaks by prominence: valleys are taken away, the shallowest first."""
+    h = found.height
+    inner = np.flatnonzero((h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])) + 1
+    tops = [int(i) for i in inner]
+    if h[0] > h[1]:
+        tops.insert(0, 0)
+    if h[-1] > h[-2]:
+        tops.append(h.size - 1)
+    valleys = [int(a + np.argmin(h[a : b + 1])) for a, b in pairwise(tops)]
+    while valleys:
+        depth = [h[v] / min(h[a], h[b]) for v, a, b in zip(valleys, tops, tops[1:], strict=False)]
+        ends = [0, *valleys, h.size - 1]
+        mass = [h[a : b + 1].sum() / h.sum() for a, b in pairwise(ends)]
+        shallow, light = int(np.argmax(depth)), int(np.argmin(mass))
+        if depth[shallow] > SADDLE:
+            join = shallow
+        elif mass[light] < MODE_MASS:
+            join = min(light, len(valleys) - 1)
+        else:
+            break
+        lower = join if h[tops[join]] < h[tops[join + 1]] else join + 1
+        del tops[lower], valleys[join]
+    return max(len(tops), 1)
+
+
+# --- where a parameter's range ends, and whether the data keep it away from there ----------------
+
+
+PRIOR_TAIL = 0.025  # share of a prior without bounds that counts as its end
+BOUND_TAIL = 0.05  # share of a prior that counts as near a bound
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One end of a parameter's range.
+
+    Attributes
+    ----------
+    side : int
+        0 for the low end, 1 for the high one.
+    value : float
+        Natural value at the end; for a range without end the prior's 2.5 % or 97.5 % point.
+    kind : {"physical", "user", "prior"}
+        A property of the model, a bound in the priors, or merely where the prior thins out.
+    distance : float
+        How near counts as near, in the parameter's unit.
+    mass, prior_mass : float
+        Share of the draws and of the prior that near.
+    support : float
+        Likelihood there over its maximum.
+    """
+
+    side: int
+    value: float
+    kind: str
+    distance: float
+    mass: float
+    prior_mass: float
+    support: float
+
+    def meaning(self, parameter: Parameter) -> str:
+        """What a material at a physical edge is."""
+        return (parameter.at_low, parameter.at_high)[self.side]
+
+
+def edge_distances(draws: pd.DataFrame, specimen: Specimen, law: Law) -> dict[str, float]:
+    """How near to a physical edge counts as near, by parameter, in natural units."""
+    tops = []
+    for protocol in specimen.protocols:
+        lm = protocol_mounting(draws, protocol)
+        tops.append(np.array([protocol.stretch_x.max(), protocol.stretch_y.max()]) * lm)
+    return law.edge_distances(law.material(draws), tops)
+
+
+def find_edges(
+    scale: Scale, natural: np.ndarray, likelihood: Density, distance: float | None
+) -> tuple[Edge, ...]:
+    """Both ends of a parameter's range; none for a mirror.
+
+    Parameters
+    ----------
+    scale : Scale
+        Of a parameter with a prior.
+    natural : ndarray, shape (n,)
+        Draws.
+    likelihood : Density
+        Of the draws' cumulative prior probability.
+    distance : float, optional
+        From :func:`edge_distances`.
+    """
+    prior = scale.prior
+    assert isinstance(prior, Prior)
+    out = []
+    for side in (0, 1):
+        bound = (prior.low, prior.high)[side]
+        physical = _edge(scale.parameter, side)
+        if physical is not None and abs(bound - physical) < 1e-12:
+            bound = np.inf  # the physical end itself
+        if bound == 0.0 and scale.parameter.kind == STRETCH:
+            bound = -np.inf  # a stretch is positive, which is no one's choice
+        if np.isfinite(bound):
+            out.append(_end(prior, natural, likelihood, side, float(bound)))
+        elif scale.parameter.mirror:
+            continue
+        elif physical is not None:
+            out.append(_physical(prior, natural, likelihood, side, physical, distance))
+        else:
+            out.append(_end(prior, natural, likelihood, side))
+    return tuple(out)
+
+
+def _edge(parameter: Parameter, side: int) -> float | None:
+    """The physical end of a material parameter's range, mirrors included; None where it is open."""
+    end = parameter.range[side]
+    return end if parameter.kind == MATERIAL and np.isfinite(end) else None
+
+
+def _near(prior: Prior, natural: np.ndarray, side: int, threshold: float) -> tuple[float, float]:
+    """Mass of the draws and of the prior beyond a threshold."""
+    below = float(prior.cdf(np.array([threshold]))[0])
+    if side == 0:
+        return float((natural <= threshold).mean()), below
+    return float((natural >= threshold).mean()), 1.0 - below
+
+
+def _physical(
+    prior: Prior,
+    natural: np.ndarray,
+    likelihood: Density,
+    side: int,
+    value: float,
+    distance: float | None,
+) -> Edge:
+    assert distance is not None
+    threshold = value + distance if side == 0 else value - distance
+    mass, prior_mass = _near(prior, natural, side, threshold)
+    support = likelihood.at(float(side)) / likelihood.peak
+    return Edge(side, value, "physical", distance, mass, prior_mass, support)
+
+
+def _end(
+    prior: Prior,
+    natural: np.ndarray,
+    likelihood: Density,
+    side: int,
+    bound: float | None = None,
+) -> Edge:
+    """A bound in the priors, or without one the place where the prior thins out."""
+    tail = PRIOR_TAIL if bound is None else BOUND_TAIL
+    threshold = float(prior.ppf(np.array([tail if side == 0 else 1.0 - tail]))[0])
+    mass, prior_mass = _near(prior, natural, side, threshold)
+    if bound is None:
+        support = min(mass / prior_mass / likelihood.peak, 1.0)
+        return Edge(side, threshold, "prior", 0.0, mass, prior_mass, support)
+    support = likelihood.at(float(side)) / likelihood.peak
+    return Edge(side, bound, "user", abs(threshold - bound), mass, prior_mass, support)

@@ -1,0 +1,235 @@
+"""Profile likelihood of one parameter: everything else re-optimised along the way.
+
+The curve is D(value) - min D, with the deviance of
+:mod:`biaxbayes.identifiability.conditional_fit`; values where it stays below 3.84 (95 % of
+chi-square with one degree of freedom) make the interval. No prior has a part in it. In words:
+
+- ``finite``: the curve crosses the threshold on both sides;
+- ``practical``: it does not on one side or both, so the data leave the parameter open there;
+- ``structural``: it is flat: no amount of this kind of data would tell.
+
+An angle of 0 or 90 degrees is a mirror: the curve goes on as its own image, and counts as closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError, NotConverged, RunError
+from biaxbayes.executors.executor import executor_for
+from biaxbayes.identifiability.conditional_fit import HeldFit, Target
+from biaxbayes.identifiability.profile_walk import THRESHOLD, Walk, axis_of
+from biaxbayes.model.layout import mounting_names
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import deterministic_fit, fitted
+from biaxbayes.parameters import Quantities, Quantity, unit_words
+
+__all__ = ["FLAT", "THRESHOLD", "Profile", "profile_likelihood", "profiles"]
+
+FLAT = 0.1
+"""A curve that never rises above this is flat: a likelihood ratio of 0.95."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A profile likelihood.
+
+    Attributes
+    ----------
+    parameter : str
+    known : Quantities
+        What each name is.
+    table : DataFrame
+        ``value`` (ascending, natural units), ``deviance`` above the minimum, ``error_sd`` and the
+        values that all parameters and mounting stretches took.
+    estimate : float
+    low, high : float
+        Ends of the 95 % interval; the end of the range on a side that is open.
+    open_low, open_high : bool
+        Whether the curve stays below the threshold all the way.
+    kind : {"finite", "practical", "structural"}
+    beta : float
+        Weight n_eff / n of the readings.
+    """
+
+    parameter: str
+    known: Quantities
+    table: pd.DataFrame
+    estimate: float
+    low: float
+    high: float
+    open_low: bool
+    open_high: bool
+    kind: str
+    beta: float
+
+    @property
+    def quantity(self) -> Quantity:
+        """What is profiled."""
+        return self.known[self.parameter]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the parameter, empty where it has none."""
+        return "" if self.quantity.unit == "1" else self.quantity.unit
+
+    def in_words(self) -> str:
+        """One sentence."""
+        unit = unit_words(self.unit)
+        low, high, best = (f"{v:.4g}" for v in (self.low, self.high, self.estimate))
+        if self.kind == "structural":
+            return (
+                f"{self.parameter}: structurally not identifiable, the likelihood is flat from "
+                f"{low} to {high}{unit}"
+            )
+        if self.kind == "finite":
+            return f"{self.parameter}: {low} to {high}{unit} (95 %), best {best}"
+        if self.open_low and self.open_high:
+            return f"{self.parameter}: open on both sides, {low} to {high}{unit} all fit"
+        if self.open_low:
+            return f"{self.parameter}: below {high}{unit} (95 %), open towards {low}; best {best}"
+        return f"{self.parameter}: above {low}{unit} (95 %), open towards {high}; best {best}"
+
+
+def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 1) -> list[Profile]:
+    """Profiles of several parameters, in parallel processes where asked for.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        For the specimen, the settings, the weight of the readings and the start.
+    parameters : sequence of str
+        C1, k1, k2, alpha, kappa, mounting_stretch_x, mounting_stretch_y (with the protocol in
+        square brackets where each has its own).
+    workers : int
+        Processes.
+
+    Raises
+    ------
+    InputError
+        For a parameter that is unknown, fixed, or follows from the others.
+    NotConverged
+        If the model cannot be fitted to the specimen at all.
+    """
+    for name in parameters:
+        _index(posterior, name)
+    executor = executor_for(max(min(workers, len(parameters)), 1))
+    posterior = fitted(posterior)  # once, not in every process
+    found: dict[int, Profile] = {}
+    for outcome in executor.run(partial(profile_likelihood, posterior), parameters):
+        if outcome.lost:
+            raise RunError(f"profile of {parameters[outcome.index]}: {outcome.lost}")
+        found[outcome.index] = outcome.value
+    return [found[i] for i in range(len(parameters))]
+
+
+def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
+    """Profile of one parameter; see :func:`profiles`."""
+    index = _index(posterior, parameter)
+    target = Target(posterior.specimen, posterior.settings, posterior.beta, _fixed(posterior))
+    axis = axis_of(posterior.quantities[parameter].parameter, index, posterior.law)
+    walk = Walk(target, axis, _optimum(posterior, target))
+    walk.run()
+    return _profile(walk, posterior, parameter)
+
+
+def _optimum(posterior: Posterior, target: Target) -> HeldFit:
+    """The overall best fit, from the deterministic one."""
+    start = deterministic_fit(posterior)
+    lm = np.clip(start.mounting_stretch, 0.9, 1.2).T
+    if not posterior.settings.infers_mounting:
+        lm = np.ones((2, target.groups))
+    sd = float(np.sqrt(np.mean(np.concatenate(start.residuals) ** 2)))
+    law = posterior.law
+    theta = law.point(start.material.values)
+    found = target.best({}, np.concatenate([theta, lm.ravel()]), sd)
+    # Off the edges too: with a parameter at its bound others may hide a lower point.
+    inner = law.inner_point(theta)
+    other = target.best({}, np.concatenate([inner, lm.ravel()]), sd)
+    found = other if other.deviance < found.deviance else found
+    if not np.isfinite(found.deviance):
+        raise NotConverged(f"{posterior.specimen.name}: no material fits this specimen")
+    return found
+
+
+def _index(posterior: Posterior, parameter: str) -> int:
+    """Position of a parameter among the unknowns of a target."""
+    prior = posterior.priors.get(parameter)
+    if isinstance(prior, int | float):
+        raise InputError(f"{parameter} is fixed, so it has no profile")
+    of_law = posterior.law.names
+    if parameter in of_law:
+        return of_law.index(parameter)
+    names = [mounting_names("stretch", label) for label in posterior.mounts]
+    flat = [pair[k] for k in (0, 1) for pair in names]
+    if parameter not in flat or not posterior.settings.infers_mounting:
+        known = [*of_law, *(flat if posterior.settings.infers_mounting else [])]
+        raise InputError(
+            f"unknown parameter {parameter[:60]!r}", remedy=f"one of {', '.join(known)}"
+        )
+    if posterior.settings.mounting == "exact":
+        raise InputError(
+            "with an exact mounting force the mounting stretch follows from the material",
+            remedy="use --mounting noisy to profile it",
+        )
+    return len(of_law) + flat.index(parameter)
+
+
+def _fixed(posterior: Posterior) -> dict[int, float]:
+    out = {}
+    for i, name in enumerate(posterior.law.names):
+        value = posterior.priors[name]
+        if isinstance(value, int | float):
+            out[i] = posterior.law.coordinate(i, float(value))
+    return out
+
+
+def _profile(walk: Walk, posterior: Posterior, parameter: str) -> Profile:
+    rise = np.array([walk.rise(k) for k in range(len(walk.at))])
+    value = np.array([walk.axis.natural(at) for at in walk.at])
+    ends = []
+    for side in (-1, 1):
+        pair = walk.crossing(side)
+        if pair is None:
+            ends.append((value[0 if side < 0 else -1], True))
+            continue
+        a, b = np.sqrt(np.maximum(rise[list(pair)], 0.0))
+        share = (np.sqrt(THRESHOLD) - a) / (b - a)
+        at = walk.at[pair[0]] + share * (walk.at[pair[1]] - walk.at[pair[0]])
+        ends.append((walk.axis.natural(at), False))
+    (low, open_low), (high, open_high) = ends
+    if walk.axis.mirrored and open_low != open_high:
+        open_low = open_high = False  # the curve goes on as its own image
+    flat = open_low and open_high and float(rise.max()) < FLAT
+    kind = "structural" if flat else "practical" if open_low or open_high else "finite"
+    return Profile(
+        parameter=parameter,
+        known=posterior.quantities,
+        table=_table(walk, posterior, value, rise),
+        estimate=float(value[walk.lowest]),
+        low=float(low),
+        high=float(high),
+        open_low=bool(open_low),
+        open_high=bool(open_high),
+        kind=kind,
+        beta=posterior.beta,
+    )
+
+
+def _table(walk: Walk, posterior: Posterior, value: np.ndarray, rise: np.ndarray) -> pd.DataFrame:
+    unknowns = np.array([f.unknowns for f in walk.fits])
+    columns = {"value": value, "deviance": np.maximum(rise, 0.0)}
+    law = posterior.law
+    for i, name in enumerate(law.names):
+        columns[name] = np.array([law.natural(i, v) for v in unknowns[:, i]])
+    if posterior.settings.infers_mounting:
+        pairs = [mounting_names("stretch", label) for label in posterior.mounts]
+        for j, name in enumerate(pair[k] for k in (0, 1) for pair in pairs):
+            columns[name] = unknowns[:, len(law.names) + j]
+    columns["error_sd"] = np.array([f.error_sd for f in walk.fits])
+    return pd.DataFrame(columns)

@@ -1,0 +1,325 @@
+"""Walking along a profile: outwards in steps that suit the curve, and back over it.
+
+The axis that a profile is walked along: which scale, how far, in which steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from biaxbayes.identifiability.conditional_fit import HeldFit, Target
+from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.parameters import DEGREE, MATERIAL, Parameter
+
+__all__ = ["THRESHOLD", "Axis", "Walk", "axis_of"]
+
+
+# --- the axis that a profile is walked along: which scale, how far, in which steps ---------------
+
+
+LEAST = 1e-4
+"""Where a walk of a positive scale towards zero ends; it then stands for zero (kPa or 1)."""
+STEPS_OF_SCALE = (0.02, LEAST, 0.8)
+"""First, least and largest step of a positive scale, in logs."""
+STEPS_OF_ANGLE = (0.5, 1e-3, 5.0)
+STEPS_OF_SHARE = (0.004, 1e-5, 0.02)
+STEPS_OF_STRETCH = (0.0005, 1e-6, 0.01)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Scale and range of a profiled parameter.
+
+    Attributes
+    ----------
+    index : int
+        Position among the unknowns of the fit: the law's coordinates, then mounting stretches.
+    parameter : Parameter
+    law : Law
+    low, high : float
+        Range on the axis: natural logs, degrees, or natural values.
+    first_step, least_step, most_step : float
+    """
+
+    index: int
+    parameter: Parameter
+    law: Law
+    low: float
+    high: float
+    first_step: float
+    least_step: float
+    most_step: float
+
+    @property
+    def unit(self) -> str:
+        """Unit of the natural values."""
+        return "" if self.parameter.unit == "1" else self.parameter.unit
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the curve goes on as its own image at the ends."""
+        return self.parameter.mirror
+
+    def forward(self, unknown: float) -> float:
+        """From an unknown of the fit to the axis."""
+        if self.parameter.logarithmic:
+            return float(np.log(max(unknown, LEAST)))
+        if self.parameter.kind == MATERIAL:
+            return self.law.natural(self.index, unknown)
+        return float(unknown)
+
+    def back(self, at: float) -> float:
+        """From the axis to an unknown of the fit."""
+        natural = self.natural(at)
+        if self.parameter.kind != MATERIAL:
+            return natural
+        ends = self.parameter.range
+        return self.law.coordinate(self.index, min(max(natural, ends[0]), ends[1]))
+
+    def natural(self, at: float) -> float:
+        """From the axis to natural units."""
+        if self.parameter.logarithmic:
+            return 0.0 if at <= self.low else float(np.exp(at))
+        return float(at)
+
+    def clipped(self, at: float) -> float:
+        """A place within the range."""
+        return float(min(max(at, self.low), self.high))
+
+    def anchors(self, centre: float) -> np.ndarray:
+        """Places over the whole range where a profile is looked at from afresh."""
+        if self.parameter.logarithmic:
+            steps = np.log([1e-3, 1e-2, 0.1, 0.3, 3.0, 10.0, 100.0])
+            return np.unique(np.clip([self.low, *(centre + steps)], self.low, self.high))
+        if self.parameter.bounded:
+            return np.linspace(self.low, self.high, 9)
+        return np.clip(centre + np.array([-0.05, -0.02, 0.02, 0.05]), self.low, self.high)
+
+    def at_end(self, at: float, side: int) -> bool:
+        """Whether the walk on a side has reached the end of the range."""
+        return at <= self.low if side < 0 else at >= self.high
+
+
+def axis_of(parameter: Parameter, index: int, law: Law) -> Axis:
+    """Axis of a parameter at a position among the unknowns."""
+    if parameter.logarithmic:
+        ends, steps = (float(np.log(LEAST)), float(np.log(parameter.largest))), STEPS_OF_SCALE
+    elif parameter.bounded:
+        ends = parameter.range
+        steps = STEPS_OF_ANGLE if parameter.unit == DEGREE else STEPS_OF_SHARE
+    else:
+        ends, steps = BRACKET, STEPS_OF_STRETCH
+    return Axis(index, parameter, law, *ends, *steps)
+
+
+# --- walking along a profile: outwards in steps that suit the curve, and back over it ------------
+
+
+THRESHOLD = float(chi2.ppf(0.95, 1))
+BEYOND = 2.0  # deviance beyond the threshold at which a walk ends
+RISE = (0.3, 1.2)  # of the deviance wanted from one step to the next
+MOST_STEPS = 80
+SWEEPS = 3
+SCOUTS = 4  # fresh starting points at an anchor
+LOOK = 25  # steps of a first look from each
+HOPELESS = 50.0  # deviance above the lowest after which it is left at that
+FILL = 60  # most points put into gaps
+LEVEL = 0.3  # a gap counts by this share where the curve is level
+BETTER = 1e-4
+LOWER = 0.02  # in deviance: less is the error of interpolating
+CLOSE = 0.01  # of a point to the threshold, in deviance
+
+
+class Walk:
+    """Points of a profile, kept in the order of the axis.
+
+    Parameters
+    ----------
+    target : Target
+    axis : Axis
+    best : HeldFit
+        The overall optimum.
+    """
+
+    def __init__(self, target: Target, axis: Axis, best: HeldFit) -> None:
+        self.target, self.axis = target, axis
+        self.at = [axis.forward(best.unknowns[axis.index])]
+        self.fits = [best]
+
+    def run(self) -> None:
+        """Walk until the profile is whole.
+
+        A walk follows one branch of fits; where another one is lower (kappa on its bound on the
+        first, inside on the second, say) it would miss it. So the whole range is looked at from
+        fresh starts too, and what is found there is walked from.
+        """
+        self._walk()
+        if self._anchor():
+            self._fill()
+            self._walk()
+        if self.rebase():
+            self._walk()
+        for side in (-1, 1):
+            self.refine(side)
+
+    def _walk(self) -> None:
+        for side in (-1, 1):
+            self.out(side)
+        for _ in range(SWEEPS):
+            if not self.sweep():
+                break
+
+    def _anchor(self) -> bool:
+        """Fit afresh at places over the whole range; whether the profile was lower somewhere."""
+        found_lower = False
+        for at in self.axis.anchors(self.at[self.lowest]):
+            held = {self.axis.index: self.axis.back(float(at))}
+            best = self.fits[self.lowest]
+            starts = [best.unknowns, *self.target.scouts(held, SCOUTS)]
+            looks = [
+                self.target.best(held, start, best.error_sd, rounds=2, steps=LOOK)
+                for start in starts
+            ]
+            looks.sort(key=lambda fit: fit.deviance)
+            found = looks[0]
+            if found.deviance < best.deviance + HOPELESS:
+                ends = [self.target.best(held, f.unknowns, f.error_sd) for f in looks[:2]]
+                found = min(ends, key=lambda fit: fit.deviance)
+            level = self.fits[self.lowest].deviance
+            if self.at[0] <= at <= self.at[-1]:
+                here = float(np.interp(at, self.at, [f.deviance for f in self.fits]))
+                lower = found.deviance < here - LOWER
+            else:
+                lower = found.deviance < level + THRESHOLD + BEYOND
+            if lower and float(at) not in self.at:
+                self._add(float(at), found)
+                found_lower = True
+        return found_lower
+
+    def _fill(self) -> None:
+        """Close gaps between points, from both of their ends."""
+        for _ in range(FILL):
+            gaps = np.diff(self.at)
+            low = np.array([min(self.rise(k), self.rise(k + 1)) for k in range(len(gaps))])
+            gaps[low > THRESHOLD + BEYOND] = 0.0
+            level = np.abs(np.diff([f.deviance for f in self.fits])) < RISE[0]
+            gaps[level] *= LEVEL
+            k = int(np.argmax(gaps))
+            if gaps[k] <= 1.01 * self.axis.most_step:
+                return
+            at = 0.5 * (self.at[k] + self.at[k + 1])
+            pair = (self.fit(at, k, k + 1), self.fit(at, k + 1, k))
+            self._add(at, min(pair, key=lambda fit: fit.deviance))
+
+    @property
+    def lowest(self) -> int:
+        """Position of the lowest deviance."""
+        return int(np.argmin([f.deviance for f in self.fits]))
+
+    def rise(self, k: int) -> float:
+        """Deviance of a point above the lowest."""
+        return self.fits[k].deviance - self.fits[self.lowest].deviance
+
+    def fit(self, at: float, *neighbours: int) -> HeldFit:
+        """The best fit at a place on the axis, from the points given and their extrapolation."""
+        starts = [self.fits[k].unknowns for k in neighbours]
+        if len(neighbours) == 2:
+            a, b = (self.at[k] for k in neighbours)
+            if a != b:
+                share = (at - a) / (b - a)
+                line = starts[0] + share * (starts[1] - starts[0])
+                starts = [np.clip(line, self.target.lower, self.target.upper), *starts]
+        held = {self.axis.index: self.axis.back(at)}
+        sd = self.fits[neighbours[0]].error_sd
+        found = HeldFit(starts[0], np.inf, sd)
+        for start in starts[: 1 + (len(starts) > 1)]:
+            tried = self.target.best(held, start, sd)
+            found = tried if tried.deviance < found.deviance else found
+        return found
+
+    def out(self, side: int) -> None:
+        """Walk outwards from the outermost point until well beyond the threshold or the end."""
+        step = self.axis.first_step
+        for _ in range(MOST_STEPS):
+            end = 0 if side < 0 else len(self.at) - 1
+            inner = min(max(end - side, 0), len(self.at) - 1)
+            if self.rise(end) > THRESHOLD + BEYOND or self.axis.at_end(self.at[end], side):
+                return
+            at = self.axis.clipped(self.at[end] + side * step)
+            found = self.fit(at, end, inner) if inner != end else self.fit(at, end)
+            if not np.isfinite(found.deviance):
+                if step < self.axis.least_step:
+                    return
+                step *= 0.3
+                continue
+            change = found.deviance - self.fits[end].deviance
+            if change > RISE[1] and step > self.axis.least_step:
+                step *= 0.4
+                continue
+            self._add(at, found)
+            if change < RISE[0]:
+                step = min(1.7 * step, self.axis.most_step)
+
+    def _add(self, at: float, found: HeldFit) -> None:
+        k = int(np.searchsorted(self.at, at))
+        self.at.insert(k, at)
+        self.fits.insert(k, found)
+
+    def sweep(self) -> bool:
+        """Try every point from its neighbours on either side; whether anything got lower."""
+        better = False
+        for order in (range(1, len(self.at)), range(len(self.at) - 2, -1, -1)):
+            for k in order:
+                from_k = k - 1 if order.step > 0 else k + 1
+                held = {self.axis.index: self.axis.back(self.at[k])}
+                start = self.fits[from_k]
+                tried = self.target.best(held, start.unknowns, start.error_sd)
+                if tried.deviance < self.fits[k].deviance - BETTER:
+                    better = True
+                if tried.deviance < self.fits[k].deviance:
+                    self.fits[k] = tried
+        return better
+
+    def rebase(self) -> bool:
+        """Let go of the parameter at the lowest point; whether that found a lower one."""
+        lowest = self.fits[self.lowest]
+        freed = self.target.best({}, lowest.unknowns, lowest.error_sd)
+        if not freed.deviance < lowest.deviance:
+            return False
+        at = self.axis.forward(freed.unknowns[self.axis.index])
+        if abs(at - self.at[self.lowest]) <= self.axis.least_step:
+            self.at.pop(self.lowest)
+            self.fits.remove(lowest)
+        self._add(at, freed)
+        return True
+
+    def refine(self, side: int) -> None:
+        """Bring a point close to where the curve crosses the threshold."""
+        for _ in range(6):
+            pair = self.crossing(side)
+            if pair is None:
+                return
+            inside, outside = pair
+            a, b = (np.sqrt(max(self.rise(k), 0.0)) for k in pair)
+            if min(abs(self.rise(k) - THRESHOLD) for k in pair) < CLOSE:
+                return
+            # The root of the deviance is nearly linear in the parameter.
+            share = (np.sqrt(THRESHOLD) - a) / (b - a)
+            at = self.at[inside] + share * (self.at[outside] - self.at[inside])
+            if at in self.at:
+                return
+            found = self.fit(at, inside, outside)
+            if not np.isfinite(found.deviance):
+                return
+            self._add(at, found)
+
+    def crossing(self, side: int) -> tuple[int, int] | None:
+        """The outermost neighbours on a side between which the threshold is crossed."""
+        order = range(len(self.at)) if side < 0 else range(len(self.at) - 1, -1, -1)
+        below = [k for k in order if self.rise(k) <= THRESHOLD]
+        outside = below[0] + side
+        return (below[0], outside) if 0 <= outside < len(self.at) else None

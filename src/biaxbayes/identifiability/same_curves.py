@@ -1,0 +1,207 @@
+"""Materials that give the same curves: one parameter is moved, the others follow.
+
+The measured curves of one posterior draw are the target. The moved parameter is held at a series
+of values, and at each the others are fitted to the target's loads, the mounting stretch following
+from the target's mounting force. What is left over is how much the curves change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.fitting.least_squares import descend
+from biaxbayes.fitting.residuals import (
+    BalancedMounting,
+    GivenMounting,
+    Readings,
+    mounting_roots,
+    readings,
+)
+from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.options import Settings
+from biaxbayes.parameters import mounting_names
+from biaxbayes.prediction.draws import mounting_labels
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["SameCurves", "same_curves"]
+
+ROWS = 40  # of each protocol, to fit; what is stated is the change over all rows
+STEPS = 12
+
+
+@dataclass(frozen=True)
+class SameCurves:
+    """A path of materials along which the curves stay.
+
+    Attributes
+    ----------
+    moved : str
+        The parameter that was held at each value.
+    materials : DataFrame
+        C1, k1 (kPa), k2, alpha (degrees), kappa along the path.
+    mounting_stretch : ndarray, shape (p, 2, m)
+        One pair a mounted state; ones where it was not inferred.
+    mounting_load : ndarray, shape (2, m)
+        The same along the whole path, in the specimen's unit; zeros where not inferred.
+    change_kPa : float
+        Largest change of any stress (load over the section that the file states) between the
+        first material and any other, over all rows of all protocols.
+    largest_kPa : float
+        Largest stress of the first material.
+    """
+
+    moved: str
+    materials: pd.DataFrame
+    mounting_stretch: np.ndarray
+    mounting_load: np.ndarray
+    change_kPa: float
+    largest_kPa: float
+
+    def to_frame(self) -> pd.DataFrame:
+        """Materials and mounting stretches, one row a point of the path."""
+        table = self.materials.copy()
+        for m in range(self.mounting_stretch.shape[2]):
+            tail = f"[{m + 1}]" if self.mounting_stretch.shape[2] > 1 else ""
+            for k, axis in enumerate("xy"):
+                table[f"mounting_stretch_{axis}{tail}"] = self.mounting_stretch[:, k, m]
+        return table
+
+
+def same_curves(
+    draw: pd.Series,
+    specimen: Specimen,
+    settings: Settings,
+    moved: str,
+    values: tuple[float, float],
+    free: tuple[str, ...] | None = None,
+) -> SameCurves:
+    """Follow the curves of a draw while one of its parameters moves.
+
+    Parameters
+    ----------
+    draw : Series
+        Names as in ``summary.csv``.
+    specimen : Specimen
+    settings : Settings
+        Of the run that the draw is from.
+    moved : str
+        Which parameter to move, and
+    values : (float, float)
+        between which natural values.
+    free : tuple of str
+        Parameters that may follow (others stay).
+    """
+    ridge = _Ridge(draw, specimen, settings, moved, free)
+    here = ridge.held(float(draw[moved]))
+    low, high = (ridge.held(v) for v in values)
+    logs = settings.material_law.parameter(moved).logarithmic
+
+    def between(a: float, b: float) -> np.ndarray:
+        if logs and min(a, b) > 0.0:
+            return np.geomspace(a, b, STEPS)[1:]
+        return np.linspace(a, b, STEPS)[1:]
+
+    down = ridge.follow(between(here, low)) if low != here else []
+    up = ridge.follow(between(here, high)) if high != here else []
+    points = [*reversed(down), ridge.origin, *up]
+    loads, stretches = zip(*(ridge.loads(p) for p in points), strict=True)
+    stress = np.array(loads) / ridge.full.area[:, None]
+    change = np.abs(stress - stress[0]).max(axis=(1, 2))
+    natural = [ridge.law.values(p) for p in points]
+    table = pd.DataFrame(natural, columns=list(ridge.law.names))
+    return SameCurves(
+        moved,
+        table,
+        np.array(stretches),
+        ridge.full.mounting_load,
+        float(change.max()),
+        float(np.abs(stress[0]).max()),
+    )
+
+
+class _Ridge:
+    """The materials that come closest to the curves of one draw."""
+
+    def __init__(
+        self,
+        draw: pd.Series,
+        specimen: Specimen,
+        settings: Settings,
+        moved: str,
+        free: tuple[str, ...] | None,
+    ) -> None:
+        self.law = settings.material_law
+        names = self.law.names
+        self.moved = names.index(moved)
+        loose = names if free is None else free
+        self.free = np.array(
+            [i for i, n in enumerate(names) if n != moved and n in loose], dtype=int
+        )
+        self.balanced = settings.infers_mounting
+        self.values = tuple(float(draw[n]) for n in names)
+        self.origin = self.law.point(self.values)
+        data = readings(specimen, shared=settings.mounting_stretch == "shared")
+        if self.balanced:
+            labels = mounting_labels(draw.to_frame().T, specimen)
+            names_of = [mounting_names("force", label) for label in labels]
+            load = [[float(draw[pair[k]]) for pair in names_of] for k in range(2)]
+            data = replace(data, mounting_load=np.array(load))
+        else:
+            data = replace(data, mounting_load=np.zeros_like(data.mounting_load))
+        self.full = replace(data, load=self._loads(data, self.origin)[0])
+        self.few = self.full.thinned(ROWS)
+
+    def held(self, value: float) -> float:
+        """A natural value of the moved parameter in the coordinates of the fits."""
+        values = list(self.values)
+        values[self.moved] = float(value)
+        return float(self.law.point(values)[self.moved])
+
+    def loads(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Loads (2, n) of every row and mounting stretches (2, m)."""
+        return self._loads(self.full, point)
+
+    def _loads(self, data: Readings, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lm = np.ones_like(data.mounting_load)
+        if self.balanced:
+            lm, _ = mounting_roots(data, point, data.mounting_load, self.law)
+        lmr = lm[:, data.group]
+        stress = self.law.response(point, data.stretch * lmr).stress
+        factor = load_per_stress(data.area[:, None], data.stretch, lmr, data.mounted)
+        return factor * stress, lm
+
+    def follow(self, values: np.ndarray) -> list[np.ndarray]:
+        """Fitted materials at a series of values of the moved parameter, until one has no fit."""
+        out: list[np.ndarray] = []
+        before, here = self.origin, self.origin
+        for value in values:
+            guess = here[self.free] + 0.9 * (here - before)[self.free]
+            found = None
+            for start in (guess, here[self.free]):
+                found = self._fit(value, start)
+                if found is not None:
+                    break
+            if found is None:
+                break
+            before, here = here, found
+            out.append(found)
+        return out
+
+    def _fit(self, value: float, start: np.ndarray) -> np.ndarray | None:
+        point = self.origin.copy()
+        point[self.moved] = value
+        kind = BalancedMounting if self.balanced else GivenMounting
+        one = np.ones_like(self.few.mounting_load)
+        problem = kind(self.few, "load", point, self.free, self.few.peak, one, self.law)
+        found = descend(
+            problem,
+            start,
+            self.law.lower[self.free],
+            self.law.upper[self.free],
+            steps=200,
+            tolerance=1e-10,
+        )
+        return problem.theta(found.unknowns) if np.isfinite(found.cost) else None

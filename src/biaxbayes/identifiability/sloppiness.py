@@ -1,0 +1,329 @@
+"""Stiff and sloppy directions, and what a parameter trades with.
+
+What a parameter trades with: how narrow it would be if others were known.
+
+The conditional spread is the residual spread of a polynomial regression of the parameter on the
+others (all on their sampling scales): cubic in each, with all products of two. Partners are those
+that alone tell much about the parameter (or it about them), since on a ridge all move together,
+and those that are needed besides to explain its spread.
+
+Stiff and sloppy directions: what combination of parameters is known, and which moves freely.
+
+Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
+in units of its prior standard deviation. The eigenvector is straight, the ridge of a posterior is
+not: the sloppy direction is therefore stated along
+:mod:`biaxbayes.identifiability.same_curves`, with the change of the curves that was found when it
+was walked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.identifiability.marginals import LEVELS, Scale, judged_scales
+from biaxbayes.identifiability.same_curves import SameCurves, same_curves
+from biaxbayes.laws.law import Law
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Prior, Tie
+from biaxbayes.parameters import MATERIAL, Parameter, mounting_names
+from biaxbayes.prediction.draws import median_draw
+
+__all__ = ["Direction", "Partners", "Sloppiness", "find_partners", "sloppiness"]
+
+
+# --- what a parameter trades with: how narrow it would be if others were known -------------------
+
+
+DRAWS = 3000
+MOST_PARTNERS = 3
+WORTH = 0.8  # another partner must shrink the remaining spread to this share, at least
+TOGETHER = 0.6  # two parameters move together where one leaves this share of the other's spread
+NEAR = 1.25  # partners suffice once the spread is this close to that given everything
+
+
+@dataclass(frozen=True)
+class Partners:
+    """The parameters that one trades with.
+
+    Attributes
+    ----------
+    names : tuple of str
+        In the order of what they explain.
+    spread_given_all : float
+        Standard deviation given all other parameters, over the marginal one.
+    spread_given_partners : float
+        The same given the partners alone.
+    """
+
+    names: tuple[str, ...]
+    spread_given_all: float
+    spread_given_partners: float
+
+
+def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partners]:
+    """Partners of every parameter.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, d)
+        Draws on the sampling scales.
+    names : tuple of str, length d
+
+    Returns
+    -------
+    dict of Partners
+    """
+    step = max(1, len(values) // DRAWS)
+    few = values[::step]
+    spread = few.std(axis=0)
+    z = (few - few.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    z = np.clip(z, -6.0, 6.0)  # a far draw must not steer the polynomial
+    d = len(names)
+    pair = np.ones((d, d))
+    for i in range(d):
+        for j in range(d):
+            if i != j and spread[i] > 0.0:
+                pair[i, j] = _spread_given(z, i, [j])
+    pair = np.minimum(pair, pair.T)
+    return {name: _partners_of(z, j, names, pair[j]) for j, name in enumerate(names)}
+
+
+def _partners_of(z: np.ndarray, target: int, names: tuple[str, ...], pair: np.ndarray) -> Partners:
+    others = [j for j in range(len(names)) if j != target]
+    if not others or not z[:, target].std() > 0.0:
+        return Partners((), 1.0, 1.0)
+    full = _spread_given(z, target, others)
+    chosen = [j for j in sorted(others, key=lambda j: pair[j]) if pair[j] <= TOGETHER]
+    chosen = chosen[:MOST_PARTNERS]
+    spread = _spread_given(z, target, chosen) if chosen else 1.0
+    while spread > NEAR * full and len(chosen) < MOST_PARTNERS:
+        left = [j for j in others if j not in chosen]
+        tried = [_spread_given(z, target, [*chosen, j]) for j in left]
+        best = int(np.argmin(tried)) if tried else 0
+        if not tried or tried[best] > WORTH * spread:
+            break
+        chosen.append(left[best])
+        spread = tried[best]
+    return Partners(tuple(names[j] for j in chosen), full, spread)
+
+
+def _spread_given(z: np.ndarray, target: int, given: list[int]) -> float:
+    """Residual spread of the regression over the marginal spread."""
+    columns = [np.ones(len(z))]
+    for i, a in enumerate(given):
+        columns += [z[:, a], z[:, a] ** 2, z[:, a] ** 3]
+        columns += [z[:, a] * z[:, b] for b in given[:i]]
+    features = np.column_stack(columns)
+    y = z[:, target]
+    # Normal equations with a whisper of ridge: neighbouring powers are nearly collinear.
+    gram = features.T @ features
+    gram[np.diag_indices_from(gram)] += 1e-9 * len(z)
+    residual = y - features @ np.linalg.solve(gram, features.T @ y)
+    freedom = max(len(z) - features.shape[1], 1)
+    return float(min(np.sqrt((residual @ residual) / freedom) / y.std(), 1.0))
+
+
+# --- stiff and sloppy directions: what combination of parameters is known, and which moves freel--
+
+
+MOST_DRAWS = 4000
+SMALL = 0.1  # of the largest loading: left out of the words
+Z90 = 1.645
+FACTOR = 0.7  # in ln: wider is told as a factor
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction in scaled parameter space.
+
+    Attributes
+    ----------
+    loadings : dict of float
+        By parameter, per prior standard deviation; the squares sum to one.
+    spread : float
+        Posterior standard deviation along it, in prior standard deviations.
+    words : str
+    """
+
+    loadings: dict[str, float]
+    spread: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Sloppiness:
+    """Directions of a posterior, the stiffest first.
+
+    Attributes
+    ----------
+    directions : tuple of Direction
+    path : SameCurves
+        The sloppy direction, walked.
+    words : str
+        What moves along it and what that changes.
+    """
+
+    directions: tuple[Direction, ...]
+    path: SameCurves
+    words: str
+
+    @property
+    def stiff(self) -> Direction:
+        """The best-known combination."""
+        return self.directions[0]
+
+    @property
+    def sloppy(self) -> Direction:
+        """The least-known combination."""
+        return self.directions[-1]
+
+    def in_words(self) -> list[str]:
+        """One sentence on the stiff and one on the sloppy direction."""
+        return [self.stiff.words, self.words]
+
+
+def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
+    """Find the directions and walk the sloppy one.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    draws : DataFrame
+        Of reliable chains.
+
+    Returns
+    -------
+    Sloppiness or None
+        None where no material parameter is free, or two are tied: curves cannot be followed then
+        without letting go of the tie. The path moves the parameter with the largest loading on
+        the sloppy direction over its 90 % interval, from the curves of the median draw.
+    """
+    few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+    scales = [
+        s
+        for s in judged_scales(posterior.priors, posterior.quantities, few)
+        if s.parameter.kind == MATERIAL and isinstance(s.prior, Prior)
+    ]
+    tied = any(isinstance(posterior.priors[name], Tie) for name in posterior.law.names)
+    if not scales or tied:
+        return None
+    directions = _directions(scales, few)
+    loadings = directions[-1].loadings
+    moved = max(loadings, key=lambda name: abs(loadings[name]))
+    row = median_draw(few, posterior.specimen, posterior.law)
+    low, high = np.quantile(few[moved], [0.05, 0.95])
+    path = same_curves(
+        few.iloc[row],
+        posterior.specimen,
+        posterior.settings,
+        moved,
+        (float(low), float(high)),
+        tuple(s.name for s in scales),
+    )
+    return Sloppiness(
+        directions, path, path_words(path, _error_kPa(posterior, few), few, posterior.law)
+    )
+
+
+def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ...]:
+    columns, units = [], []
+    for scale in scales:
+        assert isinstance(scale.prior, Prior)
+        unit = float(scale.of(scale.prior.ppf(LEVELS)).std())
+        columns.append(scale.of(draws[scale.name].to_numpy(dtype=float)) / unit)
+        units.append(unit)
+    values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(np.array(columns))))
+    out = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        lead = int(np.argmax(np.abs(vector)))
+        vector = vector * np.sign(vector[lead])
+        spread = float(np.sqrt(max(value, 0.0)))
+        words = _known_words(scales, vector, np.array(units), spread)
+        loadings = {s.name: float(v) for s, v in zip(scales, vector, strict=True)}
+        out.append(Direction(loadings, spread, words))
+    return tuple(out)
+
+
+def _known_words(scales: list[Scale], vector: np.ndarray, units: np.ndarray, spread: float) -> str:
+    """The combination as a product of powers, and how well it is known."""
+    lead = int(np.argmax(np.abs(vector)))
+    # sum_i v_i x_i / u_i, scaled so that the leading parameter has coefficient one
+    coefficient = vector / units * (units[lead] / vector[lead])
+    width = Z90 * spread * units[lead] / abs(vector[lead])
+    terms = [
+        _term(scale, float(c), scales[lead].logarithmic)
+        for scale, c, v in zip(scales, coefficient, vector, strict=True)
+        if abs(v) >= SMALL * abs(vector[lead])
+    ]
+    if not scales[lead].logarithmic:
+        unit = scales[lead].parameter.unit_words()
+        return f"best known: {' '.join(terms)}, to {width:.2g}{unit} (90 %)"
+    known = (
+        f"{100.0 * np.expm1(width):.2g} %" if width < FACTOR else f"a factor {np.exp(width):.2g}"
+    )
+    return f"best known: {' '.join(terms)}, to {known} (90 %)"
+
+
+def _term(scale: Scale, coefficient: float, product: bool) -> str:
+    """One factor of a product of powers, or one term of a sum."""
+    alone = abs(coefficient - 1.0) < 0.005
+    if not product:
+        name = f"ln {scale.name}" if scale.logarithmic else scale.name
+        return name if alone else f"{coefficient:+.3g} {name}"
+    if scale.logarithmic:
+        return scale.name if alone else f"{scale.name}^{coefficient:.2g}"
+    step, unit = (10.0, " deg") if scale.unit else (0.1, "")
+    return f"exp({coefficient * step:+.2g} {scale.name}/{step:g}{unit})"
+
+
+def _error_kPa(posterior: Posterior, draws: pd.DataFrame) -> float:
+    """Median error sd as a stress."""
+    noise = float(np.median(draws["noise_sd"]))
+    return noise / float(posterior.specimen.area.min())
+
+
+def path_words(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law) -> str:
+    """What moves together along a path, and what it changes."""
+    first, last = path.materials.iloc[0], path.materials.iloc[-1]
+    names = [path.moved, *(n for n in law.names if n != path.moved)]
+    moves = [
+        text for n in names if (text := _move(law.parameter(n), float(first[n]), float(last[n])))
+    ]
+    if mounting_names("stretch")[0] in draws or path.mounting_stretch.shape[2] > 1:
+        for k, axis in enumerate("xy"):
+            step = float(np.mean(path.mounting_stretch[-1, k] - path.mounting_stretch[0, k]))
+            if abs(step) >= 5e-4:
+                way = "up" if step > 0 else "down"
+                moves.append(f"mounting stretch {axis} {way} {abs(step):.3f}")
+    amount = _rounded_up(path.change_kPa)
+    share = 100.0 * path.change_kPa / max(path.largest_kPa, 1e-300)
+    return (
+        f"the same curves: {', '.join(moves)}; no stress of the tests changes by more than "
+        f"{amount:g} kPa ({share:.2g} % of the largest; one reading errs by {error_kPa:.2g} kPa)"
+    )
+
+
+def _rounded_up(value: float) -> float:
+    """Two digits, never less than the value: it is stated as a limit."""
+    if not value > 0.0:
+        return 0.0
+    digit = 10.0 ** (np.floor(np.log10(value)) - 1.0)
+    return float(f"{np.ceil(value / digit - 1e-9) * digit:.2g}")
+
+
+def _move(parameter: Parameter, first: float, last: float) -> str:
+    """How one parameter moves; empty where it does not."""
+    name = parameter.name
+    if parameter.logarithmic:
+        if min(first, last) <= 0.0:
+            return f"{name} from {first:.3g} to {last:.3g}"
+        ratio = last / first
+        return f"{name} times {ratio:.3g}" if abs(np.log(ratio)) >= 0.005 else ""
+    step = abs(last - first)
+    told = parameter.number(step)
+    if float(told) == 0.0:
+        return ""
+    return f"{name} {'up' if last > first else 'down'} {told}{parameter.unit_words()}"

@@ -1,0 +1,292 @@
+"""Whether the law can follow a specimen, and whether the data tell its mounting stretch.
+
+Whether GOH can follow a specimen at all: the misfit of its best least-squares fit.
+
+Whether the data tell the mounting stretch, or the shape that the model gives the toe.
+
+The way from the unloaded to the mounted state is not measured. The model extrapolates it from the
+curves beyond, so a model that misses those curves gives a mounting stretch that is no more certain
+than the miss. Fits to other parts of the same record show how far it moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.fit import fit
+from biaxbayes.fitting.residuals import mounting_roots, readings
+from biaxbayes.fitting.result import FitResult
+from biaxbayes.model.effective_readings import misses_smoothly
+from biaxbayes.model.layout import mounting_names
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import deterministic_fit, fitted
+from biaxbayes.model.priors import Prior
+from biaxbayes.specimens.findings import Finding
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import thinned_specimen
+
+__all__ = ["MountingRefits", "goh_description", "mounting_refits", "poor_fit"]
+
+
+# --- whether GOH can follow a specimen at all: the misfit of its best least-squares fit ----------
+
+
+POOR = 0.07
+"""A misfit beyond this share of the largest load is no description."""
+NOTICEABLE = 0.01
+BEYOND_NOISE = 3.0
+DESCRIPTION_ROWS = 150
+
+
+def goh_description(specimen: Specimen, *, starts: int = 4, seed: int = 0) -> Finding:
+    """Say how closely the best GOH fit follows the record.
+
+    The fit infers the mounting stretch where the file allows it; a tared file is fitted with
+    its mounted state as reference.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    starts, seed : int
+        Of the least-squares fit.
+
+    Returns
+    -------
+    Finding
+        A warning where the misfit passes 7 % of the largest load, else a note.
+    """
+    method = "standard" if specimen.is_tared else "constrained"
+    found = fit(thinned(specimen), method, starts=starts, seed=seed)
+    misfits = [float(np.sqrt((part**2).mean())) for part in found.residuals]
+    rms = float(np.sqrt(np.mean(np.concatenate(found.residuals) ** 2)))
+    peak, unit, noise = specimen.peak_load, specimen.unit, specimen.noise_sd
+    if not np.isfinite(rms):
+        return Finding("goh-misfit", "warning", "the least-squares fit of GOH found no solution")
+    size = f"{rms:.2g} {unit} rms, {100 * rms / peak:.1f} % of the largest load ({peak:.3g} {unit})"
+    if len(misfits) > 1:
+        worst = int(np.argmax(misfits))
+        size += f", worst in {specimen.protocols[worst].name} ({misfits[worst]:.2g} {unit})"
+    if rms > POOR * peak:
+        return Finding(
+            "goh-misfit",
+            "warning",
+            f"GOH does not describe this specimen: its best fit misses by {size}. Do not trust "
+            "parameters of it",
+        )
+    if rms > NOTICEABLE * peak and rms > BEYOND_NOISE * noise:
+        return Finding(
+            "goh-misfit",
+            "note",
+            f"GOH follows this specimen roughly: its best fit misses by {size}, more than the "
+            "load cell's noise; errors are correlated along the curves",
+        )
+    return Finding(
+        "goh-misfit", "note", f"GOH follows this specimen: its best fit misses by {size}"
+    )
+
+
+def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
+    """A warning where even the closest of some fits is no description; else empty.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    fits : sequence of FitResult
+    """
+    misses = [float(np.sqrt(np.mean(np.concatenate(f.residuals) ** 2))) for f in fits]
+    rms, peak = min(misses, default=0.0), specimen.peak_load
+    if not rms > POOR * peak:
+        return ""
+    return (
+        f"GOH does not describe this specimen: the closest fit misses by {rms:.2g} {specimen.unit} "
+        f"rms, {100 * rms / peak:.1f} % of the largest load. Do not trust its parameters"
+    )
+
+
+def thinned(specimen: Specimen, rows: int = DESCRIPTION_ROWS) -> Specimen:
+    """The same specimen with at most so many stretched rows a protocol, the rest rows kept."""
+    protocols = []
+    for p in specimen.protocols:
+        moving = np.arange(p.rest_rows, p.rows)
+        if moving.size <= rows:
+            protocols.append(p)
+            continue
+        kept = moving[np.unique(np.linspace(0, moving.size - 1, rows).round().astype(int))]
+        index = np.concatenate([np.arange(p.rest_rows), kept])
+        time = None if p.time_s is None else p.time_s[index]
+        curves = (p.stretch_x, p.stretch_y, p.load_x, p.load_y)
+        x, y, fx, fy = (curve[index] for curve in curves)
+        protocols.append(replace(p, stretch_x=x, stretch_y=y, load_x=fx, load_y=fy, time_s=time))
+    # The scatter of neighbouring rows is lost by thinning: state it.
+    noise = specimen.noise_sd or None
+    return replace(specimen, protocols=tuple(protocols), load_noise=noise)
+
+
+# --- whether the data tell the mounting stretch, or the shape that the model gives the toe -------
+
+
+SHARES = (0.3, 0.5)
+"""Parts of the record that are fitted alone: until a load passes this share of its peak."""
+FEWEST_ROWS = 6
+ROWS = 60
+"""Rows of a protocol that the refits use, averaged."""
+TOE = 0.25
+"""Share of a protocol's rows that the miss near the mounted state is read from."""
+STARTS = 2
+PRIOR_TAIL = 0.001
+
+
+@dataclass(frozen=True)
+class MountingRefits:
+    """Mounting stretches of fits to parts of a record.
+
+    Attributes
+    ----------
+    parts : tuple of str
+        What was fitted, in words.
+    stretch : dict of ndarray, shape (parts,)
+        By the name of the mounting stretch; NaN where a part has none.
+    error : dict of float
+        By name: the change of the mounting stretch that balances the largest miss near the
+        mounted state.
+    """
+
+    parts: tuple[str, ...]
+    stretch: dict[str, np.ndarray]
+    error: dict[str, float]
+
+    def range(
+        self, name: str, interval: tuple[float, float], errors: float, prior: Prior
+    ) -> tuple[float, float]:
+        """Range of an interval and all refits, with so many errors on either side.
+
+        It goes no further than the prior, as for a stretch that was seen in an image.
+        """
+        values = self.stretch[name]
+        values = values[np.isfinite(values)]
+        margin = errors * self.error[name]
+        low, high = interval
+        first, last = prior.ppf(np.array([PRIOR_TAIL, 1.0 - PRIOR_TAIL]))
+        return (
+            min(low, max(float(values.min(initial=np.inf)) - margin, float(first))),
+            max(high, min(float(values.max(initial=-np.inf)) + margin, float(last))),
+        )
+
+
+def mounting_refits(posterior: Posterior) -> MountingRefits | None:
+    """Fit parts of the record alone, and see where the mounting stretch goes.
+
+    Parameters
+    ----------
+    posterior : Posterior
+
+    Returns
+    -------
+    MountingRefits or None
+        None where the mounting stretch was not inferred, or where the residuals, all or those
+        near the mounted state, do not show that the model misses smoothly: then nothing is
+        contradicted.
+    """
+    if not posterior.settings.infers_mounting:
+        return None
+    posterior = fitted(posterior)
+    residuals = deterministic_fit(posterior).residuals
+    if not misses_smoothly(residuals) and not misses_smoothly([_toe(r) for r in residuals]):
+        return None
+    work = _Work(posterior)
+    full = work.full
+    parts = {f"the first {100 * s:.0f} % of the load": work.until(s) for s in SHARES}
+    names = [p.name for p in posterior.specimen.protocols]
+    if len(names) > 1:
+        parts |= {f"{name} alone": work.data.only(name) for name in names}
+    fits = {"everything": full} | {
+        label: fit for label, part in parts.items() if (fit := work.fit(part)).converged
+    }
+    stretch: dict[str, np.ndarray] = {}
+    shared = posterior.settings.mounting_stretch == "shared"
+    for i, label in enumerate(posterior.mounts):
+        alone = [_state(label_, fit, i, label, shared) for label_, fit in fits.items()]
+        for axis, name in enumerate(mounting_names("stretch", label)):
+            stretch[name] = np.array([np.nan if s is None else s[axis] for s in alone])
+    return MountingRefits(tuple(fits), stretch, work.errors())
+
+
+def _toe(residual: np.ndarray) -> np.ndarray:
+    """Residuals near the mounted state."""
+    return residual[: max(4, int(TOE * len(residual)))]
+
+
+def _state(part: str, fit: FitResult, index: int, label: str, shared: bool) -> np.ndarray | None:
+    """The mounting stretch that a fit gives to a mounted state, if it has it."""
+    if shared:
+        return fit.mounting_stretch[0]
+    if part.endswith(" alone"):
+        return fit.mounting_stretch[0] if part == f"{label} alone" else None
+    return fit.mounting_stretch[index]
+
+
+@dataclass(frozen=True)
+class _Work:
+    posterior: Posterior
+
+    @cached_property
+    def data(self) -> Specimen:
+        source = self.posterior.specimen
+        thinned = thinned_specimen(source, ROWS).specimen
+        # The scatter of neighbouring rows is lost by averaging: state it.
+        return replace(thinned, load_noise=source.noise_sd or None)
+
+    @cached_property
+    def full(self) -> FitResult:
+        return self.fit(self.data)
+
+    def fit(self, part: Specimen) -> FitResult:
+        settings = self.posterior.settings
+        return constrained_fit(
+            part,
+            reading="exact",
+            mounting_stretch=settings.mounting_stretch,
+            fixed={k: v for k, v in settings.fixed.items() if k in self.posterior.law.names},
+            starts=STARTS,
+            initial=deterministic_fit(self.posterior).material,
+            fibre_switch=settings.fibre_switch,
+        )
+
+    def until(self, share: float) -> Specimen:
+        """The record until a load first passes a share of its peak, six rows at least."""
+        protocols = []
+        for p in self.data.protocols:
+            load = np.abs(self.data.load(p))
+            beyond = (load > share * load.max(axis=0)).any(axis=1)
+            last = int(np.argmax(beyond)) if beyond.any() else p.rows
+            kept = slice(0, max(last, p.rest_rows + FEWEST_ROWS))
+            x, y, fx, fy = (c[kept] for c in (p.stretch_x, p.stretch_y, p.load_x, p.load_y))
+            protocols.append(
+                replace(p, stretch_x=x, stretch_y=y, load_x=fx, load_y=fy, time_s=None)
+            )
+        return replace(self.data, protocols=tuple(protocols))
+
+    def errors(self) -> dict[str, float]:
+        """Largest miss near the mounted state over the stiffness there, as a stretch."""
+        settings, full = self.posterior.settings, self.full
+        shared = settings.mounting_stretch == "shared"
+        data = readings(self.data, shared=shared)
+        law = self.posterior.law
+        point = law.point(full.material.values)
+        lm, inverse = mounting_roots(data, point, data.mounting_load, law)
+        toes = [np.abs(_toe(r)).max(axis=0) for r in full.residuals]
+        miss = [np.max(toes, axis=0)] if shared else toes
+        out = {}
+        for i, label in enumerate(self.posterior.mounts):
+            # J d(ln lm) = lm dp0 (unloaded dimensions); mounted ones: without the lm
+            scale = 1.0 if data.mounted else lm[:, i]
+            by_load = lm[:, i, None] * inverse[i] * scale / data.area
+            error = np.hypot(*(by_load * miss[i]).T)
+            for axis, name in enumerate(mounting_names("stretch", label)):
+                out[name] = float(error[axis])
+        return out

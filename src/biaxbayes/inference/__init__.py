@@ -1,3 +1,0 @@
-"""The statistical model, the fits and the sampler."""
-
-import biaxbayes.mechanics  # noqa: F401  (decides where compiled code is kept)

@@ -1,0 +1,303 @@
+"""A study in a folder: every specimen sampled once, whatever comes between.
+
+The files of a study: tables, figure and page.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.csv_tables import write_csv
+from biaxbayes.errors import Interrupted, RunError
+from biaxbayes.executors.executor import Executor, InThisProcess
+from biaxbayes.jobs.tasks import LayerTask, SpecimenTask, compare_layers, failed, try_specimen
+from biaxbayes.runs.folder import STATES, is_run
+from biaxbayes.runs.lock import folder_lock
+from biaxbayes.sampling.sampler import Progress
+from biaxbayes.studies.result import (
+    INTERRUPTED,
+    RUNS,
+    Entry,
+    LayersFound,
+    StudyResult,
+    Tried,
+    donor_groups,
+    read_entries,
+    result_of,
+    study_table,
+)
+from biaxbayes.studies.study_file import Study
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+
+__all__ = ["Batch", "write_study"]
+
+
+# --- the files of a study: tables, figure and page -----------------------------------------------
+
+
+TABLE, PAGE = "study", "study.html"
+
+
+def write_study(result: StudyResult) -> list[Path]:
+    """Write every file of a study into its folder.
+
+    Parameters
+    ----------
+    result : StudyResult
+
+    Returns
+    -------
+    list of Path
+        What was written; ``study.parquet`` only where pyarrow is installed.
+    """
+    from biaxbayes.figures.compare import study_figure
+    from biaxbayes.figures.style import save_figure
+    from biaxbayes.reports.study_page import FIGURE, study_page
+
+    folder = result.folder
+    written = []
+    tables = {
+        TABLE: result.table,
+        "study-groups": result.groups,
+        "study-contrasts": result.contrasts,
+        "study-distances": result.distances,
+    }
+    for stem, table in tables.items():
+        path = folder / f"{stem}.csv"
+        if table.empty and stem != TABLE:
+            path.unlink(missing_ok=True)
+            continue
+        write_csv(path, table, digits=8)
+        written.append(path)
+    parquet = _parquet(result.table)
+    if parquet is not None:
+        path = folder / f"{TABLE}.parquet"
+        atomic_write_bytes(path, parquet)
+        written.append(path)
+    for suffix in ("pdf", "png"):
+        path = folder / f"{FIGURE}.{suffix}"
+        if np.isfinite(result.table["q50"].astype(float)).any():
+            save_figure(study_figure(result.table), path)
+            written.append(path)
+        else:
+            path.unlink(missing_ok=True)
+    page = folder / PAGE
+    atomic_write_text(page, study_page(result))
+    return [*written, page]
+
+
+def _parquet(table: pd.DataFrame) -> bytes | None:
+    """The table with typed columns, where pyarrow is there to write it."""
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        return None
+    typed = table.convert_dtypes()
+    buffer = io.BytesIO()
+    typed.to_parquet(buffer, engine="pyarrow", index=False)
+    return buffer.getvalue()
+
+
+# --- A study in a folder: every specimen sampled once, whatever comes between --------------------
+
+
+RECORD, GOING = "study.json", ".going-"
+
+
+@dataclass
+class Batch:
+    """A study, the folder it is kept in and who does the work.
+
+    Attributes
+    ----------
+    study : Study
+    folder : Path
+    executor : Executor
+    """
+
+    study: Study
+    folder: Path
+    executor: Executor = field(default_factory=InThisProcess)
+
+    def execute(
+        self,
+        *,
+        progress: Callable[[Progress], None] = lambda p: None,
+        stop: Callable[[], int] = lambda: False,
+    ) -> StudyResult:
+        """Sample what is missing, compare the layers of each donor, and write every file.
+
+        Raises
+        ------
+        RunError
+            If the folder is in use or holds something else, or no worker sees it.
+        Interrupted
+            If stopped; what was done is saved.
+        """
+        self._make_folder()
+        with folder_lock(self.folder), self.executor, self._going() as going:
+            progress(Progress("reading specimens"))
+            entries = read_entries(self.study)
+            done = self._done()
+            tried = self._sample(entries, done, going, progress, stop)
+            result = self._result(entries, tried, progress)
+        return result
+
+    def _make_folder(self) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
+            if names - {RUNS} and RECORD not in names:
+                raise RunError(
+                    f"{self.folder}: is a folder that is not a study's; choose another --out"
+                )
+            (self.folder / RUNS).mkdir(exist_ok=True)
+        except OSError as error:
+            raise RunError(
+                f"{self.folder}: cannot be made ({error.strerror}); choose another --out"
+            ) from None
+
+    @contextlib.contextmanager
+    def _going(self) -> Iterator[Path]:
+        """A file that is there as long as the study goes on; where it goes, workers stop."""
+        for left in self.folder.glob(f"{GOING}*"):
+            left.unlink(missing_ok=True)
+        path = self.folder.absolute() / f"{GOING}{uuid.uuid4().hex[:12]}"
+        path.touch()
+        try:
+            yield path
+        finally:
+            path.unlink(missing_ok=True)
+
+    def _done(self) -> dict[str, str]:
+        """Fingerprints of the finished runs, by folder."""
+        try:
+            record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+            return {str(k): str(v) for k, v in record["done"].items()}
+        except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
+            return {}
+
+    def _save(self, done: dict[str, str]) -> None:
+        record = {"biaxbayes": biaxbayes.__version__, "name": self.study.name, "done": done}
+        atomic_write_text(self.folder / RECORD, json.dumps(record, indent=2) + "\n")
+
+    def _sample(
+        self,
+        entries: list[Entry],
+        done: dict[str, str],
+        going: Path,
+        progress: Callable[[Progress], None],
+        stop: Callable[[], int],
+    ) -> dict[str, Tried]:
+        """What became of every specimen, by its folder's name."""
+        tried = {e.slug: failed(e.problem) for e in entries if e.specimen is None}
+        readable = [e for e in entries if e.specimen is not None]
+        done = {e.slug: e.fingerprint for e in readable if done.get(e.slug) == e.fingerprint}
+        done = {k: v for k, v in done.items() if is_run(self.folder / RUNS / k)}
+        self._save(done)
+        tasks = [self._task(e, e.slug in done, going) for e in readable]
+        before, clock = len(done), time.monotonic()
+        finished = f", {before} of them finished before" if before else ""
+        progress(Progress(f"sampling {len(entries)} specimens{finished}"))
+        asked = 0
+
+        def stopped() -> int:
+            nonlocal asked
+            asked = asked or stop()
+            if asked:
+                going.unlink(missing_ok=True)
+            return asked
+
+        for outcome in self.executor.run(try_specimen, tasks, stop=stopped):
+            entry = readable[outcome.index]
+            found = failed(outcome.lost) if outcome.lost else outcome.value
+            if found.state == INTERRUPTED:
+                if not stopped():
+                    raise RunError(
+                        f"{found.reason} {self.folder.absolute()}; put it where all workers see it"
+                    )
+                continue
+            tried[entry.slug] = found
+            for note in found.notes:
+                progress(Progress("sampling", note=f"{entry.entry.label}: {note}"))
+            if found.state in STATES:
+                done[entry.slug] = entry.fingerprint
+                self._save(done)
+            bad = sum(t.state not in STATES for t in tried.values())
+            told = f"{len(tried)} of {len(entries)} specimens" + (f", {bad} failed" if bad else "")
+            if len(tried) > before:
+                spent = time.monotonic() - clock
+                told += _left(spent * (len(entries) - len(tried)) / (len(tried) - before))
+            progress(Progress(told, len(tried) / len(entries)))
+        if len(tried) < len(entries):
+            raise _interruption(len(tried), len(entries), self.folder, asked)
+        return tried
+
+    def _task(self, entry: Entry, finished: bool, going: Path) -> SpecimenTask:
+        assert entry.specimen is not None
+        return SpecimenTask(
+            entry.specimen,
+            entry.entry.file.name,
+            self.folder.absolute() / RUNS / entry.slug,
+            dict(entry.entry.options),
+            entry.entry.seed,
+            self.study.ess,
+            self.study.max_steps,
+            finished,
+            going,
+        )
+
+    def _result(
+        self,
+        entries: list[Entry],
+        tried: dict[str, Tried],
+        progress: Callable[[Progress], None],
+    ) -> StudyResult:
+
+        table = study_table(entries, tried)
+        progress(Progress("comparing layers"))
+        folders = {e.entry.label: self.folder.absolute() / RUNS / e.slug for e in entries}
+        tasks = [
+            LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
+            for donor, labels, layers in donor_groups(table)
+        ]
+        found: dict[int, LayersFound] = {}
+        for outcome in self.executor.run(compare_layers, tasks):
+            lost = LayersFound(tasks[outcome.index].donor, pd.DataFrame(), [outcome.lost])
+            found[outcome.index] = lost if outcome.lost else outcome.value
+        progress(Progress("writing"))
+        result = result_of(self.study.name, self.folder, table, [found[i] for i in sorted(found)])
+        write_study(result)
+        return result
+
+
+def _left(seconds: float) -> str:
+    """Time left in words; nothing where there is none."""
+    if seconds < 1.0:
+        return ""
+    return (
+        f", about {seconds:.0f} s left"
+        if seconds < 90.0
+        else f", about {seconds / 60:.0f} min left"
+    )
+
+
+def _interruption(done: int, total: int, folder: Path, signal: int) -> Interrupted:
+    error = Interrupted(
+        f"interrupted after {done} of {total} specimens, all saved in {folder}; the same command "
+        "continues"
+    )
+    if not isinstance(signal, bool) and signal:
+        error.exit_code = 128 + signal
+    return error

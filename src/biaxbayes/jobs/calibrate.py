@@ -1,0 +1,321 @@
+"""A calibration study in a folder: resumable, with its table and figure."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.calibration.calibration import RANKED_DRAWS, Replication, Study, run_replications
+from biaxbayes.calibration.ranks import calibration_table, verdict
+from biaxbayes.calibration.simulated_specimen import (
+    local_prior,
+    prior_value,
+    priors_toml,
+    protocol_prior,
+)
+from biaxbayes.csv_tables import write_csv
+from biaxbayes.errors import Interrupted, NotConverged, RunError
+from biaxbayes.executors.executor import Executor, InThisProcess
+from biaxbayes.figures.style import save_figure
+from biaxbayes.figures.trace import rank_figure
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.priors import default_priors
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.options import CalibrationPlan, ModelOptions
+from biaxbayes.parameters import Quantities
+from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.sampling.sampler import Plan, Progress
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.text_files import atomic_write_text
+
+__all__ = ["CalibrationStudy", "Outcome", "read_ranks", "study_of"]
+
+SAVE_SECONDS = 5.0
+COLUMNS = (
+    "replication",
+    "parameter",
+    "unit",
+    "truth",
+    "rank",
+    "below",
+    "median",
+    "sd",
+    "state",
+    "reason",
+    "worst_ess",
+    "worst_rhat",
+    "beta",
+    "rejected_draws",
+    "seconds",
+)
+TEXT = ("parameter", "unit", "state", "reason")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a finished study found.
+
+    Attributes
+    ----------
+    table : DataFrame
+        As in ``calibration.csv``.
+    states : dict of str to int
+        Replications by the state of their draws.
+    calibrated : bool
+    p : float
+        Of uniform ranks of all quantities together.
+    """
+
+    table: pd.DataFrame
+    states: dict[str, int]
+    calibrated: bool
+    p: float
+
+
+def study_of(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan) -> Study:
+    """The study that the options ask for.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    options : mapping
+        Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`.
+    plan : CalibrationPlan
+
+    Raises
+    ------
+    NotConverged
+        If the true values are to lie around a posterior that cannot be sampled.
+    """
+    model = {name: value for name, value in options.items() if name != "priors"}
+    stated = dict(options["priors"])
+    if plan.source == "posterior":
+        priors = _around_posterior(specimen, model, stated, plan.seed)
+    else:
+        law = ModelOptions.of(model).material_law
+        priors = {**protocol_prior(specimen, law), **stated}
+    return Study(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
+
+
+def _around_posterior(
+    specimen: Specimen, options: dict[str, Any], stated: dict[str, Any], seed: int
+) -> dict[str, Any]:
+    posterior = prepare(specimen, **options, priors=stated, seed=seed)
+    drawn = draw_posterior(posterior, Plan(seed=seed))
+    if drawn.convergence.state == "unusable":
+        raise NotConverged(
+            f"the specimen's own posterior is no basis for a study: {drawn.convergence.reason}"
+        )
+    wide = {**default_priors(specimen, posterior.law), **stated}
+    return local_prior(drawn.quantities, wide, posterior.quantities)
+
+
+@dataclass
+class CalibrationStudy:
+    """A study and the folder it is kept in."""
+
+    study: Study
+    folder: Path
+    replications: int
+    executor: Executor = field(default_factory=InThisProcess)
+
+    def execute(
+        self,
+        *,
+        resume: bool = False,
+        progress: Callable[[Progress], None] = lambda p: None,
+        stop: Callable[[], object] = lambda: False,
+    ) -> Outcome:
+        """Run the replications that are missing, and write every file.
+
+        Raises
+        ------
+        RunError
+            If the folder is in use or holds something else.
+        Interrupted
+            If stopped; what was done is saved.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunError(
+                f"{self.folder}: cannot be made ({error.strerror}); choose another --out"
+            ) from None
+        with folder_lock(self.folder):
+            rows = self._start(resume)
+            self._run(rows, progress, stop)
+            progress(Progress("writing"))
+            return self._finish(rows)
+
+    def _start(self, resume: bool) -> dict[int, list[dict[str, Any]]]:
+        """Rows of the replications already done, by replication."""
+        stored, ranks = self.folder / "study.json", self.folder / "ranks.csv"
+        names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
+        if names and "study.json" not in names:
+            raise RunError(
+                f"{self.folder}: is a folder that is not a study's; choose another --out"
+            )
+        identity = study_identity(self.study)
+        rows: dict[int, list[dict[str, Any]]] = {}
+        if resume and stored.exists() and ranks.exists():
+            if _read_identity(stored) != _digest(identity):
+                raise RunError(
+                    f"{self.folder}: holds another study (specimen, options, priors, seed or "
+                    "version differ); choose another --out, or leave out --resume"
+                )
+            for row in read_ranks(ranks).to_dict("records"):
+                named = {str(key): value for key, value in row.items()}
+                rows.setdefault(int(named["replication"]), []).append(named)
+        record = {**identity, "identity": _digest(identity)}
+        atomic_write_text(stored, json.dumps(record, indent=2) + "\n")
+        atomic_write_text(
+            self.folder / "priors.toml",
+            priors_toml(self.study.priors, self.study.specimen.unit, self.study.law),
+        )
+        if not rows:
+            _write_ranks(ranks, rows)
+        return rows
+
+    def _run(
+        self,
+        rows: dict[int, list[dict[str, Any]]],
+        progress: Callable[[Progress], None],
+        stop: Callable[[], object],
+    ) -> None:
+        missing = [i for i in range(self.replications) if i not in rows]
+        if not missing:
+            return
+        progress(Progress("compiling (once; cached for later runs)"))
+        saved = time.monotonic()
+        done = self.replications - len(missing)
+        for replication in run_replications(self.study, missing, executor=self.executor, stop=stop):
+            rows[replication.index] = rows_of(replication, self.study.quantities)
+            done += 1
+            progress(
+                Progress(f"replication {done} of {self.replications}", done / self.replications)
+            )
+            if time.monotonic() - saved > SAVE_SECONDS:
+                _write_ranks(self.folder / "ranks.csv", rows)
+                saved = time.monotonic()
+        _write_ranks(self.folder / "ranks.csv", rows)
+        if done < self.replications:
+            raise Interrupted(
+                f"interrupted after {done} of {self.replications} replications, all saved in "
+                f"{self.folder}; the same command with --resume continues"
+            )
+
+    def _finish(self, rows: dict[int, list[dict[str, Any]]]) -> Outcome:
+        ranks = _frame(rows)
+        ranks = ranks[ranks["replication"] < self.replications]
+        states = ranks.drop_duplicates("replication")["state"].value_counts().to_dict()
+        ranked = ranks[ranks["rank"].notna()]
+        if ranked.empty:
+            reason = str(ranks["reason"].iloc[0]) if len(ranks) else "no replication"
+            raise NotConverged(f"no replication could be sampled: {reason}")
+        table = calibration_table(ranked, RANKED_DRAWS)
+        write_csv(self.folder / "calibration.csv", table, digits=4)
+        figure = rank_figure(ranked, RANKED_DRAWS)
+        for suffix in ("pdf", "png"):
+            save_figure(figure, self.folder / f"calibration.{suffix}")
+        calibrated, p = verdict(table)
+        return Outcome(table, {str(k): int(v) for k, v in states.items()}, calibrated, p)
+
+
+def rows_of(replication: Replication, known: Quantities) -> list[dict[str, Any]]:
+    """Rows of ``ranks.csv`` of one replication."""
+    names = list(replication.rank) or list(replication.truth)
+    common = {
+        "state": replication.state,
+        "reason": replication.reason,
+        "worst_ess": replication.worst_ess,
+        "worst_rhat": replication.worst_rhat,
+        "beta": replication.beta,
+        "rejected_draws": replication.rejected,
+        "seconds": round(replication.seconds, 3),
+    }
+    return [
+        {
+            "replication": replication.index,
+            "parameter": name,
+            "unit": known[name].unit.replace("1", "-") if name in known else "-",
+            "truth": replication.truth[name],
+            "rank": replication.rank.get(name, math.nan),
+            "below": replication.below.get(name, math.nan),
+            "median": replication.median.get(name, math.nan),
+            "sd": replication.sd.get(name, math.nan),
+            **common,
+        }
+        for name in names
+    ]
+
+
+def study_identity(study: Study) -> dict[str, Any]:
+    """What determines the replications of a study."""
+    return {
+        "specimen": study.specimen.name,
+        "specimen_sha256": specimen_digest(study.specimen),
+        "options": dict(study.options),
+        "priors": {name: prior_value(prior) for name, prior in study.priors.items()},
+        "seed": study.seed,
+        "ess": study.ess,
+        "max_steps": study.max_steps,
+        "ensembles": study.ensembles,
+        "walkers": study.walkers,
+        "population": study.population,
+        "first_block": study.first_block,
+        "broken": study.broken,
+        "biaxbayes": biaxbayes.__version__,
+    }
+
+
+def _digest(identity: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+
+
+def _read_identity(path: Path) -> str:
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["identity"])
+    except (OSError, ValueError, KeyError, TypeError):
+        raise RunError(f"{path}: cannot be read; leave out --resume to start again") from None
+
+
+def read_ranks(path: Path) -> pd.DataFrame:
+    """``ranks.csv`` of a study.
+
+    Raises
+    ------
+    RunError
+        If it is damaged.
+    """
+    try:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False)
+        if tuple(table.columns) != COLUMNS:
+            raise ValueError
+        for name in COLUMNS:
+            if name not in TEXT:
+                # By Python's own parser, which returns what was written to the last bit.
+                table[name] = [float(v) if v else math.nan for v in table[name]]
+        return table.astype({"replication": int, "rejected_draws": int})
+    except (OSError, ValueError):
+        raise RunError(
+            f"{path}: is not a whole table of ranks; leave out --resume to start again"
+        ) from None
+
+
+def _frame(rows: dict[int, list[dict[str, Any]]]) -> pd.DataFrame:
+    flat = [row for index in sorted(rows) for row in rows[index]]
+    return pd.DataFrame(flat, columns=list(COLUMNS))
+
+
+def _write_ranks(path: Path, rows: dict[int, list[dict[str, Any]]]) -> None:
+    write_csv(path, _frame(rows))

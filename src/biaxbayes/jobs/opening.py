@@ -1,0 +1,161 @@
+"""What the verbs are given, opened and checked; and folders to write into."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError, NotConverged, RunError
+from biaxbayes.parameters import NOISE_SD, STRETCH
+from biaxbayes.runs.run import Run, open_run
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.text_files import atomic_write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "PathLike",
+    "RunLike",
+    "SpecimenLike",
+    "draw_figure",
+    "is_run",
+    "made_folder",
+    "opened_run",
+    "opened_specimen",
+    "refuse_model",
+    "usable_run",
+    "write_table",
+]
+
+PathLike = str | Path
+RunLike = Run | str | Path
+SpecimenLike = Specimen | str | Path
+
+
+def opened_specimen(
+    specimen: SpecimenLike, mounting_force: Sequence[float] | None = None
+) -> Specimen:
+    """A specimen, or the CSV to read it from, with a stated mounting force put back on.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+    mounting_force : (float, float), optional
+        Of a tared specimen: force (N) or stress (kPa) at the mounted state.
+
+    Raises
+    ------
+    InputError
+        If the specimen has a mounting force of its own, or the stated one is none.
+    """
+    file: object = None
+    if not isinstance(specimen, Specimen):
+        file = Path(specimen)
+        specimen = read_specimen(specimen)
+    if mounting_force is None:
+        return specimen
+    if not specimen.is_tared:
+        raise InputError(
+            "has a mounting force of its own",
+            file=file or specimen.name,
+            remedy="--mounting-force is for files whose force was zeroed after mounting",
+        )
+    try:
+        x, y = (float(v) for v in mounting_force)
+    except (TypeError, ValueError):
+        x = y = math.nan
+    if not math.isfinite(x + y) or (x, y) == (0.0, 0.0):
+        raise InputError(
+            "--mounting-force must be two finite numbers, not both zero",
+            remedy=f"give the force before taring, in {specimen.unit}",
+        )
+    return specimen.with_mounting_force(x, y)
+
+
+def opened_run(run: RunLike) -> Run:
+    """A run, or the folder to open it from."""
+    return open_run(run) if isinstance(run, str | Path) else run
+
+
+def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
+    """A run whose draws can be computed with.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    anyway : bool
+        Take draws that the run itself calls unusable.
+
+    Raises
+    ------
+    RunError
+        If the folder is no run, or its draws are not those of a GOH posterior.
+    NotConverged
+        If its draws are unusable and ``anyway`` is not given.
+    """
+    opened = opened_run(run)
+    _check_draws(opened)
+    if opened.state == "unusable" and not anyway:
+        raise NotConverged(
+            f"{opened.path}: the chains of this run have not converged, so its draws say nothing; "
+            "sample longer, or add --anyway to use them all the same"
+        )
+    return opened
+
+
+def _check_draws(run: Run) -> None:
+    """A folder may come from anywhere: what is computed with has to be a posterior's."""
+    needed = {p.name: p for p in (*run.law.parameters, NOISE_SD)}
+    stretches = run.quantities.of_kind(STRETCH)
+    known = needed | {q.name: q.parameter for q in stretches if q.name in run.draws}
+    for name, p in known.items():
+        values = run.draws[name].to_numpy(dtype=float) if name in run.draws else np.empty(0)
+        if not (values.size and np.isfinite(values).all() and p.holds(values)):
+            told = "missing or out of range" if name in needed else "out of range"
+            raise RunError(f"{run.path}: its draws of {name} are {told}")
+
+
+def is_run(source: RunLike | SpecimenLike) -> bool:
+    """Whether this is a run, or its folder, and no specimen."""
+    return Path(source).is_dir() if isinstance(source, str | Path) else isinstance(source, Run)
+
+
+def made_folder(path: PathLike) -> Path:
+    """A folder to write into, made where it does not exist."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
+    return folder
+
+
+def write_table(folder: Path, stem: str, table: pd.DataFrame, digits: str | None) -> None:
+    """Write ``<stem>.csv``; ``digits`` as in ``%.6g``, None for all."""
+    text = table.to_csv(index=False, float_format=digits, lineterminator="\n")
+    atomic_write_text(folder / f"{stem}.csv", text)
+
+
+def draw_figure(folder: Path, stem: str, figure: Figure) -> None:
+    """Save a figure for print and for the screen."""
+    from biaxbayes.figures.style import save_figure
+
+    for suffix in ("pdf", "png"):
+        save_figure(figure, folder / f"{stem}.{suffix}")
+
+
+def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
+    """A run has its own model."""
+    names = [*(["mounting_force"] if mounting_force is not None else []), *given]
+    if names:
+        raise InputError(
+            f"--{names[0][:60].replace('_', '-')} does not go with a run, which has its own",
+            remedy="give the specimen's CSV instead",
+        )

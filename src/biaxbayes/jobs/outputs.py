@@ -1,0 +1,432 @@
+"""The verbs for what a user takes away from a run: predictions, figures, report and cards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError
+from biaxbayes.jobs.opening import (
+    PathLike,
+    RunLike,
+    made_folder,
+    opened_run,
+    usable_run,
+    write_table,
+)
+from biaxbayes.options import (
+    CARD_PROGRAMS,
+    DRAW_AT,
+    PICTURES,
+    PLOT_TAKES,
+    REFERENCES,
+    REPORTS,
+    STRESSES,
+    CardOptions,
+    FigureOptions,
+    PredictionOptions,
+    documented,
+)
+from biaxbayes.runs.run import Run
+from biaxbayes.text_files import atomic_write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "WITHOUT_JUDGEMENT",
+    "cards_folder",
+    "check_cards",
+    "check_figure",
+    "export",
+    "inflate",
+    "picture",
+    "plot",
+    "predict",
+    "report",
+    "report_text",
+]
+
+
+def _style(style: Any) -> dict[str, Any] | None:
+    """A matplotlib style, or the file to read it from."""
+    from biaxbayes.figures.style import read_style
+
+    return read_style(style) if isinstance(style, str | Path) else style
+
+
+@documented(PredictionOptions, FigureOptions, without=("seed",))
+def predict(
+    run: RunLike,
+    path: Any = None,
+    *,
+    stretch: float | str | None = None,
+    ratio: tuple[float, float] | None = None,
+    reference: str = REFERENCES[0],
+    protocol: str | None = None,
+    stress: str = STRESSES[0],
+    out: PathLike | None = None,
+    anyway: bool = False,
+    **options: Any,
+) -> pd.DataFrame:
+    """Stress with credible and predictive bands on any path.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    path : array_like, shape (m, 2), or path-like, optional
+        Stretches in x and y, or the CSV to read them from; or a straight path to ``stretch``.
+    stretch : float or "tested", optional
+        Largest stretch of a straight path; "tested" for the largest tested one.
+    ratio : (float, float), optional
+        Share of the stretch beyond 1 that each direction takes; equal by default.
+    reference : {"total", "measured"}
+        Stretches from the unloaded or from the mounted state.
+    protocol : str, optional
+        Whose mounted state, if each has its own.
+    stress : {"cauchy", "piola"}
+    out : path-like, optional
+        Folder for prediction.csv and a figure.
+    anyway : bool
+        Take draws that the run itself calls unusable.
+    **options
+        As in :class:`~biaxbayes.options.PredictionOptions` and
+        :class:`~biaxbayes.options.FigureOptions`.
+    """
+    from biaxbayes.figures.prediction import stress_figure
+    from biaxbayes.prediction.stress import predict_stress
+
+    how, rest = PredictionOptions.taken(options)
+    drawn = FigureOptions.of(rest)
+    style = _style(drawn.style)
+    if (path is None) == (stretch is None):
+        raise InputError("give either a path or the largest stretch of one")
+    if path is not None and ratio is not None:
+        raise InputError("--stretches is a whole path", remedy="leave --stretch and --ratio out")
+    opened = usable_run(run, anyway=anyway)
+    specimen = opened.specimen
+    table = predict_stress(
+        opened.draws,
+        specimen,
+        opened.law,
+        _states(opened, path, stretch, ratio, how.points, protocol, reference),
+        reference=reference,
+        protocol=protocol,
+        stress=stress,
+        probability=how.probability,
+    )
+    if out is not None:
+        figure = stress_figure(
+            table,
+            reference=reference,
+            probability=how.probability,
+            directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
+            width_mm=drawn.width_mm,
+            style=style,
+        )
+        _predicted(made_folder(out) / "prediction", table, figure, drawn.suffix, style)
+    return table
+
+
+def _states(
+    run: Run,
+    path: Any,
+    stretch: float | str | None,
+    ratio: tuple[float, float] | None,
+    points: int,
+    protocol: str | None,
+    reference: str,
+) -> np.ndarray:
+    """States of stretch: as given, from the file, or straight from 1."""
+    from biaxbayes.prediction.stress import prediction_range, stretch_path
+    from biaxbayes.specimens.table import read_stretches
+
+    if isinstance(path, str | Path):
+        return read_stretches(Path(path))
+    if path is not None:
+        return np.asarray(path, dtype=float)
+    if stretch == "tested":
+        stretch = float(prediction_range(run.draws, run.specimen, protocol, reference).high.max())
+    elif isinstance(stretch, str) or not 0.2 <= stretch <= 5.0 or stretch == 1.0:  # type: ignore
+        told = stretch if isinstance(stretch, str) else f"{stretch:g}"
+        raise InputError(
+            f"--stretch {told} is no largest stretch",
+            remedy="stretches are ratios near 1, not strains or per cent",
+        )
+    return stretch_path(stretch, ratio=ratio or (1.0, 1.0), points=points)  # type: ignore[arg-type]
+
+
+def _predicted(stem: Path, table: pd.DataFrame, figure: Figure, suffix: str, style: Any) -> None:
+    from biaxbayes.figures.style import save_figure
+
+    write_table(stem.parent, stem.name, table, None)
+    save_figure(figure, stem.with_suffix(f".{suffix}"), style)
+
+
+@documented(PredictionOptions, FigureOptions)
+def inflate(
+    run: RunLike,
+    pressure_kPa: Any = None,
+    *,
+    radius_mm: float,
+    wall_mm: float,
+    axial_stretch: float = 1.0,
+    around: str = "x",
+    circumferential_stretch: Any = None,
+    out: PathLike | None = None,
+    anyway: bool = False,
+    **options: Any,
+) -> pd.DataFrame:
+    """Inflation of a thin-walled tube of this tissue, with bands.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    pressure_kPa : array_like, shape (m,), optional
+        The diameter at these pressures; 0 to 16 kPa by default.
+    radius_mm, wall_mm : float
+        Unloaded radius of the mid wall, and thickness.
+    axial_stretch : float
+        Total.
+    around : {"x", "y"}
+        The axis of the test that runs around the tube.
+    circumferential_stretch : array_like, shape (m,), optional
+        The pressure at these stretches of the mid wall instead.
+    out : path-like, optional
+        Folder for inflation.csv and a figure.
+    anyway : bool
+        Take draws that the run itself calls unusable.
+    **options
+        As in :class:`~biaxbayes.options.PredictionOptions` and
+        :class:`~biaxbayes.options.FigureOptions`.
+    """
+    from biaxbayes.figures.prediction import inflation_figure
+    from biaxbayes.mechanics.inflation import Tube
+    from biaxbayes.prediction.inflation import predict_diameter, predict_pressure
+
+    how, rest = PredictionOptions.taken(options)
+    drawn = FigureOptions.of(rest)
+    style = _style(drawn.style)
+    if pressure_kPa is not None and circumferential_stretch is not None:
+        raise InputError(
+            "--pressure and --circumferential-stretch exclude each other",
+            remedy="give one of them",
+        )
+    opened = usable_run(run, anyway=anyway)
+    try:
+        tube = Tube(radius_mm, wall_mm, axial_stretch, around)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    data = (opened.draws, opened.specimen, opened.law, tube)
+    if circumferential_stretch is not None:
+        states = np.asarray(circumferential_stretch, dtype=float)
+        table = predict_pressure(*data, states, probability=how.probability)
+    else:
+        pressure = np.linspace(0.0, 16.0, how.points) if pressure_kPa is None else pressure_kPa
+        pressure = np.asarray(pressure, dtype=float)
+        table = predict_diameter(*data, pressure, probability=how.probability, seed=how.seed)
+    if out is not None:
+        figure = inflation_figure(
+            table, probability=how.probability, width_mm=drawn.width_mm, style=style
+        )
+        _predicted(made_folder(out) / "inflation", table, figure, drawn.suffix, style)
+    return table
+
+
+def plot(
+    run: RunLike,
+    figure: str = "corner",
+    *,
+    out: PathLike | None = None,
+    suffix: str | None = None,
+    style: Any = None,
+    truth: Any = None,
+    compare: Any = None,
+    parameters: Sequence[str] = (),
+    anyway: bool = True,
+    **how: Any,
+) -> Figure:
+    """A figure of a run, in the style of a paper.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    figure : {"corner", "bands", "identifiability", "mounting", "trace", "profile"}
+    out : path-like, optional
+        File to write; see :func:`picture`.
+    suffix : {"pdf", "svg", "png"}, optional
+        Kind of file; default that of ``out``, else pdf.
+    style : mapping or path-like, optional
+        Of matplotlib, or the file to read it from.
+    truth : mapping or path-like, optional
+        Known values to draw, or the JSON to read them from: corner and mounting.
+    compare : Run, path-like or DataFrame, optional
+        Another run, or its draws, to draw over this one: corner.
+    parameters : sequence of str
+        What to show: profile and trace.
+    anyway : bool
+        Take draws that the run itself calls unusable.
+    **how
+        ``width_mm`` and what the figure takes; see :func:`~biaxbayes.jobs.run_figure`.
+    """
+    from biaxbayes.figures.style import save_figure
+    from biaxbayes.jobs.run_figure import read_truth, run_figure
+
+    check_figure(figure, truth=truth, compare=compare, parameters=parameters)
+    target = None if out is None else picture(out, suffix)
+    how["style"] = _style(style)
+    opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
+    if parameters:
+        key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
+        how[key] = tuple(dict.fromkeys(parameters))
+    if truth is not None:
+        known = isinstance(truth, str | Path)
+        how["truth"] = read_truth(truth, opened.specimen.name) if known else truth
+    if isinstance(compare, pd.DataFrame):
+        how["compare"] = compare
+    elif compare is not None:
+        other = opened_run(compare) if anyway else usable_run(compare)
+        how |= {"compare": other.draws, "names": _told_apart(opened, other)}
+    drawn = run_figure(opened, figure, **how)
+    if target is not None:
+        save_figure(drawn, target, how["style"])
+    return drawn
+
+
+WITHOUT_JUDGEMENT = ("trace", "profile")
+"""Traces are there to see why a run is not reliable; a profile rests on no draws."""
+
+
+def check_figure(figure: str, **given: Any) -> None:
+    """Refuse what a figure does not take: truth, compare or parameters."""
+    for name, figures in PLOT_TAKES.items():
+        taken = given.get(name)
+        none = taken is None or (name == "parameters" and not taken)
+        if not none and figure not in figures:
+            raise InputError(
+                f"--{name.removesuffix('s')} does not go with --figure {figure}",
+                remedy=f"it goes with {' and '.join(figures)}",
+            )
+
+
+def picture(out: PathLike, suffix: str | None = None) -> Path:
+    """The file of a figure: ``out`` with the ending of its format."""
+    path = Path(out)
+    ending = path.suffix.lower().removeprefix(".")
+    if ending not in PICTURES:
+        return path.with_name(f"{path.name}.{suffix or PICTURES[0]}")
+    if suffix not in (None, ending):
+        raise InputError(
+            f"--format {suffix} does not go with the file name {path.name!r}",
+            remedy="leave one of them out",
+        )
+    return path
+
+
+def _told_apart(run: Run, other: Run) -> tuple[str, str]:
+    """What tells two runs apart: the specimen, or else the folder."""
+    names = run.specimen.name, other.specimen.name
+    return names if names[0] != names[1] else (run.path.name, other.path.name)
+
+
+def report_text(run: RunLike, kind: str = "html") -> str:
+    """The report of a run: a self-contained HTML page, or its tables for a paper.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    kind : {"html", "md", "latex"}
+    """
+    from biaxbayes.reports.page import report_page
+    from biaxbayes.reports.tables import latex_table, markdown_table
+
+    if kind not in REPORTS:
+        raise InputError(f"no report {str(kind)[:40]!r}", remedy=f"choose {', '.join(REPORTS)}")
+    write = {"html": report_page, "md": markdown_table, "latex": latex_table}[kind]
+    return write(opened_run(run))
+
+
+def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> Path:
+    """Write the report of a run again; the path of the file.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    kind : {"html", "md", "latex"}
+    out : path-like, optional
+        Default report.html, .md or .tex in the run.
+    """
+    opened = opened_run(run)
+    text = report_text(opened, kind)
+    path = opened.path / f"report.{REPORTS[kind]}" if out is None else Path(out)
+    if path.is_dir():
+        raise InputError("is a folder", file=path, remedy="give a file name with --out")
+    atomic_write_text(path, text)
+    return path
+
+
+@documented(CardOptions)
+def export(
+    run: RunLike,
+    to: str,
+    *,
+    out: PathLike | None = None,
+    anyway: bool = False,
+    **options: Any,
+) -> pd.DataFrame:
+    """Material cards of posterior draws, each checked against its draw; the manifest.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    to : {"abaqus", "febio"}
+    out : path-like, optional
+        Folder; default in the run.
+    anyway : bool
+        Take draws that the run itself calls unusable.
+    **options
+        As in :class:`~biaxbayes.options.CardOptions`.
+    """
+    from biaxbayes.cards.export import export_cards
+    from biaxbayes.prediction.draws import chosen_draws
+
+    if to not in CARD_PROGRAMS:
+        raise InputError(f"no program {to[:40]!r}", remedy=f"choose {', '.join(CARD_PROGRAMS)}")
+    how = CardOptions.of(options)
+    check_cards(how.draws, how.at)
+    opened = usable_run(run, anyway=anyway)
+    rows, origin = chosen_draws(
+        opened.draws,
+        opened.specimen,
+        opened.law,
+        count=how.draws,
+        at=how.at or DRAW_AT[0],
+        seed=how.seed,
+    )
+    return export_cards(
+        opened.draws,
+        opened.specimen,
+        opened.law,
+        rows,
+        cards_folder(opened.path, to, how.units) if out is None else Path(out),
+        program=to,
+        units=how.units,
+        bulk_ratio=how.bulk_ratio,
+        origin=origin,
+        overwrite=how.overwrite,
+    )
+
+
+def check_cards(draws: int | None, at: str | None) -> None:
+    """Refuse to export both random draws and one that is chosen."""
+    if draws is not None and at is not None:
+        raise InputError("--draws and --at exclude each other", remedy="give one of them")
+
+
+def cards_folder(run: Path, to: str, units: str) -> Path:
+    """Where the cards of a run go if nothing else is said."""
+    return run / f"cards-{to}-{units}"

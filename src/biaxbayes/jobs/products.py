@@ -1,0 +1,410 @@
+"""What a run folder holds besides the draws: figures, verdicts, profiles, report.
+
+CSV tables that explain themselves: notes in lines that start with ``#``, then the rows.
+
+identifiability.csv: verdicts with their evidence, and the thresholds they depend on.
+
+profile.csv and profile-intervals.csv: profile likelihoods as tables.
+
+What a run folder says about what its data determine: tables, a figure, sentences.
+
+What a run folder holds besides the draws: figures, verdicts, report.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import textwrap
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from biaxbayes.csv_tables import csv_text
+from biaxbayes.figures.style import save_figure
+from biaxbayes.identifiability.determined import determined, mounting_stated
+from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict, identify_draws
+from biaxbayes.identifiability.marginals import (
+    BOUND_TAIL,
+    PRIOR_TAIL,
+)
+from biaxbayes.identifiability.profile import FLAT, THRESHOLD, Profile
+from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.runs.archive import flatten
+from biaxbayes.sampling.sampler import Draws
+from biaxbayes.text_files import atomic_write_text
+
+__all__ = [
+    "Identified",
+    "identified",
+    "interval_table",
+    "profiles_as_json",
+    "verdicts_as_json",
+    "write_annotated",
+    "write_identifiability",
+    "write_identifiability_products",
+    "write_products",
+    "write_profiles",
+]
+
+
+# --- CSV tables that explain themselves: notes in lines that start with ``#``, then the rows -----
+
+
+WIDTH = 98
+
+
+def write_annotated(table: pd.DataFrame, notes: Iterable[str], path: Path, digits: int = 6) -> None:
+    """Write a table that ``pandas.read_csv(path, comment="#")`` reads back.
+
+    Parameters
+    ----------
+    table : DataFrame
+    notes : iterable of str
+        Wrapped to lines of 98 characters.
+    path : Path
+    digits : int
+        Significant digits of floating-point numbers.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    head = "".join(
+        textwrap.fill(note, WIDTH, initial_indent="# ", subsequent_indent="#   ") + "\n"
+        for note in notes
+    )
+    rounded = table.copy()
+    for name in rounded.columns[[pd.api.types.is_float_dtype(t) for t in rounded.dtypes]]:
+        rounded[name] = [float(f"{v:.{digits}g}") for v in rounded[name]]
+    # Text is quoted, so that a '#' in the name of a protocol starts no comment.
+    text = csv_text(rounded, quoted=True)
+    atomic_write_text(path, head + text)
+
+
+# --- identifiability.csv: verdicts with their evidence, and the thresholds they depend on --------
+
+
+NOTES = (
+    "median, low_90, high_90, edges and distances are in the unit of the row; prior_sd and "
+    "posterior_sd on its scale; contraction = 1 - (posterior_sd / prior_sd)^2",
+    "*_edge_mass, *_edge_prior_mass: share of the draws and of the prior near the edge; "
+    "*_edge_support: likelihood at the edge, everything else averaged out, over its maximum",
+    "spread_given_all, spread_given_partners: sd with the others known over the marginal sd",
+    "refit_low, refit_high: range of a mounting stretch in fits to parts of the record, where the "
+    "model misses it smoothly",
+    "*_sensitivity: power-scaling, cumulative Jensen-Shannon distance per doubling",
+)
+
+
+def write_identifiability(found: Identifiability, path: Path) -> None:
+    """Write the table, whole or not at all.
+
+    Lines that start with ``#`` hold the thresholds; read it with
+    ``pandas.read_csv(path, comment="#")``.
+
+    Parameters
+    ----------
+    found : Identifiability
+    path : Path
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    thresholds = ", ".join(f"{name} = {value:g}" for name, value in found.limits())
+    told = (
+        f"identifiability of {found.draws} draws of a run that is {found.state}",
+        f"thresholds: {thresholds}",
+        f"near an edge: {found.law.nearness}; a bound in the priors within {BOUND_TAIL:g} of the "
+        f"prior's mass; a prior without bounds ends at its outer {PRIOR_TAIL:g}",
+        *NOTES,
+    )
+    write_annotated(found.to_frame(), told, path)
+
+
+def verdicts_as_json(
+    found: Identifiability,
+    determined: pd.DataFrame | None = None,
+    directions: Sloppiness | None = None,
+) -> str:
+    """The same as JSON: state, thresholds, one object a parameter without empty fields.
+
+    Parameters
+    ----------
+    found : Identifiability
+    determined : DataFrame, optional
+        From :func:`biaxbayes.identifiability.determined.determined`.
+    directions : Sloppiness, optional
+    """
+    told: dict[str, object] = {
+        "state": found.state,
+        "draws": found.draws,
+        "thresholds": dict(found.limits()),
+        "parameters": [
+            {key: _plain(value) for key, value in row.record().items()} for row in found.parameters
+        ],
+    }
+    if determined is not None:
+        told["determined"] = [
+            {str(key): _plain(value) for key, value in row.items()}
+            for row in determined.to_dict("records")
+        ]
+    if directions is not None:
+        told["directions"] = [
+            {"spread": d.spread, "loadings": d.loadings, "in_words": d.words}
+            for d in directions.directions
+        ]
+        told["same_curves"] = {
+            "in_words": directions.words,
+            "change_kPa": directions.path.change_kPa,
+            "materials": directions.path.to_frame().to_dict("list"),
+        }
+    return json.dumps(told, indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: object) -> object:
+    """JSON knows no infinity."""
+    return value if not isinstance(value, float) or math.isfinite(value) else None
+
+
+# --- profile.csv and profile-intervals.csv: profile likelihoods as tables ------------------------
+
+
+def interval_table(profiles: Sequence[Profile]) -> pd.DataFrame:
+    """One row a profile: interval, what is open, what kind it is."""
+    return pd.DataFrame(
+        [
+            {
+                "parameter": p.parameter,
+                "unit": p.unit,
+                "estimate": p.estimate,
+                "low_95": p.low,
+                "high_95": p.high,
+                "open_low": p.open_low,
+                "open_high": p.open_high,
+                "kind": p.kind,
+                "in_words": p.in_words(),
+            }
+            for p in profiles
+        ]
+    )
+
+
+def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> None:
+    """Write both tables into a folder.
+
+    Parameters
+    ----------
+    profiles : sequence of Profile
+    folder : Path
+    about : str
+        What was profiled, for the head of the files.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    beta = profiles[0].beta
+    notes = (
+        about,
+        f"deviance: n_eff ln RSS plus squared errors of the mounting readings, above its minimum; "
+        f"n_eff = {beta:.4g} n; error sd profiled out, no prior",
+        f"interval: deviance below {THRESHOLD:.4g} (95 %); structural: flat to {FLAT:g}; "
+        "practical: open on a side; finite: crossed on both sides (an angle of 0 or 90 degrees is "
+        "a mirror and counts as closed)",
+        "C1, k1 in kPa, alpha in degrees; error_sd in the unit of the specimen's loads",
+    )
+    tables = []
+    for profile in profiles:
+        table = profile.table.copy()
+        table.insert(0, "profiled", profile.parameter)
+        tables.append(table)
+    curves = pd.concat(tables, ignore_index=True)
+    write_annotated(curves, notes, folder / "profile.csv", digits=8)
+    write_annotated(interval_table(profiles), notes, folder / "profile-intervals.csv")
+
+
+def profiles_as_json(profiles: Sequence[Profile]) -> str:
+    """Intervals and curves as JSON."""
+    told = []
+    for row, profile in zip(interval_table(profiles).to_dict("records"), profiles, strict=True):
+        curve = {str(k): v for k, v in profile.table.to_dict("list").items()}
+        told.append({**{str(k): _plain_profile(v) for k, v in row.items()}, "curve": curve})
+    return json.dumps(told, indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def _plain_profile(value: object) -> object:
+    return value if not isinstance(value, float) or math.isfinite(value) else None
+
+
+# --- what a run folder says about what its data determine: tables, a figure, sentences -----------
+
+
+DETERMINED_NOTES = (
+    "median and 90 % interval of the model; stretches are total, or relative to the mounted state "
+    "for nominal stresses at a measured stretch; stiffnesses are derivatives of the Cauchy "
+    "stress by the log stretch; relative_width is the interval over the median",
+    "tissue_low_90, tissue_high_90: the interval of the tissue's stress, which holds the error "
+    "that the run inferred as well, and at total stretches a mounting stretch that is not "
+    "identified; empty at total stretches where the mounting stretch may be 1.1 or more and was "
+    "not measured: state the stress at a measured stretch then",
+)
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What was found.
+
+    Attributes
+    ----------
+    verdicts : Identifiability
+    determined : DataFrame or None
+        None where the chains are not reliable.
+    directions : Sloppiness or None
+        None there too, and where no material parameter is free or some are tied.
+    """
+
+    verdicts: Identifiability
+    determined: pd.DataFrame | None
+    directions: Sloppiness | None
+
+    def __getitem__(self, name: str) -> ParameterVerdict:
+        """The verdict on a parameter."""
+        return self.verdicts[name]
+
+    @property
+    def parameters(self) -> tuple[ParameterVerdict, ...]:
+        """The verdicts, one a parameter."""
+        return self.verdicts.parameters
+
+    @property
+    def state(self) -> str:
+        """State of the run that the draws are from."""
+        return self.verdicts.state
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a parameter, as in ``identifiability.csv``."""
+        return self.verdicts.to_frame()
+
+    def _repr_html_(self) -> str:
+        """The verdicts, for notebooks."""
+        return self.verdicts._repr_html_()
+
+    def in_words(self) -> list[str]:
+        """Sentences: a verdict a parameter, then the best and the least known combination."""
+        lines = self.verdicts.in_words()
+        return lines + (self.directions.in_words() if self.directions else [])
+
+
+def identified(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identified:
+    """Judge the draws of a run.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    draws : DataFrame
+        Natural quantities, ``log_likelihood`` and ``lp``, one row a draw.
+    state : {"reliable", "tentative", "unusable"}
+    """
+    verdicts = identify_draws(posterior, draws, state)
+    if state != "reliable":
+        return Identified(verdicts, None, None)
+    table = determined(
+        draws,
+        posterior.specimen,
+        posterior.law,
+        refits=verdicts.refits(),
+        mounting_known=mounting_stated(posterior.settings.priors),
+    )
+    return Identified(verdicts, table, sloppiness(posterior, draws))
+
+
+def write_identifiability_products(
+    folder: Path, posterior: Posterior, draws: pd.DataFrame, state: str, *, figure: bool = True
+) -> Identified:
+    """Judge the draws of a run and write what was found into its folder.
+
+    Writes ``identifiability.csv``, with reliable draws ``determined.csv`` and
+    ``same-curves.csv``, and ``identifiability.pdf``.
+
+    Parameters
+    ----------
+    folder : Path
+    posterior, draws, state
+        As in :func:`identified`.
+    figure : bool
+        Whether to draw the figure, which takes matplotlib.
+
+    Returns
+    -------
+    Identified
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    found = identified(posterior, draws, state)
+    write_identifiability(found.verdicts, folder / "identifiability.csv")
+    if found.determined is not None:
+        write_annotated(found.determined, DETERMINED_NOTES, folder / "determined.csv")
+    if found.directions is not None:
+        notes = [found.directions.words, "C1, k1 in kPa, alpha in degrees"]
+        write_annotated(found.directions.path.to_frame(), notes, folder / "same-curves.csv")
+    if figure:
+        from biaxbayes.figures.identifiability import identifiability_figure
+        from biaxbayes.figures.style import save_figure
+
+        save_figure(identifiability_figure(found.verdicts), folder / "identifiability.pdf")
+    return found
+
+
+# --- what a run folder holds besides the draws: figures, verdicts, report ------------------------
+
+
+FORMATS = ("pdf", "png")
+
+
+def write_products(folder: Path, posterior: Posterior, draws: Draws) -> None:
+    """Write the products of a run into its folder.
+
+    Unusable draws get the traces that show why, and no figure of a posterior that is none.
+    """
+    from biaxbayes.figures.bands import bands_figure
+    from biaxbayes.figures.corner import corner_figure
+    from biaxbayes.figures.identifiability import identifiability_figure
+    from biaxbayes.figures.trace import trace_figure
+
+    state = draws.convergence.state
+    table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
+    found = identify_draws(posterior, table, state)
+    write_identifiability(found, folder / "identifiability.csv")
+    if state != "reliable":
+        _save(
+            folder,
+            "trace",
+            trace_figure(
+                draws.quantities, unit=posterior.specimen.unit, known=posterior.quantities
+            ),
+        )
+    if state == "unusable":
+        return
+    _save(folder, "corner", corner_figure(table, known=posterior.quantities))
+    _save(
+        folder,
+        "stress-bands",
+        bands_figure(posterior.specimen, table, settings=posterior.settings),
+    )
+    _save(folder, "identifiability", identifiability_figure(found))
+
+
+def _save(folder: Path, stem: str, figure) -> None:
+    for suffix in FORMATS:
+        save_figure(figure, folder / f"{stem}.{suffix}")

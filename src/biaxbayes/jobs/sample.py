@@ -1,0 +1,271 @@
+"""The main job: a specimen sampled into a run folder, safely."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
+from biaxbayes.jobs.opening import opened_specimen
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import deterministic_fit, prepare
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, documented
+from biaxbayes.runs import checkpoint
+from biaxbayes.runs.archive import write_archive
+from biaxbayes.runs.folder import (
+    PROVENANCE,
+    clear_leftovers,
+    finish_moving,
+    is_run,
+    manifest,
+    staged,
+)
+from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.provenance import identity, provenance
+from biaxbayes.runs.run import Run, open_run
+from biaxbayes.runs.summary import summarise, write_summary
+from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.text_files import atomic_write_text
+
+__all__ = ["Sampling", "sample"]
+
+
+@dataclass
+class Sampling:
+    """A prepared run: what to sample, how, and where to put it.
+
+    Made by :meth:`prepare`, which checks everything that can be checked before the work.
+    """
+
+    specimen: Specimen
+    source: str
+    folder: Path
+    options: dict[str, Any]
+    plan: Plan
+
+    @classmethod
+    def prepare(
+        cls,
+        specimen: Specimen | str | Path,
+        *,
+        out: str | Path | None,
+        options: dict[str, Any],
+        seed: int,
+        ess: float,
+        max_steps: int,
+        workers: int | None,
+        mounting_force: Sequence[float] | None = None,
+    ) -> Sampling:
+        """Read the specimen and check the options; arguments as in ``biaxbayes.sample``."""
+        if isinstance(specimen, Specimen):
+            source, stem = specimen.name, _safe_stem(specimen.name)
+        else:
+            source, stem = Path(specimen).name, Path(specimen).stem
+        specimen = opened_specimen(specimen, mounting_force)
+        options = ModelOptions.of(options).keywords()
+        chosen = SamplingPlan(seed, ess, max_steps, workers)
+        specimen, options = _fitting_options(specimen, options, source)
+        Posterior(specimen, **options, beta=1.0)  # refuses what cannot be sampled, before a folder
+        plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.threads)
+        return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan)
+
+    def execute(
+        self,
+        *,
+        resume: bool = False,
+        progress: Callable[[Progress], None] | None = None,
+        stop: Callable[[], int] = lambda: False,
+    ) -> Path:
+        """Sample, write the run folder, and return its path."""
+        tell = progress or _warn
+        clock = time.perf_counter()
+        self._make_folder()
+        with folder_lock(self.folder):
+            clear_leftovers(self.folder)
+            finish_moving(self.folder)
+            tell(Progress("fitting"))
+            fit_clock = time.perf_counter()
+            posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
+            fit_seconds = time.perf_counter() - fit_clock
+            state = self._resumed(posterior, resume, tell)
+            draws = draw_posterior(
+                posterior,
+                self.plan,
+                state=state,
+                on_block=lambda s: checkpoint.save(self.folder, s, identity(posterior, self.plan)),
+                progress=tell,
+                stop=stop,
+            )
+            if draws.interrupted:
+                raise self._interruption(draws, stop())
+            tell(Progress("writing"))
+            if state is None:
+                draws.seconds["fit"] += fit_seconds
+            draws.seconds["before output"] = time.perf_counter() - clock
+            self._write(posterior, draws, clock)
+        return self.folder
+
+    def _interruption(self, draws: Draws, signal: int) -> Interrupted:
+        steps = draws.chain.shape[1] * draws.thin
+        done = f"after {steps} kept steps" if steps else "after the warm-up"
+        error = Interrupted(
+            f"interrupted {done}, all saved in {self.folder}; "
+            "the same command with --resume continues"
+        )
+        if not isinstance(signal, bool):  # the number of a signal (a hang-up is 1)
+            error.exit_code = 128 + signal
+        return error
+
+    def _make_folder(self) -> None:
+        """Make the folder, and do not write into one that holds something else than a run."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
+        except OSError as error:
+            raise RunError(
+                f"{self.folder}: cannot be used ({error.strerror}); choose another --out"
+            ) from None
+        ours = not names or names & {checkpoint.NAME, checkpoint.PREVIOUS} or is_run(self.folder)
+        if not ours:
+            raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")
+
+    def _resumed(
+        self, posterior: Posterior, resume: bool, tell: Callable[[Progress], None]
+    ) -> State | None:
+        if not resume:
+            return None  # a checkpoint that is there stays until the first one of this run
+        state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
+        if note:
+            tell(Progress("resuming", note=note))
+        return state
+
+    def _write(self, posterior: Posterior, draws: Draws, clock: float) -> None:
+        """Every file of the run, in place of those of a run before."""
+        with staged(self.folder) as folder:
+            self._write_files(folder, posterior, draws, clock)
+
+    def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
+        from biaxbayes.jobs.products import write_products
+        from biaxbayes.reports.page import write_report
+
+        specimen = self.specimen
+        record = provenance(posterior, self.plan, draws, self.source)
+        write_specimen(specimen, folder / "specimen.csv")
+        attributes = {
+            "biaxbayes_version": record["biaxbayes"],
+            "specimen": specimen.name,
+            "settings": json.dumps(record["settings"], sort_keys=True),
+            "convergence": draws.convergence.state,
+            "beta": posterior.beta,
+            "sampling_seed": self.plan.seed,
+        }
+        write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
+        table = summarise(
+            draws.quantities, posterior.parameter_names, posterior.quantities, draws.convergence
+        )
+        write_summary(folder / "summary.csv", table)
+        atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
+        write_products(folder, posterior, draws)
+        record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
+        write_report(folder, Run(folder, record))
+        record["files"] = manifest(folder)
+        atomic_write_text(folder / PROVENANCE, _json(record))
+
+
+def _warn(progress: Progress) -> None:
+    """Where nobody watches the progress, what must be known becomes a warning."""
+    if progress.note:
+        warnings.warn(progress.note, RuntimeWarning, stacklevel=4)
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=True, default=str) + "\n"
+
+
+def _safe_stem(name: str) -> str:
+    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".-")
+    return kept[:60] or "specimen"
+
+
+def _fitting_options(
+    specimen: Specimen, options: dict[str, Any], source: str
+) -> tuple[Specimen, dict[str, Any]]:
+    """Options that the specimen allows, or the reason why there are none."""
+    if options["mounting"] in INFERRING and specimen.is_tared:
+        raise TaredSpecimen(
+            "the force at the mounted state is zero: the load cell was tared after mounting, and "
+            "prestretch cannot be inferred from this file",
+            file=source,
+            remedy="state the force before taring with --mounting-force X Y, or take the mounted "
+            "state as unloaded with --mounting zeroed",
+        )
+    if options["mounting"] in ("noisy", "free"):
+        shared = options["mounting_stretch"] == "shared"
+        _, sd = specimen.mounting_readings(shared=shared)
+        if (sd <= 0.0).any():
+            note = "the file shows no load noise: the mounting force is taken as exact"
+            notes = (*specimen.notes, note)
+            specimen = Specimen(
+                **{k: getattr(specimen, k) for k in specimen.__dataclass_fields__ if k != "notes"},
+                notes=notes,
+            )
+            options = options | {"mounting": "exact"}
+    return specimen, options
+
+
+@documented(SamplingPlan, ModelOptions)
+def sample(
+    specimen: Specimen | str | Path,
+    *,
+    out: str | Path | None = None,
+    mounting_force: Sequence[float] | None = None,
+    resume: bool = False,
+    progress: Callable[[Any], None] | None = None,
+    stop: Callable[[], int] = lambda: False,
+    **options: Any,
+) -> Run:
+    """Sample the posterior of a specimen into a run folder.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+        A specimen, or the CSV to read it from.
+    out : path-like, optional
+        The run folder; default ``<stem>-posterior`` beside where the command runs.
+    mounting_force : (float, float), optional
+        For a tared file: the force (or stress) at the mounted state, put back on.
+    resume : bool
+        Continue from the folder's checkpoint where there is one.
+    progress, stop : callable, optional
+        As in :func:`biaxbayes.sampling.sampler.draw`.
+    **options
+        As in :class:`~biaxbayes.options.SamplingPlan` and
+        :class:`~biaxbayes.options.ModelOptions`.
+
+    Returns
+    -------
+    Run
+        Whatever its state is: look at ``run.state``.
+
+    Raises
+    ------
+    InputError
+        If the specimen or an option cannot be used.
+    TaredSpecimen
+        If the mounting force was zeroed and the mounting stretch is to be inferred.
+    RunError
+        If the folder is in use, cannot be written, or holds a checkpoint of something else.
+    """
+    plan, model = SamplingPlan.taken(options)
+    sampling = Sampling.prepare(
+        specimen, out=out, options=model, mounting_force=mounting_force, **vars(plan)
+    )
+    return open_run(sampling.execute(resume=resume, progress=progress, stop=stop))

@@ -1,0 +1,466 @@
+"""The verbs that begin with a specimen or a machine's export: check, convert, simulate, fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.jobs.opening import SpecimenLike, opened_specimen
+from biaxbayes.options import FitOptions, VirtualTest, documented
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import (
+    parse_specimen,
+    read_specimen,
+    specimen_text,
+    write_specimen,
+)
+from biaxbayes.text_files import atomic_write_text
+
+if TYPE_CHECKING:
+    from biaxbayes.fitting.result import FitResult
+    from biaxbayes.laws.goh import GOH
+    from biaxbayes.machines.conversion import Choice, Conversion
+    from biaxbayes.specimens.findings import Finding
+    from biaxbayes.specimens.virtual_specimen import Dimensions, Truth
+
+__all__ = [
+    "Checked",
+    "check",
+    "convert",
+    "fit",
+    "fit_all",
+    "simulate",
+    "truth_file",
+]
+
+# --- check ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What is understood of a specimen, and what is odd about it.
+
+    Attributes
+    ----------
+    specimen : Specimen
+    findings : tuple of Finding
+        Warnings first.
+    """
+
+    specimen: Specimen
+    findings: tuple[Finding, ...]
+
+    def record(self) -> dict[str, Any]:
+        """Everything as plain values, as ``biaxbayes check --json`` prints it."""
+        return {
+            **understood(self.specimen),
+            "findings": [finding.record() for finding in self.findings],
+        }
+
+    def _repr_html_(self) -> str:
+        """The findings, for notebooks."""
+        rows = "".join(
+            f"<tr><td>{escape(f.severity)}</td><td>{escape(f.protocol or '')}</td>"
+            f"<td>{escape(f.message)}</td></tr>"
+            for f in self.findings
+        )
+        return f"<p>{escape(self.specimen.name)}</p><table>{rows}</table>"
+
+
+def check(specimen: SpecimenLike, *, fit: bool = True, figure: str | Path | None = None) -> Checked:
+    """What the tool understands of a specimen, and warnings of what may go wrong.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+    fit : bool
+        Whether to try if GOH can follow the record.
+    figure : path-like, optional
+        Draw the record into this file (.pdf, .png or .svg).
+    """
+    from biaxbayes.specimens.check import check_specimen
+
+    data = opened_specimen(specimen)
+    findings = list(check_specimen(data))
+    if fit:
+        from biaxbayes.identifiability.toe import goh_description
+
+        findings.append(goh_description(data))
+        findings.sort(key=lambda finding: finding.severity != "warning")
+    if figure is not None:
+        from biaxbayes.figures.specimen import specimen_figure
+        from biaxbayes.figures.style import save_figure
+
+        save_figure(specimen_figure(data), Path(figure))
+    return Checked(data, tuple(findings))
+
+
+def understood(specimen: Specimen) -> dict[str, Any]:
+    """What is understood of a specimen, as plain values."""
+    readings, sds = specimen.mounting_readings(shared=False)
+    area = specimen.area * 1e3 if specimen.stress_pair == "force" else [None, None]
+    return {
+        "specimen": specimen.name,
+        "layer": specimen.layer,
+        "axis_x": specimen.axis_x,
+        "axis_y": specimen.axis_y,
+        "geometry": specimen.geometry,
+        "edge_x_mm": specimen.edge_x_mm,
+        "edge_y_mm": specimen.edge_y_mm,
+        "thickness_mm": specimen.thickness_mm,
+        "section_x_mm2": None if area[0] is None else float(area[0]),
+        "section_y_mm2": None if area[1] is None else float(area[1]),
+        "stress_pair": specimen.stress_pair,
+        "unit": specimen.unit,
+        "load_noise": specimen.noise_sd,
+        "load_noise_stated": specimen.load_noise is not None,
+        "tared": specimen.is_tared,
+        "metadata": dict(specimen.metadata),
+        "notes": list(specimen.notes),
+        "protocols": [
+            {
+                "name": p.name,
+                "rows": p.rows,
+                "rest_rows": p.rest_rows,
+                "stretch_x": [float(p.stretch_x.min()), float(p.stretch_x.max())],
+                "stretch_y": [float(p.stretch_y.min()), float(p.stretch_y.max())],
+                "largest_load_x": float(load[:, 0].max()),
+                "largest_load_y": float(load[:, 1].max()),
+                "mounting_force_x": float(reading[0]),
+                "mounting_force_y": float(reading[1]),
+                "mounting_force_sd_x": float(sd[0]),
+                "mounting_force_sd_y": float(sd[1]),
+                "reference_x": p.reference[0],
+                "reference_y": p.reference[1],
+            }
+            for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True)
+            for load in [specimen.load(p)]
+        ],
+    }
+
+
+# --- convert -------------------------------------------------------------------------------------
+
+
+def convert(
+    raw: Sequence[str | Path],
+    choice: Choice,
+    *,
+    header: Mapping[str, float | str] | None = None,
+    protocol_names: Sequence[str] = (),
+    out: str | Path | None = None,
+) -> Conversion:
+    """Read machine exports as the protocols of one specimen, and write it where asked to.
+
+    Parameters
+    ----------
+    raw : sequence of path-like
+        Each file (or set in it) becomes a protocol.
+    choice : Choice
+        What to take from the files.
+    header : mapping, optional
+        Header values by their key in a specimen file (``edge_x_mm``, ``geometry``,
+        ``load_noise_N``, ``layer`` ...).
+    protocol_names : sequence of str
+        One a protocol; from the names of the files where empty.
+    out : path-like, optional
+        The specimen file to write. Nothing is written that cannot be read again.
+
+    Returns
+    -------
+    Conversion
+        With ``out``, its specimen is the one that the file reads back to.
+
+    Raises
+    ------
+    InputError
+        For files, columns and options that do not fit together.
+    """
+    from biaxbayes.machines.conversion import convert as conversion
+    from biaxbayes.specimens.header import checked_value
+
+    files, target = [Path(path) for path in raw], None if out is None else Path(out)
+    _check_choice(choice)
+    _check_raw(files, target)
+    values = {
+        key: checked_value(key, " ".join(value.split())) if isinstance(value, str) else value
+        for key, value in (header or {}).items()
+        if not (isinstance(value, str) and not value.strip())
+    }
+    chosen = replace(choice, cycle=_cycle(str(choice.cycle)))
+    found = conversion(files, chosen, header=values, protocol_names=list(protocol_names))
+    if target is None:
+        return found
+    text = specimen_text(found.specimen)
+    specimen = parse_specimen(text.split("\n"), target)
+    atomic_write_text(target, text)
+    return replace(found, specimen=specimen)
+
+
+def _check_choice(choice: Choice) -> None:
+    """Refuse options that belong to another machine format."""
+    from biaxbayes.machines import FORMATS, STRETCH_SOURCES
+
+    stated = {
+        "--columns": choice.columns,
+        "--set": choice.sets,
+        "--stretch-from": choice.stretch_from != STRETCH_SOURCES[0],
+    }
+    given = {option for option, value in stated.items() if value}
+    own = FORMATS[choice.machine].options if choice.machine in FORMATS else ()
+    for name, format_ in FORMATS.items():
+        foreign = [option for option in format_.options if option not in own]
+        if given.intersection(foreign):
+            verb, them = ("are", "them") if len(foreign) > 1 else ("is", "it")
+            raise InputError(
+                f"{' and '.join(foreign)} {verb} for --machine {name}", remedy=f"leave {them} out"
+            )
+
+
+def _check_raw(raw: Sequence[Path], out: Path | None) -> None:
+    seen: set[Path] = set()
+    for path in raw:
+        try:
+            real = path.resolve()
+            same = out is not None and real == out.resolve()
+        except (OSError, RuntimeError, ValueError):
+            continue  # the reader says what is wrong with it
+        if same:
+            raise InputError("would be overwritten", file=path, remedy="choose another --out")
+        if real in seen:
+            raise InputError("is given twice", file=path, remedy="name each file once")
+        seen.add(real)
+
+
+def _cycle(text: str) -> str:
+    if text == "last":
+        return text
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) > 0):
+        raise InputError(f"--cycle {text[:20]!r} is no cycle", remedy="give a number or 'last'")
+    return str(int(text))
+
+
+# --- simulate ------------------------------------------------------------------------------------
+
+
+@documented(VirtualTest)
+def simulate(
+    out: str | Path | None = None, *, overwrite: bool = False, **options: Any
+) -> tuple[Specimen, Truth]:
+    """A virtual biaxial test, written as a specimen file where asked to.
+
+    Parameters
+    ----------
+    out : path-like, optional
+        The CSV; the truth goes into ``<stem>.truth.json`` beside it, which no fit reads.
+    overwrite : bool
+        Replace files of the same name.
+    **options
+        As in :class:`~biaxbayes.options.VirtualTest`.
+
+    Raises
+    ------
+    InputError
+        For a test that cannot be, or a file that is there already.
+    """
+    from biaxbayes.specimens.virtual_specimen import write_truth
+
+    test = VirtualTest.of(options)
+    if out is not None:
+        _check_files(Path(out), overwrite)
+    specimen, truth = _simulated(test, test.name or ("virtual" if out is None else Path(out).stem))
+    if out is not None:
+        # The truth first: a specimen without its truth would be worth nothing.
+        write_truth([truth], truth_file(Path(out)))
+        write_specimen(specimen, Path(out))
+    return specimen, truth
+
+
+def truth_file(out: Path) -> Path:
+    """Where the truth of a virtual specimen goes."""
+    return out.with_name(f"{out.stem}.truth.json")
+
+
+def _check_files(out: Path, overwrite: bool) -> None:
+    if not out.parent.is_dir():
+        raise InputError("no such folder", file=out.parent, remedy="make it first")
+    for path in (out, truth_file(out)):
+        if path.is_dir():
+            raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
+        if path.exists() and not overwrite:
+            raise InputError(
+                "exists already", file=path, remedy="choose another name, or add --overwrite"
+            )
+
+
+def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
+    """The specimen that the options ask for."""
+    from biaxbayes.fem.grips import Hooks
+    from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen
+
+    material, conditions, dimensions = _conditions(test)
+    for option, value in (("noise-N", test.noise_N), ("misfit", test.misfit)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise InputError(f"--{option} is {value:g}", remedy="give zero or more")
+    machine = Machine(
+        noise_N=test.noise_N,
+        misfit=test.misfit,
+        stress_pair=test.stress_pair,
+        geometry=test.geometry,
+    )
+    common: dict[str, Any] = {
+        "name": name,
+        **conditions,
+        "ratios": test.ratios or ((1.0, 1.0),),
+        "increments": test.increments,
+        "dimensions": dimensions,
+        "machine": machine,
+        "seed": test.seed,
+    }
+    try:
+        with np.errstate(all="ignore"):  # an overflow is seen in the result
+            if test.hooks:
+                made = hooked_specimen(material, **common, hooks=Hooks(count=test.hooks))
+            else:
+                made = virtual_specimen(material, **common)
+    except ValueError as error:
+        raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
+    _check_readable(made[0])
+    return made
+
+
+def _conditions(test: VirtualTest) -> tuple[GOH, dict[str, Any], Dimensions]:
+    """Material, stretches and dimensions: the options, else what is published with a material."""
+    from biaxbayes.laws.goh import GOH
+    from biaxbayes.laws.published import MATERIALS, PublishedMaterial
+    from biaxbayes.specimens.virtual_specimen import Dimensions
+
+    if isinstance(test.material, GOH):
+        published = PublishedMaterial(test.material, "command line")
+    elif test.material in MATERIALS:
+        published = MATERIALS[test.material]
+    elif test.material is None:
+        raise InputError(
+            "give one of --material NAME and --goh C1 k1 k2 ALPHA KAPPA",
+            remedy="'--material list' prints the names",
+        )
+    else:
+        raise InputError(
+            f"no material {str(test.material)[:60]!r}", remedy=f"known are {', '.join(MATERIALS)}"
+        )
+    material = published.material
+    if test.fibre_switch:
+        material = replace(material, fibre_switch=True)
+    thickness = test.thickness
+    if thickness is None:
+        thickness = published.thickness_mm or 1.0
+    if not (math.isfinite(thickness) and thickness > 0.0):
+        raise InputError(f"a thickness of {thickness:g} mm", remedy="give a positive number")
+    edge_x, edge_y = test.edge
+    conditions = {**_stretches(test, published), "source": published.source}
+    return material, conditions, Dimensions(edge_x, edge_y, thickness)
+
+
+def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
+    top: list[Any]
+    mounting = test.prestretch or published.mounting_stretch
+    if not test.prestretch and published.mounting_stretch == (1.0, 1.0):
+        raise InputError(
+            "no mounting stretch is published with this material",
+            remedy="give --prestretch X Y ('--prestretch 1 1' for none)",
+        )
+    total, measured = test.total_stretch, test.measured_stretch
+    if total is not None and measured is not None:
+        raise InputError("--total-stretch and --measured-stretch are given", remedy="give one")
+    if total is None and measured is None:
+        measured = published.measured_stretch
+    if total is None and measured is None:
+        raise InputError(
+            "no stretch range is published with this material",
+            remedy="give --total-stretch or --measured-stretch",
+        )
+    top = [measured, measured] if total is None else [total / lm if lm else 0.0 for lm in mounting]
+    for flag, values in (("--prestretch", mounting), ("largest measured stretch", top)):
+        for value in values:
+            if not 0.5 <= value <= 3.0:
+                raise InputError(
+                    f"{flag} of {value:g}", remedy="stretches are ratios near 1, such as 1.02"
+                )
+    if 1.0 in top:
+        raise InputError("the test ends where it starts", remedy="ask for a larger stretch")
+    return {
+        "mounting_stretch": tuple(mounting),
+        "total_stretch": total,
+        "measured_stretch": measured,
+    }
+
+
+def _check_readable(specimen: Specimen) -> None:
+    """Refuse a simulation that ``read_specimen`` would refuse (too large a stress and the like)."""
+    with TemporaryDirectory() as folder:
+        trial = Path(folder) / "specimen.csv"
+        write_specimen(specimen, trial)
+        try:
+            read_specimen(trial)
+        except InputError as error:
+            where = f" in {error.column}" if error.column else ""
+            raise InputError(
+                f"this test gives a record that cannot be used{where}: {error.problem}",
+                remedy="ask for another stretch, ratio or material",
+            ) from None
+
+
+# --- fit -----------------------------------------------------------------------------------------
+
+
+@documented(FitOptions)
+def fit(
+    specimen: SpecimenLike,
+    method: str = "constrained",
+    *,
+    mounting_force: Sequence[float] | None = None,
+    **options: Any,
+) -> FitResult:
+    """Fit the material by least squares, and the mounting stretch where the method has one.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+    method : {"standard", "zeroed", "fip", "linden", "constrained"}
+        As in :func:`biaxbayes.fitting.fit.fit`.
+    mounting_force : (float, float), optional
+        For a tared specimen: the force (or stress) at the mounted state, put back on.
+    **options
+        As in :class:`~biaxbayes.options.FitOptions`.
+
+    Raises
+    ------
+    TaredSpecimen
+        If the method infers prestretch and the file's mounting force is zero.
+    InputError
+        For an unknown method, option or fixed parameter.
+    """
+    from biaxbayes.fitting.fit import fit as fitted
+
+    how = FitOptions.of(options)
+    return fitted(opened_specimen(specimen, mounting_force), method, **vars(how))
+
+
+@documented(FitOptions, without=("initial",))
+def fit_all(
+    specimen: SpecimenLike, *, mounting_force: Sequence[float] | None = None, **options: Any
+) -> list[FitResult]:
+    """Every method that the specimen allows; arguments as in :func:`fit`."""
+    from biaxbayes.fitting.fit import fit_all as fitted
+
+    how = dict(vars(FitOptions.of(options)))
+    how.pop("initial")
+    return fitted(opened_specimen(specimen, mounting_force), **how)

@@ -1,0 +1,556 @@
+r"""What a material law is, and the kinematics that all laws share.
+
+Planar biaxial test, incompressible, no shear: F = diag(lx, ly, 1/(lx ly)), plane stress sz = 0. A
+law is a strain energy W of the squared stretches X = lx^2, Y = ly^2, Z = 1/(X Y), even in shear.
+With A, B, C = dW/dX, dW/dY, dW/dZ the Cauchy stresses are
+
+    s_x = 2 (X A - Z C)        s_y = 2 (Y B - Z C)
+
+and the six second derivatives give the Jacobian of the force balance at the mounted state.
+
+One law is one file. It holds
+
+- a ``NamedTuple`` of its constants, and four functions of it in plain arithmetic, which serve
+  numbers, arrays, complex numbers (complex-step differentiation) and the compiled density alike:
+  :func:`exponents`, :func:`derivatives`, :func:`second_derivatives`, :func:`energy`;
+- a ``NamedTuple`` of its sampling coordinates with :func:`to_natural` and :func:`constants_at`;
+- a subclass of :class:`Law`: parameters with their default priors, fits, what its draws tell.
+
+The functions below are stubs: :func:`register` says what they are for a type, and compiled code
+picks the response by the type that it is given, so that one kernel is compiled for each law.
+Exponentials are kept apart from the rest because the kernel evaluates them for whole curves at
+once: a law states its exponents, and gets their exponentials back as ``g``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+from numba.extending import overload, register_jitable
+
+from biaxbayes.parameters import DEGREE, Parameter
+
+if TYPE_CHECKING:
+    from biaxbayes.laws.screening import Screening
+
+__all__ = [
+    "Law",
+    "Material",
+    "MaterialResponse",
+    "SamplingLayout",
+    "StressResponse",
+    "cauchy_components",
+    "column",
+    "constants_at",
+    "derivatives",
+    "energy",
+    "exponentials",
+    "exponents",
+    "log_stretch_jacobian",
+    "register",
+    "second_derivatives",
+    "to_natural",
+]
+
+
+# --- what a law states, by the type of its constants or coordinates ----------------------------
+
+
+_STATED: dict[tuple[str, type], Callable[..., Any]] = {}
+
+
+def _stated(what: str, kind: type) -> Callable[..., Any]:
+    return _STATED[what, kind]
+
+
+def exponents(constants, X, Y, Z):
+    """Exponents of the law's exponentials at squared stretches; a tuple."""
+    return _stated("exponents", type(constants))(constants, X, Y, Z)
+
+
+def derivatives(constants, X, Y, Z, g):
+    """(dW/dX, dW/dY, dW/dZ) in kPa, with the exponentials ``g`` of :func:`exponents`."""
+    return _stated("derivatives", type(constants))(constants, X, Y, Z, g)
+
+
+def second_derivatives(constants, X, Y, Z, g):
+    """(W_XX, W_XY, W_XZ, W_YY, W_YZ, W_ZZ) in kPa."""
+    return _stated("second_derivatives", type(constants))(constants, X, Y, Z, g)
+
+
+def energy(constants, X, Y, Z):
+    """Strain energy per reference volume in kPa (mJ/mm^3), zero where unloaded; not compiled."""
+    return _stated("energy", type(constants))(constants, X, Y, Z)
+
+
+def to_natural(coordinates, value):
+    """Turn sampling coordinates, the first entries of ``value``, into natural ones in place.
+
+    Positive scales are logs before and after, angles radians. Returns the log Jacobian of natural
+    by sampling coordinates, -inf outside the law's range.
+    """
+    return _stated("to_natural", type(coordinates))(coordinates, value)
+
+
+def constants_at(coordinates, value):
+    """Constants of the law at natural values (no logs, radians), the first entries of ``value``."""
+    return _stated("constants_at", type(coordinates))(coordinates, value)
+
+
+_COMPILED = {
+    f.__name__: f for f in (exponents, derivatives, second_derivatives, to_natural, constants_at)
+}
+
+
+def register(kind: type, **functions: Callable[..., Any]) -> None:
+    """Say what the functions above are for a type of constants or coordinates.
+
+    Parameters
+    ----------
+    kind : type
+        A ``NamedTuple``.
+    **functions
+        By the names of the stubs, with the same argument names.
+    """
+    for name, function in functions.items():
+        _STATED[name, kind] = register_jitable(function)
+
+
+def _overload(name: str) -> None:
+    """Let compiled code pick a stub's function by the type of its first argument."""
+
+    def first(numba_type: Any) -> Callable[..., Any] | None:
+        return _STATED.get((name, getattr(numba_type, "instance_class", type(None))))
+
+    choose: dict[str, Callable[..., Any]] = {
+        "exponents": lambda constants, X, Y, Z: first(constants),
+        "derivatives": lambda constants, X, Y, Z, g: first(constants),
+        "second_derivatives": lambda constants, X, Y, Z, g: first(constants),
+        "to_natural": lambda coordinates, value: first(coordinates),
+        "constants_at": lambda coordinates, value: first(coordinates),
+    }
+    overload(_COMPILED[name])(choose[name])
+
+
+for _name in _COMPILED:
+    _overload(_name)
+
+
+def exponentials(x):
+    """Exponentials of a tuple of exponents."""
+    return tuple(np.exp(v) for v in x)
+
+
+def _exponentials_of_tuple(x):
+    if x.count == 1:
+        return lambda x: (np.exp(x[0]),)
+    if x.count == 2:
+        return lambda x: (np.exp(x[0]), np.exp(x[1]))
+    return lambda x: (np.exp(x[0]), np.exp(x[1]), np.exp(x[2]))
+
+
+def column(rows, j, like):
+    """Column j of an array of rows, as a tuple as long as ``like``."""
+    return tuple(rows[i, j] for i in range(len(like)))
+
+
+def _column_as_tuple(rows, j, like):
+    if like.count == 1:
+        return lambda rows, j, like: (rows[0, j],)
+    if like.count == 2:
+        return lambda rows, j, like: (rows[0, j], rows[1, j])
+    return lambda rows, j, like: (rows[0, j], rows[1, j], rows[2, j])
+
+
+overload(exponentials)(_exponentials_of_tuple)
+overload(column)(_column_as_tuple)
+
+
+# --- stress from the derivatives -----------------------------------------------------------------
+
+
+@register_jitable
+def cauchy_components(X, Y, Z, A, B, C):
+    """Cauchy stresses (s_x, s_y) from the derivatives of W."""
+    # s_x = 2 (X A - Z C),  s_y = 2 (Y B - Z C)
+    return 2.0 * (X * A - Z * C), 2.0 * (Y * B - Z * C)
+
+
+@register_jitable
+def log_stretch_jacobian(X, Y, Z, A, B, C, second):
+    """Derivatives (xx, xy, yy) of the Cauchy stresses by the log stretches; symmetric.
+
+    With W a function of (ln lx, ln ly), s_k = dW/d ln lk, so this is the Hessian of W. From
+    dX/d ln lx = 2 X and dZ/d ln lx = -2 Z.
+    """
+    XX, XY, XZ, YY, YZ, ZZ = second
+    # ds_x/d ln lx = 4 (X A + Z C + X^2 W_XX - 2 X Z W_XZ + Z^2 W_ZZ)
+    xx = 4.0 * (X * A + Z * C + X * X * XX - 2.0 * X * Z * XZ + Z * Z * ZZ)
+    # ds_x/d ln ly = 4 (Z C + X Y W_XY - X Z W_XZ - Y Z W_YZ + Z^2 W_ZZ)
+    xy = 4.0 * (Z * C + X * Y * XY - X * Z * XZ - Y * Z * YZ + Z * Z * ZZ)
+    yy = 4.0 * (Y * B + Z * C + Y * Y * YY - 2.0 * Y * Z * YZ + Z * Z * ZZ)
+    return xx, xy, yy
+
+
+def _squared(stretch_x: Any, stretch_y: Any) -> tuple[Any, Any, Any]:
+    """Squared stretches (X, Y, Z); lists and columns of tables become arrays."""
+    plain = (float, complex, np.ndarray, np.generic)
+    lx: Any = stretch_x if isinstance(stretch_x, plain) else np.asarray(stretch_x)
+    ly: Any = stretch_y if isinstance(stretch_y, plain) else np.asarray(stretch_y)
+    X, Y = lx * lx, ly * ly
+    return X, Y, 1.0 / (X * Y)
+
+
+STEP = 1e-30  # of complex-step differentiation: exact to rounding
+
+
+class MaterialResponse:
+    """Stress and energy of what has a ``law`` and natural values ``theta`` of its parameters."""
+
+    law: Any
+    theta: Any
+
+    @property
+    def constants(self) -> Any:
+        """Constants of the law, a ``NamedTuple``."""
+        return self.law.constants(*self.theta)
+
+    @property
+    def values(self) -> tuple[Any, ...]:
+        """Values in the parameters' own units and order."""
+        return tuple(
+            np.rad2deg(v) if p.unit == DEGREE else v
+            for p, v in zip(self.law.parameters, self.theta, strict=True)
+        )
+
+    def strain_energy(self, stretch_x: Any, stretch_y: Any) -> Any:
+        """Strain energy per reference volume in kPa at total stretches."""
+        return energy(self.constants, *_squared(stretch_x, stretch_y))
+
+    def _first(self, stretch_x: Any, stretch_y: Any) -> tuple[Any, ...]:
+        squared = _squared(stretch_x, stretch_y)
+        g = exponentials(exponents(self.constants, *squared))
+        return squared, g, derivatives(self.constants, *squared, g)
+
+    def cauchy(self, stretch_x: Any, stretch_y: Any) -> Any:
+        """Cauchy stresses (s_x, s_y) in kPa at total stretches."""
+        squared, _, first = self._first(stretch_x, stretch_y)
+        return cauchy_components(*squared, *first)
+
+    def piola(self, stretch_x: Any, stretch_y: Any) -> Any:
+        """First Piola-Kirchhoff stresses (P_x, P_y) in kPa at total stretches."""
+        sx, sy = self.cauchy(stretch_x, stretch_y)
+        # P_k = s_k / l_k
+        return sx / np.asarray(stretch_x), sy / np.asarray(stretch_y)
+
+    def cauchy_by_log_stretch(self, stretch_x: Any, stretch_y: Any) -> Any:
+        """Derivatives of (s_x, s_y) by (ln l_x, ln l_y), kPa.
+
+        Returns
+        -------
+        ndarray, shape (2, 2, ...)
+            First axis the stress, second the stretch; symmetric in the two.
+        """
+        (X, Y, Z), g, (A, B, C) = self._first(stretch_x, stretch_y)
+        second = second_derivatives(self.constants, X, Y, Z, g)
+        xx, xy, yy = np.broadcast_arrays(*log_stretch_jacobian(X, Y, Z, A, B, C, second))
+        return np.array([[xx, xy], [xy, yy]])
+
+    def cauchy_by_parameter(self, stretch_x: Any, stretch_y: Any) -> np.ndarray:
+        """Derivatives of (s_x, s_y) by the parameters, by complex step; shape (2, p, ...).
+
+        The parameters are numbers here. Units are kPa per unit of the parameter, or radian.
+        """
+        columns = []
+        for i in range(len(self.theta)):
+            moved = [complex(v) for v in self.theta]
+            moved[i] += 1j * STEP
+            stepped = Material(self.law, tuple(moved)).cauchy(stretch_x, stretch_y)
+            columns.append(np.imag(np.array(stepped)) / STEP)
+        return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True)
+class Material(MaterialResponse):
+    """A law with values of its parameters, numbers or arrays: one material, or one a draw.
+
+    Attributes
+    ----------
+    law : Law
+    theta : tuple
+        Natural values of the law's parameters in their order, angles in radians; arrays
+        broadcast against the stretches.
+    """
+
+    law: Law
+    theta: tuple[Any, ...]
+
+
+# --- the law as a user and the other rooms know it -----------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class StressResponse:
+    """Cauchy stresses (kPa) at n states and their derivatives.
+
+    Attributes
+    ----------
+    stress : ndarray, shape (2, n)
+    by_coordinate : ndarray, shape (2, p, n)
+        By the coordinates that fits move in.
+    by_log_stretch : ndarray, shape (2, 2, n)
+        First axis the stress, second the total stretch; symmetric.
+    """
+
+    stress: np.ndarray
+    by_coordinate: np.ndarray
+    by_log_stretch: np.ndarray
+
+
+@dataclass(frozen=True)
+class Law(ABC):
+    """A material law.
+
+    Parameters
+    ----------
+    fibre_switch : bool
+        Fibres carry no compression, where the law leaves that open.
+    """
+
+    fibre_switch: bool = False
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    source: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    ties: ClassVar[tuple[tuple[str, str], ...]] = ()
+    """Pairs of parameters of which the first can be tied to the second."""
+    meaningless: ClassVar[Mapping[str, tuple[str, int, str]]] = {}
+    """Parameters that mean nothing where another is at an end of its range: its name, the side (0
+    low, 1 high), and words to say that this end is not excluded."""
+
+    # --- materials ---
+
+    @abstractmethod
+    def constants(self, *values: Any) -> Any:
+        """Constants at the natural values of the parameters in their order, angles in radians."""
+
+    def material(self, values: Any) -> Material:
+        """Materials at parameters by name, in their own units.
+
+        Parameters
+        ----------
+        values : mapping of str to array_like, or DataFrame
+            Columns of draws will do; what is no parameter of the law is not looked at.
+
+        Returns
+        -------
+        Material
+            Of numbers, or of arrays of shape (n, 1) where the values have shape (n,).
+        """
+        columns = []
+        for p in self.parameters:
+            value = np.asarray(values[p.name], dtype=float)
+            value = np.deg2rad(value) if p.unit == DEGREE else value
+            columns.append(value[:, None] if value.ndim else float(value))
+        return Material(self, tuple(columns))
+
+    @property
+    @abstractmethod
+    def in_words(self) -> str:
+        """The law as the object of a sentence, for the methods of a paper."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(p.name for p in self.parameters)
+
+    def parameter(self, name: str) -> Parameter:
+        """One parameter by its name."""
+        return self.parameters[self.names.index(name)]
+
+    def scalar(self, values: Sequence[float]) -> Any:
+        """One material at parameters in their own units and order."""
+        return self.material(dict(zip(self.names, values, strict=True)))
+
+    # --- sampling coordinates ---
+
+    @abstractmethod
+    def coordinates(self, layout: SamplingLayout) -> Any:
+        """Constants of the sampling coordinates, for the compiled density."""
+
+    @abstractmethod
+    def to_coordinates(
+        self, coordinates: Any, values: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Sampling coordinates at natural values (logs of scales, radians), by parameter."""
+
+    def coordinate_bounds(self, coordinates: Any) -> dict[str, tuple[float, float]]:
+        """Bounds of the sampling coordinates, by parameter, where they have any."""
+        del coordinates
+        return {}
+
+    def coordinate_widths(self, coordinates: Any) -> dict[str, float]:
+        """Widths of dispersed starts where they differ from the parameters' own."""
+        del coordinates
+        return {}
+
+    def softens(self, coordinates: Any) -> bool:
+        """Whether the sampling coordinates have a scale that :meth:`softening` suits."""
+        del coordinates
+        return False
+
+    def softening(self, values: Mapping[str, Any]) -> float:
+        """Scale of the sampling coordinates that suits materials by parameter (own units)."""
+        del values
+        return 1.0
+
+    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
+        """A material moved off its edges, to where the sampling coordinates are regular."""
+        return tuple(values)
+
+    def inner_point(self, point: np.ndarray) -> np.ndarray:
+        """A point of the fits moved off its bounds."""
+        return point
+
+    # --- fits ---
+
+    lower: ClassVar[np.ndarray]
+    upper: ClassVar[np.ndarray]
+
+    def coordinate(self, i: int, value: float) -> float:
+        """Coordinate that fits move in, of parameter i in its own unit."""
+        del i
+        return float(value)
+
+    def natural(self, i: int, coordinate: float) -> float:
+        """Parameter i in its own unit; inverse of :meth:`coordinate`."""
+        del i
+        return float(coordinate)
+
+    def point(self, values: Sequence[float]) -> np.ndarray:
+        """Coordinates that fits move in, from parameters in their own units and order."""
+        return np.array([self.coordinate(i, v) for i, v in enumerate(values)])
+
+    def values(self, point: Any) -> tuple[float, ...]:
+        """Parameters in their own units and order, from the coordinates that fits move in."""
+        return tuple(self.natural(i, v) for i, v in enumerate(point))
+
+    def at_point(self, point: np.ndarray) -> Material:
+        """The material at coordinates that fits move in; complex coordinates are allowed."""
+        factors = [np.deg2rad(1.0) if p.unit == DEGREE else 1.0 for p in self.parameters]
+        return Material(self, tuple(v * f for v, f in zip(point, factors, strict=True)))
+
+    def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
+        """Stresses and their derivatives at total stretches, by complex step.
+
+        Parameters
+        ----------
+        point : ndarray, shape (p,)
+            Coordinates that fits move in.
+        stretch : ndarray, shape (2, n)
+            Total stretches.
+        """
+        material = self.at_point(point)
+        by_coordinate = np.empty((2, point.size, stretch.shape[1]))
+        for i in range(point.size):
+            moved = point.astype(complex)
+            moved[i] += 1j * STEP
+            by_coordinate[:, i] = np.imag(self.at_point(moved).cauchy(*stretch)) / STEP
+        return StressResponse(
+            np.array(material.cauchy(*stretch)),
+            by_coordinate,
+            material.cauchy_by_log_stretch(*stretch),
+        )
+
+    @abstractmethod
+    def screen(self, data: Screening, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+        """Many random materials with their best amplitudes.
+
+        Returns
+        -------
+        points : ndarray, shape (S, p)
+        mounting : ndarray, shape (S, 2)
+            Mounting stretches of each.
+        cost : ndarray, shape (S,)
+            Sum of squares; infinite where a material cannot be evaluated.
+        marks : ndarray, shape (S, k)
+            Coordinates in which chosen points are kept apart from one another.
+        """
+
+    # --- priors and what draws tell ---
+
+    @abstractmethod
+    def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
+        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
+
+        Returns
+        -------
+        dict of str to (str, float, float)
+            Distribution and its two numbers, as :attr:`Parameter.prior`.
+        """
+
+    def described(self, material: MaterialResponse) -> dict[str, Any]:
+        """Quantities of the law that an axis-aligned test sees, beside stress and stiffness."""
+        del material
+        return {}
+
+    def described_at(
+        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """What the law says of itself at the largest of some total stretches, shape (n,) each.
+
+        Parameters
+        ----------
+        material : Material
+            Of n draws.
+        tops : sequence of ndarray, shape (n, 2)
+        """
+        del material, tops
+        return {}
+
+    nearness: ClassVar[str] = ""
+    """What :meth:`edge_distances` calls near, in words."""
+
+    def edge_distances(
+        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    ) -> dict[str, float]:
+        """How near to a physical edge counts as near, by parameter, in natural units.
+
+        Parameters
+        ----------
+        material : Material
+            Of n draws.
+        tops : sequence of ndarray, shape (n, 2)
+            Largest total stretches of each protocol.
+        """
+        del material, tops
+        return {}
+
+
+class SamplingLayout(NamedTuple):
+    """What sampling coordinates may depend on: constants of a specimen and of a search.
+
+    Attributes
+    ----------
+    free : tuple of str
+        Parameters that are sampled, neither fixed nor tied.
+    reference : (float, float, float)
+        Squared reference stretches (X, Y, Z), both in-plane ones above 1.
+    softening : float
+        Scale of the coordinates near isotropy.
+    structural : bool
+        Coordinates that data pin, rather than the parameters themselves.
+    chart : bool
+        Whether a chart that is regular at the edges is asked for, where a law has one.
+    """
+
+    free: tuple[str, ...]
+    reference: tuple[float, float, float]
+    softening: float
+    structural: bool
+    chart: bool

@@ -1,0 +1,97 @@
+"""Random materials that are ranked before a fit starts: what all laws share of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+__all__ = ["Screening", "best_pair", "mounting_candidates"]
+
+
+class Screening(NamedTuple):
+    """Readings on which starting points are ranked, and what is drawn.
+
+    Attributes
+    ----------
+    stretch, load : ndarray, shape (2, n)
+        Measured stretches and loads.
+    area : ndarray, shape (2,)
+        Load per kPa.
+    mounted : bool
+        Whether the dimensions refer to the mounted state.
+    with_mounting : bool
+        Draw mounting stretches; else they are one.
+    point : ndarray, shape (p,)
+        Values of the fixed coordinates of the fit.
+    free : ndarray of int
+        Indices of the others.
+    size : int
+        Number of materials.
+    load_factor : callable
+        Load per Cauchy stress at total stretches of shape (S, 2, n).
+    """
+
+    stretch: np.ndarray
+    load: np.ndarray
+    area: np.ndarray
+    mounted: bool
+    with_mounting: bool
+    point: np.ndarray
+    free: np.ndarray
+    size: int
+    load_factor: Callable[[np.ndarray], np.ndarray]
+
+
+def mounting_candidates(
+    share: np.ndarray, rng: np.random.Generator, with_mounting: bool
+) -> np.ndarray:
+    """Mounting stretches, shape (S, 2): slightly above one, and one for a fifth of ``share``."""
+    lm = np.ones((share.size, 2))
+    if with_mounting:
+        lm += np.abs(rng.normal(0.0, 0.03, lm.shape)) * (share[:, None] > 0.2)
+    return lm
+
+
+def best_pair(
+    a: np.ndarray, b: np.ndarray, y: np.ndarray, known: list[Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nonnegative least squares y = u a + v b for many (a, b); a known u or v is kept.
+
+    Parameters
+    ----------
+    a, b, y : ndarray, shape (S, n)
+    known : list
+        u and v, None where unknown.
+
+    Returns
+    -------
+    u, v, cost : ndarray, shape (S,)
+        Amplitudes and sums of squares.
+    """
+    u_known, v_known = known
+    aa, bb, ab = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1)
+    ya, yb, yy = (y * a).sum(1), (y * b).sum(1), (y * y).sum(1)
+
+    def cost(u, v):
+        return yy - 2.0 * (u * ya + v * yb) + u * u * aa + 2.0 * u * v * ab + v * v * bb
+
+    zero = np.zeros_like(aa)
+    if u_known is not None and v_known is not None:
+        u, v = zero + u_known, zero + v_known
+        return u, v, cost(u, v)
+    if u_known is not None:
+        v = np.maximum((yb - u_known * ab) / bb, 0.0)
+        return zero + u_known, v, cost(u_known, v)
+    if v_known is not None:
+        u = np.maximum((ya - v_known * ab) / aa, 0.0)
+        return u, zero + v_known, cost(u, v_known)
+    determinant = aa * bb - ab * ab
+    u, v = (ya * bb - yb * ab) / determinant, (yb * aa - ya * ab) / determinant
+    u_alone, v_alone = np.maximum(ya / aa, 0.0), np.maximum(yb / bb, 0.0)
+    matrix_alone = cost(u_alone, zero) <= cost(zero, v_alone)
+    inside = (u >= 0.0) & (v >= 0.0) & (determinant > 1e-14 * aa * bb)
+    u = np.where(inside, u, np.where(matrix_alone, u_alone, 0.0))
+    v = np.where(inside, v, np.where(matrix_alone, 0.0, v_alone))
+    return u, v, cost(u, v)

@@ -1,0 +1,129 @@
+"""A homogeneous virtual biaxial test: known material, known mounting stretch, known forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from biaxbayes.laws.goh import GOH
+
+__all__ = ["VirtualTest", "smooth_misfit", "virtual_test"]
+
+
+@dataclass(frozen=True)
+class VirtualTest:
+    """Noise-free result of a virtual test, one protocol.
+
+    Attributes
+    ----------
+    measured_x, measured_y : ndarray, shape (n,)
+        Stretches relative to the mounted state; the first is one.
+    total_x, total_y : ndarray, shape (n,)
+        Stretches relative to the unloaded state.
+    force_x_N, force_y_N : ndarray, shape (n,)
+    piola_x_kPa, piola_y_kPa, cauchy_x_kPa, cauchy_y_kPa : ndarray, shape (n,)
+        True stresses with the unloaded state as reference.
+    """
+
+    measured_x: np.ndarray
+    measured_y: np.ndarray
+    total_x: np.ndarray
+    total_y: np.ndarray
+    force_x_N: np.ndarray
+    force_y_N: np.ndarray
+    piola_x_kPa: np.ndarray
+    piola_y_kPa: np.ndarray
+    cauchy_x_kPa: np.ndarray
+    cauchy_y_kPa: np.ndarray
+
+
+def virtual_test(
+    material: GOH,
+    *,
+    mounting_stretch: tuple[float, float] = (1.0, 1.0),
+    total_stretch: float | tuple[float, float] | None = None,
+    measured_stretch: float | tuple[float, float] | None = None,
+    ratio: tuple[float, float] = (1.0, 1.0),
+    increments: int = 100,
+    edge_x_mm: float = 20.0,
+    edge_y_mm: float = 20.0,
+    thickness_mm: float = 1.0,
+) -> VirtualTest:
+    """Stretch a homogeneous specimen from its mounted state in equal increments.
+
+    Parameters
+    ----------
+    material : GOH
+    mounting_stretch : (float, float)
+        Stretch of the mounted state relative to the unloaded one.
+    total_stretch, measured_stretch : float or (float, float)
+        Largest stretch, relative to the unloaded or to the mounted state; give one of them.
+    ratio : (float, float)
+        Share of the stretch beyond the mounted state that each direction takes, as in a
+        ``1:0.5`` protocol.
+    increments : int
+        Number of equal increments; the record has one more row.
+    edge_x_mm, edge_y_mm, thickness_mm : float
+        Unloaded dimensions.
+
+    Returns
+    -------
+    VirtualTest
+
+    Raises
+    ------
+    ValueError
+        If both or none of the two stretches are given, or ``increments`` is below one.
+    """
+    if (total_stretch is None) == (measured_stretch is None):
+        raise ValueError("give one of total_stretch and measured_stretch")
+    if increments < 1:
+        raise ValueError("a test needs at least one increment")
+    lm = np.array(mounting_stretch, dtype=float)
+    top = (
+        np.broadcast_to(np.asarray(total_stretch, dtype=float), 2) / lm
+        if measured_stretch is None
+        else np.broadcast_to(np.asarray(measured_stretch, dtype=float), 2)
+    )
+    # The mounting state is the first point; equal increments of total stretch follow.
+    path = np.linspace(0.0, 1.0, increments + 1)[:, None]
+    measured = 1.0 + path * (top - 1.0) * np.asarray(ratio, dtype=float)
+    total = measured * lm
+    cauchy = np.column_stack(material.cauchy(total[:, 0], total[:, 1]))
+    piola = cauchy / total
+    # f_x = P_x * edge_y * thickness, kPa mm^2 = 1e-3 N
+    force = piola * np.array([edge_y_mm, edge_x_mm]) * thickness_mm * 1e-3
+    return VirtualTest(*measured.T, *total.T, *force.T, *piola.T, *cauchy.T)
+
+
+def smooth_misfit(
+    stretch: np.ndarray, relative_sd: float, rng: np.random.Generator, *, length: float = 0.25
+) -> np.ndarray:
+    """Relative model error that varies smoothly along a path.
+
+    A squared-exponential Gaussian process over the path coordinate, scaled to 0-1.
+
+    Parameters
+    ----------
+    stretch : ndarray, shape (n,)
+        Any monotone path coordinate.
+    relative_sd : float
+        Standard deviation of the process.
+    rng : numpy.random.Generator
+    length : float
+        Correlation length in the 0-1 coordinate.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Multiply the true force by one plus this.
+    """
+    span = np.ptp(stretch)
+    s = (stretch - stretch[0]) / (span if span > 0 else 1.0)
+    covariance = np.exp(-0.5 * ((s[:, None] - s[None, :]) / length) ** 2)
+    # The kernel is of low numerical rank; the eigendecomposition is stable where Cholesky is not.
+    values, vectors = np.linalg.eigh(covariance)
+    # The symmetric root, V sqrt(D) V^T, does not depend on the library's choice of signs.
+    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
+    return relative_sd * root @ rng.standard_normal(stretch.size)

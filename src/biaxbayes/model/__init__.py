@@ -1,0 +1,1 @@
+"""The statistical model: priors, noise, the compiled density and the posterior."""

@@ -1,0 +1,326 @@
+"""The log posterior density of many walkers in one compiled call, and the arrays it needs.
+
+A walker's coordinates are spread over *slots*, which hold a number each whether it is sampled,
+fixed or tied to another: the parameters of the law first, then those of the errors and of measured
+dimensions, then two a mounted state. They are turned into material, mounted state and errors, and
+the curves are compared with the readings. The stress is that of the law
+(:mod:`biaxbayes.laws.law`), the mounted state that of :mod:`biaxbayes.mechanics.mounting`, the load
+law that of :mod:`biaxbayes.mechanics.load`, the errors those of
+:mod:`biaxbayes.model.error_model`; one kernel is compiled for each law and spread of errors.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from biaxbayes.laws.law import (
+    cauchy_components,
+    column,
+    constants_at,
+    derivatives,
+    exponents,
+    to_natural,
+)
+from biaxbayes.mechanics.exponential import exponential
+from biaxbayes.mechanics.load import load_per_stress, sections
+from biaxbayes.mechanics.mounting import (
+    LOG_HIGH,
+    LOG_LOW,
+    balance,
+    log_change_of_variables,
+    solve_balance,
+)
+from biaxbayes.model.error_model import HALF_LOG_2PI, curve_log_likelihood, misfit
+
+__all__ = ["Problem", "evaluate", "log_density"]
+
+
+# Slots behind those of the law; natural values are kept in the same order.
+NOISE, GROWTH, EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(7)
+MOUNTING = 7  # then two a mounted state
+
+# How the mounted state enters.
+REFERENCE, FORCE, STRETCH = 0, 1, 2  # lm = 1 | sample p0, root-find lm | sample lm
+
+# Kinds of prior; the last two are stated for exp(x) where the slot holds a logarithm x.
+FIXED, NORMAL, UNIFORM, NORMAL_NATURAL, UNIFORM_NATURAL = range(5)
+
+# Why a density is zero; counted for the diagnostics.
+INSIDE, OUT_OF_RANGE, NO_ROOT, OVERFLOW = range(4)
+
+
+class Problem(NamedTuple):
+    """Everything the compiled density needs; arrays are float64 unless said.
+
+    Attributes
+    ----------
+    slot : int64 ndarray, shape (s,)
+        Index of each slot in a walker's coordinates, or -1 where the slot is fixed.
+    fixed : ndarray, shape (s,)
+        Value of a fixed slot, in the slot's own scale (logs for positive quantities).
+    tie : int64 ndarray, shape (s,); tie_log_factor : ndarray, shape (s,)
+        A tied slot takes the value of another plus a log factor; -1 where free.
+    coordinates : NamedTuple
+        Constants of the law's sampling coordinates; its type picks the law.
+    spread : NamedTuple
+        How wide errors are; its type picks the error model.
+    size : int
+        Number of the law's slots.
+    logarithmic : bool ndarray, shape (s,)
+        Slots that hold logs.
+    per_unit : ndarray, shape (s,)
+        Stated units in one of the slot's: degrees in a radian, else 1.
+    prior_kind : int64 ndarray, shape (s,); prior : ndarray, shape (s, 5)
+        Kind, and location, scale, lower, upper, log normaliser of each slot's prior. For
+        mounting slots the prior is on the mounting stretch.
+    mounting_mode, mounted : int, bool
+    determinant : bool
+        Whether the change of variables from mounting force to mounting stretch counts (always,
+        but for the tests that show why).
+    reading, reading_sd : ndarray, shape (m, 2)
+        Mounting readings; an sd of zero leaves the reading out (exact).
+    area : ndarray, shape (2,)
+    start : int64 ndarray, shape (p + 1,); mount : int64 ndarray, shape (p,)
+        First row of each protocol; the mounted state it belongs to.
+    ilx, ily, X, Y, Z : ndarray, shape (n,)
+        Reciprocals of the measured stretches, and their squares.
+    fx, fy : ndarray, shape (n,)
+        Readings after the mounted state, in the unit of the file.
+    vx, vy : ndarray, shape (n,)
+        Mean square scatter of the readings that a row is the mean of; zero for single readings.
+    beta : ndarray, shape (p, 2)
+        Weight of each curve's log likelihood.
+    """
+
+    slot: np.ndarray
+    fixed: np.ndarray
+    tie: np.ndarray
+    tie_log_factor: np.ndarray
+    coordinates: Any
+    spread: Any
+    size: int
+    logarithmic: np.ndarray
+    per_unit: np.ndarray
+    prior_kind: np.ndarray
+    prior: np.ndarray
+    mounting_mode: int
+    mounted: bool
+    determinant: bool
+    reading: np.ndarray
+    reading_sd: np.ndarray
+    area: np.ndarray
+    start: np.ndarray
+    mount: np.ndarray
+    ilx: np.ndarray
+    ily: np.ndarray
+    X: np.ndarray
+    Y: np.ndarray
+    Z: np.ndarray
+    fx: np.ndarray
+    fy: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
+    beta: np.ndarray
+
+
+@register_jitable
+def _log_prior(kind, row, x):
+    """Log prior density of one slot at x, or -inf outside its range."""
+    if kind == FIXED:
+        return 0.0
+    if not (row[2] <= x <= row[3]):
+        return -np.inf
+    if kind == NORMAL:
+        z = (x - row[0]) / row[1]
+        return row[4] - 0.5 * z * z
+    if kind == UNIFORM:
+        return row[4]
+    if kind == NORMAL_NATURAL:
+        z = (np.exp(x) - row[0]) / row[1]
+        return row[4] - 0.5 * z * z + x  # d exp(x) / dx = exp(x)
+    return row[4] + x
+
+
+@register_jitable
+def _mounted_state(problem, value, constants, m, sx, sy):
+    """(ln lm_x, ln lm_y, log density, reason) of mounted state m; sx, sy its sections."""
+    if problem.mounting_mode == REFERENCE:
+        return 0.0, 0.0, 0.0, INSIDE
+    o = problem.size
+    i = o + MOUNTING + 2 * m
+    if problem.mounting_mode == FORCE:
+        px, py = value[i], value[i + 1]
+        if problem.slot[i] < 0:  # exact: the reading, less the cell's own zero
+            px, py = px - value[o + OFFSET_X], py - value[o + OFFSET_Y]
+        ok, x, y, jxx, jxy, jyy = solve_balance(constants, px / sx, py / sy, problem.mounted)
+        if not ok:
+            return x, y, -np.inf, NO_ROOT
+        logp = 0.0
+        if problem.determinant:
+            # ln |det d p0 / d lm|, p0 in the unit of the file
+            change = log_change_of_variables(x, y, jxx, jxy, jyy, problem.mounted)
+            logp -= change + np.log(sx * sy)
+    else:
+        if not (value[i] > 0.0 and value[i + 1] > 0.0):
+            return 0.0, 0.0, -np.inf, OUT_OF_RANGE
+        x, y = np.log(value[i]), np.log(value[i + 1])
+        if not (LOG_LOW < x < LOG_HIGH and LOG_LOW < y < LOG_HIGH):
+            return x, y, -np.inf, NO_ROOT
+        rx, ry, jxx, jxy, jyy = balance(constants, 0.0, 0.0, problem.mounted, x, y)
+        px = rx * load_per_stress(sx, 1.0, np.exp(x), problem.mounted)
+        py = ry * load_per_stress(sy, 1.0, np.exp(y), problem.mounted)
+        if not problem.mounted:
+            jxx, jyy = jxx - rx, jyy - ry  # the work of the dead load p0 = s / lm
+        if not (jxx > 0.0 and jxx * jyy - jxy * jxy > 0.0):
+            return x, y, -np.inf, NO_ROOT
+        logp = 0.0
+    lx, ly = np.exp(x), np.exp(y)
+    logp += _log_prior(problem.prior_kind[i], problem.prior[i], lx)
+    logp += _log_prior(problem.prior_kind[i + 1], problem.prior[i + 1], ly)
+    for k in range(2):
+        sd = problem.reading_sd[m, k]
+        if sd > 0.0:
+            p, offset = (px, value[o + OFFSET_X]) if k == 0 else (py, value[o + OFFSET_Y])
+            z = (problem.reading[m, k] - p - offset) / sd
+            logp -= 0.5 * z * z + np.log(sd) + HALF_LOG_2PI
+    value[i], value[i + 1] = lx, ly
+    return x, y, logp, INSIDE
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
+def _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth):
+    """Log likelihood of protocol p, weighted, given its mounted state."""
+    first, last = problem.start[p], problem.start[p + 1]
+    n = last - first
+    o = problem.size
+    mx, my = np.exp(2.0 * x), np.exp(2.0 * y)
+    mz = 1.0 / (mx * my)
+    X, Y, Z = problem.X[first:last], problem.Y[first:last], problem.Z[first:last]
+    ilx, ily = problem.ilx[first:last], problem.ily[first:last]
+    fx, fy = problem.fx[first:last], problem.fy[first:last]
+    ux, uy = problem.vx[first:last], problem.vy[first:last]
+    like = exponents(constants, 1.0, 1.0, 1.0)
+    for j in range(n):
+        exponent = exponents(constants, mx * X[j], my * Y[j], mz * Z[j])
+        for k in range(len(like)):
+            scratch[k, j] = exponent[k]
+    for k in range(len(like)):
+        exponential(scratch[k, :n], growth[k, :n])
+    cx = load_per_stress(sx, 1.0, np.exp(x), problem.mounted)
+    cy = load_per_stress(sy, 1.0, np.exp(y), problem.mounted)
+    ox, oy = value[o + OFFSET_X], value[o + OFFSET_Y]
+    w, b = value[o + NOISE], value[o + GROWTH]
+    total_x = total_y = 0.0
+    for j in range(n):
+        tX, tY, tZ = mx * X[j], my * Y[j], mz * Z[j]
+        A, B, C = derivatives(constants, tX, tY, tZ, column(growth, j, like))
+        s_x, s_y = cauchy_components(tX, tY, tZ, A, B, C)
+        qx, qy = cx * ilx[j] * s_x, cy * ily[j] * s_y
+        rx, ry = fx[j] - ox - qx, fy[j] - oy - qy
+        total_x += misfit(problem.spread, w, b, qx, rx * rx + ux[j])
+        total_y += misfit(problem.spread, w, b, qy, ry * ry + uy[j])
+    bx, by = problem.beta[p, 0], problem.beta[p, 1]
+    return bx * curve_log_likelihood(problem.spread, w, total_x, n) + by * curve_log_likelihood(
+        problem.spread, w, total_y, n
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _density(problem, u, value, scratch, growth):
+    """(log density, log likelihood of the curves, reason); natural values into ``value``."""
+    o = problem.size
+    for i in range(problem.slot.size):
+        value[i] = u[problem.slot[i]] if problem.slot[i] >= 0 else problem.fixed[i]
+    total = to_natural(problem.coordinates, value)
+    for i in range(o):
+        if problem.tie[i] >= 0:
+            value[i] = value[problem.tie[i]] + problem.tie_log_factor[i]
+    if not np.isfinite(total):
+        return -np.inf, -np.inf, OUT_OF_RANGE
+    for i in range(o + MOUNTING):
+        x = value[i] * problem.per_unit[i]
+        total += _log_prior(problem.prior_kind[i], problem.prior[i], x)
+    if not np.isfinite(total):
+        return -np.inf, -np.inf, OUT_OF_RANGE
+    for i in range(o + MOUNTING):
+        if problem.logarithmic[i]:
+            value[i] = np.exp(value[i])
+    for i in range(o):
+        if not np.isfinite(value[i]):
+            return -np.inf, -np.inf, OVERFLOW
+    constants = constants_at(problem.coordinates, value)
+    sx, sy = sections(problem.area, value[o + EDGE_X], value[o + EDGE_Y], value[o + THICKNESS])
+    if not (sx > 0.0 and sy > 0.0):
+        return -np.inf, -np.inf, OUT_OF_RANGE
+    likelihood = 0.0
+    done = -1
+    x = y = 0.0
+    for p in range(problem.mount.size):
+        if problem.mount[p] != done:
+            done = problem.mount[p]
+            x, y, logp, reason = _mounted_state(problem, value, constants, done, sx, sy)
+            total += logp
+            if not np.isfinite(total):
+                return -np.inf, -np.inf, reason if reason != INSIDE else OUT_OF_RANGE
+        likelihood += _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth)
+    total += likelihood
+    if not np.isfinite(total):
+        return -np.inf, -np.inf, OVERFLOW
+    return total, likelihood, INSIDE
+
+
+MOST_EXPONENTIALS = 3  # of a law at one state
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def log_density(problem, u, rejected):
+    """Log density of each walker in the sampling coordinates.
+
+    Parameters
+    ----------
+    problem : Problem
+    u : ndarray, shape (walkers, d)
+    rejected : int64 ndarray, shape (4,)
+        Counters, added to: walkers inside, out of range, without a root, overflowed.
+
+    Returns
+    -------
+    ndarray, shape (walkers,)
+        Finite or -inf, never NaN.
+    """
+    n = u.shape[0]
+    out = np.empty(n)
+    value = np.empty(problem.slot.size)
+    longest = np.max(np.diff(problem.start))
+    scratch = np.empty((MOST_EXPONENTIALS, longest))
+    growth = np.empty((MOST_EXPONENTIALS, longest))
+    for i in range(n):
+        out[i], _, reason = _density(problem, u[i], value, scratch, growth)
+        rejected[reason] += 1
+    return out
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def evaluate(problem, u):
+    """Log density, tempered log likelihood and natural values of each walker.
+
+    Returns
+    -------
+    log_density, log_likelihood : ndarray, shape (walkers,)
+    natural : ndarray, shape (walkers, s)
+        Parameters of the law (angles in radians), noise sd, growth, edge, thickness and offset
+        factors, then the mounting *stretches*.
+    """
+    n = u.shape[0]
+    total, likelihood = np.empty(n), np.empty(n)
+    natural = np.empty((n, problem.slot.size))
+    longest = np.max(np.diff(problem.start))
+    scratch = np.empty((MOST_EXPONENTIALS, longest))
+    growth = np.empty((MOST_EXPONENTIALS, longest))
+    for i in range(n):
+        total[i], likelihood[i], _ = _density(problem, u[i], natural[i], scratch, growth)
+    return total, likelihood, natural

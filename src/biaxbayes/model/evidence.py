@@ -1,0 +1,100 @@
+"""The marginal likelihood of the data, from the draws of a posterior.
+
+A tempered likelihood is no density of the data and has no evidence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.sampling.bridge import log_integral
+from biaxbayes.sampling.sampler import Draws
+
+__all__ = ["Evidence", "evidence", "evidence_record"]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Log marginal likelihood of the data.
+
+    Attributes
+    ----------
+    log_evidence : float
+        Natural log, for data in the unit of the file. Priors count as stated: what has no stable
+        mounted state has density zero, and the rest is not renormalised.
+    error : float
+        Standard deviation of the estimate.
+    mounting_reading : float or None
+        Log density of the mounting reading where the model is one without prestretch
+        (``ignored``): a force of zero, read with the load cell's noise. Add it before comparing
+        with a model that infers the mounting stretch, whose data include that reading. None where
+        it is in ``log_evidence`` already, or cannot be stated.
+    """
+
+    log_evidence: float
+    error: float
+    mounting_reading: float | None = None
+
+
+def evidence(posterior: Posterior, draws: Draws, *, seed: int = 0) -> Evidence:
+    """Log marginal likelihood of a posterior from its draws.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        The one that was drawn from; independent noise and all rows.
+    draws : Draws
+    seed : int
+        For the draws of the proposal.
+
+    Raises
+    ------
+    ValueError
+        If the likelihood is tempered or its rows are averaged.
+    """
+    problem = _without(posterior)
+    if problem:
+        raise ValueError(problem)
+    value, error = log_integral(draws.target.log_prob, draws.chain, draws.proposal, seed=seed)
+    return Evidence(value, error, _mounting_reading(posterior))
+
+
+def evidence_record(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Any]:
+    """The evidence as JSON values, or the reason why there is none."""
+    problem = _without(posterior)
+    if not problem and draws.convergence.state != "reliable":
+        problem = "the draws are not reliable"
+    if problem:
+        return {"log_evidence": None, "reason": problem}
+    found = evidence(posterior, draws, seed=seed)
+    return {
+        "log_evidence": found.log_evidence,
+        "error": found.error,
+        "log_density_of_mounting_reading": found.mounting_reading,
+    }
+
+
+def _without(posterior: Posterior) -> str:
+    """Why a posterior has no evidence; empty where it has one."""
+    if posterior.settings.noise != "independent" or posterior.beta != 1.0:
+        return "a tempered likelihood has no evidence (--noise independent has one)"
+    if posterior.settings.thin:
+        return "averaged rows have no evidence (--thin none has one)"
+    return ""
+
+
+def _mounting_reading(posterior: Posterior) -> float | None:
+    offset = any(name.startswith("load_offset") for name in posterior.free)
+    if posterior.settings.mounting != "ignored" or offset:
+        return None
+    reading, sd = posterior.specimen.mounting_readings(
+        shared=posterior.settings.mounting_stretch == "shared"
+    )
+    if not (sd > 0.0).all():
+        return None
+    # lm = 1 carries no force: ln N(f0 | 0, s0)
+    return float((-0.5 * (reading / sd) ** 2 - np.log(sd) - 0.5 * np.log(2.0 * np.pi)).sum())

@@ -1,0 +1,377 @@
+"""From a specimen and options to the arrays of the compiled density, and back from its draws.
+
+A slot is a number of the density that is sampled, fixed or tied: the parameters of the law, those
+of the errors, the factors of measured dimensions, and two a mounted state. Natural values are in
+the units of the parameter table; a slot holds logs of positive scales, and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
+from biaxbayes.laws.law import Law, SamplingLayout
+from biaxbayes.mechanics.load import load_per_stress, sections
+from biaxbayes.model import density
+from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem
+from biaxbayes.model.error_model import ErrorModel, errors_of
+from biaxbayes.model.priors import Prior, Tie, default_priors
+from biaxbayes.options import Settings
+from biaxbayes.parameters import (
+    DEGREE,
+    DIMENSION,
+    DIMENSIONS,
+    NOISE_GROWTH,
+    NOISE_SD,
+    Parameter,
+    Quantities,
+    mounting_names,
+)
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import ThinnedSpecimen, thinned_specimen
+
+__all__ = [
+    "Assembly",
+    "assemble",
+    "mounting_names",
+    "natural_values",
+    "sampling_coordinates",
+    "to_slot",
+]
+
+_BEHIND = (NOISE_SD, NOISE_GROWTH, *DIMENSIONS)
+"""Parameters of the slots between those of the law and those of the mounted states."""
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A problem for the kernel, with the names of what it samples.
+
+    Attributes
+    ----------
+    problem : Problem
+    law : Law
+    errors : ErrorModel
+    slots : tuple of str
+        Natural name of every slot.
+    free : tuple of str
+        Natural names of the sampled slots, in the order of a walker's coordinates.
+    priors : dict
+        The prior of every slot that has one (a number where fixed).
+    quantities : Quantities
+        What each name is.
+    """
+
+    problem: Problem
+    law: Law
+    errors: ErrorModel
+    slots: tuple[str, ...]
+    free: tuple[str, ...]
+    priors: dict[str, Prior | float | Tie]
+    quantities: Quantities
+
+    @property
+    def mounts(self) -> tuple[str, ...]:
+        """Label of each mounted state: one empty label when shared, else the protocols' names."""
+        return self.quantities.states
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the natural quantities of a draw, as in ``summary.csv``."""
+        of_law = self.law.names
+        mounted = () if self.problem.mounting_mode == REFERENCE else self.quantities.mounted()
+        extras = [
+            n
+            for n in self.free
+            if n == NOISE_GROWTH.name or self.quantities[n].parameter.kind == DIMENSION
+        ]
+        return (*of_law, *(q.name for q in mounted), NOISE_SD.name, *extras)
+
+
+def assemble(
+    specimen: Specimen,
+    settings: Settings,
+    *,
+    beta: float = 1.0,
+    reference_stretch: tuple[float, float] | None = None,
+    chart: bool = True,
+    softening: float = DEFAULT_SOFTENING,
+    structural: bool = True,
+    determinant: bool = True,
+) -> Assembly:
+    """Lay out the posterior density of a specimen.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    settings : Settings
+    beta : float or array_like, shape (p, 2)
+        Weight of the log likelihood, n_eff / n.
+    reference_stretch : (float, float), optional
+        Where structural coordinates are held (a constant; only the efficiency of the sampler
+        depends on it). Default: the largest measured stretches.
+    chart, structural : bool
+        As in :class:`~biaxbayes.laws.law.SamplingLayout`; neither for natural coordinates.
+    softening : float
+        Scale of the chart near isotropy.
+    determinant : bool
+        Leave out only to show that it matters.
+
+    Raises
+    ------
+    InputError
+        If the settings and the specimen do not fit.
+    """
+    _check(specimen, settings)
+    law, errors = settings.material_law, errors_of(settings)
+    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+    thinned = thinned_specimen(data, settings.thin)
+    shared = settings.mounting_stretch == "shared"
+    states = ("",) if shared else tuple(p.name for p in specimen.protocols)
+    quantities = Quantities(law.parameters, states, specimen.unit)
+    reading, reading_sd = specimen.mounting_readings(shared=shared)
+    priors = _priors(specimen, settings, states)
+    slots = (
+        *law.names,
+        *(p.name for p in _BEHIND),
+        *(n for state in states for n in mounting_names("stretch", state)),
+    )
+    of_slot = [quantities[name].parameter for name in slots]
+    first = len(law.names) + MOUNTING
+    fixed, tie, factor = np.zeros(len(slots)), np.full(len(slots), -1), np.zeros(len(slots))
+    if settings.mounting == "exact":
+        fixed[first:] = reading.ravel()
+    for i, p in enumerate(of_slot):
+        if p.kind == DIMENSION and not p.unit_symbol("N"):
+            fixed[i] = 1.0
+    slot = np.full(len(slots), -1)
+    kinds, table = np.zeros(len(slots), dtype=np.int64), np.zeros((len(slots), 5))
+    free: list[str] = []
+    for i, (name, p) in enumerate(zip(slots, of_slot, strict=True)):
+        prior = priors.get(name)
+        if isinstance(prior, Prior):
+            kinds[i], table[i] = prior.encode(log_scale=p.logarithmic)
+            # stated per unit of the table, sampled per unit of the slot
+            table[i][4] += math.log(_per_unit(p))
+            if i < first or settings.mounting in ("noisy", "free"):
+                slot[i] = len(free)
+                free.append(name)
+        elif isinstance(prior, Tie):
+            if i >= first:
+                slot[i] = slot[slots.index(quantities.sibling(name, prior.other))]
+            else:
+                tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
+        elif prior is not None:
+            fixed[i] = _slot_value(p, prior)
+    coordinates = law.coordinates(
+        SamplingLayout(
+            tuple(n for n in law.names if n in free),
+            _reference(specimen, reference_stretch),
+            softening,
+            structural,
+            chart,
+        )
+    )
+    problem = Problem(
+        slot=slot,
+        fixed=fixed,
+        tie=tie,
+        tie_log_factor=factor,
+        coordinates=coordinates,
+        spread=errors.spread,
+        size=len(law.names),
+        logarithmic=np.array([p.logarithmic for p in of_slot]),
+        per_unit=np.array([_per_unit(p) for p in of_slot]),
+        prior_kind=kinds,
+        prior=table,
+        mounting_mode=_MODES[settings.mounting],
+        mounted=specimen.geometry == "mounted",
+        determinant=determinant,
+        reading=reading,
+        reading_sd=reading_sd if settings.mounting in ("noisy", "free") else 0.0 * reading_sd,
+        area=specimen.area,
+        # an averaged row counts as the rows that it stands for
+        beta=np.asarray(beta, dtype=float) * np.array(thinned.weight)[:, None] * np.ones(2),
+        **_rows(thinned, shared),
+    )
+    return Assembly(problem, law, errors, slots, tuple(free), priors, quantities)
+
+
+_MODES = {
+    "noisy": FORCE,
+    "exact": FORCE,
+    "free": STRETCH,
+    "ignored": REFERENCE,
+    "zeroed": REFERENCE,
+}
+
+
+def _check(specimen: Specimen, settings: Settings) -> None:
+    ties = [n for n, v in settings.priors.items() if isinstance(v, Tie) and "mounting" in n]
+    if ties and settings.mounting != "free":
+        raise InputError(
+            "tied mounting stretches need the mounting stretches as unknowns",
+            remedy="add --mounting free",
+        )
+    for key in ("edge_sd_mm", "thickness_sd_mm"):
+        of = ("thickness_mm",) if key.startswith("thick") else ("edge_x_mm", "edge_y_mm")
+        if key in specimen.metadata and any(getattr(specimen, k) is None for k in of):
+            raise InputError(f"{key} is stated without {' and '.join(of)}", file=specimen.name)
+
+
+def _per_unit(parameter: Parameter) -> float:
+    """Units of the table in one unit of the slot."""
+    return math.degrees(1.0) if parameter.unit == DEGREE else 1.0
+
+
+def _slot_value(parameter: Parameter, value: float) -> float:
+    if parameter.logarithmic:
+        return math.log(value) if value > 0 else -math.inf
+    return math.radians(value) if parameter.unit == DEGREE else value
+
+
+def _priors(
+    specimen: Specimen, settings: Settings, labels: tuple[str, ...]
+) -> dict[str, Prior | float | Tie]:
+    """Priors by slot name: the defaults, the user's, and those of measured dimensions."""
+    chosen = {**default_priors(specimen, settings.material_law), **settings.priors}
+    growth = chosen.pop("noise_growth")
+    if settings.noise_growth:
+        chosen["noise_growth"] = growth
+    of_all = {name: chosen.pop(name) for name in mounting_names("stretch")}
+    out = dict(chosen)
+    if settings.infers_mounting:
+        for label in labels:
+            out.update(zip(mounting_names("stretch", label), of_all.values(), strict=True))
+    known = specimen.metadata
+    if "edge_sd_mm" in known:
+        for axis in "xy":
+            edge = float(getattr(specimen, f"edge_{axis}_mm"))
+            out[f"edge_{axis}"] = Prior("normal", 1.0, float(known["edge_sd_mm"]) / edge, low=0.0)
+    if "thickness_sd_mm" in known:
+        assert specimen.thickness_mm is not None
+        sd = float(known["thickness_sd_mm"]) / specimen.thickness_mm
+        out["thickness"] = Prior("normal", 1.0, sd, low=0.0)
+    offset = known.get(f"load_offset_sd_{specimen.unit}")
+    if offset is not None:
+        for axis in "xy":
+            out[f"load_offset_{axis}"] = Prior("normal", 0.0, float(offset))
+    return out
+
+
+def _reference(
+    specimen: Specimen, stretch: tuple[float, float] | None
+) -> tuple[float, float, float]:
+    if stretch is None:
+        top_x = max(float(p.stretch_x.max()) for p in specimen.protocols)
+        top_y = max(float(p.stretch_y.max()) for p in specimen.protocols)
+        stretch = (top_x, top_y)
+    # Both above one, so that the fibre strain there is positive for every material.
+    least = 1.0 + 0.25 * max(max(stretch) - 1.0, 0.02)
+    lx, ly = (max(s, least) for s in stretch)
+    return lx * lx, ly * ly, 1.0 / (lx * ly) ** 2
+
+
+def _rows(thinned: ThinnedSpecimen, shared: bool) -> dict[str, np.ndarray]:
+    """The readings after the mounted state, protocol after protocol."""
+    specimen = thinned.specimen
+    stretch, load, start, mount = [], [], [0], []
+    for i, p in enumerate(specimen.protocols):
+        kept = slice(p.rest_rows, None)
+        stretch.append(np.column_stack([p.stretch_x, p.stretch_y])[kept])
+        load.append(specimen.load(p)[kept])
+        start.append(start[-1] + p.rows - p.rest_rows)
+        mount.append(0 if shared else i)
+    lx, ly = np.concatenate(stretch).T.copy()
+    fx, fy = np.concatenate(load).T.copy()
+    vx, vy = np.concatenate(thinned.scatter).T.copy()
+    return {
+        "start": np.array(start, dtype=np.int64),
+        "mount": np.array(mount, dtype=np.int64),
+        "ilx": 1.0 / lx,
+        "ily": 1.0 / ly,
+        "X": lx * lx,
+        "Y": ly * ly,
+        "Z": 1.0 / (lx * ly) ** 2,
+        "fx": fx,
+        "fy": fy,
+        "vx": vx,
+        "vy": vy,
+    }
+
+
+# --- between sampling coordinates and natural quantities of draws --------------------------------
+
+
+def natural_values(assembly: Assembly, u: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Weighted log likelihood of the curves, and every slot and mounting force by name.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    u : ndarray, shape (n, d)
+
+    Returns
+    -------
+    log_likelihood : ndarray, shape (n,)
+    values : dict of ndarray, shape (n,)
+        In the units of the parameter table; forces in the unit of the file's stress pair.
+    """
+    _, likelihood, value = density.evaluate(assembly.problem, u)
+    out: dict[str, np.ndarray] = {}
+    for i, name in enumerate(assembly.slots):
+        out[name] = value[:, i] * assembly.problem.per_unit[i]
+    if assembly.problem.mounting_mode != REFERENCE:
+        _add_mounting_forces(assembly, u, out)
+    return likelihood, out
+
+
+def _add_mounting_forces(assembly: Assembly, u: np.ndarray, out: dict[str, np.ndarray]) -> None:
+    problem = assembly.problem
+    material = assembly.law.material(out)
+    section = sections(problem.area, out["edge_x"], out["edge_y"], out["thickness"])
+    for m, state in enumerate(assembly.mounts):
+        lm = [out[n] for n in mounting_names("stretch", state)]
+        sampled = problem.mounting_mode == FORCE
+        stress = None if sampled else material.cauchy(*(v[:, None] for v in lm))
+        for k, name in enumerate(mounting_names("force", state)):
+            place = problem.size + MOUNTING + 2 * m + k
+            i = problem.slot[place]
+            if stress is None:
+                # Sampled (or the reading): as it is, not recomputed from the root.
+                reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
+                out[name] = u[:, i].copy() if i >= 0 else reading
+            else:
+                factor = load_per_stress(section[k], 1.0, lm[k], problem.mounted)
+                out[name] = factor * stress[k][:, 0]
+
+
+def sampling_coordinates(assembly: Assembly, parameters: Mapping[str, Any]) -> np.ndarray:
+    """Sampling coordinates of parameters by the names of their slots, shape (n, d)."""
+    problem, law = assembly.problem, assembly.law
+    slot_values: dict[str, np.ndarray] = {}
+    for name in law.names:
+        prior = assembly.priors[name]
+        held = prior if isinstance(prior, int | float) else parameters.get(name, math.nan)
+        value = np.atleast_1d(np.asarray(held, dtype=float))
+        slot_values[name] = to_slot(law.parameter(name), value)
+    values = law.to_coordinates(problem.coordinates, slot_values)
+    for name in assembly.free:
+        if name not in values:
+            value = np.atleast_1d(np.asarray(parameters[name], dtype=float))
+            values[name] = to_slot(assembly.quantities[name].parameter, value)
+    return np.column_stack(np.broadcast_arrays(*(values[n] for n in assembly.free)))
+
+
+def to_slot(parameter: Parameter, value: np.ndarray) -> np.ndarray:
+    """From natural units to the scale that a slot holds."""
+    if parameter.logarithmic:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(value)
+    return np.deg2rad(value) if parameter.unit == DEGREE else value

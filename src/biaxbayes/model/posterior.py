@@ -1,0 +1,351 @@
+"""The joint posterior of the GOH parameters, the mounted state and the noise.
+
+A posterior is a value: constructing it fits nothing, and evaluating it changes nothing. What has
+to be fitted or estimated first - the deterministic fit, the weight of the likelihood, the chart -
+is given to it; :func:`.preparation.prepare` makes all three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
+from biaxbayes.laws.law import Law
+from biaxbayes.model import density as kernel
+from biaxbayes.model.effective_readings import EffectiveReadings
+from biaxbayes.model.layout import (
+    Assembly,
+    assemble,
+    natural_values,
+    sampling_coordinates,
+    to_slot,
+)
+from biaxbayes.model.priors import Prior, Tie, parse_priors
+from biaxbayes.options import ModelOptions, Settings
+from biaxbayes.parameters import Quantities, Quantity
+from biaxbayes.sampling.target import Target, bounds_array
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_specimen
+
+if TYPE_CHECKING:
+    from biaxbayes.fitting.result import FitResult
+
+__all__ = ["Chart", "Posterior"]
+
+REASONS = ("out_of_range", "no_mounting_root", "overflow")
+"""Why the density can be zero, in the order in which the kernel counts."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Constants of the sampling coordinates; only the efficiency of a sampler depends on them.
+
+    Attributes
+    ----------
+    softening : float
+        Scale of the law's chart (see :mod:`~biaxbayes.laws.dispersed_fibres`).
+    reference_stretch : (float, float) or None
+        Total stretches at which the fibre stress and exponent are taken as coordinates; None for
+        the largest measured ones.
+    """
+
+    softening: float = DEFAULT_SOFTENING
+    reference_stretch: tuple[float, float] | None = None
+
+
+class Posterior:
+    """Log posterior density of a specimen.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    mounting, noise, mounting_stretch, noise_growth, fibre_switch
+        As in :class:`~biaxbayes.options.Settings`.
+    priors : mapping, optional
+        Overrides of the default priors, as objects or as in a priors file.
+    beta : float, optional
+        Weight n_eff / n of the log likelihood. Independent noise needs none; for the others it
+        is estimated from a fit: :func:`biaxbayes.prepare` does both.
+    chart : Chart, optional
+        Constants of the sampling coordinates.
+    fit : FitResult, optional
+        The deterministic fit that the posterior was prepared from, kept for whoever needs it.
+    readings : EffectiveReadings, optional
+        What the rows are worth; gives ``beta`` where that is not given.
+    determinant : bool
+        Whether the change of variables of the mounted state counts; left out only to show that
+        it matters.
+    thin : int, "none" or "auto"
+        Rows of a protocol that longer ones are averaged to; see
+        :func:`~biaxbayes.specimens.thinning.rows_to_keep`.
+
+    Raises
+    ------
+    InputError
+        If the settings do not fit the specimen, for example a noisy mounting force in a file
+        without load noise; or if ``beta`` is needed and not given.
+    """
+
+    def __init__(
+        self,
+        specimen: Specimen,
+        *,
+        mounting: str = ModelOptions.mounting,
+        noise: str = ModelOptions.noise,
+        mounting_stretch: str = ModelOptions.mounting_stretch,
+        noise_growth: bool = False,
+        fibre_switch: bool = False,
+        priors: Mapping[str, Any] | None = None,
+        beta: float | None = None,
+        chart: Chart | None = None,
+        fit: FitResult | None = None,
+        readings: EffectiveReadings | None = None,
+        determinant: bool = True,
+        thin: int | str = ModelOptions.thin,
+    ) -> None:
+        self.specimen = specimen
+        self.settings = Settings(
+            mounting,
+            noise,
+            mounting_stretch,
+            noise_growth,
+            fibre_switch,
+            rows_to_keep(specimen, thin, automatic=noise != "independent"),
+            _objects(priors or {}),
+        )
+        self._check_noise()
+        if beta is None and readings is not None:
+            beta = readings.beta
+        if beta is None and noise != "independent":
+            raise InputError(
+                f"the weight beta of the curves under noise={noise!r} is estimated from a fit",
+                file=specimen.name,
+                remedy="use biaxbayes.prepare(specimen, ...), or give beta or noise='independent'",
+            )
+        self.beta = 1.0 if beta is None else float(beta)
+        self.readings = readings
+        self.fit = fit
+        self.chart = chart or Chart()
+        self.determinant = determinant
+        self._assembly = self._assemble(chart=True, structural=True)
+        self._natural = self._assemble(chart=False, structural=False)
+
+    # --- layout ---
+
+    @property
+    def thinned(self) -> ThinnedSpecimen:
+        """The specimen as its rows enter the likelihood: zeroed and thinned where asked for."""
+        zeroed = self.settings.mounting == "zeroed"
+        source = self.specimen.zeroed() if zeroed else self.specimen
+        return thinned_specimen(source, self.settings.thin)
+
+    def _assemble(self, *, chart: bool, structural: bool) -> Assembly:
+        return assemble(
+            self.specimen,
+            self.settings,
+            beta=self.beta,
+            reference_stretch=self.chart.reference_stretch,
+            chart=chart,
+            softening=self.chart.softening,
+            structural=structural,
+            determinant=self.determinant,
+        )
+
+    def replaced(self, **changes: Any) -> Posterior:
+        """Another posterior with some arguments of the constructor changed."""
+        own = ("beta", "chart", "fit", "readings", "determinant")
+        kept = self.options() | {name: getattr(self, name) for name in own}
+        return Posterior(self.specimen, **{**kept, **changes})
+
+    def _check_noise(self) -> None:
+        if self.settings.mounting not in ("noisy", "free"):
+            return
+        _, sd = self.specimen.mounting_readings(shared=self.settings.mounting_stretch == "shared")
+        if np.any(sd <= 0.0):
+            raise InputError(
+                "the file has no load noise, so the mounting force cannot be noisy",
+                file=self.specimen.name,
+                remedy="use --mounting exact, or state load_noise_N (or load_noise_kPa)",
+            )
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Natural names of what is sampled, in the order of the coordinates.
+
+        In mounting modes ``noisy`` and ``exact`` the mounting coordinates are the forces.
+        """
+        return tuple(q.name for q in self.sampled)
+
+    @property
+    def sampled(self) -> tuple[Quantity, ...]:
+        """What is sampled, in the order of the coordinates."""
+        known = [self.quantities[name] for name in self._free]
+        if self.settings.mounting != "noisy":
+            return tuple(known)
+        return tuple(self.quantities.force_of(q) for q in known)
+
+    @property
+    def _free(self) -> tuple[str, ...]:
+        return self._assembly.free
+
+    @property
+    def dimension(self) -> int:
+        """Number of sampled coordinates."""
+        return len(self._free)
+
+    @property
+    def mounts(self) -> tuple[str, ...]:
+        """Label of each mounted state: one empty label when shared, else the protocols' names."""
+        return self._assembly.mounts
+
+    @property
+    def priors(self) -> dict[str, Prior | float | Tie]:
+        """The prior of every unknown; a number where fixed."""
+        return dict(self._assembly.priors)
+
+    @property
+    def law(self) -> Law:
+        """The material law."""
+        return self._assembly.law
+
+    @property
+    def quantities(self) -> Quantities:
+        """What each name is."""
+        return self._assembly.quantities
+
+    @property
+    def coordinate_constants(self) -> Any:
+        """Constants of the law's sampling coordinates."""
+        return self._assembly.problem.coordinates
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Bounds of the sampling coordinates, shape (d, 2); infinite where there is none."""
+        limits = self.law.coordinate_bounds(self.coordinate_constants)
+        finite = {i: limits[n] for i, n in enumerate(self._free) if n in limits}
+        return bounds_array(finite, self.dimension)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the natural quantities of a draw, as in ``summary.csv``."""
+        return self._assembly.names
+
+    # --- densities ---
+
+    def log_prob(self, coordinates: np.ndarray) -> np.ndarray:
+        """Log density in the sampling coordinates, shape (walkers,); finite or -inf."""
+        return self._counted(coordinates)[0]
+
+    def _counted(self, coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log density, and the number of evaluations by outcome (see :data:`REASONS`)."""
+        u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
+        counts = np.zeros(1 + len(REASONS), dtype=np.int64)
+        return kernel.log_density(self._assembly.problem, u, counts), counts
+
+    def target(self, counts: np.ndarray | None = None) -> Target:
+        """What a sampler is given.
+
+        Parameters
+        ----------
+        counts : int64 ndarray, shape (4,), optional
+            Where to go on counting evaluations; new ones if not given.
+        """
+        seen = np.zeros(1 + len(REASONS), dtype=np.int64) if counts is None else counts
+
+        def log_prob(coordinates: np.ndarray) -> np.ndarray:
+            out, new = self._counted(coordinates)
+            np.add(seen, new, out=seen)
+            return out
+
+        return Target(
+            log_prob,
+            self.bounds,
+            self.natural,
+            unjudged=("log_likelihood",),
+            counts=seen,
+            reasons=REASONS,
+            frame={"softening": self.chart.softening},
+        )
+
+    def log_density(self, parameters: Mapping[str, Any]) -> Any:
+        """Log posterior density of natural parameters, up to a constant.
+
+        It is a density in ln C1, ln k1, ln k2, alpha, kappa, the mounting forces (for ``free``
+        the mounting stretches; none for ``exact``, ``ignored`` and ``zeroed``), ln of the noise
+        sd (and of its growth) and whatever measured dimensions are unknowns.
+
+        Parameters
+        ----------
+        parameters : mapping of str to array_like
+            Names as in ``summary.csv``: C1, k1 (kPa), k2, alpha (degrees), kappa, noise_sd; for
+            ``noisy`` mounting_force_x and mounting_force_y, for ``free`` mounting_stretch_x and
+            mounting_stretch_y. Forces and noise are in the unit of the file's stress pair
+            (N or kPa). Arrays broadcast. Fixed and tied parameters are not read.
+
+        Returns
+        -------
+        float or ndarray
+            -inf where the density is zero.
+
+        Raises
+        ------
+        InputError
+            Naming the parameter that is missing.
+        """
+        columns = []
+        for name, slot_name in zip(self.free, self._free, strict=True):
+            if name not in parameters:
+                raise InputError(f"log_density needs {name}", remedy=f"give {', '.join(self.free)}")
+            columns.append(
+                to_slot(
+                    self.quantities[slot_name].parameter,
+                    np.asarray(parameters[name], dtype=float),
+                )
+            )
+        shape = np.broadcast_shapes(*(c.shape for c in columns))
+        u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
+        out = kernel.log_density(
+            self._natural.problem, np.ascontiguousarray(u), np.zeros(4, dtype=np.int64)
+        )
+        return out.reshape(shape)[()]
+
+    # --- between coordinates and natural quantities ---
+
+    def natural(self, coordinates: np.ndarray) -> dict[str, np.ndarray]:
+        """Natural quantities of draws, by the names of ``summary.csv``, and ``lp``.
+
+        ``lp`` is the log density of :meth:`log_density`, which does not depend on the chart;
+        ``log_likelihood`` the tempered log likelihood of the curves.
+        """
+        u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
+        likelihood, values = natural_values(self._assembly, u)
+        out = {name: values[name] for name in self.parameter_names}
+        out["log_likelihood"] = likelihood
+        out["lp"] = np.atleast_1d(self.log_density(out)) if self._free else likelihood
+        return out
+
+    def coordinates(self, parameters: Mapping[str, Any]) -> np.ndarray:
+        """Sampling coordinates of natural parameters, shape (n, d); inverse of :meth:`natural`."""
+        renamed = dict(zip(self.free, self._free, strict=True))
+        given = {renamed.get(name, name): value for name, value in parameters.items()}
+        return sampling_coordinates(self._assembly, given)
+
+    def options(self) -> dict[str, Any]:
+        """The settings, as keyword arguments of :class:`Posterior`."""
+        return {key: getattr(self.settings, key) for key in self.settings.__dataclass_fields__}
+
+
+def _objects(priors: Mapping[str, Any]) -> dict[str, Prior | float | Tie]:
+    out: dict[str, Prior | float | Tie] = {}
+    for name, value in priors.items():
+        if isinstance(value, Prior | Tie):
+            names = [f"{name}_x", f"{name}_y"] if name == "mounting_stretch" else [name]
+            out.update(dict.fromkeys(names, value))
+        else:
+            out.update(parse_priors({name: value}))
+    return out

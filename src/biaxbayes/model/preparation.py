@@ -1,0 +1,240 @@
+"""What a posterior is given before it can be sampled: a fit, the weight of the curves, a chart.
+
+The weight of the curves is read from the residuals of the deterministic fit. Under a noise that
+grows with the load these are other ones: the fit weighs every load alike, with a growing sd the toe
+counts for more. Then the residuals of the model that is sampled are used, at its mode, in units of
+their own sd.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.fitting.fit import constrained_fit
+from biaxbayes.fitting.result import FitResult
+from biaxbayes.mechanics.load import load_per_stress, sections
+from biaxbayes.model.effective_readings import EffectiveReadings
+from biaxbayes.model.error_model import errors_of
+from biaxbayes.model.layout import mounting_names
+from biaxbayes.model.posterior import Chart, Posterior
+from biaxbayes.model.priors import Prior
+from biaxbayes.parameters import FORCE, STRETCH
+from biaxbayes.sampling.modes import find_modes
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = [
+    "charted",
+    "deterministic_fit",
+    "fitted",
+    "modal_residuals",
+    "prepare",
+    "sampled_readings",
+    "start_parameters",
+]
+
+
+def prepare(
+    specimen: Specimen, *, seed: int = 0, beta: float | None = None, **options: Any
+) -> Posterior:
+    """Fit a specimen, estimate what its rows are worth, and make the posterior from that.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    seed : int
+        For the random starts of the deterministic fit.
+    beta : float, optional
+        Weight n_eff / n of the log likelihood; estimated from the residuals if not given, and one
+        for independent noise.
+    **options
+        Further arguments of :class:`~biaxbayes.model.posterior.Posterior`: ``mounting``,
+        ``noise``, ``mounting_stretch``, ``noise_growth``, ``fibre_switch``, ``priors``, ``thin``.
+
+    Returns
+    -------
+    Posterior
+        With its ``fit``, its ``readings`` where they were estimated, and its chart laid out
+        around the fit.
+
+    Raises
+    ------
+    InputError
+        If the options do not fit the specimen.
+    """
+    # Options, priors and mounted states are the same whatever the weight.
+    unweighted = Posterior(specimen, **options, beta=1.0 if beta is None else beta)
+    found = fitted(unweighted, seed)
+    if beta is None and found.settings.noise != "independent":
+        readings = sampled_readings(found)
+        found = found.replaced(beta=readings.beta, readings=readings)
+    return charted(found)
+
+
+def deterministic_fit(posterior: Posterior, seed: int = 0) -> FitResult:
+    """The fit that a posterior holds, or else a new one in the posterior's own residual."""
+    if posterior.fit is not None:
+        return posterior.fit
+    settings = posterior.settings
+    return constrained_fit(
+        posterior.specimen,
+        reading="noisy" if settings.mounting == "free" else settings.mounting,
+        mounting_stretch=settings.mounting_stretch,
+        fixed={k: v for k, v in settings.fixed.items() if k != "noise_sd"},
+        seed=seed,
+        fibre_switch=settings.fibre_switch,
+    )
+
+
+def fitted(posterior: Posterior, seed: int = 0) -> Posterior:
+    """The same posterior with its deterministic fit."""
+    if posterior.fit is not None:
+        return posterior
+    return posterior.replaced(fit=deterministic_fit(posterior, seed))
+
+
+def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
+    """The same posterior, its sampling coordinates laid out around its deterministic fit.
+
+    Coordinates mean nothing without their reference stretch and softening: whoever draws, or
+    continues from stored coordinates, needs the chart that they were stored in.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    softening : float, optional
+        Scale of the chart near isotropy; default that of the fit's own material.
+    """
+    found = fitted(posterior)
+    fit = found.fit
+    assert fit is not None
+    if softening is None:
+        law = found.law
+        softening = law.softening(dict(zip(law.names, fit.material.values, strict=True)))
+    return found.replaced(chart=Chart(softening, _reference_stretch(found, fit)))
+
+
+def _reference_stretch(posterior: Posterior, fit: FitResult) -> tuple[float, float] | None:
+    """Largest measured stretch at the fit's mounting stretch: one constant a specimen."""
+    if not posterior.settings.infers_mounting:
+        return None
+    lm = np.clip(np.max(fit.mounting_stretch, axis=0), 1.0, 1.5)
+    tops = [(p.stretch_x.max(), p.stretch_y.max()) for p in posterior.specimen.protocols]
+    x, y = np.max(tops, axis=0) * lm
+    return x, y
+
+
+# --- natural parameters to start from ------------------------------------------------------------
+
+
+def start_parameters(posterior: Posterior) -> dict[str, float]:
+    """Natural parameters of the deterministic fit, moved off the bounds of their ranges."""
+    fit = deterministic_fit(posterior)
+    specimen = posterior.specimen
+    rms = float(np.sqrt(np.mean(np.concatenate(fit.residuals) ** 2)))
+    law = posterior.law
+    out: dict[str, float] = {
+        **dict(zip(law.names, law.inner(fit.material.values), strict=True)),
+        "noise_sd": max(rms, 1e-6 * specimen.peak_load),
+        "noise_growth": 0.03,
+    }
+    for q in posterior.sampled:
+        p = q.parameter
+        if p.kind in (STRETCH, FORCE):
+            values = fit.mounting_stretch if p.kind == STRETCH else fit.mounting_load
+            out[q.name] = float(values[posterior.mounts.index(q.state)][q.axis])
+        elif q.name not in out:
+            out[q.name] = 0.0 if p.unit_symbol("N") else 1.0
+    return inside_priors(posterior, out)
+
+
+def inside_priors(posterior: Posterior, parameters: dict[str, float]) -> dict[str, float]:
+    """Parameters moved into the ranges of their priors."""
+    out = dict(parameters)
+    for name, prior in posterior.priors.items():
+        if name in out and isinstance(prior, Prior):
+            low, high = prior.low, prior.high
+            if not low < out[name] < high:
+                span = (high - low) if np.isfinite(high - low) else max(abs(low), 1.0)
+                out[name] = float(np.clip(out[name], low + 0.01 * span, high - 0.01 * span))
+    return out
+
+
+# --- what the rows are worth ---------------------------------------------------------------------
+
+
+def sampled_readings(posterior: Posterior) -> EffectiveReadings:
+    """What the rows are worth, from the residuals of the model that is sampled.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Whatever its ``beta`` is.
+    """
+    errors = errors_of(posterior.settings)
+    assert errors.weigh is not None, "independent readings are not judged"
+    found = fitted(posterior)
+    fit = found.fit
+    assert fit is not None
+    readings = errors.weigh(fit.residuals, None)
+    if not posterior.settings.noise_growth:
+        return readings
+    chart = Chart(reference_stretch=_reference_stretch(found, fit))
+    provisional = found.replaced(thin=0, beta=readings.beta, chart=chart)
+    return errors.weigh(*modal_residuals(provisional))
+
+
+def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Residuals and their sd at the posterior's mode, one array (n_p, 2) a protocol.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        With a noise that grows with the load, and all of its rows.
+
+    Returns
+    -------
+    residuals, sd : list of ndarray
+        Measured minus model, and the model's own sd there, in the unit of the file.
+    """
+    base = start_parameters(posterior)
+    starts = [base]
+    if "noise_sd" in base and "noise_growth" in base:
+        small = 0.1 * base["noise_sd"]
+        starts += [base | {"noise_sd": small, "noise_growth": b} for b in (0.03, 0.1)]
+    points = np.vstack([posterior.coordinates(s) for s in starts])
+    scale = np.full(posterior.dimension, 1.0)
+    for i, q in enumerate(posterior.sampled):
+        if q.parameter.kind == FORCE:
+            scale[i] = max(float(posterior.specimen.noise_sd), 1e-6 * posterior.specimen.peak_load)
+        elif q.parameter.kind == STRETCH:
+            scale[i] = 0.02
+    found = find_modes(posterior.log_prob, points, scale, posterior.bounds)
+    mode = found[0].location if found else points[0]
+    return _residuals_at(posterior, mode)
+
+
+def _residuals_at(
+    posterior: Posterior, point: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    at = {name: float(value[0]) for name, value in posterior.natural(point).items()}
+    data, settings = posterior.thinned.specimen, posterior.settings
+    factors = (at.get(name, 1.0) for name in ("edge_x", "edge_y", "thickness"))
+    section = np.array(sections(data.area, *factors))
+    material = posterior.law.material(at)
+    offset = np.array([at.get("load_offset_x", 0.0), at.get("load_offset_y", 0.0)])
+    residuals, sds = [], []
+    for number, protocol in enumerate(data.protocols):
+        lm = np.ones(2)
+        if settings.infers_mounting:
+            shared = len(posterior.mounts) == 1
+            label = posterior.mounts[0 if shared else number]
+            lm = np.array([at[name] for name in mounting_names("stretch", label)])
+        kept = slice(protocol.rest_rows, None)
+        stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[kept]
+        stress = np.column_stack(material.cauchy(*(stretch * lm).T))
+        load = stress * load_per_stress(section, stretch, lm, data.geometry == "mounted")
+        residuals.append(data.load(protocol)[kept] - load - offset)
+        sds.append(errors_of(settings).sd(at, load))
+    return residuals, sds

@@ -1,0 +1,406 @@
+"""Priors, and the files they are stated in: a number is fixed, a tie is tied, a distribution free.
+
+The format of a priors file is TOML, one key a parameter::
+
+    kappa = 0.0                                          # fixed
+    k1 = "2.0 * C1"                                      # tied
+    alpha = { distribution = "normal", mean = 41, sd = 5 }
+    C1 = { distribution = "lognormal", median = 10, sd_log = 2 }
+    k2 = { distribution = "loguniform", low = 0.01, high = 500 }
+    mounting_stretch = { distribution = "normal", mean = 1, sd = 0.1 }
+
+Units are kPa for C1 and k1, degrees for alpha, and the file's own (N or kPa) for noise_sd.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws.law import Law
+from biaxbayes.parameters import (
+    MOUNTED,
+    NOISE_GROWTH,
+    NOISE_SD,
+    STRETCH,
+    Parameter,
+    mounting_names,
+)
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import measured_stretch
+from biaxbayes.text_files import read_text
+
+__all__ = [
+    "FAMILIES",
+    "Prior",
+    "Tie",
+    "check_fixed",
+    "default_priors",
+    "parse_priors",
+    "read_priors",
+]
+
+
+# --- priors --------------------------------------------------------------------------------------
+
+
+FAMILIES = {
+    "normal": ("mean", "sd"),
+    "lognormal": ("median", "sd_log"),
+    "uniform": ("low", "high"),
+    "loguniform": ("low", "high"),
+}
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A one-dimensional prior, optionally cut off.
+
+    Parameters
+    ----------
+    family : {"normal", "lognormal", "uniform", "loguniform"}
+    location, scale : float
+        Mean and sd; median and sd of the natural log; unused for the uniform families.
+    low, high : float
+        Range, in natural units.
+    """
+
+    family: str
+    location: float = 0.0
+    scale: float = 1.0
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.family not in FAMILIES:
+            raise ValueError(f"unknown distribution {self.family!r}")
+        if not self.low < self.high:
+            raise ValueError("low must be below high")
+        if self.family in ("normal", "lognormal"):
+            if not (self.scale > 0 and math.isfinite(self.scale) and math.isfinite(self.location)):
+                raise ValueError("the standard deviation must be positive")
+        elif not (math.isfinite(self.low) and math.isfinite(self.high)):
+            raise ValueError("a uniform prior needs finite low and high")
+        if self.family == "lognormal" and self.location <= 0:
+            raise ValueError("the median must be positive")
+        if self.family == "loguniform" and self.low <= 0:
+            raise ValueError("low must be positive")
+
+    @classmethod
+    def stated(cls, family: str, first: float, second: float) -> Prior:
+        """A prior from its two numbers: location and scale, or low and high."""
+        if family in ("uniform", "loguniform"):
+            return cls(family, low=first, high=second)
+        return cls(family, first, second)
+
+    def within(self, low: float, high: float) -> Prior:
+        """The same prior cut to a range."""
+        return Prior(
+            self.family, self.location, self.scale, max(self.low, low), min(self.high, high)
+        )
+
+    @property
+    def _logs(self) -> bool:
+        return self.family in ("lognormal", "loguniform")
+
+    def _standard_range(self) -> tuple[float, float, float, float]:
+        """Location, scale, low and high on the scale where the density is normal or flat."""
+        if not self._logs:
+            return self.location, self.scale, self.low, self.high
+        low = math.log(self.low) if self.low > 0 else -math.inf
+        high = math.log(self.high) if self.high < math.inf else math.inf
+        location = math.log(self.location) if self.family == "lognormal" else 0.0
+        return location, self.scale, low, high
+
+    @property
+    def _uniform(self) -> bool:
+        return self.family in ("uniform", "loguniform")
+
+    def _whole(self) -> tuple[Any, float, float]:
+        """SciPy's distribution on the standard scale, and how much of it lies below each edge."""
+        location, scale, low, high = self._standard_range()
+        whole = _distribution(self._uniform, location, scale, low, high)
+        with np.errstate(over="ignore"):  # an edge may be further away than numbers reach
+            return whole, whole.cdf(low), whole.cdf(high)
+
+    def mass(self, *, positive: bool) -> float:
+        """Probability of the range, of positive values only where only these count."""
+        if self._uniform:
+            return float(self.high > 0.0 or not positive)
+        if positive and not self._logs:
+            return self.within(0.0, math.inf).mass(positive=False) if self.high > 0.0 else 0.0
+        _, below_low, below_high = self._whole()
+        return float(below_high - below_low)
+
+    def cdf(self, natural: np.ndarray) -> np.ndarray:
+        """Cumulative probability of natural values, of the same shape."""
+        with np.errstate(divide="ignore"):
+            x = np.log(np.maximum(natural, 0.0)) if self._logs else np.asarray(natural, dtype=float)
+        whole, first, last = self._whole()
+        # F = (Phi(x) - Phi(low)) / (Phi(high) - Phi(low))
+        with np.errstate(over="ignore"):
+            return np.clip((whole.cdf(x) - first) / (last - first), 0.0, 1.0)
+
+    def ppf(self, probability: np.ndarray) -> np.ndarray:
+        """Natural values at cumulative probabilities, of the same shape."""
+        whole, first, last = self._whole()
+        # x = Phi^-1(Phi(low) + F (Phi(high) - Phi(low)))
+        x = whole.ppf(first + (last - first) * probability)
+        return np.exp(x) if self._logs else x
+
+    def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
+        """Independent draws in natural units, shape (size,)."""
+        return self.ppf(rng.random(size))
+
+    def encode(self, *, log_scale: bool) -> tuple[int, list[float]]:
+        """Kind and row for the compiled density, on the slot's own scale.
+
+        ``log_scale`` says that the slot holds ln(x). The density is then one in ln(x).
+        """
+        location, scale, low, high = self._standard_range()
+        same_scale = self._logs == log_scale
+        if not same_scale and not log_scale:
+            raise ValueError(f"a {self.family} prior does not fit this parameter")
+        if not same_scale:  # stated for x, sampled as ln x: positive values alone count
+            low = max(low, 0.0)
+        if self._uniform:
+            log_norm = -math.log(high - low)
+        else:
+            mass = self.mass(positive=not same_scale)
+            mass = max(mass, 1e-300) if same_scale else mass
+            log_norm = -math.log(scale) - 0.5 * math.log(2 * math.pi) - math.log(mass)
+        if not same_scale:
+            low = math.log(low) if low > 0 else -math.inf
+            high = math.log(high) if 0 < high < math.inf else math.inf
+        kind = (2 if self._uniform else 1) + (0 if same_scale else 2)
+        return kind, [location, scale, low, high, log_norm]
+
+    def as_table(self) -> dict[str, object]:
+        """The TOML table that reads back to this prior (infinite limits left out)."""
+        table: dict[str, object] = {"distribution": self.family}
+        if not self._uniform:
+            first, second = FAMILIES[self.family]
+            table |= {first: self.location, second: self.scale}
+        values = asdict(self)
+        return table | {k: values[k] for k in ("low", "high") if math.isfinite(values[k])}
+
+
+@lru_cache(maxsize=256)
+def _distribution(flat: bool, location: float, scale: float, low: float, high: float) -> Any:
+    """A uniform or a normal distribution of SciPy, the latter not cut off."""
+    from scipy.stats import norm, uniform  # half a second: not for a mere look at a file
+
+    return uniform(low, high - low) if flat else norm(location, scale)
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A parameter tied to another: ``factor * other``."""
+
+    factor: float
+    other: str
+
+
+def default_priors(specimen: Specimen, law: Law) -> dict[str, Prior | float | Tie]:
+    """The default priors, in the order of the parameters; a number is fixed.
+
+    Those of the law; mounting stretches ~ N(1, 0.1), noise sd ~ LN(0.005 Fmax, 1.5), its growth
+    ~ LN(0.03, 1). A mounting stretch that the specimen file states from an image replaces its
+    prior.
+    """
+    priors: dict[str, Prior | float | Tie] = {
+        p.name: Prior.stated(*p.prior) for p in law.parameters if p.prior is not None
+    }
+    priors[NOISE_SD.name] = Prior("lognormal", 0.005 * specimen.peak_load, 1.5)
+    priors[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 1.0)
+    for name in mounting_names("stretch"):
+        stated = specimen.metadata.get(name)
+        mean, sd = (1.0, 0.1) if stated is None else measured_stretch(str(stated))
+        priors[name] = Prior("normal", mean, sd, low=0.0)
+    return priors
+
+
+# --- priors files --------------------------------------------------------------------------------
+
+
+BOTH = "mounting_stretch"
+"""Stands for the mounting stretches in x and in y."""
+LEAST_MASS = 1e-9
+"""A prior with less than this inside the possible range was meant for something else."""
+
+
+def read_priors(path: Path, law: Law | None = None) -> dict[str, Prior | float | Tie]:
+    """Read a priors file.
+
+    Raises
+    ------
+    InputError
+        Naming the key that cannot be used.
+    """
+    try:
+        table = tomllib.loads(read_text(path))
+    except ValueError as error:  # also integers of thousands of digits
+        raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
+    except RecursionError:
+        raise InputError("not valid TOML (nested too deeply)", file=path) from None
+    return parse_priors(table, path, law)
+
+
+def _known(law: Law | None) -> tuple[Law, dict[str, Parameter]]:
+    """The law (the default one if none is given) and what a priors file may state, by name."""
+    law = law or law_named(DEFAULT_LAW)
+    stretches = (p for p in MOUNTED if p.kind == STRETCH)
+    known = {p.name: p for p in (*law.parameters, NOISE_SD, NOISE_GROWTH)}
+    return law, known | {BOTH: MOUNTED[0]} | {p.name: p for p in stretches}
+
+
+def parse_priors(
+    table: Mapping[str, object], path: object = None, law: Law | None = None
+) -> dict[str, Prior | float | Tie]:
+    """Priors from a parsed table; see the module's docstring for the format."""
+    law, known = _known(law)
+    out: dict[str, Prior | float | Tie] = {}
+    for name, value in table.items():
+        if name not in known:
+            raise InputError(
+                f"unknown parameter {name[:60]!r}",
+                file=path,
+                remedy=f"parameters are {', '.join(known)}",
+            )
+        parsed = _parse(known[name], name, value, path, law)
+        names = mounting_names("stretch") if name == BOTH else (name,)
+        for each in names:
+            if each in out:
+                raise InputError(f"{each} is given twice", file=path)
+            out[each] = parsed
+    ties = {name: value.other for name, value in out.items() if isinstance(value, Tie)}
+    for name, other in ties.items():
+        if ties.get(other) == name:
+            raise InputError(
+                f"{name} and {other} are tied in a circle",
+                file=path,
+                remedy="leave one of them free",
+            )
+    return out
+
+
+def _parse(
+    parameter: Parameter, name: str, value: object, path: object, law: Law
+) -> Prior | float | Tie:
+    if isinstance(value, bool):
+        raise InputError(f"{name} must be a number, a tie or a distribution", file=path)
+    if isinstance(value, int | float):
+        return check_fixed(name, _number(value), path, law)
+    if isinstance(value, str):
+        return _parse_tie(name, value, path, law)
+    if not isinstance(value, dict):
+        raise InputError(f"{name} must be a number, a tie or a distribution", file=path)
+    return _parse_distribution(parameter, name, value, path)
+
+
+def check_fixed(name: str, value: float, path: object = None, law: Law | None = None) -> float:
+    """A fixed value, checked against the physical range of its parameter."""
+    law, _ = _known(law)
+    fixable = {p.name: p for p in (*law.parameters, NOISE_SD)}
+    if name not in fixable:
+        raise InputError(
+            f"{name[:60]!r} cannot be fixed", file=path, remedy=f"fix one of {', '.join(fixable)}"
+        )
+    low, high = fixable[name].range
+    positive = fixable[name].positive
+    if not (low <= value <= high and math.isfinite(value)) or (positive and value == 0.0):
+        raise InputError(
+            f"{name} cannot be fixed at {value:g}",
+            file=path,
+            remedy=f"its range is {low:g} to {high:.6g}" + (", above zero" if positive else ""),
+        )
+    return value
+
+
+def _number(value: object) -> float:
+    """A number of a TOML file; NaN for what is none, infinite for what is too large."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _parse_tie(name: str, text: str, path: object, law: Law) -> Tie:
+    factor_text, star, other = text.rpartition("*")
+    other = other.strip()
+    try:
+        factor = float(factor_text) if star else 1.0
+    except ValueError:
+        factor = math.nan
+    first, second = mounting_names("stretch")
+    allowed = {*law.ties, (second, first)}
+    good = (name, other) in allowed and factor > 0 and math.isfinite(factor)
+    if not good or (name == second and factor != 1.0):
+        raise InputError(
+            f"{name} cannot be tied to {text[:60]!r}",
+            file=path,
+            remedy=f"ties read {_examples(law)}'{second} = \"{first}\"'",
+        )
+    return Tie(factor, other)
+
+
+def _examples(law: Law) -> str:
+    """A tie of the law as an example, with the word before the next one."""
+    return f"'{law.ties[0][0]} = \"2.0 * {law.ties[0][1]}\"' or " if law.ties else ""
+
+
+def _parse_distribution(
+    parameter: Parameter, name: str, table: Mapping[str, object], path: object
+) -> Prior:
+    family = table.get("distribution")
+    if not isinstance(family, str) or family not in FAMILIES:
+        raise InputError(
+            f"{name}: unknown distribution {str(family)[:40]!r}",
+            file=path,
+            remedy=f"use one of {', '.join(FAMILIES)}",
+        )
+    first, second = FAMILIES[family]
+    values: dict[str, float] = {}
+    for key, value in table.items():
+        if key == "distribution":
+            continue
+        if key not in {first, second, "low", "high"}:
+            raise InputError(
+                f"{name}: a {family} prior has no {key[:40]!r}",
+                file=path,
+                remedy=f"it has {first} and {second}, and optionally low and high",
+            )
+        values[key] = _number(value)
+        if not math.isfinite(values[key]):
+            raise InputError(f"{name}: {key} must be a finite number", file=path)
+    for key in (first, second):
+        if key not in values:
+            raise InputError(f"{name}: the {family} prior lacks {key}", file=path)
+    try:
+        prior = Prior(
+            family,
+            values.get(first, 0.0) if first != "low" else 0.0,
+            values.get(second, 1.0) if second != "high" else 1.0,
+            values.get("low", -math.inf),
+            values.get("high", math.inf),
+        )
+        if parameter.bounded:
+            prior = prior.within(*parameter.range)
+        positive = parameter.logarithmic or parameter.kind == STRETCH
+        if prior.mass(positive=positive) < LEAST_MASS:
+            raise ValueError("the prior has no mass where the parameter can be")
+        prior.encode(log_scale=parameter.logarithmic)
+    except ValueError as error:
+        raise InputError(f"{name}: {error}", file=path) from None
+    return prior

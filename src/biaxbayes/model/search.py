@@ -1,0 +1,203 @@
+"""From a posterior to judged draws: where to look for it, and in which chart to draw from it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from biaxbayes.errors import NotConverged
+from biaxbayes.fitting.residuals import readings
+from biaxbayes.fitting.starting_points import held_and_free, screened_points
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import charted, inside_priors, start_parameters
+from biaxbayes.model.priors import Prior
+from biaxbayes.parameters import DIMENSION, FORCE, NOISE_GROWTH, STRETCH
+from biaxbayes.sampling.population_monte_carlo import (
+    POPULATION,
+    SEARCH_COMPONENTS,
+    Start,
+    resample,
+)
+from biaxbayes.sampling.population_monte_carlo import search as search_target
+from biaxbayes.sampling.proposal import fit_transported_mixture
+from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
+from biaxbayes.sampling.target import Target
+
+__all__ = ["draw_posterior", "search"]
+
+SCOUTS = 16
+"""Materials, far from one another, from which other modes of the posterior are looked for."""
+SCOUT_NOISE = 10.0
+"""A scout fits worse than the fit: the noise it starts with, over that of the fit."""
+
+
+def draw_posterior(
+    posterior: Posterior,
+    plan: Plan,
+    *,
+    state: State | None = None,
+    on_block: Callable[[State], None] | None = None,
+    progress: Callable[[Progress], None] = lambda p: None,
+    stop: Callable[[], int] = lambda: False,
+) -> Draws:
+    """Draw from a posterior until the plan is met or its budget spent.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        It is laid out around its deterministic fit, which is made if it holds none; the draws'
+        ``target`` is the density in the chart that was drawn in.
+    plan : Plan
+    state : State, optional
+        Continue from here rather than from the start.
+    on_block, progress, stop
+        As in :func:`~biaxbayes.sampling.sampler.draw`.
+
+    Returns
+    -------
+    Draws
+        ``quantities`` by the names of ``summary.csv``, ``log_likelihood`` and ``lp``.
+
+    Raises
+    ------
+    NotConverged
+        If no region of positive density is found.
+    """
+    if state is not None:
+        target = charted(posterior, state.frame["softening"]).target()
+        return draw(target, state, plan, on_block=on_block, progress=progress, stop=stop)
+    seconds = {}
+    clock = time.perf_counter()
+    progress(Progress("fitting"))
+    posterior = charted(posterior)
+    seconds["fit"] = time.perf_counter() - clock
+    clock = time.perf_counter()
+    progress(Progress("compiling (once; cached for later runs)"))
+    posterior.log_prob(np.zeros((1, posterior.dimension)))
+    seconds["compile"] = time.perf_counter() - clock
+    clock = time.perf_counter()
+    progress(Progress("searching"))
+    target, start = search(posterior, plan.search_rng(), plan.population)
+    seconds["warm-up"] = time.perf_counter() - clock
+    draws = draw(target, start, plan, on_block=on_block, progress=progress, stop=stop)
+    seconds["warm-up"] += draws.seconds["warm-up"]
+    seconds["sampling"] = draws.seconds["sampling"]
+    return replace(draws, seconds=seconds)
+
+
+def search(
+    posterior: Posterior, rng: np.random.Generator, population: int = POPULATION
+) -> tuple[Target, Start]:
+    """Find the posterior, all of its modes that carry mass, and the chart that suits it.
+
+    The search starts from the deterministic fit and from materials that fit in other ways.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Laid out around its deterministic fit (:func:`.preparation.charted`).
+    rng : numpy.random.Generator
+    population : int
+        Points of a generation.
+
+    Returns
+    -------
+    target : Target
+        The posterior in the chart that suits it.
+    start : Start
+        In the coordinates of that chart.
+
+    Raises
+    ------
+    NotConverged
+        If no region of positive density is found.
+    """
+    base = start_parameters(posterior)
+    starts = np.vstack([posterior.coordinates(base)[0], _scouts(posterior, base, rng)])
+    # The mounting force is known by its reading, however wide the rest.
+    known = np.array([q.parameter.kind == FORCE for q in posterior.sampled])
+    target = posterior.target()
+    try:
+        start = search_target(target, starts, _spread(posterior), rng, population, known=known)
+    except NotConverged:
+        raise NotConverged("no region of positive density around the deterministic fit") from None
+    return _recharted(posterior, target, start) or (target, start)
+
+
+def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Target, Start] | None:
+    """Move to a chart softened for the posterior, where the fit's own does not suit it."""
+    if not posterior.law.softens(posterior.coordinate_constants):
+        return None
+    u, log_weight, rng = start.points, start.log_weight, start.rng
+    half = len(u) // 2
+    chosen = resample(log_weight, half, rng)
+    natural = posterior.natural(u[np.isfinite(log_weight)])
+    typical = posterior.natural(u[chosen])
+    softening = posterior.law.softening(typical)
+    if 0.5 < softening / posterior.chart.softening < 2.0:
+        return None
+    # Weights are ratios of densities in the same coordinates: they carry over.
+    weights = log_weight[np.isfinite(log_weight)]
+    softer = posterior.replaced(chart=replace(posterior.chart, softening=softening))
+    with np.errstate(divide="ignore"):
+        u = softer.coordinates(natural)
+    regular = np.isfinite(u).all(axis=1)  # aligned fibres, to the last digit, lie at infinity
+    u, weights = u[regular], weights[regular]
+    picked = u[resample(weights, half, rng)]
+    with threadpool_limits(1, user_api="blas"):
+        proposal = fit_transported_mixture(
+            picked, rng, bounds=softer.bounds, components=SEARCH_COMPONENTS
+        )
+    return softer.target(target.counts), Start(proposal, u, weights, rng)
+
+
+def _scouts(posterior: Posterior, base: dict[str, float], rng: np.random.Generator) -> np.ndarray:
+    """Sampling coordinates of materials that fit in other ways than the best fit, (n, d)."""
+    settings = posterior.settings
+    law = posterior.law
+    held = {k: v for k, v in settings.fixed.items() if k in law.names}
+    point, free = held_and_free(held, law)
+    if not free.size:
+        return np.empty((0, posterior.dimension))
+    data = readings(
+        posterior.specimen,
+        shared=settings.mounting_stretch == "shared",
+        zeroed=settings.mounting == "zeroed",
+    )
+    materials, stretches = screened_points(
+        data, SCOUTS, rng, law, point=point, free=free, with_mounting=settings.infers_mounting
+    )
+    scouts = []
+    for material, lm in zip(materials, stretches, strict=True):
+        inner = law.inner(law.values(material))
+        scout = base | dict(zip(law.names, inner, strict=True))
+        scout["noise_sd"] = SCOUT_NOISE * base["noise_sd"]
+        for q in posterior.sampled:
+            if q.parameter.kind == STRETCH:
+                scout[q.name] = float(lm[q.axis])
+        scouts.append(posterior.coordinates(inside_priors(posterior, scout))[0])
+    return np.array(scouts)
+
+
+def _spread(posterior: Posterior) -> np.ndarray:
+    """Width of the dispersed starts in each sampling coordinate."""
+    _, sd = posterior.specimen.mounting_readings(
+        shared=posterior.settings.mounting_stretch == "shared"
+    )
+    widths = posterior.law.coordinate_widths(posterior.coordinate_constants)
+    out = []
+    for q in posterior.sampled:
+        p = q.parameter
+        if p.kind == FORCE:
+            out.append(float(np.mean(sd[:, q.axis])))
+        elif p.kind == DIMENSION or p == NOISE_GROWTH:
+            prior = posterior.priors[q.name]
+            assert isinstance(prior, Prior)
+            out.append(0.5 * prior.scale)
+        else:
+            out.append(widths.get(p.name, p.width))
+    return np.array(out)

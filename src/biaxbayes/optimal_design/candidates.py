@@ -1,0 +1,321 @@
+"""What could be measured next: a further protocol, a histology slide, an image of the mounting.
+
+A candidate simulates outcomes from draws of the posterior, each with its own material, mounted
+state and noise, and tells how probable an outcome is for any other draw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+from scipy.signal import lfilter
+
+from biaxbayes.laws.law import Law
+from biaxbayes.model.curves import Curves
+from biaxbayes.model.error_model import ErrorModel, errors_of
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Prior
+from biaxbayes.options import DesignOptions
+from biaxbayes.parameters import mounting_names
+from biaxbayes.prediction.draws import mounting_labels
+from biaxbayes.specimens.specimen import Protocol as Record
+from biaxbayes.specimens.specimen import Specimen, pooled_reading
+
+__all__ = ["Candidate", "FurtherProtocol", "Reading", "standard_candidates"]
+
+RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
+MOST_ROWS = 200
+HISTOLOGY = {"alpha": "fibre angle", "kappa": "dispersion"}
+
+
+class Candidate(Protocol):
+    """Something that could be measured.
+
+    Attributes
+    ----------
+    name : str
+    """
+
+    name: str
+
+    def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
+        """One simulated outcome a draw, shape (draws, readings)."""
+
+    def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
+        """Weighted log likelihood of each outcome for each draw, shape (outcomes, draws).
+
+        Up to a term that is the same for all draws.
+        """
+
+    def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+        """Noise-free readings (draws, readings) and the mean variance of one (readings,)."""
+
+    def added_to(
+        self, posterior: Posterior, outcome: np.ndarray
+    ) -> tuple[Specimen, dict[str, Any]]:
+        """The specimen and options with which an outcome would be sampled."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Direct readings of quantities of a draw, with independent normal errors.
+
+    Attributes
+    ----------
+    name : str
+    quantities : tuple of str
+        Columns of the draws.
+    sd : float
+        Accuracy, in the unit of the quantity (degrees for alpha).
+    """
+
+    name: str
+    quantities: tuple[str, ...]
+    sd: float
+
+    def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
+        """See :class:`Candidate`."""
+        values = draws[list(self.quantities)].to_numpy(dtype=float)
+        return values + self.sd * rng.standard_normal(values.shape)
+
+    def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
+        """See :class:`Candidate`."""
+        values = draws[list(self.quantities)].to_numpy(dtype=float)
+        return -0.5 * np.square((outcomes[:, None] - values[None]) / self.sd).sum(axis=-1)
+
+    def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Candidate`."""
+        values = draws[list(self.quantities)].to_numpy(dtype=float)
+        return values, np.full(values.shape[1], self.sd**2)
+
+    def added_to(
+        self, posterior: Posterior, outcome: np.ndarray
+    ) -> tuple[Specimen, dict[str, Any]]:
+        """See :class:`Candidate`; the reading enters as a prior."""
+        options = posterior.options()
+        priors = dict(options["priors"])
+        for name, value in zip(self.quantities, outcome, strict=True):
+            before = posterior.priors[name]
+            assert isinstance(before, Prior)
+            location, sd = float(value), self.sd
+            if before.family == "normal":
+                # product of two normal densities
+                weight = before.scale**2 / (before.scale**2 + sd**2)
+                location = before.location + weight * (location - before.location)
+                sd = sd * np.sqrt(weight)
+            priors[name] = Prior("normal", location, float(sd), before.low, before.high)
+        return posterior.specimen, options | {"priors": priors}
+
+
+@dataclass(frozen=True)
+class FurtherProtocol:
+    """One more protocol on the same specimen, of the same machine.
+
+    Its rows are worth as much as those of the run: their errors are simulated with the
+    correlation that makes n rows worth beta n, and weighted by beta.
+
+    Attributes
+    ----------
+    name : str
+    specimen : Specimen
+    stretch : ndarray, shape (n + 1, 2)
+        Measured stretches; the first is the mounted state.
+    beta : float
+    mounting_sd : float
+        Of the mounting force's reading; zero where the run takes no such reading.
+    law : Law
+    errors : ErrorModel
+    shared : bool
+        Whether all protocols have one mounted state, whose readings are then pooled.
+    """
+
+    name: str
+    specimen: Specimen
+    stretch: np.ndarray
+    beta: float
+    mounting_sd: float
+    law: Law
+    errors: ErrorModel
+    shared: bool = True
+
+    def _model(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+        """Loads and variances of one reading, both (draws, rows, 2); the mounted state first."""
+        columns = _one_mounted_state(draws, self.specimen)
+        mounts = ("",) if mounting_names("stretch")[0] in columns else ()
+        rows = len(self.stretch)
+        curves = Curves(
+            self.specimen,
+            self.stretch,
+            np.zeros_like(self.stretch),
+            np.zeros(rows, dtype=int),
+            mounts,
+            np.zeros((1, 2)),
+            np.zeros((1, 2)),
+            self.law,
+            self.errors,
+        )
+        with np.errstate(over="ignore", invalid="ignore"):
+            load = curves.model(columns)
+        sd = np.broadcast_to(curves.total_sd(load, curves.noise(columns)), load.shape)
+        variance = np.square(sd)
+        variance[:, 0] = self.mounting_sd**2 if self.mounting_sd > 0.0 else 1.0
+        return load, variance
+
+    def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
+        """See :class:`Candidate`."""
+        load, variance = self._model(draws)
+        # n readings of a first-order autoregression are worth n (1 - rho) / (1 + rho) = beta n.
+        rho = (1.0 - self.beta) / (1.0 + self.beta)
+        white = rng.standard_normal(load.shape)
+        white[:, 1] /= np.sqrt(1.0 - rho**2)
+        errors = np.sqrt(1.0 - rho**2) * lfilter([1.0], [1.0, -rho], white[:, 1:], axis=1)
+        errors = np.concatenate([white[:, :1], errors], axis=1)
+        return (load + np.sqrt(variance) * errors).reshape(len(draws), -1)
+
+    def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
+        """See :class:`Candidate`."""
+        load, variance = self._model(draws)
+        centre = load.mean(axis=0)
+        f = (load - centre).reshape(len(draws), -1)
+        y = outcomes - centre.ravel()
+        weight = np.full(self.stretch.shape, self.beta)
+        weight[0] = 1.0 if self.mounting_sd > 0.0 and not self.shared else 0.0
+        precision = (weight / variance).reshape(len(draws), -1)
+        # sum_j w_j (y_j - f_j)^2 / v_j, multiplied out so that all pairs are one matrix product
+        square = np.square(y) @ precision.T - 2.0 * y @ (precision * f).T
+        square += (precision * np.square(f)).sum(axis=1)
+        curves = -0.5 * (square + (weight * np.log(variance)).sum(axis=(1, 2)))
+        if self.mounting_sd > 0.0 and self.shared:
+            curves += self._pooled(outcomes[:, :2], load[:, 0])
+        return curves
+
+    def _pooled(self, reading: np.ndarray, mounting_load: np.ndarray) -> np.ndarray:
+        """Log likelihood of the mounting readings with one more, less that without, (outcomes, n).
+
+        Readings that disagree by more than their noise leave the mounting load less certain than
+        the noise alone says (:meth:`.Specimen.mounting_readings`).
+        """
+        own, sd = self.specimen.mounting_readings(shared=False)
+        with_it = np.concatenate(
+            [np.broadcast_to(own, (len(reading), *own.shape)), reading[:, None]], axis=1
+        )
+        sds = np.concatenate([sd, np.full((1, 2), self.mounting_sd)])
+        mean, pooled = pooled_reading(with_it, sds)
+        before, before_sd = pooled_reading(own, sd)
+        z = (mean[:, None] - mounting_load) / pooled[:, None]
+        z_before = (before - mounting_load) / before_sd
+        gained = -0.5 * np.square(z).sum(axis=-1) + 0.5 * np.square(z_before).sum(axis=-1)
+        return gained - np.log(pooled / before_sd).sum(axis=-1)[:, None]
+
+    def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Candidate`."""
+        load, variance = self._model(draws)
+        mean = variance.mean(axis=0)
+        mean[1:] /= self.beta
+        # A pooled reading need not be a gain: the bound from below leaves it out.
+        first = 0 if self.mounting_sd > 0.0 and not self.shared else 1
+        return load[:, first:].reshape(len(draws), -1), mean[first:].ravel()
+
+    def added_to(
+        self, posterior: Posterior, outcome: np.ndarray
+    ) -> tuple[Specimen, dict[str, Any]]:
+        """See :class:`Candidate`; the outcome becomes one more protocol."""
+        load = outcome.reshape(self.stretch.shape).copy()
+        if self.mounting_sd <= 0.0:
+            # Without a reading of its own the mounting load is the one that was stated.
+            load[0] = self.specimen.mounting_readings(shared=True)[0][0]
+        if self.specimen.stress_pair == "cauchy":
+            load = load * self.stretch
+        taken = {p.name for p in self.specimen.protocols}
+        name = next(n for n in (f"next{i or ''}" for i in range(99)) if n not in taken)
+        columns = (*self.stretch.T, *load.T)
+        record = Record(name, columns[0], columns[1], columns[2], columns[3], rest_rows=1)
+        if self.specimen.protocols[0].time_s is not None:
+            last = float(self.specimen.protocols[-1].time_s[-1])  # type: ignore[index]
+            record = replace(record, time_s=last + 1.0 + np.arange(record.rows))
+        protocols = (*self.specimen.protocols, record)
+        return replace(self.specimen, protocols=protocols), posterior.options()
+
+    def peak_load(self, draws: pd.DataFrame) -> tuple[float, float]:
+        """5 and 95 % of the largest load (N or kPa) that the specimen and cell must bear."""
+        load, _ = self._model(draws)
+        low, high = np.quantile(np.abs(load).max(axis=(1, 2)), [0.05, 0.95])
+        return float(low), float(high)
+
+
+def _one_mounted_state(draws: pd.DataFrame, specimen: Specimen) -> dict[str, np.ndarray]:
+    """Columns with one mounted state: where each protocol has its own, one of them at random."""
+    columns = {str(k): draws[k].to_numpy(dtype=float) for k in draws.columns}
+    labels = mounting_labels(draws, specimen)
+    if labels and labels != ("",):
+        # By the draw's own number, so that a draw is mounted the same way each time.
+        chosen = np.asarray(draws.index, dtype=np.int64) * 7919 % len(labels)
+        for axis, name in enumerate(mounting_names("stretch")):
+            states = np.stack([columns[mounting_names("stretch", n)[axis]] for n in labels])
+            columns[name] = states[chosen, np.arange(len(draws))]
+    return columns
+
+
+def standard_candidates(
+    posterior: Posterior,
+    *,
+    ratios: tuple[tuple[float, float], ...] = (),
+    further: float = DesignOptions.further,
+    alpha_sd_deg: float = DesignOptions.alpha_sd_deg,
+    kappa_sd: float = DesignOptions.kappa_sd,
+    image_sd: float = DesignOptions.image_sd,
+) -> list[Any]:
+    """Candidates that suit a specimen.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    ratios : tuple of (float, float)
+        Further ratios of the stretch beyond the mounted state, besides 1:1, 1:0.5, 0.5:1, 1:0
+        and 0:1.
+    further : float
+        Stretch beyond the mounted state of the one protocol that goes further, relative to the
+        largest tested one.
+    alpha_sd_deg, kappa_sd, image_sd : float
+        Accuracy of the fibre angle and dispersion from histology and of the mounting stretch
+        from an image.
+
+    Returns
+    -------
+    list of Candidate
+        Protocols reach the largest measured stretches; one that was measured already is a
+        repeat. Readings of fixed parameters are left out.
+    """
+    specimen, settings = posterior.specimen, posterior.settings
+    ends = [np.array([p.stretch_x[-1], p.stretch_y[-1]]) - 1.0 for p in specimen.protocols]
+    top = np.max([[p.stretch_x.max(), p.stretch_y.max()] for p in specimen.protocols], axis=0) - 1.0
+    rows = int(np.mean([p.rows - p.rest_rows for p in specimen.protocols]))
+    beta, kept = posterior.beta, min(rows, MOST_ROWS)
+    mounting_sd = specimen.noise_sd if settings.mounting in ("noisy", "free") else 0.0
+
+    def protocol(name: str, end: np.ndarray) -> FurtherProtocol:
+        path = 1.0 + np.linspace(0.0, 1.0, kept + 1)[:, None] * end
+        weight = min(1.0, beta * rows / kept)
+        shared = settings.mounting_stretch == "shared"
+        law, errors = settings.material_law, errors_of(settings)
+        return FurtherProtocol(name, specimen, path, weight, mounting_sd, law, errors, shared)
+
+    out: list[Any] = []
+    for x, y in dict.fromkeys((*RATIOS, *ratios)):
+        end = np.array([x, y]) / max(x, y) * top
+        same = [np.allclose(end, e, atol=0.03 * top.max()) for e in ends]
+        out.append(protocol(f"{'repeat ' if any(same) else ''}{x:g}:{y:g}", end))
+    if further != 1.0:
+        stretch = " × ".join(f"{v:.3g}" for v in 1.0 + further * top)
+        out.append(protocol(f"1:1 to {stretch}", further * top))
+    free = {n for n, p in posterior.priors.items() if isinstance(p, Prior)}
+    for name, sd, unit in (("alpha", alpha_sd_deg, "°"), ("kappa", kappa_sd, "")):
+        if name in free:
+            out.append(Reading(f"{HISTOLOGY[name]} ± {sd:g}{unit}", (name,), sd))
+    pair = mounting_names("stretch")
+    if settings.infers_mounting and free.issuperset(pair):
+        out.append(Reading(f"mounting image ± {image_sd:g}", pair, image_sd))
+    return out

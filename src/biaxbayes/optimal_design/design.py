@@ -1,0 +1,180 @@
+"""What to measure next: candidates ranked by how much they would narrow the posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError, RunError
+from biaxbayes.executors.executor import Executor, InThisProcess
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import charted
+from biaxbayes.optimal_design.candidates import Candidate, standard_candidates
+from biaxbayes.optimal_design.information_gain import OUTCOMES, Expected, expect, targets
+from biaxbayes.parameters import Quantities
+from biaxbayes.sampling.sampler import Progress
+
+__all__ = ["Design", "design"]
+
+
+@dataclass(frozen=True)
+class Design:
+    """Candidates in the order of their rank.
+
+    Attributes
+    ----------
+    quantities : tuple of str
+    expected : tuple of Expected
+    skipped : tuple of str
+        Candidates whose loads overflow for some draws.
+    candidates : tuple
+        In the order of ``expected``.
+    known : Quantities
+        What the parameters of the run are.
+    """
+
+    quantities: tuple[str, ...]
+    expected: tuple[Expected, ...]
+    skipped: tuple[str, ...]
+    candidates: tuple[Any, ...]
+    known: Quantities
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a candidate and quantity."""
+        rows = []
+        for rank, e in enumerate(self.expected, start=1):
+            head = {
+                "rank": rank,
+                "candidate": e.name,
+                "information_gain_nats": e.gain,
+                "information_gain_error": e.gain_error,
+                "effective_draws": e.effective,
+                "share_of_outcomes_below_20_draws": e.few,
+                "trusted": e.trusted,
+            }
+            for i, name in enumerate(self.quantities):
+                rows.append(
+                    head
+                    | {
+                        "quantity": name,
+                        "expected_reduction_of_sd": e.reduction[i],
+                        "error": e.error[i],
+                        "at_least": e.at_least[i],
+                    }
+                )
+        return pd.DataFrame(rows)
+
+    def _repr_html_(self) -> str:
+        """Expected reduction of each standard deviation, for notebooks."""
+        wide = pd.DataFrame(
+            [dict(zip(self.quantities, e.reduction, strict=True)) for e in self.expected],
+            index=[e.name + ("" if e.trusted else " *") for e in self.expected],
+        )
+        wide.insert(0, "information (nats)", [e.gain for e in self.expected])
+        return wide.to_html(float_format=lambda v: f"{v:.2f}")
+
+
+def design(
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    candidates: Sequence[Candidate] | None = None,
+    *,
+    rank_by: str = "parameters",
+    seed: int = 1,
+    outcomes: int = OUTCOMES,
+    executor: Executor | None = None,
+    progress: Callable[[Progress], None] = lambda p: None,
+) -> Design:
+    """Rank candidate measurements by what they are expected to bring.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    draws : DataFrame
+        Its draws, as in ``run.draws``.
+    candidates : sequence of Candidate, optional
+        Default :func:`~biaxbayes.optimal_design.candidates.standard_candidates`.
+    rank_by : str
+        ``parameters`` (mean reduction over the free material parameters), ``information``, or
+        the name of a quantity whose spread is to shrink most.
+    seed : int
+    outcomes : int
+        Simulated outcomes of each candidate.
+    executor : Executor, optional
+        Works off the candidates; default this process. The result does not depend on it.
+    progress : callable
+        Called with the share of the candidates that is done.
+
+    Raises
+    ------
+    InputError
+        If ``rank_by`` names no quantity.
+    """
+    chosen = list(standard_candidates(posterior) if candidates is None else candidates)
+    quantities = targets(posterior, draws)
+    if rank_by not in ("parameters", "information", *quantities):
+        raise InputError(
+            f"--rank-by {rank_by[:60]!r} is no quantity of this run",
+            remedy=f"choose parameters, information, {', '.join(quantities)}",
+        )
+    posterior = charted(posterior)
+    work = partial(
+        _expect_one, draws=draws, quantities=quantities, outcomes=outcomes, posterior=posterior
+    )
+    told = _each(chosen, work, seed, executor or InThisProcess(), progress)
+    found = [(e, c) for e, c in zip(told, chosen, strict=True) if e is not None]
+    skipped = [c.name for e, c in zip(told, chosen, strict=True) if e is None]
+    names = tuple(quantities)
+
+    wanted = [n in posterior.law.names if rank_by == "parameters" else n == rank_by for n in names]
+
+    def rank(pair: tuple[Expected, Any]) -> float:
+        expected = pair[0]
+        # Where all material parameters are fixed there is the information alone.
+        return -float(expected.reduction[wanted].mean() if any(wanted) else expected.gain)
+
+    found.sort(key=rank)
+    return Design(
+        names,
+        tuple(e for e, _ in found),
+        tuple(skipped),
+        tuple(c for _, c in found),
+        posterior.quantities,
+    )
+
+
+def _each(
+    candidates: Sequence[Candidate],
+    work: Callable[[tuple[Candidate, list[int]]], Expected | None],
+    seed: int,
+    executor: Executor,
+    progress: Callable[[Progress], None],
+) -> list[Expected | None]:
+    """What each candidate is expected to bring, in their order."""
+    tasks = [(candidate, [seed, number]) for number, candidate in enumerate(candidates)]
+    told: list[Expected | None] = [None] * len(tasks)
+    progress(Progress("simulating outcomes"))
+    for done, outcome in enumerate(executor.run(work, tasks), start=1):
+        if outcome.lost:
+            raise RunError(f"candidate {candidates[outcome.index].name}: {outcome.lost}")
+        told[outcome.index] = outcome.value
+        progress(Progress("simulating outcomes", done / len(tasks)))
+    return told
+
+
+def _expect_one(
+    task: tuple[Candidate, list[int]],
+    *,
+    draws: pd.DataFrame,
+    quantities: dict[str, np.ndarray],
+    outcomes: int,
+    posterior: Posterior,
+) -> Expected | None:
+    candidate, seed = task
+    rng = np.random.default_rng(seed)
+    return expect(candidate, draws, quantities, rng, outcomes=outcomes, posterior=posterior)

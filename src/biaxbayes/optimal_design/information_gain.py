@@ -1,0 +1,397 @@
+"""What one candidate measurement is expected to bring.
+
+Quantities whose spread a further measurement is to shrink.
+
+The posterior that one outcome of a candidate would lead to, where a run's draws are too few.
+
+A precise measurement leaves hardly any of the draws of a run with weight. Its posterior,
+
+    p(x | data, y) = p(x | data) L(y | x) / Z(y),
+
+is found from them all the same: the reweighted draws, tempered so that enough of them count, give a
+first proposal, and population Monte Carlo
+(:mod:`biaxbayes.sampling.population_monte_carlo`) carries it to the density. The last population
+gives the spread of every quantity and, by its mean weight, Z(y).
+
+Outcomes of the candidate are simulated from some draws of the posterior; for each outcome the other
+draws are reweighted by its likelihood, which gives the posterior that the outcome would lead to.
+Where the outcomes of a candidate leave too few draws, new ones are drawn for some of them
+(:mod:`.outcome_posterior`). The expected information gain is, by nested Monte Carlo over outcomes j
+and draws i,
+
+    EIG = mean_j [ log L(y_j | j) - log mean_i L(y_j | i) ].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.special import logsumexp
+
+from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.identifiability.determined import STRESS, derived_quantities, largest_equibiaxial
+from biaxbayes.identifiability.marginals import judged_scales
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Prior
+from biaxbayes.optimal_design.candidates import Candidate
+from biaxbayes.sampling.population_monte_carlo import explore, resample, tempering
+from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
+
+__all__ = [
+    "OUTCOMES",
+    "Expected",
+    "OutcomePosterior",
+    "Sharpened",
+    "expect",
+    "log_mean",
+    "targets",
+    "weighted_spread",
+]
+
+
+# --- quantities whose spread a further measurement is to shrink ----------------------------------
+
+
+def targets(
+    posterior: Posterior, draws: pd.DataFrame, stretch: float | None = None
+) -> dict[str, np.ndarray]:
+    """Quantities whose spread is to shrink, on the scales of the verdicts.
+
+    Free material parameters and mounting stretches (C1, k1 and k2 in logs), the in-plane
+    structure tensor, and in logs the small-strain stiffness and the stress at a total equibiaxial
+    stretch (the largest tested one where none is given).
+    """
+    out = {}
+    for scale in judged_scales(posterior.priors, posterior.quantities, draws):
+        if isinstance(scale.prior, Prior):
+            out[scale.name] = scale.of(draws[scale.name].to_numpy(dtype=float))
+    top = round(stretch or largest_equibiaxial(draws, posterior.specimen), 3)
+    for d in derived_quantities(draws, posterior.law, [top], [1.0]):
+        if d.name != "Hz":
+            logs = d.kind == STRESS or bool(d.unit)
+            out[d.key] = np.log(np.maximum(d.values, 1e-300)) if logs else d.values
+    return {name: v for name, v in out.items() if np.ptp(v) > 0.0}
+
+
+# --- the posterior that one outcome of a candidate would lead to, where a run's draws are too fe--
+
+
+POPULATION = 2048
+COMPONENTS = 3
+"""What a precise measurement leaves is narrow, and narrow posteriors are nearly Gaussian."""
+
+
+@dataclass(frozen=True)
+class Sharpened:
+    """What is known after an outcome.
+
+    Attributes
+    ----------
+    sd : ndarray, shape (quantities,)
+    log_evidence : float
+        log Z(y), the log of the mean of L over the run's posterior.
+    effective : float
+        Effective number of the points behind it.
+    """
+
+    sd: np.ndarray
+    log_evidence: float
+    effective: float
+
+
+@dataclass
+class OutcomePosterior:
+    """Draws from the posteriors that outcomes of a candidate would lead to.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        With its chart in use; mounted states, if any, shared by all protocols.
+    candidate : Candidate
+    draws : DataFrame
+        Of the run.
+    quantities : tuple of str
+        Of :func:`.targets.targets`.
+    stretch : float
+        The total equibiaxial stretch that these refer to.
+    """
+
+    posterior: Posterior
+    candidate: Candidate
+    draws: pd.DataFrame
+    quantities: tuple[str, ...]
+    stretch: float
+    _log_normaliser: float | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        self._points = self.posterior.coordinates({k: self.draws[k] for k in self.posterior.free})
+        self._regular = np.isfinite(self._points).all(axis=1)
+        self._bounds = self.posterior.bounds
+
+    def after(
+        self, outcome: np.ndarray, log_weight: np.ndarray, rng: np.random.Generator
+    ) -> Sharpened | None:
+        """What an outcome leads to; None where no proposal comes near it.
+
+        Parameters
+        ----------
+        outcome : ndarray, shape (readings,)
+        log_weight : ndarray, shape (draws,)
+            Log likelihood of the outcome for each draw of the run.
+        rng : numpy.random.Generator
+        """
+
+        def log_density(x: np.ndarray) -> np.ndarray:
+            out = self.posterior.log_prob(x)
+            inside = np.isfinite(out)
+            if inside.any():
+                with np.errstate(over="ignore", invalid="ignore"):
+                    table = pd.DataFrame(self.posterior.natural(x[inside]))
+                    gained = self.candidate.log_likelihood(outcome[None], table)[0]
+                out[inside] += np.where(np.isfinite(gained), gained, -np.inf)
+            return out
+
+        known = np.where(self._regular, log_weight, -np.inf)
+        tempered = np.where(np.isfinite(known), tempering(known) * log_weight, -np.inf)
+        try:
+            _, x, found = explore(
+                log_density, self._fitted(tempered, rng), self._bounds, rng, POPULATION, COMPONENTS
+            )
+        except NotConverged:
+            return None
+        inside = np.isfinite(found)
+        table = pd.DataFrame(self.posterior.natural(x[inside]))
+        values = targets(self.posterior, table, self.stretch)
+        columns = np.column_stack([values[name] for name in self.quantities])
+        sd, effective = weighted_spread(found[None, inside], columns)
+        log_evidence = float(log_mean(found)) - self._normaliser(rng)
+        return Sharpened(sd[0], log_evidence, float(effective[0]))
+
+    def _fitted(self, log_weight: np.ndarray, rng: np.random.Generator) -> TransportedMixture:
+        chosen = resample(log_weight, POPULATION // 2, rng)
+        return fit_transported_mixture(
+            self._points[chosen], rng, bounds=self._bounds, components=COMPONENTS, screen=False
+        )
+
+    def _normaliser(self, rng: np.random.Generator) -> float:
+        """Log integral of the run's own density in the sampling coordinates."""
+        if self._log_normaliser is None:
+            equal = np.where(self._regular, 0.0, -np.inf)
+            first = self._fitted(equal, rng)
+            _, _, found = explore(self.posterior.log_prob, first, self._bounds, rng, 8 * POPULATION)
+            self._log_normaliser = float(log_mean(found))
+        return self._log_normaliser
+
+
+def weighted_spread(log_weight: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted sd of every quantity for every outcome, and effective draws of every outcome."""
+    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
+    concentration = np.square(weight).sum(axis=1)
+    centred = values - values.mean(axis=0)
+    mean = weight @ centred
+    variance = weight @ np.square(centred) - np.square(mean)
+    # Unbiased for weighted draws, as n - 1 is for equal ones.
+    variance = np.maximum(variance, 0.0) / np.maximum(1.0 - concentration, 1e-9)[:, None]
+    return np.sqrt(variance), 1.0 / concentration
+
+
+def log_mean(log_weight: np.ndarray) -> np.ndarray:
+    """Log of the mean weight along the last axis."""
+    return np.asarray(logsumexp(log_weight, axis=-1) - np.log(log_weight.shape[-1]))
+
+
+# --- what one candidate measurement is expected to bring -----------------------------------------
+
+
+OUTCOMES, DRAWS, BLOCKS = 200, 12_000, 4
+ENOUGH = 20.0
+"""Effective draws below which the posterior of an outcome is not trusted."""
+FEW_SHARE = 0.1
+"""Share of outcomes with fewer from which a candidate's numbers are not trusted."""
+SOME_SHARE, SHARPENED, SPARSE = 0.02, 100, 200.0
+"""From this share, so many outcomes are gone into, with new draws where they left fewer."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a candidate is expected to bring.
+
+    Attributes
+    ----------
+    name : str
+    gain, gain_error : float
+        Expected information gain, nats, and its Monte Carlo error.
+    reduction, error : ndarray, shape (quantities,)
+        Expected share by which the standard deviation shrinks, and its Monte Carlo error.
+    at_least : ndarray, shape (quantities,)
+        What the best linear estimate from the outcome achieves: a bound from below that needs
+        no reweighting.
+    effective : float
+        Median over the outcomes of the effective number of reweighted draws.
+    few : float
+        Share of outcomes with fewer than 20 effective draws.
+    """
+
+    name: str
+    gain: float
+    gain_error: float
+    reduction: np.ndarray
+    error: np.ndarray
+    at_least: np.ndarray
+    effective: float
+    few: float
+
+    @property
+    def trusted(self) -> bool:
+        """Whether enough draws could be had for the outcomes of this candidate."""
+        return self.few <= FEW_SHARE
+
+
+def expect(
+    candidate: Candidate,
+    draws: pd.DataFrame,
+    quantities: dict[str, np.ndarray],
+    rng: np.random.Generator,
+    *,
+    outcomes: int = OUTCOMES,
+    posterior: Posterior | None = None,
+) -> Expected | None:
+    """What one candidate is expected to bring; None where its loads overflow for some draws.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    draws : DataFrame
+    quantities : dict of ndarray, shape (draws,)
+    rng : numpy.random.Generator
+    outcomes : int
+    posterior : Posterior, optional
+        Of the draws, with its chart in use. Draws new ones for outcomes that leave too few, where
+        these are many.
+    """
+    order = rng.permutation(len(draws))
+    outer, inner = order[:outcomes], np.sort(order[outcomes : outcomes + DRAWS])
+    if len(inner) < 4 * BLOCKS:
+        raise InputError(f"{len(draws)} draws are too few to plan with", remedy="sample longer")
+    values = np.column_stack(list(quantities.values()))
+    response = candidate.response(draws.iloc[inner])
+    if not all(np.isfinite(part).all() for part in response):
+        return None
+    simulated = candidate.outcomes(draws.iloc[outer], rng)
+    log_weight = candidate.log_likelihood(simulated, draws.iloc[inner])
+    own = np.diag(candidate.log_likelihood(simulated, draws.iloc[outer]))
+    told = _reweighted(log_weight, own, values[inner])
+    if posterior is not None and told.few > SOME_SHARE and len(posterior.mounts) <= 1:
+        # That of all draws, as in the names of the quantities.
+        stretch = largest_equibiaxial(draws, posterior.specimen)
+        names = tuple(quantities)
+        after = OutcomePosterior(posterior, candidate, draws.iloc[inner], names, stretch)
+        told = _sharpened(told, after, simulated, log_weight, own, values[inner].std(axis=0), rng)
+    return told.summed_up(candidate.name, _linear_reduction(*response, values[inner]))
+
+
+@dataclass(frozen=True)
+class _ByOutcome:
+    """Every outcome of a candidate, from all draws and from each of several blocks of them.
+
+    Attributes
+    ----------
+    ratio : ndarray, shape (outcomes, quantities)
+        Standard deviation after the outcome, over that before.
+    gain, effective : ndarray, shape (outcomes,)
+    block_ratio : ndarray, shape (BLOCKS, outcomes, quantities)
+    block_gain : ndarray, shape (BLOCKS, outcomes)
+    """
+
+    ratio: np.ndarray
+    gain: np.ndarray
+    effective: np.ndarray
+    block_ratio: np.ndarray
+    block_gain: np.ndarray
+
+    @property
+    def few(self) -> float:
+        """Share of outcomes with too few effective draws."""
+        return float((self.effective < ENOUGH).mean())
+
+    def summed_up(self, name: str, at_least: np.ndarray) -> Expected:
+        """Means over the outcomes, with their errors."""
+        # The error has a part from the outcomes and one from the draws, told by blocks of them.
+        blocks = self.block_ratio.mean(axis=1)
+        from_draws = blocks.std(axis=0, ddof=1) / np.sqrt(BLOCKS)
+        # A bias that falls with the number of draws is BLOCKS times as large in one (jackknife).
+        bias = (blocks.mean(axis=0) - self.ratio.mean(axis=0)) / (BLOCKS - 1)
+        gains = self.block_gain.mean(axis=1)
+        return Expected(
+            name,
+            float(self.gain.mean()),
+            float(np.hypot(_error(self.gain), gains.std(ddof=1) / np.sqrt(BLOCKS))),
+            1.0 - self.ratio.mean(axis=0),
+            np.sqrt(_error(self.ratio) ** 2 + from_draws**2 + bias**2),
+            at_least,
+            float(np.median(self.effective)),
+            self.few,
+        )
+
+
+def _reweighted(log_weight: np.ndarray, own: np.ndarray, values: np.ndarray) -> _ByOutcome:
+    """Outcomes by reweighting draws with the given values, shape (draws, quantities)."""
+    sd = values.std(axis=0)
+    spread, effective = weighted_spread(log_weight, values)
+    blocks = [slice(b, None, BLOCKS) for b in range(BLOCKS)]
+    return _ByOutcome(
+        spread / sd,
+        own - log_mean(log_weight),
+        effective,
+        np.array([weighted_spread(log_weight[:, b], values[b])[0] / sd for b in blocks]),
+        np.array([own - log_mean(log_weight[:, b]) for b in blocks]),
+    )
+
+
+def _sharpened(
+    told: _ByOutcome,
+    after: OutcomePosterior,
+    simulated: np.ndarray,
+    log_weight: np.ndarray,
+    own: np.ndarray,
+    sd: np.ndarray,
+    rng: np.random.Generator,
+) -> _ByOutcome:
+    """The first outcomes alone, with new draws for those that left too few."""
+    few = slice(0, SHARPENED)
+    kept = _ByOutcome(
+        told.ratio[few],
+        told.gain[few],
+        told.effective[few],
+        told.block_ratio[:, few],
+        told.block_gain[:, few],
+    )
+    for j in np.flatnonzero(kept.effective < SPARSE):
+        found = after.after(simulated[j], log_weight[j], rng)
+        if found is None or found.effective <= kept.effective[j]:
+            continue
+        kept.ratio[j] = kept.block_ratio[:, j] = found.sd / sd
+        kept.gain[j] = kept.block_gain[:, j] = own[j] - found.log_evidence
+        kept.effective[j] = found.effective
+    return kept
+
+
+def _error(values: np.ndarray) -> Any:
+    """Standard error of the mean over the outcomes."""
+    return values.std(axis=0, ddof=1) / np.sqrt(len(values))
+
+
+def _linear_reduction(readings: np.ndarray, noise: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Share by which the best linear estimate from the outcome shrinks each sd."""
+    f, q = readings - readings.mean(axis=0), values - values.mean(axis=0)
+    scale = 1.0 / np.sqrt(noise)
+    f = f * scale
+    # var(q | y) = C_qq - C_qf (C_ff + R)^-1 C_fq, readings scaled so that R is one
+    cross, own = f.T @ q / len(f), f.T @ f / len(f)
+    explained = (cross * np.linalg.solve(own + np.eye(len(own)), cross)).sum(axis=0)
+    share = np.clip(1.0 - explained / np.square(q).mean(axis=0), 0.0, 1.0)
+    return 1.0 - np.sqrt(share)

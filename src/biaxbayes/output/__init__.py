@@ -1,1 +1,0 @@
-"""What the user gets back: run folders, tables, figures, reports, material cards."""

@@ -1,0 +1,401 @@
+r"""Every quantity that is inferred, said once: name, symbol, unit, scale, range, digits, words.
+
+A :class:`Parameter` says what a quantity is. Those of a material stand in the file of its law;
+those of the mounted state, of the errors and of measured dimensions stand here. A
+:class:`Quantity` is a parameter of one run: mounting stretches and forces exist once for every
+mounted state, which is a coordinate of theirs and not a part of a name to be taken apart.
+:class:`Quantities` holds all of a run, by the names of ``summary.csv``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = [
+    "COMMON",
+    "DEGREE",
+    "DIMENSION",
+    "DIMENSIONS",
+    "ERROR",
+    "FORCE",
+    "LOAD",
+    "MATERIAL",
+    "MOUNTED",
+    "NOISE_GROWTH",
+    "NOISE_SD",
+    "STRETCH",
+    "Parameter",
+    "Quantities",
+    "Quantity",
+    "fibre_angle",
+    "mounting_names",
+    "scale",
+    "unit_words",
+]
+
+LOAD = "load"
+"""Unit of a quantity that is in the unit of the file's loads, N or kPa."""
+DEGREE = "deg"
+
+_GREEK = {
+    r"\alpha": "α",
+    r"\kappa": "κ",
+    r"\lambda": "λ",
+    r"\mu": "μ",
+    r"\rho": "ρ",
+    r"\delta": "δ",
+}
+_HTML_UNIT = {DEGREE: "°"}
+_WORDS_UNIT = {DEGREE: "degrees"}
+
+Kind = str
+MATERIAL, STRETCH, FORCE, ERROR, DIMENSION = "material", "stretch", "force", "error", "dimension"
+
+
+def unit_words(unit: str) -> str:
+    """A unit in a sentence, with the blank before it; empty for pure numbers."""
+    return "" if unit in ("1", "") else f" {_WORDS_UNIT.get(unit, unit)}"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What a quantity is.
+
+    Attributes
+    ----------
+    name : str
+        As in ``summary.csv``, priors files and ``--fix``.
+    symbol : str
+        In LaTeX, which figures set as mathematical text; empty where there is none.
+    unit : str
+        ``kPa``, ``deg``, ``1``, or :data:`LOAD`.
+    words : str
+        What it is, as on a page.
+    low, high : float
+        Physical range. A finite end but that of a positive scale is an edge that draws may lie on.
+    logarithmic : bool
+        A positive scale: sampled and compared as its natural log.
+    positive : bool
+        Zero is no value of it that can be fixed.
+    at_low, at_high : str
+        What a material is at that end of the range; empty where nothing special.
+    mirror : bool
+        The ends of the range are mirrors of the material rather than edges.
+    sharp : float
+        A 90 % interval narrower than this is sharp: known in practice, whatever it correlates
+        with. The ratio of the ends for logarithmic parameters.
+    digits : str
+        Format of a value that stands alone.
+    width : float
+        Of a dispersed start, on the scale that it is sampled on.
+    kind : {"material", "stretch", "force", "error", "dimension"}
+    axis : int or None
+        0 for x, 1 for y, of what exists in both directions.
+    largest : float
+        Largest value that a fit tries, where the range has no end.
+    prior : (str, float, float), optional
+        Default prior: its distribution and two numbers, as in a priors file.
+    """
+
+    name: str
+    symbol: str = ""
+    unit: str = "1"
+    words: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    logarithmic: bool = False
+    positive: bool = False
+    at_low: str = ""
+    at_high: str = ""
+    mirror: bool = False
+    sharp: float = math.inf
+    digits: str = ".3g"
+    width: float = 0.3
+    kind: Kind = MATERIAL
+    axis: int | None = None
+    largest: float = math.inf
+    prior: tuple[str, float, float] | None = None
+
+    @property
+    def label(self) -> str:
+        """Name with its unit, as ``C1_kPa``; the name alone for pure numbers and loads."""
+        return self.name if self.unit in ("1", LOAD) else f"{self.name}_{self.unit}"
+
+    @property
+    def html(self) -> str:
+        """The symbol in HTML; empty where there is none."""
+        base, _, below = self.symbol.partition("_")
+        letter = _GREEK.get(base, base)
+        plain = below.removeprefix("{").removesuffix("}").replace(r"\mathrm{m}", "m")
+        sub = f"<sub>{plain}</sub>" if plain else ""
+        return f"<i>{letter}</i>{sub}" if letter else ""
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Physical range (low, high)."""
+        return self.low, self.high
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the range ends at edges that draws may lie on, whatever the prior."""
+        return not self.logarithmic and self.kind == MATERIAL and math.isfinite(self.high)
+
+    @property
+    def edges(self) -> tuple[float | None, float | None]:
+        """Physical edges (low, high); None where the range is open or a mirror."""
+        low = None if self.mirror or not math.isfinite(self.low) else self.low
+        high = None if self.mirror or not math.isfinite(self.high) else self.high
+        return low, high
+
+    def number(self, value: float) -> str:
+        """A value with the digits that it deserves."""
+        return format(value, self.digits)
+
+    def is_sharp(self, low: float, high: float) -> bool:
+        """Whether an interval in natural units is sharp."""
+        return high <= self.sharp * low if self.logarithmic else high - low <= self.sharp
+
+    def holds(self, values: np.ndarray) -> bool:
+        """Whether draws lie in the physical range, which is open at zero for a stretch."""
+        low = values > self.low if self.kind == STRETCH else values >= self.low
+        return bool((low & (values <= self.high + 1e-12)).all())
+
+    def unit_in(self, load_unit: str) -> str:
+        """Unit in a file whose loads are in ``load_unit``; ``1`` for pure numbers."""
+        return load_unit if self.unit == LOAD else self.unit
+
+    def unit_symbol(self, load_unit: str = "") -> str:
+        """Unit behind a number or on an axis; empty for pure numbers."""
+        unit = self.unit_in(load_unit)
+        return "" if unit == "1" else _HTML_UNIT.get(unit, unit)
+
+    def unit_words(self, load_unit: str = "") -> str:
+        """Unit in a sentence, with the blank before it; empty for pure numbers."""
+        return unit_words(self.unit_in(load_unit))
+
+
+def scale(
+    name: str,
+    symbol: str,
+    words: str,
+    unit: str,
+    median: float,
+    sd_log: float,
+    largest: float,
+    at_low: str,
+    *,
+    positive: bool = False,
+) -> Parameter:
+    """A stiffness or an exponent: a positive scale with a lognormal prior, sampled in logs."""
+    return Parameter(
+        name,
+        symbol,
+        unit,
+        words,
+        low=0.0,
+        largest=largest,
+        logarithmic=True,
+        positive=positive,
+        at_low=at_low,
+        sharp=2.0,
+        width=0.4 if unit == "kPa" else 0.5,
+        prior=("lognormal", median, sd_log),
+    )
+
+
+def fibre_angle(name: str, symbol: str, words: str) -> Parameter:
+    """An angle from x, 0 to 90 degrees with a uniform prior; its ends are mirrors."""
+    return Parameter(
+        name,
+        symbol,
+        DEGREE,
+        words,
+        low=0.0,
+        high=90.0,
+        mirror=True,
+        sharp=15.0,
+        digits=".1f",
+        prior=("uniform", 0.0, 90.0),
+    )
+
+
+def _pair(name: str, symbol: str, words: str, **rest: object) -> tuple[Parameter, ...]:
+    """The parameters of both directions; ``{}`` stands for the axis."""
+    return tuple(
+        Parameter(
+            f"{name}_{axis}",
+            symbol.replace("{}", axis),
+            words=words.replace("{}", axis),
+            axis=k,
+            **rest,  # type: ignore[arg-type]
+        )
+        for k, axis in enumerate("xy")
+    )
+
+
+MOUNTED = (
+    *_pair(
+        "mounting_stretch",
+        r"\lambda_{\mathrm{m},{}}",
+        "mounting stretch in {}",
+        low=0.0,
+        sharp=0.02,
+        digits=".4f",
+        width=0.005,
+        kind=STRETCH,
+    ),
+    *_pair(
+        "mounting_force",
+        "p_{0,{}}",
+        "load at the mounted state, {}",
+        unit=LOAD,
+        digits=".4f",
+        kind=FORCE,
+    ),
+)
+"""Stretches, then forces, of a mounted state."""
+NOISE_SD = Parameter(
+    "noise_sd",
+    "w",
+    LOAD,
+    "standard deviation of the errors",
+    low=0.0,
+    logarithmic=True,
+    positive=True,
+    kind=ERROR,
+)
+NOISE_GROWTH = Parameter(
+    "noise_growth",
+    "b",
+    words="growth of the errors with the load",
+    low=0.0,
+    logarithmic=True,
+    kind=ERROR,
+)
+DIMENSIONS = (
+    *_pair("edge", "", "edge in {} over the stated one", low=0.0, kind=DIMENSION),
+    Parameter("thickness", words="thickness over the stated one", low=0.0, kind=DIMENSION),
+    *_pair("load_offset", "", "load offset in {}", unit=LOAD, kind=DIMENSION),
+)
+"""Factors of measured dimensions, and the zero of the load cell."""
+COMMON = (*MOUNTED, NOISE_SD, NOISE_GROWTH, *DIMENSIONS)
+"""What every law is sampled with."""
+
+
+def _name(parameter: str, state: str) -> str:
+    return f"{parameter}[{state}]" if state else parameter
+
+
+def mounting_names(what: str, state: str = "") -> tuple[str, str]:
+    """Names, in x and y, of the ``stretch`` or ``force`` of one mounted state."""
+    return _name(f"mounting_{what}_x", state), _name(f"mounting_{what}_y", state)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter of one run.
+
+    Attributes
+    ----------
+    parameter : Parameter
+    state : str
+        The mounted state that it belongs to: a protocol's name, or empty where all protocols
+        share one and for what is no property of a mounted state.
+    load_unit : str
+        Unit of the run's loads.
+    """
+
+    parameter: Parameter
+    state: str = ""
+    load_unit: str = ""
+
+    @property
+    def name(self) -> str:
+        """As in ``summary.csv``."""
+        return _name(self.parameter.name, self.state)
+
+    @property
+    def axis(self) -> int:
+        """0 for x, 1 for y."""
+        axis = self.parameter.axis
+        if axis is None:
+            raise ValueError(f"{self.name} is of no direction")
+        return axis
+
+    @property
+    def unit(self) -> str:
+        """``N``, ``kPa``, ``deg`` or ``1``."""
+        return self.parameter.unit_in(self.load_unit)
+
+
+class Quantities(Mapping[str, Quantity]):
+    """The quantities of a run by name, in the order of its columns.
+
+    Parameters
+    ----------
+    material : sequence of Parameter
+        Of the law.
+    states : sequence of str
+        Labels of the mounted states: one empty label where all protocols share one, none where
+        no mounting stretch is inferred.
+    load_unit : str
+        Unit of the loads, N or kPa.
+    """
+
+    def __init__(
+        self, material: Sequence[Parameter], states: Sequence[str] = ("",), load_unit: str = ""
+    ) -> None:
+        self.material = tuple(material)
+        self.states = tuple(states)
+        self.load_unit = load_unit
+        known = [Quantity(p, "", load_unit) for p in self.material]
+        for what in (STRETCH, FORCE):
+            for state in self.states:
+                known += [Quantity(p, state, load_unit) for p in MOUNTED if p.kind == what]
+        known += [Quantity(p, "", load_unit) for p in (NOISE_SD, NOISE_GROWTH, *DIMENSIONS)]
+        self._known = {q.name: q for q in known}
+
+    def __getitem__(self, name: str) -> Quantity:
+        return self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def of_kind(self, *kinds: Kind) -> tuple[Quantity, ...]:
+        """Those of some kinds, in their order."""
+        return tuple(q for q in self._known.values() if q.parameter.kind in kinds)
+
+    def judged(self) -> tuple[Quantity, ...]:
+        """Material parameters and mounting stretches: what verdicts are about."""
+        return self.of_kind(MATERIAL, STRETCH)
+
+    def mounted(self) -> tuple[Quantity, ...]:
+        """Stretches, then forces, of every mounted state."""
+        return self.of_kind(STRETCH, FORCE)
+
+    def force_of(self, quantity: Quantity) -> Quantity:
+        """The mounting force that belongs to a mounting stretch; anything else as it is."""
+        p = quantity.parameter
+        if p.kind != STRETCH:
+            return quantity
+        force = next(f for f in MOUNTED if f.kind == FORCE and f.axis == p.axis)
+        return Quantity(force, quantity.state, quantity.load_unit)
+
+    def sibling(self, name: str, parameter: str) -> str:
+        """Name of another parameter in the mounted state of a quantity."""
+        return _name(parameter, self._known[name].state)
+
+    def of_parameter(self, name: str) -> tuple[Quantity, ...]:
+        """A parameter in every mounted state."""
+        return tuple(q for q in self._known.values() if q.parameter.name == name)
+
+    def with_states(self, states: Sequence[str]) -> Quantities:
+        """The same law and unit with other mounted states."""
+        return Quantities(self.material, states, self.load_unit)

@@ -1,0 +1,1 @@
+"""What the posterior predicts, and where the model must not be used."""

@@ -1,0 +1,238 @@
+"""Percentile bands over posterior draws, and those of a run at the states that were measured.
+
+Percentile bands over posterior draws: of the model, and of a new measurement.
+
+Credible and predictive bands of a run at the states that were measured.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtr
+
+from biaxbayes.errors import InputError
+from biaxbayes.model.curves import Curves
+from biaxbayes.model.error_model import errors_of_draws
+from biaxbayes.options import Settings
+from biaxbayes.prediction.draws import mounting_labels
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = [
+    "BANDS",
+    "band_columns",
+    "bands",
+    "credible_columns",
+    "evenly_chosen",
+    "evenly_spaced",
+    "known_percentiles",
+    "mixture_percentiles",
+]
+
+
+# --- percentile bands over posterior draws: of the model, and of a new measurement ---------------
+
+
+BANDS = ("median", "credible_low", "credible_high", "predictive_low", "predictive_high")
+"""Endings of the columns of a predicted quantity."""
+
+MIXTURE_DRAWS = 4000  # draws that carry a predictive percentile
+MIXTURE_STEPS = 45
+
+
+def tails(probability: float) -> tuple[float, float]:
+    """Lower and upper percentile of a central band.
+
+    Raises
+    ------
+    InputError
+        If the probability is not between 0 and 1.
+    """
+    if not 0.0 < probability < 1.0:
+        raise InputError(f"a probability of {probability:g} is not between 0 and 1")
+    return 0.5 * (1.0 - probability), 0.5 * (1.0 + probability)
+
+
+def credible_columns(name: str, model: np.ndarray, probability: float) -> dict[str, np.ndarray]:
+    """Median and credible band of a quantity of shape (draws, m), as named columns."""
+    values = np.quantile(model, [0.5, *tails(probability)], axis=0)
+    return {f"{name}_{band}": v for band, v in zip(BANDS[:3], values, strict=True)}
+
+
+def band_columns(
+    name: str, model: np.ndarray, noise: np.ndarray, probability: float
+) -> dict[str, np.ndarray]:
+    """The five columns of a quantity.
+
+    Parameters
+    ----------
+    name : str
+        Stem of the columns, with the unit.
+    model : ndarray, shape (draws, m)
+    noise : ndarray, shape (draws, m) or (draws, 1)
+        Standard deviation of a new measurement about the model.
+    probability : float
+        Content of each band.
+    """
+    predictive = mixture_percentiles(model, noise, tails(probability))
+    return credible_columns(name, model, probability) | {
+        f"{name}_{band}": v for band, v in zip(BANDS[3:], predictive, strict=True)
+    }
+
+
+def mixture_percentiles(
+    model: np.ndarray, noise: np.ndarray, levels: tuple[float, ...]
+) -> list[np.ndarray]:
+    """Percentiles of the equal mixture of N(model, noise) over the draws, by bisection.
+
+    No random numbers are drawn, so the band has no Monte Carlo error of its own.
+
+    Parameters
+    ----------
+    model, noise
+        As in :func:`band_columns`.
+    levels : tuple of float
+
+    Returns
+    -------
+    list of ndarray, shape (m,)
+    """
+    step = -(-len(model) // MIXTURE_DRAWS)
+    mean = model[::step]
+    sd = np.maximum(np.broadcast_to(noise, model.shape)[::step], 1e-300)
+    out = []
+    for level in levels:
+        low, high = (mean - 9.0 * sd).min(axis=0), (mean + 9.0 * sd).max(axis=0)
+        for _ in range(MIXTURE_STEPS):
+            middle = 0.5 * (low + high)
+            # F(q) = mean over draws of Phi((q - m) / sd)
+            below = ndtr((middle - mean) / sd).mean(axis=0) < level
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        out.append(0.5 * (low + high))
+    return out
+
+
+def known_percentiles(values: np.ndarray, levels: tuple[float, ...]) -> np.ndarray:
+    """Percentiles over the draws that have a value, shape (levels, m); NaN where none has."""
+    out = np.full((len(levels), values.shape[1]), np.nan)
+    for j, column in enumerate(values.T):
+        known = column[np.isfinite(column)]
+        if known.size:
+            out[:, j] = np.quantile(known, levels)
+    return out
+
+
+# --- credible and predictive bands of a run at the states that were measured ---------------------
+
+
+BLOCK = 1_000_000  # model values held at once
+
+
+def bands(
+    specimen: Specimen,
+    draws: pd.DataFrame,
+    *,
+    settings: Settings | None = None,
+    probability: float = 0.9,
+    max_rows: int | None = None,
+    max_draws: int = 1000,
+) -> pd.DataFrame:
+    """Bands of the load at the measured stretches.
+
+    The credible band holds the model's own load; the predictive band holds a new reading there:
+    the model plus the noise that the run inferred, with its growth with the load.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    draws : DataFrame
+        One row a draw, columns as in ``summary.csv``.
+    settings : Settings, optional
+        Those of the run. ``zeroed`` compares with loads less their mounting reading.
+    probability : float
+        Content of each band.
+    max_rows : int, optional
+        At most so many rows of a protocol, evenly chosen.
+    max_draws : int
+        At most so many draws, evenly chosen.
+
+    Returns
+    -------
+    DataFrame
+        One row a protocol, direction and state: ``protocol``, ``direction``, ``row`` (of the
+        protocol, from 0), ``stretch`` (measured, in that direction), ``measured`` and the
+        quantiles ``credible_q05``, ``credible_q50``, ``credible_q95``, ``predictive_q05``,
+        ``predictive_q50``, ``predictive_q95`` (of other names for another probability). Loads are
+        in the unit of the file, a Cauchy file's as Cauchy stress.
+    """
+    settings = settings or Settings()
+    low, high = tails(probability)
+    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+    chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
+    columns = {str(name): chosen[name].to_numpy(dtype=float) for name in chosen.columns}
+    names = [_name(kind, q) for kind in ("credible", "predictive") for q in (low, 0.5, high)]
+    tables = []
+    for number, protocol in enumerate(data.protocols):
+        rows = evenly_spaced(protocol.rows, max_rows)
+        stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[rows]
+        measured = data.load(protocol)[rows]
+        quantiles = np.empty((6, len(rows), 2))
+        step = max(1, BLOCK // (2 * len(chosen)))
+        for first in range(0, len(rows), step):
+            part = slice(first, first + step)
+            curves = Curves(
+                specimen,
+                stretch[part],
+                measured[part],
+                np.full(len(stretch[part]), number),
+                mounting_labels(draws, specimen),
+                *specimen.mounting_readings(shared=settings.mounting_stretch == "shared"),
+                settings.material_law,
+                errors_of_draws(columns),
+            )
+            quantiles[:, part] = _quantiles(curves, columns, (low, 0.5, high))
+        # A Cauchy stress is the nominal one times the measured stretch.
+        scale = stretch if specimen.stress_pair == "cauchy" else np.ones_like(stretch)
+        for axis, direction in enumerate("xy"):
+            table = {
+                "protocol": protocol.name,
+                "direction": direction,
+                "row": rows,
+                "stretch": stretch[:, axis],
+                "measured": measured[:, axis] * scale[:, axis],
+            }
+            loads = quantiles[:, :, axis] * scale[:, axis]
+            tables.append(pd.DataFrame(table | dict(zip(names, loads, strict=True))))
+    return pd.concat(tables, ignore_index=True)
+
+
+def evenly_chosen(count: int, limit: int | None) -> np.ndarray:
+    """Indices of at most ``limit`` of ``count`` items, spread over all, both ends included."""
+    if limit is None or count <= limit:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, limit).round().astype(int))
+
+
+def evenly_spaced(count: int, limit: int | None) -> np.ndarray:
+    """Every n-th of ``count`` indices and the last one, at most ``limit``."""
+    if limit is None or count <= limit:
+        return np.arange(count)
+    step = -(-(count - 1) // (limit - 1))
+    return np.union1d(np.arange(0, count - 1, step), [count - 1])
+
+
+def _name(kind: str, level: float) -> str:
+    return f"{kind}_q{100 * level:04.1f}".removesuffix(".0")
+
+
+def _quantiles(
+    curves: Curves, draws: dict[str, np.ndarray], levels: tuple[float, ...]
+) -> np.ndarray:
+    """Quantiles of the model and of a new reading, shape (6, rows, 2)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        model = curves.model(draws)
+    sd = np.broadcast_to(curves.total_sd(model, curves.noise(draws)), model.shape)
+    flat = model.reshape(len(model), -1)
+    predictive = mixture_percentiles(flat, sd.reshape(flat.shape), levels)
+    out = np.concatenate([np.quantile(flat, levels, axis=0), predictive])
+    return out.reshape(2 * len(levels), *model.shape[1:])

@@ -1,0 +1,200 @@
+"""Posterior draws as arrays, and the single draws that stand for them.
+
+Posterior draws as arrays: materials, mounted states, and the noise of a new reading.
+
+Single draws that stand for a posterior: the median draw, the most probable one, a sample.
+
+A vector of parameter-wise medians is no material of the posterior: where parameters trade with
+each other its curves may lie outside every band. A draw is one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.load import sections, unloaded_section
+from biaxbayes.model.error_model import errors_of_draws
+from biaxbayes.parameters import mounting_names
+from biaxbayes.specimens.specimen import Protocol, Specimen
+
+__all__ = [
+    "chosen_draws",
+    "common_states",
+    "median_draw",
+    "most_probable_draw",
+    "mounting_labels",
+    "mounting_stretch",
+    "piola_noise",
+    "protocol_mounting",
+    "random_draws",
+]
+
+
+# --- posterior draws as arrays: materials, mounted states, and the noise of a new reading --------
+
+
+def mounting_labels(draws: pd.DataFrame, specimen: Specimen) -> tuple[str, ...]:
+    """Labels of the mounted states: none when it was not inferred, ``("",)`` when shared."""
+    states = ("", *(p.name for p in specimen.protocols))
+    return tuple(s for s in states if mounting_names("stretch", s)[0] in draws)
+
+
+def mounting_stretch(draws: pd.DataFrame, state: str = "") -> np.ndarray:
+    """Mounting stretches (x, y) of each draw, shape (n, 2); one where it was not inferred."""
+    names = list(mounting_names("stretch", state))
+    return draws[names].to_numpy(dtype=float) if names[0] in draws else np.ones((len(draws), 2))
+
+
+def protocol_mounting(draws: pd.DataFrame, protocol: Protocol) -> np.ndarray:
+    """Mounting stretches of each draw for one protocol, shape (n, 2)."""
+    own = mounting_names("stretch", protocol.name)[0] in draws
+    return mounting_stretch(draws, protocol.name if own else "")
+
+
+def piola_noise(
+    draws: pd.DataFrame, specimen: Specimen, axis: int, piola: np.ndarray, mounting: np.ndarray
+) -> np.ndarray:
+    """Standard deviation of a new reading, as a first Piola-Kirchhoff stress.
+
+    Parameters
+    ----------
+    draws : DataFrame
+        With ``noise_sd`` (and ``noise_growth``, ``edge_x``, ``edge_y``, ``thickness`` where
+        they are unknowns of the run), in the unit of the specimen's loads.
+    specimen : Specimen
+    axis : int
+        0 for x, 1 for y.
+    piola : ndarray, shape (n, m)
+        Model stress, kPa, with the unloaded state as reference.
+    mounting : ndarray, shape (n, 2)
+        Mounting stretches of each draw.
+
+    Returns
+    -------
+    ndarray, shape (n, 1) or (n, m)
+        kPa.
+    """
+    one = np.ones((len(draws), 1))
+    edge_x, edge_y, thickness = (
+        draws[[name]].to_numpy(dtype=float) if name in draws else one
+        for name in ("edge_x", "edge_y", "thickness")
+    )
+    section = sections(specimen.area, edge_x, edge_y, thickness)[axis]
+    mounted = specimen.geometry == "mounted"
+    area = unloaded_section(section, mounting[:, axis : axis + 1], mounted)
+    errors = errors_of_draws(draws)
+    values = {p.name: draws[[p.name]].to_numpy(dtype=float) for p in errors.parameters}
+    return errors.sd(values, piola * area) / area
+
+
+# --- single draws that stand for a posterior: the median draw, the most probable one, a sample ---
+
+
+STATES = 60  # of each protocol, evenly along the record
+
+
+def common_states(draws: pd.DataFrame, specimen: Specimen) -> list[np.ndarray]:
+    """Total stretches at which draws are compared, one array (m, 2) a protocol.
+
+    The measured stretches times the posterior median of the mounting stretch: the same states
+    for every draw, so that only the material differs.
+    """
+    out = []
+    for protocol in specimen.protocols:
+        index = np.unique(np.linspace(0, protocol.rows - 1, STATES).round().astype(int))
+        measured = np.column_stack([protocol.stretch_x, protocol.stretch_y])[index]
+        out.append(measured * np.median(protocol_mounting(draws, protocol), axis=0))
+    return out
+
+
+def median_draw(draws: pd.DataFrame, specimen: Specimen, law: Law) -> int:
+    """Row of the draw whose stress curves lie nearest the median curves.
+
+    Parameters
+    ----------
+    draws : DataFrame
+        Posterior draws.
+    specimen : Specimen
+    law : Law
+
+    Returns
+    -------
+    int
+        Position in ``draws``. The distance is the sum of squares over directions and protocols,
+        each curve in units of the largest value of its median curve.
+    """
+    material = law.material(draws)
+    distance = np.zeros(len(draws))
+    for states in common_states(draws, specimen):
+        for curve in material.piola(*states.T):
+            median = np.median(curve, axis=0)
+            scale = max(float(np.abs(median).max()), 1e-300)
+            distance += np.square((curve - median) / scale).mean(axis=1)
+    return int(np.argmin(distance))
+
+
+def most_probable_draw(draws: pd.DataFrame) -> int:
+    """Row of the draw with the highest posterior density (column ``lp``).
+
+    A density depends on its coordinates: here ln C1, ln k1, ln k2, alpha and kappa, the mounted
+    state and the logarithm of the noise.
+
+    Raises
+    ------
+    InputError
+        If the draws carry no density.
+    """
+    if "lp" not in draws:
+        raise InputError(
+            "this run stores no posterior density of its draws", remedy="use --at median"
+        )
+    return int(np.argmax(draws["lp"].to_numpy(dtype=float)))
+
+
+def random_draws(draws: pd.DataFrame, count: int, *, seed: int = 0) -> list[int]:
+    """Rows of a random sample without replacement, in rising order.
+
+    Raises
+    ------
+    InputError
+        If there are fewer draws than asked for, or fewer than one is asked for.
+    """
+    if not 1 <= count <= len(draws):
+        raise InputError(
+            f"{count} draws asked for", remedy=f"the run holds {len(draws)}: ask for 1 to that many"
+        )
+    chosen = np.random.default_rng(seed).choice(len(draws), size=count, replace=False)
+    return sorted(int(i) for i in chosen)
+
+
+def chosen_draws(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    law: Law,
+    *,
+    count: int | None = None,
+    at: str = "median",
+    seed: int = 0,
+) -> tuple[list[int], str]:
+    """Positions of the draws to export, and what they are in words.
+
+    Parameters
+    ----------
+    draws : DataFrame
+    specimen : Specimen
+    law : Law
+    count : int, optional
+        So many random draws; else one.
+    at : {"median", "map"}
+        Which one.
+    seed : int
+    """
+    if count is not None:
+        return random_draws(draws, count, seed=seed), f"random posterior draw, seed {seed}"
+    if at == "map":
+        return [most_probable_draw(draws)], "most probable posterior draw"
+    row = median_draw(draws, specimen, law)
+    return [row], "posterior draw with the stress curves nearest the median curves"

@@ -1,0 +1,275 @@
+"""Posterior predictive checks: what the model misses, and for which tested paths.
+
+What the model misses: its errors beside the load cell's noise, and whether they are random.
+
+Posterior predictive checks in words: for which tested paths the model must not be used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtr
+
+from biaxbayes.model.curves import Curves
+from biaxbayes.model.error_model import errors_of_draws
+from biaxbayes.options import Settings
+from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.prediction.draws import mounting_labels
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["checks_in_words", "misfit", "misfit_in_words", "path_warnings", "predictive_checks"]
+
+
+# --- what the model misses: its errors beside the load cell's noise, and whether they are random--
+
+
+BLOCK = 500_000
+"""Model values held at once."""
+SMOOTH = -3.0
+"""Runs fewer than expected by this many standard deviations are no accident."""
+TAILS = (0.05, 0.95)
+
+
+def misfit(
+    specimen: Specimen,
+    draws: pd.DataFrame,
+    *,
+    settings: Settings | None = None,
+    max_draws: int = 200,
+) -> pd.DataFrame:
+    """Posterior predictive check of every curve.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    draws : DataFrame
+        One row a draw, columns as in ``summary.csv``.
+    settings : Settings, optional
+        Those of the run.
+    max_draws : int
+        At most so many draws, evenly chosen.
+
+    Returns
+    -------
+    DataFrame
+        One row a protocol and direction: ``protocol``, ``direction``, ``readings``, ``rms`` (of
+        reading minus median model, in the unit of the file), ``largest`` (of the same, with its
+        sign) and ``at`` (the measured stretch there), ``peak`` (largest absolute load),
+        ``noise`` (of the load cell), ``autocorrelation`` (of neighbouring residuals), ``runs``
+        of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
+        errors), ``inside`` (share of the readings inside their own 90 % predictive
+        band). A Cauchy file is compared as nominal stress.
+    """
+    settings = settings or Settings()
+    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+    chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
+    columns = {str(name): chosen[name].to_numpy(dtype=float) for name in chosen.columns}
+    rows = []
+    for number, protocol in enumerate(data.protocols):
+        kept = slice(protocol.rest_rows, None)
+        stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[kept]
+        measured = data.load(protocol)[kept]
+        if not len(measured):
+            continue
+        median, below = np.empty_like(measured), np.empty_like(measured)
+        step = max(1, BLOCK // (2 * len(chosen)))
+        for first in range(0, len(measured), step):
+            part = slice(first, first + step)
+            curves = Curves(
+                specimen,
+                stretch[part],
+                measured[part],
+                np.full(len(stretch[part]), number),
+                mounting_labels(draws, specimen),
+                *specimen.mounting_readings(shared=settings.mounting_stretch == "shared"),
+                settings.material_law,
+                errors_of_draws(columns),
+            )
+            median[part], below[part] = _model(curves, columns)
+        for axis, direction in enumerate("xy"):
+            residual = measured[:, axis] - median[:, axis]
+            worst = int(np.argmax(np.abs(residual)))
+            share = below[:, axis]
+            rows.append(
+                {
+                    "protocol": protocol.name,
+                    "direction": direction,
+                    "readings": len(residual),
+                    "rms": float(np.sqrt(np.mean(residual**2))),
+                    "largest": float(residual[worst]),
+                    "at": float(stretch[worst, axis]),
+                    "peak": float(np.abs(measured[:, axis]).max()),
+                    "noise": specimen.noise_sd,
+                    **_randomness(residual),
+                    "inside": float(np.mean((share >= TAILS[0]) & (share <= TAILS[1]))),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _model(curves: Curves, draws: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Median model, and the predictive probability of a smaller reading, shape (rows, 2)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        model = curves.model(draws)
+        sd = np.maximum(curves.total_sd(model, curves.noise(draws)), 1e-300)
+        # F(y) = mean over draws of Phi((y - m) / sd)
+        below = ndtr((curves.measured[None] - model) / sd).mean(axis=0)
+    return np.median(model, axis=0), below
+
+
+def _randomness(residual: np.ndarray) -> dict[str, float]:
+    """Correlation of neighbours, and runs of one sign beside what independence would give."""
+    centred = residual - residual.mean()
+    square = float(centred @ centred)
+    correlation = float(centred[:-1] @ centred[1:]) / square if square > 0.0 else np.nan
+    above = residual > 0.0
+    n = len(residual)
+    runs = 1 + int(np.count_nonzero(above[1:] != above[:-1]))
+    # Signs of independent errors about zero change at each of n - 1 steps with probability 1/2.
+    mean, sd = 0.5 * (n + 1), 0.5 * np.sqrt(max(n - 1, 1))
+    return {
+        "autocorrelation": correlation,
+        "runs": runs,
+        "expected_runs": mean,
+        "runs_z": (runs - mean) / sd,
+    }
+
+
+def misfit_in_words(table: pd.DataFrame) -> list[str]:
+    """What the check says, as sentences.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From :func:`misfit`.
+    """
+    if table.empty:
+        return ["There are no readings beyond the mounted state to check the model with."]
+    share = table["rms"] / table["peak"].clip(lower=1e-300)
+    worst = table.iloc[int(np.argmax(share))]
+    out = [
+        f"The median model misses the readings by {100 * share.min():.2g} to "
+        f"{100 * share.max():.2g} % of the peak load of the curve (root mean square); the most "
+        f"in direction {worst['direction']} of {worst['protocol']}."
+    ]
+    noise = float(table["noise"].iloc[0])
+    if noise > 0.0:
+        ratio = table["rms"] / noise
+        words = (
+            "the load cell's noise explains the misfit"
+            if ratio.max() < 1.5
+            else "the model, not the load cell, limits the fit"
+        )
+        out.append(
+            f"That is {ratio.min():.2g} to {ratio.max():.2g} times the noise of one load "
+            f"reading: {words}."
+        )
+    smooth = table[table["runs_z"] < SMOOTH]
+    if smooth.empty:
+        out.append("The signs of the residuals change as often as those of independent errors.")
+    else:
+        first = smooth.iloc[int(np.argmin(smooth["runs_z"]))]
+        out.append(
+            f"In {len(smooth)} of {len(table)} curves the model misses smoothly: at worst "
+            f"{first['runs']:.0f} runs of one sign where independent errors would show "
+            f"{first['expected_runs']:.0f} (neighbouring residuals correlate at "
+            f"{first['autocorrelation']:.2f})."
+        )
+    total = float((table["inside"] * table["readings"]).sum() / table["readings"].sum())
+    out.append(f"{100 * total:.0f} % of the readings lie inside their 90 % predictive band.")
+    return out
+
+
+# --- posterior predictive checks in words: for which tested paths the model must not be used -----
+
+
+MISSES = 0.05
+"""Share of the peak load beyond which a miss matters to whoever uses the parameters."""
+NOISE = 4.0
+"""Noise sds of one reading that a largest miss of some hundred readings may have by chance."""
+FEW_INSIDE = 0.8
+"""Share of readings inside a 90 % predictive band, below which the band is too narrow."""
+
+
+def predictive_checks(
+    specimen: Specimen, draws: pd.DataFrame, *, settings: Settings | None = None
+) -> pd.DataFrame:
+    """Check every curve against the median model and the predictive band.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    draws : DataFrame
+        One row a draw, columns as in ``summary.csv``.
+    settings : Settings, optional
+        Those of the run.
+
+    Returns
+    -------
+    DataFrame
+        That of :func:`misfit` with ``share`` (largest miss over the
+        largest load of the protocol, both directions) and ``verdict``: ``noise`` (no more than
+        the load cell's), ``small`` (more, but below 5 % of the peak), ``misses``.
+    """
+    table = misfit(specimen, draws, settings=settings)
+    if table.empty:
+        return table.assign(share=[], verdict=[])
+    peak = table.groupby("protocol")["peak"].transform("max").clip(lower=1e-300)
+    share = table["largest"].abs() / peak
+    within = (table["largest"].abs() <= NOISE * table["noise"]) & (table["runs_z"] >= SMOOTH)
+    verdict = np.where(within, "noise", np.where(share > MISSES, "misses", "small"))
+    return table.assign(share=share, verdict=verdict)
+
+
+def path_warnings(checks: pd.DataFrame, unit: str) -> list[str]:
+    """One sentence for each protocol that the model misses; none where it misses none.
+
+    Parameters
+    ----------
+    checks : DataFrame
+        From :func:`predictive_checks`.
+    unit : str
+        Of the loads.
+    """
+    missed = checks[checks["verdict"] == "misses"].to_dict("records")
+    out = []
+    for protocol in dict.fromkeys(row["protocol"] for row in missed):
+        worst = max((r for r in missed if r["protocol"] == protocol), key=lambda r: r["share"])
+        out.append(
+            f"GOH misses the {protocol} protocol by {worst['rms']:.2g} {unit} root mean square "
+            f"and {abs(worst['largest']):.2g} {unit} ({100 * worst['share']:.0f} % of its peak) at "
+            f"most, in {worst['direction']} at a measured stretch of {worst['at']:.3f}: do not use "
+            "these parameters for that path where this matters."
+        )
+    return out
+
+
+def checks_in_words(checks: pd.DataFrame, unit: str) -> list[str]:
+    """The warnings, then what the rest of the checks says.
+
+    Parameters
+    ----------
+    checks : DataFrame
+        From :func:`predictive_checks`.
+    unit : str
+        Of the loads.
+    """
+    if checks.empty:
+        return ["There are no readings beyond the mounted state to check the model with."]
+    out = path_warnings(checks, unit)
+    by_noise = checks[checks["verdict"] == "noise"]
+    if len(by_noise) == len(checks):
+        out.append("The model misses no reading by more than the load cell's noise.")
+    elif not out:
+        worst = max(checks.to_dict("records"), key=lambda r: r["share"])
+        out.append(
+            f"The model misses no protocol by more than {100 * worst['share']:.1f} % of its peak "
+            f"({worst['protocol']} in {worst['direction']}, {abs(worst['largest']):.2g} {unit})."
+        )
+    for row in checks[checks["inside"] < FEW_INSIDE].to_dict("records"):
+        out.append(
+            f"Only {100 * row['inside']:.0f} % of the readings of {row['protocol']} in "
+            f"{row['direction']} lie inside their own 90 % predictive band: it is too narrow there."
+        )
+    return out

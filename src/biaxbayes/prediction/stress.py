@@ -1,0 +1,325 @@
+"""Stress that the posterior predicts on any path of stretches, and which paths a test covered.
+
+What a test covered: the convex hull of its states of stretch, and what lies outside it.
+
+Stress that the posterior predicts on any path of stretches.
+
+Two bands, always both. The credible band holds the model's own value; the predictive band holds
+a new measurement, the model's value plus the residual that the run inferred. Each is a
+percentile range over the draws, row by row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws.law import Law
+from biaxbayes.options import PredictionOptions
+from biaxbayes.prediction.bands import band_columns, evenly_chosen, tails
+from biaxbayes.prediction.draws import (
+    mounting_labels,
+    mounting_stretch,
+    piola_noise,
+    protocol_mounting,
+)
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = [
+    "BELOW",
+    "BEYOND",
+    "INSIDE",
+    "MAX_DRAWS",
+    "OFF_PATH",
+    "CoveredStretches",
+    "covered_stretches",
+    "predict_stress",
+    "stretch_path",
+]
+
+
+# --- what a test covered: the convex hull of its states of stretch, and what lies outside it -----
+
+
+INSIDE = "no"
+BELOW = "below the mounted state"
+BEYOND = "beyond the tested range"
+OFF_PATH = "off the tested paths"
+
+RELATIVE_TOLERANCE = 0.05  # of the tested range: a path this close beside a tested one counts
+ABSOLUTE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class CoveredStretches:
+    """Convex hull of the tested states.
+
+    Attributes
+    ----------
+    hull : ndarray, shape (m, 2)
+        Corners, anticlockwise; one or two when the states lie on a point or a line.
+    low, high : ndarray, shape (2,)
+        Component-wise range.
+    shift : float
+        Distance by which the mounting stretch moved the tested paths: a path that starts at the
+        unloaded state and runs beside a tested one within it was tested as well as it could be.
+    """
+
+    hull: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    shift: float = 0.0
+
+    def extrapolation(self, stretch_x, stretch_y) -> np.ndarray:
+        """Where each state lies.
+
+        Parameters
+        ----------
+        stretch_x, stretch_y : array_like, shape (n,)
+
+        Returns
+        -------
+        ndarray of str, shape (n,)
+            :data:`INSIDE`; :data:`BELOW` a smallest, :data:`BEYOND` a largest tested stretch;
+            or :data:`OFF_PATH`: each stretch was tested, but not together.
+        """
+        state = np.column_stack([np.ravel(stretch_x), np.ravel(stretch_y)]).astype(float)
+        slack = RELATIVE_TOLERANCE * (self.high - self.low).max() + self.shift + ABSOLUTE_TOLERANCE
+        label = np.full(len(state), INSIDE, dtype=object)
+        label[_distance(self.hull, state) > slack] = OFF_PATH
+        # A range's own ends count as tested to the rounding of the file only.
+        label[(state < self.low - ABSOLUTE_TOLERANCE).any(axis=1)] = BELOW
+        # Not a number is no tested state either.
+        label[~(state <= self.high + ABSOLUTE_TOLERANCE).all(axis=1)] = BEYOND
+        return label.astype(str)
+
+
+def covered_stretches(
+    specimen: Specimen, mounting_stretch: tuple[float, float] | np.ndarray = (1.0, 1.0)
+) -> CoveredStretches:
+    """The states of stretch that a specimen's protocols visited.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    mounting_stretch : (float, float) or ndarray, shape (protocols, 2)
+        Factor from measured to total stretch, one for all or one for each protocol; (1, 1) for
+        the range of measured stretches.
+
+    Returns
+    -------
+    CoveredStretches
+    """
+    factor = np.broadcast_to(np.asarray(mounting_stretch, float), (len(specimen.protocols), 2))
+    state = np.vstack(
+        [
+            np.column_stack([p.stretch_x, p.stretch_y]) * lm
+            for p, lm in zip(specimen.protocols, factor, strict=True)
+        ]
+    )
+    shift = float(np.linalg.norm(factor - 1.0, axis=1).max())
+    return CoveredStretches(_convex_hull(state), state.min(axis=0), state.max(axis=0), shift)
+
+
+def _convex_hull(points: np.ndarray) -> np.ndarray:
+    """Corners of the convex hull, anticlockwise, by Andrew's monotone chain."""
+    ordered = [tuple(p) for p in np.unique(points, axis=0)]  # sorted by x, then y
+    if len(ordered) < 3:
+        return np.array(ordered)
+
+    def chain(sequence) -> list[tuple[float, ...]]:
+        corners: list[tuple[float, ...]] = []
+        for p in sequence:
+            while len(corners) > 1:
+                (ax, ay), (bx, by) = corners[-2], corners[-1]
+                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 0.0:
+                    break
+                corners.pop()
+            corners.append(p)
+        return corners
+
+    return np.array(chain(ordered)[:-1] + chain(reversed(ordered))[:-1])
+
+
+def _distance(hull: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance of points from a convex polygon; zero inside it."""
+    start, end = hull, np.roll(hull, -1, axis=0)
+    edge = end - start
+    offset = points[:, None, :] - start[None, :, :]
+    length = np.maximum((edge**2).sum(axis=1), 1e-300)
+    along = np.clip((offset * edge).sum(axis=2) / length, 0.0, 1.0)
+    nearest = np.linalg.norm(offset - along[:, :, None] * edge, axis=2).min(axis=1)
+    if len(hull) < 3:
+        return nearest
+    cross = edge[:, 0] * offset[:, :, 1] - edge[:, 1] * offset[:, :, 0]
+    return np.where((cross >= 0.0).all(axis=1), 0.0, nearest)
+
+
+# --- stress that the posterior predicts on any path of stretches ---------------------------------
+
+
+MAX_DRAWS = 4000
+"""Draws that carry the bands, evenly chosen: enough for their percentiles."""
+BLOCK = 2_000_000  # numbers held at once
+
+
+def stretch_path(
+    largest: float, *, ratio: tuple[float, float] = (1.0, 1.0), points: int = 51
+) -> np.ndarray:
+    """A straight path of stretches from 1.
+
+    Parameters
+    ----------
+    largest : float
+        Largest stretch of the leading direction.
+    ratio : (float, float)
+        Share of the stretch beyond 1 that each direction takes, as in a ``1:0.5`` protocol.
+    points : int
+
+    Returns
+    -------
+    ndarray, shape (points, 2)
+    """
+    share = np.asarray(ratio, dtype=float)
+    if not np.isfinite(share).all() or np.abs(share).max() == 0.0:
+        raise InputError(f"a stretch ratio of {share[0]:g}:{share[1]:g} moves nothing")
+    return 1.0 + np.linspace(0.0, largest - 1.0, points)[:, None] * share / np.abs(share).max()
+
+
+def predict_stress(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    law: Law,
+    path: np.ndarray,
+    *,
+    reference: str = "total",
+    protocol: str | None = None,
+    stress: str = "cauchy",
+    probability: float = PredictionOptions.probability,
+) -> pd.DataFrame:
+    """Stress along a path of stretches, with credible and predictive bands.
+
+    Parameters
+    ----------
+    draws : DataFrame
+        Posterior draws by the names of ``summary.csv``.
+    specimen : Specimen
+        What was tested: the range, the sections, the unit of the noise.
+    law : Law
+    path : ndarray, shape (m, 2)
+        Stretches in x and y.
+    reference : {"total", "measured"}
+        Relative to the unloaded or to the mounted state.
+    protocol : str, optional
+        Whose mounted state measured stretches refer to, where each protocol has its own.
+    stress : {"cauchy", "piola"}
+        Cauchy, or first Piola-Kirchhoff with the unloaded state as reference; kPa.
+    probability : float
+        Content of each band.
+
+    Returns
+    -------
+    DataFrame
+        One row a state: ``stretch_x``, ``stretch_y`` as given, ``total_stretch_x`` and
+        ``total_stretch_y`` (posterior medians), five columns of each direction such as
+        ``cauchy_x_kPa_median``, and ``extrapolation``.
+
+    Raises
+    ------
+    InputError
+        If an option does not fit the run, a stretch is not positive, or a stress overflows.
+    """
+    path = _checked(np.asarray(path, dtype=float))
+    if reference not in ("total", "measured") or stress not in ("cauchy", "piola"):
+        raise InputError("reference is total or measured, stress is cauchy or piola")
+    tails(probability)
+    draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
+    lm = prediction_mounting(draws, specimen, protocol, needed=reference == "measured")
+    factor = lm if reference == "measured" else np.ones_like(lm)
+    material = law.material(draws)
+    blocks = []
+    rows = max(1, BLOCK // max(len(draws), 1))
+    for first in range(0, len(path), rows):
+        total = path[None, first : first + rows, :] * factor[:, None, :]
+        with np.errstate(over="ignore", invalid="ignore"):
+            model = material.piola(total[:, :, 0], total[:, :, 1])
+        _check_finite(model, path[first : first + rows])
+        columns: dict[str, np.ndarray] = {}
+        for axis, name in enumerate("xy"):
+            noise = piola_noise(draws, specimen, axis, model[axis], lm)
+            scale = total[:, :, axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
+            columns |= band_columns(
+                f"{stress}_{name}_kPa", model[axis] * scale, noise * scale, probability
+            )
+        blocks.append(pd.DataFrame(columns))
+    middle = path * np.median(factor, axis=0)
+    head = {
+        "stretch_x": path[:, 0],
+        "stretch_y": path[:, 1],
+        "total_stretch_x": middle[:, 0],
+        "total_stretch_y": middle[:, 1],
+    }
+    where = prediction_range(draws, specimen, protocol, reference).extrapolation(*path.T)
+    table = pd.concat(blocks, ignore_index=True)
+    return pd.concat([pd.DataFrame(head), table, pd.DataFrame({"extrapolation": where})], axis=1)
+
+
+def prediction_mounting(
+    draws: pd.DataFrame, specimen: Specimen, protocol: str | None, *, needed: bool = False
+) -> np.ndarray:
+    """Mounting stretches (n, 2): of a protocol, or the mean over the mounted states.
+
+    Raises
+    ------
+    InputError
+        If the protocol has no mounted state of its own, or, where one is ``needed``, none was
+        named and the run has several.
+    """
+    labels = mounting_labels(draws, specimen)
+    if labels in ((), ("",)):
+        return mounting_stretch(draws)
+    if protocol is None and needed:
+        raise InputError(
+            "each protocol has a mounted state of its own, so a measured stretch needs one",
+            remedy=f"name the protocol: {', '.join(labels)}",
+        )
+    if protocol is None:
+        return np.mean([mounting_stretch(draws, label) for label in labels], axis=0)
+    if protocol not in labels:
+        raise InputError(
+            f"no protocol {protocol!r} in this run", remedy=f"it has {', '.join(labels)}"
+        )
+    return mounting_stretch(draws, protocol)
+
+
+def prediction_range(
+    draws: pd.DataFrame, specimen: Specimen, protocol: str | None, reference: str
+) -> CoveredStretches:
+    """What was tested, in the stretches that a prediction is asked in."""
+    own = np.ones(2)
+    if reference == "measured":
+        # Other protocols' states, referred to the mounted state of this one.
+        own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
+    lms = [np.median(protocol_mounting(draws, p), axis=0) / own for p in specimen.protocols]
+    return covered_stretches(specimen, np.array(lms))
+
+
+def _checked(path: np.ndarray) -> np.ndarray:
+    if path.ndim != 2 or path.shape[1] != 2 or not len(path):
+        raise InputError("a path needs a stretch in x and one in y in every row")
+    if not (np.isfinite(path).all() and (path > 0.0).all()):
+        raise InputError("stretches must be positive numbers")
+    return path
+
+
+def _check_finite(model: tuple[np.ndarray, np.ndarray], path: np.ndarray) -> None:
+    finite = np.isfinite(model[0]).all(axis=0) & np.isfinite(model[1]).all(axis=0)
+    if not finite.all():
+        x, y = path[np.argmin(finite)]
+        raise InputError(
+            f"the stress of some draws overflows at stretches of {x:g} and {y:g}",
+            remedy="end the path earlier: nothing was tested near there",
+        )

@@ -1,0 +1,130 @@
+"""A comparison as files: tables, figures at print size and a page that opens anywhere."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.comparison.compare import WARNING, Comparison
+from biaxbayes.csv_tables import write_csv
+from biaxbayes.errors import InputError
+from biaxbayes.figures.style import figure_bytes
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["MOST_OVERLAID", "write_comparison"]
+
+MOST_OVERLAID = 6
+
+
+def write_comparison(found: Comparison, folder: Path) -> list[Path]:
+    """Write the tables, figures and the page of a comparison.
+
+    Parameters
+    ----------
+    found : Comparison
+    folder : Path
+        Made where it does not exist.
+
+    Returns
+    -------
+    list of Path
+        What was written. More than six runs get no overlay, which nobody could read.
+    """
+    from biaxbayes.figures.compare import forest_figure, matrix_figure
+    from biaxbayes.figures.corner import overlay_figure
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
+    written = []
+    tables = {"compare-identifiability": found.matrix(), "compare-distances": found.distances}
+    for stem, table in tables.items():
+        path = folder / f"{stem}.csv"
+        write_csv(path, table, digits=6)
+        written.append(path)
+    figures = {"matrix": matrix_figure(found), "forest": forest_figure(found)}
+    if len(found.members) <= MOST_OVERLAID:
+        figures["overlay"] = overlay_figure(
+            [m.draws for m in found.members],
+            found.labels,
+            known=found.members[0].posterior.quantities,
+        )
+    for stem, figure in figures.items():
+        for suffix in ("pdf", "png"):
+            path = folder / f"compare-{stem}.{suffix}"
+            atomic_write_bytes(path, figure_bytes(figure, suffix))
+            written.append(path)
+    page = folder / "compare.html"
+    atomic_write_text(page, _page(found, figures))
+    return [*written, page]
+
+
+def _page(found: Comparison, figures: dict[str, Figure]) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("biaxbayes.reports", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    images: dict[str, Any] = dict.fromkeys(("matrix", "forest", "overlay"))
+    images |= {name: _embedded(figure) for name, figure in figures.items()}
+    return environment.get_template("compare.html").render(
+        labels=found.labels,
+        members=found.members,
+        reliable=found.reliable,
+        notes=found.notes,
+        verdicts=[
+            {"label": label, "words": verdicts.in_words()}
+            for label, verdicts in zip(found.labels, found.verdicts, strict=True)
+        ],
+        warning=WARNING,
+        pairs=_pairs(found.distances),
+        version=biaxbayes.__version__,
+        **images,
+    )
+
+
+def _embedded(figure: Figure) -> str:
+    """A figure inside of a page, as a data address."""
+    data = base64.b64encode(figure_bytes(figure, "png")).decode("ascii")
+    return f"data:image/png;base64,{data}"
+
+
+def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
+    out = []
+    for (a, b), rows in distances.groupby(["run_a", "run_b"], sort=False):
+        known = rows["determined_in_both"].astype(bool)
+        parts = [
+            {"title": "Determined in both runs", "rows": _rows(rows[known])},
+            {
+                "title": "Not determined in both: no difference of tissue",
+                "rows": _rows(rows[~known]),
+            },
+        ]
+        out.append({"a": a, "b": b, "parts": parts})
+    return out
+
+
+def _rows(table: pd.DataFrame) -> list[list[str]]:
+    out = []
+    for row in table.to_dict("records"):
+        name = str(row["quantity"])
+        if pd.notna(row["total_stretch"]):
+            name += f" at {row['total_stretch']:.4g}"
+        if row["unit"]:
+            name += f" ({row['unit']})"
+        numbers = ("median_a", "median_b", "difference_q50", "difference_q05", "difference_q95")
+        cells = [name, *(f"{row[key]:.4g}" for key in numbers)]
+        cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
+        out.append([*cells, f"{row['kolmogorov']:.2f}"])
+    return out

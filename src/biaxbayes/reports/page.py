@@ -1,0 +1,198 @@
+"""The report of a run: one page that opens anywhere.
+
+The templates of the pages; text that is put into them is escaped.
+
+Figures of a run folder as data URIs, so that the page needs nothing beside itself.
+
+report.html: a run on one page, for somebody who has two minutes.
+"""
+
+from __future__ import annotations
+
+import base64
+import struct
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from biaxbayes.reports.facts import (
+    citations,
+    settings_facts,
+    specimen_facts,
+    state_words,
+    test_rows,
+    version_facts,
+)
+from biaxbayes.reports.methods import methods
+from biaxbayes.reports.names import as_html, cut
+from biaxbayes.reports.parameters import parameter_rows, percent_stretch
+from biaxbayes.runs.run import Run, open_run
+from biaxbayes.text_files import atomic_write_text
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+__all__ = ["NAME", "Picture", "page_template", "pictures", "report_page", "write_report"]
+
+
+# --- the templates of the pages; text that is put into them is escaped ---------------------------
+
+
+@cache
+def page_template(name: str) -> Template:
+    """The template of a file beside this one."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("biaxbayes.reports", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["symbol"] = as_html
+    return environment.get_template(name)
+
+
+# --- figures of a run folder as data URIs, so that the page needs nothing beside itself ----------
+
+
+MAGIC = b"\x89PNG\r\n\x1a\n"
+TOTAL_BYTES = 3_300_000
+"""Of the files; a third more once encoded. The page stays below 5 MB."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG of the run folder.
+
+    Attributes
+    ----------
+    uri : str
+    width, height : int
+        Pixels.
+    """
+
+    uri: str
+    width: int
+    height: int
+
+
+def pictures(folder: Path, stems: tuple[str, ...]) -> dict[str, Picture]:
+    """Figures that are there, by stem; the first ones are kept where all would be too large."""
+    left, out = TOTAL_BYTES, {}
+    for stem in stems:
+        path = folder / f"{stem}.png"
+        try:
+            if path.is_symlink() or not path.is_file() or path.stat().st_size > left:
+                continue
+            data = path.read_bytes()
+        except OSError:
+            continue
+        if data[:8] != MAGIC or data[12:16] != b"IHDR" or len(data) > left:
+            continue
+        left -= len(data)
+        width, height = struct.unpack(">II", data[16:24])
+        uri = "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+        out[stem] = Picture(uri, width, height)
+    return out
+
+
+# --- report.html: a run on one page, for somebody who has two minutes ----------------------------
+
+
+NAME = "report.html"
+FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger")
+
+
+def write_report(folder: Path | str, run: Run | None = None) -> Path:
+    """Write the report of a finished run into its folder.
+
+    Parameters
+    ----------
+    folder : path-like
+    run : Run, optional
+        The same run where it is open already; else it is opened.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    RunError
+        If the folder is not a run.
+    """
+    folder = Path(folder)
+    page = report_page(run or open_run(folder))
+    path = folder / NAME
+    atomic_write_text(path, page)
+    return path
+
+
+def report_page(run: Run) -> str:
+    """The page as HTML: no scripts, no network, figures of the folder inside.
+
+    Parameters
+    ----------
+    run : Run
+    """
+    rows = parameter_rows(run)
+    verdict, reason = state_words(run)
+    noise, sampler = run.provenance["noise"], run.provenance["sampler"]
+    return page_template("template.html.jinja").render(
+        name=cut(run.specimen.name),
+        state=run.state,
+        verdict=verdict,
+        reason=reason,
+        facts=specimen_facts(run),
+        tests=test_rows(run),
+        unit=run.specimen.unit,
+        load="force" if run.specimen.stress_pair == "force" else "nominal stress",
+        rows=rows,
+        words=[row for row in rows if row.words],
+        mounting=percent_stretch(rows, run),
+        settings=run.provenance["settings"],
+        figures=pictures(run.path, FIGURES),
+        determined=_determined(run),
+        noise=noise,
+        beta=run.beta,
+        sampler=sampler,
+        convergence=run.provenance["convergence"],
+        misfit=_misfit(run),
+        notes=[cut(n, 400) for n in (*run.provenance["notes"], sampler["message"]) if n],
+        settings_facts=settings_facts(run),
+        version_facts=version_facts(run),
+        citations=citations(run),
+        methods=methods(run, rows),
+    )
+
+
+def _determined(run: Run) -> list[dict[str, str]]:
+    if run.state == "unusable":
+        return []
+    from biaxbayes.reports.parameters import determined_rows
+
+    return determined_rows(run)
+
+
+def _misfit(run: Run) -> dict[str, Any]:
+    """The posterior predictive check in words and as a table."""
+    if run.state == "unusable":
+        return {"words": [], "rows": [], "warnings": []}
+    from biaxbayes.prediction.predictive_checks import (
+        checks_in_words,
+        misfit_in_words,
+        path_warnings,
+    )
+    from biaxbayes.reports.facts import model_checks
+
+    table, unit = model_checks(run), run.specimen.unit
+    words = dict.fromkeys([*checks_in_words(table, unit), *misfit_in_words(table)])
+    return {
+        "words": list(words),
+        "rows": table.to_dict("records"),
+        "warnings": path_warnings(table, unit),
+    }

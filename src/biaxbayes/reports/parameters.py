@@ -1,0 +1,266 @@
+"""The parameters and what the data determine, as rows of the page.
+
+The rows of the parameter table: number, interval and verdict of every quantity.
+
+What the data determine, as rows of the page.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from functools import partial
+
+import pandas as pd
+
+from biaxbayes.figures.labels import number
+from biaxbayes.identifiability.determined import MEASURED, determined, mounting_stated
+from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
+from biaxbayes.parameters import STRETCH, Quantity
+from biaxbayes.reports.names import cut
+from biaxbayes.runs.run import Run
+
+__all__ = ["Row", "determined_rows", "parameter_rows", "percent_stretch", "refit_ranges"]
+
+
+# --- the rows of the parameter table: number, interval and verdict of every quantity -------------
+
+
+WIDE = 8.0
+"""Ratio of the ends of an interval from which two significant digits are all it deserves."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity of a run, as text.
+
+    Attributes
+    ----------
+    quantity : Quantity
+    median, low, high : str
+        Posterior median and central 90 % interval; a dash where the chains say nothing.
+    ess, rhat : str
+    verdict, words : str
+        From identifiability.csv; empty where there is none.
+    refits : bool
+        Whether the ends are those of fits to parts of the record, in place of an interval that
+        the data contradict.
+    """
+
+    quantity: Quantity
+    median: str
+    low: str
+    high: str
+    ess: str
+    rhat: str
+    verdict: str = ""
+    words: str = ""
+    refits: bool = False
+
+    @property
+    def name(self) -> str:
+        """As in ``summary.csv``."""
+        return self.quantity.name
+
+    @property
+    def meaning(self) -> str:
+        """What it is, in words."""
+        return self.quantity.parameter.words
+
+    @property
+    def unit(self) -> str:
+        """Unit behind a number; empty for pure numbers."""
+        return self.quantity.parameter.unit_symbol(self.quantity.load_unit)
+
+    @property
+    def interval(self) -> str:
+        """Both ends; a fixed value has none."""
+        if self.low == self.high:
+            return "fixed" if self.low != DASH else DASH
+        return f"{self.low} to {self.high}{' (refits)' if self.refits else ''}"
+
+
+DASH, MINUS = "–", "\N{MINUS SIGN}"
+
+
+def parameter_rows(run: Run) -> list[Row]:
+    """Rows of summary.csv joined with the verdicts of identifiability.csv."""
+    verdicts = _verdicts(run)
+    rows = []
+    for record in run.summary.to_dict("records"):
+        name = str(record["parameter"])
+        quantity = run.quantities[name]
+        p = quantity.parameter
+        q05, q50, q95 = (float(record[k]) for k in ("q05", "q50", "q95"))
+        wide = p.logarithmic and q05 > 0.0 and q95 / q05 > WIDE
+        write = _stretch if p.kind == STRETCH else partial(number, log=wide)
+        verdict, words, ends = verdicts.get(name, ("", "", None))
+        refits = verdict == NOT_IDENTIFIED and ends is not None
+        if refits and ends is not None:
+            q05, q95 = ends
+        median, low, high = (DASH if math.isnan(v) else write(v, q05, q95) for v in (q50, q05, q95))
+        ess = min(float(record["ess_bulk"]), float(record["ess_tail"]))
+        rhat = float(record["rhat"])
+        rows.append(
+            Row(
+                quantity,
+                median,
+                low,
+                high,
+                DASH if math.isnan(ess) else f"{ess:,.0f}",
+                DASH if math.isnan(rhat) else f"{rhat:.4f}",
+                verdict,
+                words,
+                refits,
+            )
+        )
+    return rows
+
+
+def _stretch(value: float, low: float, high: float) -> str:
+    """A stretch differs from one in its decimals: three digits of the width of its interval."""
+    width = high - low
+    return f"{value:.{min(max(2 - math.floor(math.log10(width)), 3), 6) if width > 0.0 else 4}f}"
+
+
+def percent_stretch(rows: list[Row], run: Run) -> list[tuple[Quantity, str]]:
+    """Mounting stretches as sentences, one a direction and mounted state."""
+    values = {str(r["parameter"]): r for r in run.summary.to_dict("records")}
+    out = []
+    for row in rows:
+        if row.quantity.parameter.kind != STRETCH:
+            continue
+        q05, q50, q95 = (100.0 * (float(values[row.name][q]) - 1.0) for q in QUANTILES)
+        if math.isnan(q50):
+            out.append((row.quantity, "not known: the chains have not converged"))
+            continue
+        if row.refits:
+            low, high = (
+                f"{100.0 * (float(v) - 1.0):.1f}".replace("-", MINUS) for v in (row.low, row.high)
+            )
+            out.append(
+                (row.quantity, f"is not identified: {low} to {high} % by fits to parts of {TOE}")
+            )
+            continue
+        digits = 1 if q95 - q05 > 0.2 else 2
+        low, middle, high = (f"{v:.{digits}f}".replace("-", MINUS) for v in (q05, q50, q95))
+        what = "stretched" if q50 >= 0.0 else "changed in length"
+        out.append((row.quantity, f"{what} by {middle} % when mounted (90 %: {low} to {high} %)"))
+    return out
+
+
+QUANTILES = ("q05", "q50", "q95")
+TOE = "the record; the value rests on the model's toe, which these data contradict"
+Verdict = tuple[str, str, tuple[float, float] | None]
+
+
+def _verdicts(run: Run) -> dict[str, Verdict]:
+    """Verdict, words and range of refits; none where the file is missing or no such table."""
+    path = run.path / "identifiability.csv"
+    if path.is_symlink() or not path.is_file():
+        return {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table = pd.read_csv(path, comment="#", dtype=str, keep_default_na=False)
+        return {
+            str(r["parameter"]): (
+                str(r["verdict"]),
+                str(r["in_words"]).removeprefix(head(r)),
+                refit_range(r),
+            )
+            for r in table.to_dict("records")
+        }
+    except (OSError, ValueError, KeyError, MemoryError):
+        return {}
+
+
+def head(record: dict) -> str:
+    """The start of a sentence that the row of a table already shows."""
+    return f"{record['parameter']}: "
+
+
+def refit_ranges(run: Run) -> dict[str, tuple[float, float]]:
+    """Ranges of the mounting stretches that are not identified, by name."""
+    return {
+        name: ends
+        for name, (verdict, _, ends) in _verdicts(run).items()
+        if verdict == NOT_IDENTIFIED and ends is not None
+    }
+
+
+def refit_range(record: dict) -> tuple[float, float] | None:
+    """Range of a mounting stretch in fits to parts of the record, where the file has one."""
+    try:
+        low, high = (float(record[f"refit_{end}"]) for end in ("low", "high"))
+    except (KeyError, ValueError):
+        return None
+    return (low, high) if math.isfinite(low) and math.isfinite(high) else None
+
+
+# --- what the data determine, as rows of the page ------------------------------------------------
+
+
+STATES = 3
+"""Stretches of each kind that the page states; determined.csv has all."""
+WORDS = {
+    "Hx": "structure tensor, x",
+    "Hy": "structure tensor, y",
+    "Hz": "structure tensor, through the thickness",
+}
+
+
+def determined_rows(run: Run) -> list[dict[str, str]]:
+    """Quantities that do not depend on how the parameters are split."""
+    draws = run.draws.iloc[:: max(1, len(run.draws) // 2000)]
+    table = determined(
+        draws,
+        run.specimen,
+        run.law,
+        refits=refit_ranges(run),
+        mounting_known=mounting_stated(run.provenance["settings"].get("priors") or {}),
+    )
+    out = []
+    for r in table[_shown(table)].to_dict("records"):
+        low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
+        wide = low > 0.0 and high / low > 8.0
+        told = [number(v, low, high, log=wide) for v in (median, low, high)]
+        ends = [float(r[k]) for k in ("tissue_low_90", "tissue_high_90")]
+        tissue = " to ".join(number(v, *ends) for v in ends)
+        if math.isnan(ends[0]):
+            tissue = "not stated" if str(r["quantity"]).startswith("Cauchy stress") else ""
+        x, y = float(r["stretch_x"]), float(r["stretch_y"])
+        name = cut(r["quantity"], 90)
+        out.append(
+            {
+                "quantity": WORDS.get(name, name),
+                "at": "" if math.isnan(x) else f"{x:g}, {y:g}",
+                "unit": str(r["unit"]),
+                "median": told[0],
+                "interval": f"{told[1]} to {told[2]}",
+                "tissue": tissue,
+                "width": _percent(100.0 * float(r["relative_width"])),
+            }
+        )
+    return out
+
+
+def _shown(table: pd.DataFrame) -> pd.Series:
+    """The largest states of each kind: they are what the test was made for."""
+    measured = table["quantity"].str.contains(MEASURED, regex=False)
+    beyond = ~measured & (table["stretch_x"].notna()) & ~table["quantity"].str.startswith("small")
+    out = ~measured & ~beyond
+    for kind in (beyond, measured):
+        # A stress at a measured stretch names its protocol: a state is that and the stretches.
+        state = table["quantity"].where(measured, "").str.split(MEASURED).str[-1]
+        state = state + table["stretch_x"].astype(str) + " " + table["stretch_y"].astype(str)
+        last = list(dict.fromkeys(state[kind]))[-STATES:]
+        out |= kind & state.isin(last)
+    return out
+
+
+def _percent(value: float) -> str:
+    return (
+        f"{value:.2g} %" if value < 10.0 else f"{value:.0f} %" if value < 1e4 else "over 10,000 %"
+    )

@@ -1,0 +1,184 @@
+"""study.html: all specimens of a study on one page."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.comparison.compare import WARNING
+from biaxbayes.figures.labels import number
+from biaxbayes.identifiability.verdict import FIXED
+from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
+from biaxbayes.reports.names import cut
+from biaxbayes.reports.page import page_template, pictures
+from biaxbayes.studies.groups import KNOWN
+from biaxbayes.studies.result import StudyResult
+
+__all__ = ["FIGURE", "study_page"]
+
+FIGURE = "study-specimens"
+WIDE = 8.0
+DASH = "–"
+KNOWN_QUANTITIES = Quantities(law_named(DEFAULT_LAW).parameters)
+"""What the names of a study's tables are."""
+WORDS = {
+    "Hx": "structure tensor, x",
+    "Hy": "structure tensor, y",
+    "Hz": "structure tensor, z",
+    "stiffness_x": "small-strain stiffness, x",
+    "stiffness_y": "small-strain stiffness, y",
+    "stiffness_x at 1": "small-strain stiffness, x",
+    "stiffness_y at 1": "small-strain stiffness, y",
+}
+
+
+def study_page(result: StudyResult) -> str:
+    """The page as HTML: no scripts, no network; the links lead to the reports of the runs.
+
+    Parameters
+    ----------
+    result : StudyResult
+        Its folder holds the figure.
+    """
+    states = result.states
+    total = sum(states.values())
+    shown = [q.name for q in KNOWN_QUANTITIES.judged()]
+    names = [n for n in shown if (result.table["quantity"] == n).any()]
+    return page_template("study.html.jinja").render(
+        name=cut(result.name),
+        total=total,
+        reliable=states.get("reliable", 0),
+        states=[(k, v) for k, v in states.items() if k != "reliable"],
+        failures=[(cut(k), cut(v, 300)) for k, v in result.failures.items()],
+        columns=[(KNOWN_QUANTITIES[n], _unit(KNOWN_QUANTITIES[n].unit)) for n in names],
+        specimens=_specimens(result, names),
+        figures=pictures(result.folder, (FIGURE,)),
+        layers=_groups(result.groups, "layer"),
+        donors=_groups(result.groups, "donor"),
+        contrasts=_contrasts(result.contrasts),
+        compared=result.distances.empty is False,
+        warning=WARNING,
+        notes=[cut(n, 400) for n in result.notes],
+        version=biaxbayes.__version__,
+    )
+
+
+def _unit(text: object) -> str:
+    """A unit of a table as the page has it."""
+    return {"deg": "°", "1": ""}.get(str(text), str(text))
+
+
+def _specimens(result: StudyResult, names: list[str]) -> list[dict[str, Any]]:
+    found: dict[tuple[str, str], dict[Any, Any]] = {
+        (str(r["specimen"]), str(r["quantity"])): r for r in result.table.to_dict("records")
+    }
+    out = []
+    for s in result.specimens.to_dict("records"):
+        page = f"{s['folder']}/report.html"
+        there = (result.folder / page).is_file()
+        out.append(
+            {
+                "label": cut(s["specimen"], 60),
+                "page": page if there else "",
+                "donor": cut(s["donor"], 40),
+                "layer": cut(s["layer"], 40),
+                "state": s["state"],
+                "cells": [_cell(found.get((str(s["specimen"]), n))) for n in names],
+            }
+        )
+    return out
+
+
+def _cell(row: dict[Any, Any] | None) -> dict[str, Any]:
+    """Median and interval as text, and whether the specimen determines them."""
+    if row is None or not math.isfinite(float(row["q50"])):
+        return {"median": DASH, "interval": "", "known": True}
+    low, median, high = (float(row[k]) for k in ("q05", "q50", "q95"))
+    log = low > 0.0 and high / low > WIDE
+    told = [number(v, low, high, log=log) for v in (median, low, high)]
+    fixed = row["verdict"] == FIXED or low == high
+    interval = "fixed" if fixed else f"{told[1]} to {told[2]}"
+    known = fixed or (row["state"] == "reliable" and row["verdict"] in KNOWN)
+    return {"median": told[0], "interval": interval, "known": known}
+
+
+def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
+    """Tables of the groups, one each, with the rows that a group determines anything of."""
+    out = []
+    for group, part in groups[groups["group_by"] == by].groupby("group", sort=False):
+        rows = [
+            _group_row(r)
+            for r in part.to_dict("records")
+            if r["determined"] > 0 and _told(str(r["quantity"]))
+        ]
+        first = part.iloc[0]
+        out.append(
+            {
+                "name": cut(group, 60),
+                "specimens": int(first["specimens"]),
+                "reliable": int(first["reliable"]),
+                "rows": rows,
+            }
+        )
+    return out
+
+
+def _group_row(r: dict[Any, Any]) -> dict[str, Any]:
+    low, centre, high = (float(r[k]) for k in ("lowest", "centre", "highest"))
+    log = low > 0.0 and high / low > WIDE
+    between = float(r["sd_between"])
+    if math.isnan(between):
+        told = DASH
+    elif r["scale"] == "log":
+        told = f"factor {math.exp(between):.2f}"
+    else:
+        told = f"{between:.2g}"
+    numbers = [number(v, low, high, log=log) for v in (centre, low, high)]
+    return {
+        "quantity": _named(r["quantity"]),
+        "unit": _unit(r["unit"]),
+        "determined": f"{r['determined']} of {r['reliable']}",
+        "centre": numbers[0],
+        "range": f"{numbers[1]} to {numbers[2]}" if low < high else DASH,
+        "between": told,
+    }
+
+
+def _told(name: str) -> bool:
+    """Whether groups are told of it: not of errors and loads, which are no tissue's."""
+    known = KNOWN_QUANTITIES.get(name)
+    return known is None or (
+        known.parameter.kind in (MATERIAL, STRETCH, DIMENSION) and (known.parameter.unit != LOAD)
+    )
+
+
+def _named(name: object) -> Quantity | str:
+    """A quantity, which the page turns into its symbol, or words."""
+    return KNOWN_QUANTITIES.get(str(name)) or WORDS.get(str(name), str(name))
+
+
+def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
+    out = []
+    for (a, b), part in contrasts.groupby(["layer_a", "layer_b"], sort=False):
+        rows = []
+        for r in part.to_dict("records"):
+            low, mean, high = (float(r[f"{k}_difference"]) for k in ("lowest", "mean", "highest"))
+            known = r["determined"] > 0
+            numbers = [number(v, low, high) for v in (mean, low, high)] if known else []
+            rows.append(
+                {
+                    "quantity": _named(r["quantity"]),
+                    "unit": _unit(r["unit"]),
+                    "determined": f"{r['determined']} of {r['pairs']}",
+                    "greater": str(r["b_greater"]) if known else DASH,
+                    "less": str(r["b_less"]) if known else DASH,
+                    "mean": numbers[0] if known else DASH,
+                    "range": f"{numbers[1]} to {numbers[2]}" if known and low < high else DASH,
+                }
+            )
+        out.append({"a": cut(a, 40), "b": cut(b, 40), "rows": rows})
+    return out

@@ -1,0 +1,320 @@
+"""The files of a run folder: written together, recorded, read as if a stranger had made them.
+
+The files of a run appear together: written aside, then moved into place.
+
+Until the last file is written, what was in the folder before stays as it was. The folder with the
+new files is then renamed to a fixed name; from there on they are the run, and whoever comes
+next finishes moving them if a crash got in between.
+
+The record of a run folder, and its files, read as if a stranger had made them.
+
+A run folder may come from a colleague or a download. Its provenance is data: types are checked,
+nothing in it is executed, and no name in it leads outside the folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from biaxbayes.errors import BiaxbayesError, InputError, RunError
+from biaxbayes.options import Settings
+from biaxbayes.runs.provenance import parse_options
+from biaxbayes.text_files import read_bytes, sync_folder
+
+__all__ = [
+    "PROVENANCE",
+    "READY",
+    "STATES",
+    "clear_leftovers",
+    "finish_moving",
+    "is_run",
+    "manifest",
+    "read_json",
+    "read_record",
+    "staged",
+    "trusted_path",
+]
+
+
+# --- the files of a run appear together: written aside, then moved into place --------------------
+
+
+PROVENANCE = "provenance.json"
+"""Moved last: with it the folder is a finished run."""
+WRITING, READY = ".writing-", ".ready"
+TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
+"""Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
+
+
+@contextlib.contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """A fresh folder to write a run's files into; they replace the old ones at the end.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder, whose lock is held.
+
+    Raises
+    ------
+    RunError
+        If anything cannot be written; what was there before is untouched.
+    """
+    kept = "what was there before is untouched, and --resume continues"
+    try:
+        aside = Path(tempfile.mkdtemp(prefix=WRITING, dir=folder))
+        try:
+            yield aside
+            for path in aside.iterdir():
+                _sync(path)
+            sync_folder(aside)
+            aside.replace(folder / READY)
+            sync_folder(folder)
+        except BiaxbayesError as error:
+            # Named by where the file was to be, not by the passing folder it was written in.
+            problem = str(error).replace(f"{aside.name}{os.sep}", "")
+            raise RunError(f"{problem}; {kept}") from None
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+        finish_moving(folder)
+    except OSError as error:
+        raise RunError(
+            f"{folder}: cannot be written ({error.strerror or error}); check space and "
+            f"permissions; {kept}"
+        ) from None
+
+
+def finish_moving(folder: Path) -> None:
+    """Move finished files into place, also those that a crash left waiting; no-op without any."""
+    ready = folder / READY
+    if ready.is_symlink() or not ready.is_dir():
+        return
+    listed = _listed(ready / PROVENANCE)
+    for name, digest in _listed(folder / PROVENANCE).items():
+        # A product of the run before that this one does not have; never a file of the user's.
+        if listed and name not in listed and _digest(folder / name) == digest:
+            (folder / name).unlink(missing_ok=True)
+    waiting = sorted(p for p in ready.iterdir() if p.is_file() and not p.is_symlink())
+    for path in sorted(waiting, key=lambda p: p.name == PROVENANCE):
+        path.replace(folder / path.name)
+    sync_folder(folder)
+    shutil.rmtree(ready, ignore_errors=True)
+
+
+def clear_leftovers(folder: Path) -> None:
+    """Remove what a killed process left half-written; the lock of the folder is held."""
+    for path in folder.glob(f"{WRITING}*"):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+    for path in folder.iterdir():
+        if TEMPORARY.fullmatch(path.name):
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
+def manifest(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file in a folder, but for the provenance that is to hold them."""
+    names = sorted(p.name for p in folder.iterdir() if p.is_file() and p.name != PROVENANCE)
+    return {name: _digest(folder / name) for name in names}
+
+
+def _digest(path: Path) -> str:
+    try:
+        if path.is_symlink() or not path.is_file():
+            return ""
+        with path.open("rb") as handle:
+            return hashlib.file_digest(handle, "sha256").hexdigest()
+    except OSError:
+        return ""
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder holds the provenance of a run of this program."""
+    return "biaxbayes" in _record(folder / PROVENANCE)
+
+
+def _listed(path: Path) -> dict[str, str]:
+    """Files that a provenance lists, by plain names only; empty where it cannot be read."""
+    files = _record(path).get("files")
+    if not isinstance(files, dict):
+        return {}
+    return {
+        name: digest
+        for name, digest in files.items()
+        if digest and Path(name).name == name and not name.startswith(".")
+    }
+
+
+def _record(path: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(read_bytes(path))
+    except (BiaxbayesError, ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
+def _sync(path: Path) -> None:
+    with path.open("rb") as handle:
+        os.fsync(handle.fileno())
+
+
+# --- the record of a run folder, and its files, read as if a stranger had made them --------------
+
+
+STATES = ("reliable", "tentative", "unusable")
+MAX_BYTES = 50_000_000
+NUMBER = (int, float)
+NEEDED: dict[str, Any] = {
+    "specimen": str,
+    "unit": str,
+    "notes": list,
+    "settings": dict,
+    "seed": int,
+    "noise": {"beta": NUMBER, "readings": NUMBER, "effective_readings": (*NUMBER, type(None))},
+    "sampler": {
+        "message": str,
+        "ensembles": int,
+        "walkers": int,
+        "steps": int,
+        "acceptance": NUMBER,
+    },
+    "convergence": {
+        "state": str,
+        "reason": str,
+        "worst_ess": (*NUMBER, type(None)),
+        "worst_rhat": (*NUMBER, type(None)),
+    },
+}
+"""What the readers of a run rely on; a run of this program holds more."""
+ALLOWED = {"priors": dict, "versions": dict, "files": dict}
+"""What may be missing, but not be of another type."""
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """The provenance of a run folder, checked.
+
+    Raises
+    ------
+    RunError
+        If it is missing, damaged or not that of a run.
+    """
+    record = read_json(folder, PROVENANCE)
+    missing = _misfit(record, NEEDED) or _misfit(record, ALLOWED, optional=True)
+    if not missing and record["convergence"]["state"] not in STATES:
+        missing = "convergence: state"
+    if not missing and not 0.0 < record["noise"]["beta"] < math.inf:
+        missing = "noise: beta"
+    if not missing:
+        # A reliable run states them, and whatever run does states both.
+        stated = [record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat")]
+        if stated[0] != stated[1] or not (
+            stated[0] or record["convergence"]["state"] != "reliable"
+        ):
+            missing = "convergence: worst_ess, worst_rhat"
+    if missing:
+        raise RunError(f"{folder / PROVENANCE}: is not that of a run (look at {missing!r})")
+    try:
+        Settings(**parse_options(record["settings"]))
+    except (BiaxbayesError, TypeError) as error:
+        raise RunError(f"{folder / PROVENANCE}: is not that of a run (settings: {error})") from None
+    return record
+
+
+def _misfit(record: object, needed: dict[str, Any], *, optional: bool = False) -> str:
+    """The first entry that is missing or of another type; empty when there is none."""
+    if not isinstance(record, dict):
+        return "the whole"
+    for key, kind in needed.items():
+        if key not in record:
+            if not optional:
+                return key
+        elif isinstance(kind, dict):
+            inner = _misfit(record[key], kind, optional=optional)
+            if inner:
+                return f"{key}: {inner}"
+        elif not isinstance(record[key], kind) or isinstance(record[key], bool):
+            return key
+    return ""
+
+
+def read_json(folder: Path, name: str) -> Any:
+    """A JSON file of a run folder.
+
+    Raises
+    ------
+    RunError
+        If it is missing, leads outside the folder, or is not JSON.
+    """
+    path = _inside(folder, name)
+    if not path.exists():
+        raise RunError(f"{path}: no such file; the run is not finished, continue it with --resume")
+    try:
+        return json.loads(_content(path), parse_int=_whole)
+    except (ValueError, RecursionError):
+        raise RunError(
+            f"{path}: is damaged (not JSON); sample again, or continue with --resume"
+        ) from None
+
+
+def _whole(text: str) -> int:
+    """An integer that fits into 64 bits: with more, not even its printing is safe."""
+    value = int(text)
+    if abs(value) >= 2**63:
+        raise ValueError("too large")
+    return value
+
+
+def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
+    """Path of a file of a run, known to be the one that the run wrote.
+
+    Raises
+    ------
+    RunError
+        If it is missing, leads outside the folder, or was changed since.
+    """
+    path = _inside(folder, name)
+    if not path.is_file():
+        raise RunError(f"{path}: no such file; is the folder a run's, copied whole?")
+    listed = record.get("files")
+    wanted = listed.get(name) if isinstance(listed, dict) else None
+    if wanted is None:
+        return path
+    try:
+        with path.open("rb") as handle:
+            found = hashlib.file_digest(handle, "sha256").hexdigest()
+    except OSError as error:
+        raise RunError(f"{path}: cannot be read ({error.strerror})") from None
+    if found != wanted:
+        raise RunError(
+            f"{path}: is not the file that the run wrote (damaged or changed); copy the folder "
+            "again, or sample again"
+        )
+    return path
+
+
+def _inside(folder: Path, name: str) -> Path:
+    path = folder / name
+    try:
+        outside = path.is_symlink() and not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # a loop of links
+        outside = True
+    if outside:
+        raise RunError(f"{path}: is a link that leads outside the run folder; copy the file there")
+    return path
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return read_bytes(path, limit=MAX_BYTES)
+    except InputError as error:
+        raise RunError(f"{path}: {error.problem}") from None

@@ -1,0 +1,148 @@
+"""provenance.json: what a run is a run of, and how it was made."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import biaxbayes
+from biaxbayes.errors import RunError
+from biaxbayes.model.evidence import evidence_record
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Prior, Tie, parse_priors
+from biaxbayes.options import Settings
+from biaxbayes.sampling.sampler import Draws, Plan
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["identity", "parse_options", "provenance", "specimen_digest"]
+
+LIBRARIES = (
+    *("numpy", "scipy", "numba", "emcee", "scikit-learn"),
+    *("xarray", "arviz-stats", "matplotlib"),
+)
+
+
+def specimen_digest(specimen: Specimen) -> str:
+    """SHA-256 of everything the posterior depends on in a specimen."""
+    digest = hashlib.sha256()
+    for value in (
+        specimen.stress_pair,
+        specimen.geometry,
+        specimen.edge_x_mm,
+        specimen.edge_y_mm,
+        specimen.thickness_mm,
+        specimen.load_noise,
+        sorted(specimen.metadata.items()),
+    ):
+        digest.update(repr(value).encode())
+    for p in specimen.protocols:
+        digest.update(repr((p.name, p.rest_rows)).encode())
+        for column in (p.stretch_x, p.stretch_y, p.load_x, p.load_y):
+            digest.update(column.tobytes())
+    return digest.hexdigest()
+
+
+def settings_table(posterior: Posterior) -> dict[str, Any]:
+    """The settings as JSON values; :func:`parse_options` reads them back."""
+    options = posterior.options()
+    options["priors"] = {k: _prior_value(v) for k, v in options["priors"].items()}
+    return options
+
+
+def _prior_value(prior: Prior | float | Tie) -> Any:
+    if isinstance(prior, Prior):
+        return prior.as_table()
+    return f"{prior.factor!r} * {prior.other}" if isinstance(prior, Tie) else prior
+
+
+def parse_options(table: dict[str, Any]) -> dict[str, Any]:
+    """Keyword arguments of :class:`Posterior` from a stored settings table."""
+    known = {*Settings.__dataclass_fields__}
+    priors = table.get("priors", {})
+    flags = (table.get(name, False) for name in ("noise_growth", "fibre_switch"))
+    # A run of before there was thinning has all rows.
+    thin = table.get("thin", 0)
+    if not (
+        set(table) <= known
+        and isinstance(priors, dict)
+        and all(isinstance(flag, bool) for flag in flags)
+        and isinstance(thin, int)
+        and thin >= 0
+    ):
+        raise RunError("the settings are not those of a run")
+    return table | {"thin": thin, "priors": parse_priors(priors)}
+
+
+def identity(posterior: Posterior, plan: Plan) -> dict[str, Any]:
+    """What must be equal for a run to be continued."""
+    return {
+        "specimen": specimen_digest(posterior.specimen),
+        **{f"option {k}": v for k, v in settings_table(posterior).items()},
+        "seed": plan.seed,
+        "ensembles": plan.ensembles,
+        "walkers": plan.walkers,
+        "version": biaxbayes.__version__,
+    }
+
+
+def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> dict[str, Any]:
+    """Everything about a run that is not in its draws."""
+    specimen, convergence = posterior.specimen, draws.convergence
+    readings = posterior.readings
+    reliable = bool(convergence.names)
+    return {
+        "biaxbayes": biaxbayes.__version__,
+        "specimen": specimen.name,
+        "layer": specimen.layer,
+        "source": source,
+        "specimen_sha256": specimen_digest(specimen),
+        "unit": specimen.unit,
+        "notes": list(specimen.notes),
+        "settings": settings_table(posterior),
+        "priors": {k: _prior_value(v) for k, v in posterior.priors.items()},
+        "noise": {
+            "beta": posterior.beta,
+            "rows": int(sum(p.rows - p.rest_rows for p in specimen.protocols)),
+            "readings": int(sum(2 * (p.rows - p.rest_rows) for p in specimen.protocols)),
+            "rows_used": int(
+                sum(p.rows - p.rest_rows for p in posterior.thinned.specimen.protocols)
+            ),
+            "effective_readings": None if readings is None else readings.total,
+            "load_noise": specimen.noise_sd,
+        },
+        "seed": plan.seed,
+        "sampler": {
+            "ensembles": plan.ensembles,
+            "walkers": draws.chain.shape[2],
+            "steps": draws.chain.shape[1] * draws.thin,
+            "thinning": draws.thin,
+            "target_ess": plan.ess,
+            "evaluations": draws.evaluations,
+            "zero_density": draws.rejected,
+            "acceptance": draws.acceptance,
+            "adaptation_rounds": draws.warmup.rounds,
+            "message": draws.warmup.message,
+        },
+        "convergence": {
+            "state": convergence.state,
+            "reason": convergence.reason,
+            "worst_ess": convergence.worst_ess if reliable else None,
+            "worst_rhat": convergence.worst_rhat if reliable else None,
+            "interrupted": draws.interrupted,
+        },
+        "evidence": evidence_record(posterior, draws, plan.seed),
+        "seconds": {k: round(v, 3) for k, v in draws.seconds.items()},
+        "versions": _versions(),
+    }
+
+
+def _versions() -> dict[str, str]:
+    out = {"python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            out[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return out

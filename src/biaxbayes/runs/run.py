@@ -1,0 +1,151 @@
+"""A run folder, opened again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import RunError
+from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws.law import Law
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.parameters import Quantities
+from biaxbayes.runs.archive import quantity_name, read_archive
+from biaxbayes.runs.folder import READY, finish_moving, read_json, read_record, trusted_path
+from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.provenance import parse_options
+from biaxbayes.runs.summary import read_summary
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import read_specimen
+
+__all__ = ["Run", "open_run"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run folder, read on demand.
+
+    Attributes
+    ----------
+    path : Path
+    provenance : dict
+        Input hash, settings, seed, versions, convergence, timings.
+    """
+
+    path: Path
+    provenance: dict[str, Any]
+
+    @cached_property
+    def specimen(self) -> Specimen:
+        """The specimen as it was sampled."""
+        return read_specimen(trusted_path(self.path, "specimen.csv", self.provenance))
+
+    @cached_property
+    def tree(self) -> Any:
+        """The whole archive, an ``xarray.DataTree``."""
+        path = trusted_path(self.path, "posterior.nc", self.provenance)
+        return read_archive(path, self.law.names)
+
+    @cached_property
+    def draws(self) -> pd.DataFrame:
+        """One row a draw: natural quantities, ``log_likelihood`` (tempered) and ``lp``."""
+        posterior = self.tree["posterior"]
+        columns = {quantity_name(k): v.to_numpy().ravel() for k, v in posterior.items()}
+        stats = self.tree["sample_stats"]
+        columns["log_likelihood"] = stats["tempered_log_likelihood"].to_numpy().ravel()
+        columns["lp"] = stats["lp"].to_numpy().ravel()
+        return pd.DataFrame(columns)
+
+    @cached_property
+    def chains(self) -> dict[str, np.ndarray]:
+        """Quantities as arrays of shape (ensembles, steps, walkers)."""
+        posterior = self.tree["posterior"]
+        walkers = int(posterior["walker"].to_numpy().max()) + 1
+        out = {}
+        for name, values in posterior.items():
+            flat = values.to_numpy()
+            out[quantity_name(name)] = flat.reshape(flat.shape[0], walkers, -1).transpose(0, 2, 1)
+        return out
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """summary.csv as a table."""
+        return read_summary(trusted_path(self.path, "summary.csv", self.provenance))
+
+    @cached_property
+    def fit(self) -> list[dict[str, Any]]:
+        """The deterministic fit that the run started from."""
+        return read_json(self.path, "fit.json")
+
+    @property
+    def state(self) -> str:
+        """``reliable``, ``tentative`` or ``unusable``."""
+        return str(self.provenance["convergence"]["state"])
+
+    @property
+    def beta(self) -> float:
+        """Weight n_eff / n of the log likelihood."""
+        return float(self.provenance["noise"]["beta"])
+
+    @property
+    def law(self) -> Law:
+        """The material law of the run."""
+        return law_named(
+            DEFAULT_LAW, fibre_switch=self.provenance["settings"].get("fibre_switch") is True
+        )
+
+    @cached_property
+    def quantities(self) -> Quantities:
+        """What each name of its tables is."""
+        settings = self.provenance["settings"]
+        shared = settings.get("mounting_stretch") != "per-protocol"
+        states = ("",) if shared else tuple(p.name for p in self.specimen.protocols)
+        return Quantities(self.law.parameters, states, self.specimen.unit)
+
+    def posterior(self) -> Posterior:
+        """The posterior that was sampled, rebuilt from the stored settings."""
+        return Posterior(
+            self.specimen, **parse_options(self.provenance["settings"]), beta=self.beta
+        )
+
+    def _repr_html_(self) -> str:
+        """State and summary table for notebooks."""
+        head = f"<p>{escape(str(self.provenance['specimen']))}: {escape(self.state)}</p>"
+        table = self.summary.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+        return head + table
+
+
+def open_run(path: str | Path) -> Run:
+    """Open a run folder.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    RunError
+        If the folder is not a finished run.
+    """
+    path = Path(path)
+    try:
+        if not path.is_dir():
+            raise RunError(f"{path}: is not a run folder; make one with 'biaxbayes sample'")
+        if (path / READY).is_dir():
+            # A crash came between two renames of finished files: nothing is missing.
+            with folder_lock(path):
+                finish_moving(path)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RunError(f"{path}: cannot be opened ({reason})") from None
+    return Run(path, read_record(path))

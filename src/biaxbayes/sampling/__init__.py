@@ -1,0 +1,50 @@
+"""A log density with bounds goes in, judged draws come out; this room knows nothing of tissue.
+
+A banana whose first coordinate ends at zero:
+
+    import numpy as np
+    from biaxbayes.sampling import Plan, Target, draw, search
+
+    def banana(x):
+        log_prob = -0.5 * x[:, 0] ** 2 - 0.5 * (x[:, 1] - x[:, 0] ** 2) ** 2
+        return np.where(x[:, 0] >= 0.0, log_prob, -np.inf)
+
+    target = Target(banana, np.array([[0.0, np.inf], [-np.inf, np.inf]]))
+    plan = Plan(ess=2000, seed=1)
+    start = search(target, np.array([[1.0, 0.0]]), np.ones(2), plan.search_rng())
+    draws = draw(target, start, plan)
+    print(draws.convergence.state, draws.quantities["x0"].mean())  # reliable, near 0.798
+
+``search`` is given points of positive density to start from, and how far around them to look. It
+climbs from each to a mode (:mod:`.modes`), puts a Student t with the local curvature there
+(Laplace's approximation), and lets population Monte Carlo (:mod:`.population_monte_carlo`) turn
+that into a proposal that fits. Independent ensembles of walkers (:mod:`.ensembles`) then move by
+differential evolution and by an independence move (:mod:`.independence_move`) whose proposal
+(:mod:`.proposal`) is a mixture of Student t distributions (:mod:`.student_mixture`), seen through a
+triangular transport map (:mod:`.transport_map`) and reflected at bounds. The warm-up
+(:mod:`.adaptation`) fits it to the walkers' history; then it is frozen. :mod:`.sampler` runs blocks
+of kept steps until :mod:`.convergence` is satisfied, and :mod:`.bridge` integrates the density from
+its draws.
+"""
+
+from biaxbayes.compile_cache import use_own_cache
+
+use_own_cache()
+
+from biaxbayes.sampling.bridge import log_integral  # noqa: E402
+from biaxbayes.sampling.population_monte_carlo import Start, search  # noqa: E402
+from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw  # noqa: E402
+from biaxbayes.sampling.target import Target, bounds_array  # noqa: E402
+
+__all__ = [
+    "Draws",
+    "Plan",
+    "Progress",
+    "Start",
+    "State",
+    "Target",
+    "bounds_array",
+    "draw",
+    "log_integral",
+    "search",
+]

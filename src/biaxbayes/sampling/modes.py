@@ -1,0 +1,198 @@
+"""Separate modes of a density, and Laplace's approximation at each.
+
+A sampler that starts from one mode can miss another without any diagnostic noticing: walkers that
+agree with one another agree around the same mode. So a search starts from every mode that climbs
+from very different points lead to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from biaxbayes.sampling.target import LogDensity
+
+__all__ = ["Mode", "find_modes", "local_mode"]
+
+
+MAX_STEPS = 40
+STEP_FACTORS = np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 1e-3])
+STEEPEST = 1e14  # curvature in units of scale; beyond it differences are noise
+SETTLED = 1e-2  # rise of the log density below which a start is good enough
+
+
+def local_mode(
+    log_density: LogDensity,
+    start: np.ndarray,
+    scale: np.ndarray,
+    bounds: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Climb to a mode by damped Newton steps on finite differences.
+
+    The density costs microseconds and takes many points at once, so differences are cheaper
+    than a derivation would be worth. Steps stay inside the bounds.
+
+    Parameters
+    ----------
+    log_density : callable
+        Vectorised, (n, d) to (n,).
+    start : ndarray, shape (d,)
+        A point of positive density.
+    scale : ndarray, shape (d,)
+        Width beyond which a direction counts as not determined.
+    bounds : ndarray, shape (d, 2)
+
+    Returns
+    -------
+    mode : ndarray, shape (d,)
+    factor : ndarray, shape (d, d)
+        A square root of the covariance of the local Gaussian approximation, its widths limited
+        to ``scale``.
+    """
+    low = np.where(np.isfinite(bounds[:, 0]), bounds[:, 0] + 1e-3, -np.inf)
+    high = np.where(np.isfinite(bounds[:, 1]), bounds[:, 1] - 1e-3, np.inf)
+    x = np.clip(start, low, high)
+    value = float(log_density(x[None])[0])
+    step = 0.02 * scale
+    factor = np.diag(scale)
+    for _ in range(MAX_STEPS):
+        gradient, hessian = _differences(log_density, x, value, step, low, high)
+        # Directions in units of scale, so that the eigenvalues compare with one.
+        h = -hessian * np.outer(scale, scale)
+        if not (np.isfinite(h).all() and np.isfinite(gradient).all()):
+            break
+        try:
+            curvature, directions = np.linalg.eigh(0.5 * (h + h.T))
+        except np.linalg.LinAlgError:
+            break
+        curvature = np.clip(np.abs(curvature), 1.0, STEEPEST)
+        factor = scale[:, None] * directions / np.sqrt(curvature)
+        move = factor @ (factor.T @ gradient)
+        candidates = np.clip(x + STEP_FACTORS[:, None] * move, low, high)
+        values = log_density(candidates)
+        best = int(np.argmax(values))
+        rise = float(values[best]) - value
+        if rise > 0.0:
+            x, value = candidates[best], float(values[best])
+        # A fraction of the conditional sd of each coordinate, from the diagonal of the precision.
+        step = 0.3 * scale / np.sqrt((directions**2 * curvature).sum(axis=1))
+        if rise < SETTLED:
+            break
+    return x, factor
+
+
+def _differences(
+    log_density: LogDensity,
+    x: np.ndarray,
+    value: float,
+    step: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient and Hessian by central differences, moved inward at a bound."""
+    d = x.size
+    room = np.minimum(x - low, high - x)
+    step = np.minimum(step, np.where(np.isfinite(room), np.maximum(0.9 * room, 1e-5), step))
+    eye = np.diag(step)
+    i, j = np.triu_indices(d, 1)
+    points = np.concatenate([x + eye, x - eye, x + eye[i] + eye[j], x - eye[i] - eye[j]])
+    values = np.maximum(log_density(points), value - 1e6)
+    plus, minus = values[:d], values[d : 2 * d]
+    both = values[2 * d : 2 * d + i.size] + values[2 * d + i.size :]
+    gradient = (plus - minus) / (2.0 * step)
+    hessian = np.diag((plus - 2.0 * value + minus) / step**2)
+    # f(+,+) + f(-,-) - f(+i) - f(-i) - f(+j) - f(-j) + 2 f = 2 h_i h_j H_ij
+    cross = (both - plus[i] - minus[i] - plus[j] - minus[j] + 2.0 * value) / (
+        2.0 * step[i] * step[j]
+    )
+    hessian[i, j] = hessian[j, i] = cross
+    return gradient, hessian
+
+
+MOST_MODES = 6
+NEGLIGIBLE = 9.0
+"""Log mass, and log height, below those of the best at which a mode is left out."""
+SAME_MODE = 2.0
+"""Two modes nearer than this many local standard deviations a dimension are one."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A mode with Laplace's approximation there.
+
+    Attributes
+    ----------
+    location : ndarray, shape (d,)
+    factor : ndarray, shape (d, d)
+        A square root of the local covariance, its widths limited.
+    log_mass : float
+        Laplace's approximation, log p(location) + ln |factor| + d/2 ln 2 pi.
+    height : float
+        log p(location).
+    """
+
+    location: np.ndarray
+    factor: np.ndarray
+    log_mass: float
+    height: float = 0.0
+
+
+def find_modes(
+    log_density: LogDensity,
+    starts: np.ndarray,
+    scale: np.ndarray,
+    bounds: np.ndarray,
+) -> list[Mode]:
+    """Climb from every start and keep the different modes that matter.
+
+    Parameters
+    ----------
+    log_density : callable
+        Vectorised, (n, d) to (n,).
+    starts : ndarray, shape (n, d)
+    scale : ndarray, shape (d,)
+        Width beyond which a direction counts as not determined.
+    bounds : ndarray, shape (d, 2)
+
+    Returns
+    -------
+    list of Mode
+        The heaviest first; empty where no start has a positive density.
+    """
+    # A start on a bound has its density, if any, next to it.
+    inner = np.clip(starts, bounds[:, 0] + 1e-3, bounds[:, 1] - 1e-3)
+    found = [
+        _climb(log_density, start, scale, bounds)
+        for start in inner[np.isfinite(log_density(inner))]
+    ]
+    found.sort(key=lambda mode: -mode.log_mass)
+    kept: list[Mode] = []
+    for mode in found:
+        highest = max(m.height for m in found)
+        matters = (
+            mode.log_mass > found[0].log_mass - NEGLIGIBLE or mode.height > highest - NEGLIGIBLE
+        )
+        if matters and len(kept) < MOST_MODES and not any(_same(mode, other) for other in kept):
+            kept.append(mode)
+    return kept
+
+
+def _climb(
+    log_density: LogDensity,
+    start: np.ndarray,
+    scale: np.ndarray,
+    bounds: np.ndarray,
+) -> Mode:
+    location, factor = local_mode(log_density, start, scale, bounds)
+    height = float(log_density(location[None])[0])
+    _, log_volume = np.linalg.slogdet(factor)
+    log_mass = height + float(log_volume) + 0.5 * location.size * np.log(2.0 * np.pi)
+    return Mode(location, factor, log_mass, height)
+
+
+def _same(one: Mode, other: Mode) -> bool:
+    """Whether two modes are within the local widths of both."""
+    offset = one.location - other.location
+    z = np.array([np.linalg.solve(m.factor, offset) for m in (one, other)])
+    return bool((np.sqrt((z**2).mean(axis=1)) < SAME_MODE).all())

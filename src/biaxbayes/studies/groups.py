@@ -1,0 +1,198 @@
+"""Many specimens: groups across donors and layers, and the layers of each donor apart.
+
+A median over specimens is worth something only where the specimens determine the quantity. What
+follows counts those that do, and takes numbers from them alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.identifiability.verdict import IDENTIFIED, ONE_SIDED
+
+__all__ = [
+    "CONTRAST_COLUMNS",
+    "DETERMINED",
+    "GROUP_COLUMNS",
+    "KNOWN",
+    "group_summaries",
+    "layer_contrasts",
+]
+
+DETERMINED = "determined"
+"""Verdict on what follows from the parameters, where the data narrow it."""
+KNOWN = (IDENTIFIED, ONE_SIDED, DETERMINED)
+"""Verdicts with which a number is one of the specimen."""
+GROUP_COLUMNS = (
+    "group_by",
+    "group",
+    "quantity",
+    "unit",
+    "specimens",
+    "reliable",
+    "determined",
+    "centre",
+    "lowest",
+    "highest",
+    "scale",
+    "sd_of_medians",
+    "sd_within",
+    "sd_between",
+)
+CONTRAST_COLUMNS = (
+    "layer_a",
+    "layer_b",
+    "quantity",
+    "unit",
+    "pairs",
+    "determined",
+    "b_greater",
+    "b_less",
+    "mean_difference",
+    "lowest_difference",
+    "highest_difference",
+)
+KEPT = ("parameter", "structure tensor", "stiffness")
+"""Kinds of distance that mean the same for every donor: stresses are taken where a donor's own
+tests end."""
+
+
+def group_summaries(table: pd.DataFrame) -> pd.DataFrame:
+    """Summaries across the specimens of a layer, of a donor, and of the whole study.
+
+    Parameters
+    ----------
+    table : DataFrame
+        The study table, one row a specimen and quantity: specimen, donor, layer, state, kind,
+        quantity, unit, verdict, q50, scale and scale_sd.
+
+    Returns
+    -------
+    DataFrame
+        One row a group and quantity. ``determined`` specimens are reliable and their verdict is
+        one of :data:`KNOWN`; the numbers are theirs. ``centre`` is the mean of their medians
+        (the geometric one where the scale is ``log``), ``lowest`` and ``highest`` the extreme
+        medians. ``sd_of_medians``, ``sd_within`` (root mean square of the posterior sd) and
+        ``sd_between`` are on the scale; sd_between^2 = max(sd_of_medians^2 - sd_within^2, 0) is
+        the variance between specimens that the posteriors' own width does not explain.
+    """
+    rows = []
+    for group_by in ("layer", "donor", "all"):
+        named = table if group_by == "all" else table[table[group_by].fillna("") != ""]
+        keys = ["all"] * len(named) if group_by == "all" else named[group_by].tolist()
+        groups = named.assign(_group=keys)
+        for group, members in groups.groupby("_group", sort=False):
+            total = int(members["specimen"].nunique())
+            for quantity, part in members.groupby("quantity", sort=False):
+                head = {
+                    "group_by": group_by,
+                    "group": group,
+                    "quantity": quantity,
+                    "specimens": total,
+                }
+                rows.append(head | _summary(part))
+    return pd.DataFrame(rows, columns=list(GROUP_COLUMNS))
+
+
+def _summary(part: pd.DataFrame) -> dict[str, Any]:
+    reliable = part[part["state"] == "reliable"]
+    # What is no property of the tissue has no verdict, only a number.
+    judged = reliable["verdict"].isin(KNOWN) | (reliable["verdict"].fillna("") == "")
+    known = reliable[judged & np.isfinite(reliable["q50"].astype(float))]
+    units = [u for u in part["unit"] if isinstance(u, str)]
+    scales = [s for s in part["scale"] if isinstance(s, str)]
+    out: dict[str, Any] = {
+        "unit": units[0] if units else "",
+        "scale": scales[0] if scales else "",
+        "reliable": int(reliable["specimen"].nunique()),
+        "determined": len(known),
+    }
+    if known.empty:
+        return out
+    medians = known["q50"].to_numpy(dtype=float)
+    log = out["scale"] == "log"
+    if log:
+        medians = medians[medians > 0.0]
+    if not medians.size:
+        return out
+    on_scale = np.log(medians) if log else medians
+    within = math.sqrt(float(np.mean(np.square(known["scale_sd"].to_numpy(dtype=float)))))
+    out |= {
+        "centre": float(np.exp(on_scale.mean()) if log else on_scale.mean()),
+        "lowest": float(medians.min()),
+        "highest": float(medians.max()),
+        "sd_within": within,
+    }
+    if medians.size > 1:
+        spread = float(on_scale.std(ddof=1))
+        out["sd_of_medians"] = spread
+        # var(medians) = between + mean of the posterior variances
+        out["sd_between"] = math.sqrt(max(spread**2 - within**2, 0.0))
+    return out
+
+
+def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
+    """How layers differ, pair by pair within a donor, over all donors.
+
+    Parameters
+    ----------
+    distances : DataFrame
+        Distances of all donors, with ``layer_a`` and ``layer_b``.
+
+    Returns
+    -------
+    DataFrame
+        One row a pair of layers and quantity. ``pairs`` of specimens, those where both determine
+        the quantity, and in how many of these the 90 % interval of the difference b - a lies above
+        and below zero; the differences are medians, of the ``determined`` pairs.
+    """
+    if distances.empty:
+        return pd.DataFrame(columns=list(CONTRAST_COLUMNS))
+    same_for_all = distances["kind"].isin(KEPT) & (
+        distances["total_stretch"].isna() | (distances["total_stretch"] == 1.0)
+    )
+    across = distances[same_for_all & (distances["layer_a"] != distances["layer_b"])]
+    order = list(dict.fromkeys([*distances["layer_a"], *distances["layer_b"]]))
+    turned = pd.DataFrame([_in_order(r, order) for r in across.to_dict("records")])
+    rows = []
+    if len(turned):
+        for (a, b, quantity), part in turned.groupby(
+            ["layer_a", "layer_b", "quantity"], sort=False
+        ):
+            known = part[part["determined_in_both"]]
+            row = {
+                "layer_a": a,
+                "layer_b": b,
+                "quantity": quantity,
+                "unit": part["unit"].iloc[0],
+                "pairs": len(part),
+                "determined": len(known),
+                "b_greater": int((known["difference_q05"] > 0.0).sum()),
+                "b_less": int((known["difference_q95"] < 0.0).sum()),
+            }
+            if len(known):
+                differences = known["difference_q50"]
+                row |= {
+                    "mean_difference": float(differences.mean()),
+                    "lowest_difference": float(differences.min()),
+                    "highest_difference": float(differences.max()),
+                }
+            rows.append(row)
+    return pd.DataFrame(rows, columns=list(CONTRAST_COLUMNS))
+
+
+def _in_order(row: dict[Any, Any], order: list[str]) -> dict[Any, Any]:
+    """The same pair with its layers in the order of the study."""
+    if order.index(row["layer_a"]) <= order.index(row["layer_b"]):
+        return row
+    return row | {
+        "layer_a": row["layer_b"],
+        "layer_b": row["layer_a"],
+        "difference_q05": -row["difference_q95"],
+        "difference_q50": -row["difference_q50"],
+        "difference_q95": -row["difference_q05"],
+    }

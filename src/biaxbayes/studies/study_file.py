@@ -1,0 +1,274 @@
+"""Study files: which specimens belong together, and how each is to be sampled.
+
+The format is TOML; paths are relative to the file::
+
+    name = "aortas of three donors"          # optional, as seed, ess and max_steps
+    seed = 1
+
+    [options]                                # for all specimens
+    noise = "effective"
+
+    [priors]                                 # as in a priors file
+    kappa = 0.2
+
+    [[specimen]]
+    file = "donor1-media.csv"
+    label = "D1 media"                       # default: name of the file without its ending
+    donor = "D1"                             # default: from the header of the file
+    layer = "media"                          # likewise
+    mounting_force = [0.015, 0.013]          # for a tared file
+    options = { mounting = "zeroed" }        # for this one alone
+    priors = { alpha = { distribution = "normal", mean = 41, sd = 3 } }
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from biaxbayes.errors import InputError
+from biaxbayes.model.priors import Prior, Tie, parse_priors
+from biaxbayes.options import ModelOptions, SamplingPlan, stated
+from biaxbayes.text_files import read_text
+
+__all__ = ["DEFAULT_OPTIONS", "Study", "StudySpecimen", "read_study", "study_of_files"]
+
+DEFAULT_OPTIONS: dict[str, Any] = {
+    name: getattr(ModelOptions, name) for name in stated(ModelOptions)
+}
+NUMBERS = ("seed", "ess", "max_steps")
+"""Of :class:`~biaxbayes.options.SamplingPlan`; a study may state them."""
+MOST = 2**63 - 1
+STUDY_KEYS = ("name", *NUMBERS, "options", "priors", "specimen")
+TEXT_KEYS = ("label", "donor", "layer")
+SPECIMEN_KEYS = ("file", *TEXT_KEYS, "seed", "mounting_force", "options", "priors")
+LONGEST = 120
+
+
+@dataclass(frozen=True)
+class StudySpecimen:
+    """One specimen of a study.
+
+    Attributes
+    ----------
+    file : Path
+    label : str
+        Unique in the study.
+    donor, layer : str or None
+        None: what the file's own header says.
+    seed : int
+    options : dict
+        Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`, with the priors.
+    mounting_force : (float, float) or None
+        Put back on a tared file, in the file's unit.
+    """
+
+    file: Path
+    label: str
+    options: Mapping[str, Any]
+    seed: int = SamplingPlan.seed
+    donor: str | None = None
+    layer: str | None = None
+    mounting_force: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Study:
+    """Specimens that are sampled and reported together.
+
+    Attributes
+    ----------
+    name : str
+    specimens : tuple of StudySpecimen
+    ess : float
+    max_steps : int
+        As in :class:`~biaxbayes.sampling.sampler.Plan`, of every specimen.
+    """
+
+    name: str
+    specimens: tuple[StudySpecimen, ...]
+    ess: float = SamplingPlan.ess
+    max_steps: int = SamplingPlan.max_steps
+
+
+@dataclass(frozen=True)
+class _Common:
+    """What the specimens of a study file share."""
+
+    path: Path
+    seed: int
+    options: dict[str, Any]
+    priors: dict[str, Prior | float | Tie] = field(default_factory=dict)
+
+
+def study_of_files(
+    files: list[Path],
+    options: Mapping[str, Any],
+    *,
+    name: str = "study",
+    seed: int = SamplingPlan.seed,
+    ess: float = SamplingPlan.ess,
+    max_steps: int = SamplingPlan.max_steps,
+) -> Study:
+    """A study of specimen files that share their options; the files' names are the labels.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, or two have the same name.
+    """
+    for path in files:
+        _check_file(path, path)
+    specimens = tuple(
+        StudySpecimen(path, path.stem, dict(options), _number("--seed", seed, "seed", None))
+        for path in files
+    )
+    _check_labels(specimens, None)
+    return Study(
+        name,
+        specimens,
+        float(_number("--ess", ess, "ess", None)),
+        int(_number("--max-steps", max_steps, "max_steps", None)),
+    )
+
+
+def read_study(path: Path) -> Study:
+    """Read a study file.
+
+    Raises
+    ------
+    InputError
+        Naming the file and the key that cannot be used.
+    """
+    try:
+        table = tomllib.loads(read_text(path))
+    except ValueError as error:
+        raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
+    except RecursionError:
+        raise InputError("not valid TOML (nested too deeply)", file=path) from None
+    _check_keys(table, STUDY_KEYS, "a study", path)
+    numbers = {
+        key: _number(key, table.get(key, getattr(SamplingPlan, key)), key, path) for key in NUMBERS
+    }
+    common = _Common(
+        path,
+        int(numbers["seed"]),
+        _options(table.get("options", {}), DEFAULT_OPTIONS, "options", path),
+        _priors(table.get("priors", {}), "priors", path),
+    )
+    entries = table.get("specimen")
+    if not isinstance(entries, list) or not entries:
+        raise InputError("lists no specimen", file=path, remedy="add tables [[specimen]]")
+    specimens = tuple(_specimen(entry, n, common) for n, entry in enumerate(entries, start=1))
+    _check_labels(specimens, path)
+    name = _text(table, "name", "", path) or path.stem
+    return Study(name, specimens, float(numbers["ess"]), int(numbers["max_steps"]))
+
+
+def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
+    path, where = common.path, f"specimen {number}: "
+    if not isinstance(entry, dict):
+        raise InputError(f"{where}is no table", file=path, remedy="write it as [[specimen]]")
+    _check_keys(entry, SPECIMEN_KEYS, f"specimen {number}", path)
+    file = entry.get("file")
+    if not isinstance(file, str) or not file.strip() or "\0" in file:
+        raise InputError(f"{where}file must be the path of a CSV", file=path)
+    found = path.parent / file
+    _check_file(found, f"{path}, {where}file", path=path)
+    priors = {**common.priors, **_priors(entry.get("priors", {}), f"{where}priors", path)}
+    options = _options(entry.get("options", {}), common.options, f"{where}options", path)
+    return StudySpecimen(
+        found,
+        _text(entry, "label", where, path) or found.stem[:LONGEST],
+        options | {"priors": priors},
+        int(_number(f"{where}seed", entry.get("seed", common.seed), "seed", path)),
+        _text(entry, "donor", where, path),
+        _text(entry, "layer", where, path),
+        _force(entry.get("mounting_force"), f"{where}mounting_force", path),
+    )
+
+
+def _check_keys(table: Mapping[str, object], known: tuple[str, ...], what: str, path: Path) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(
+                f"{key[:60]!r} is no key of {what}",
+                file=path,
+                remedy=f"keys are {', '.join(known)}",
+            )
+
+
+def _check_file(file: Path, told: object, *, path: Path | None = None) -> None:
+    try:
+        there = file.is_file()
+    except (OSError, ValueError):
+        there = False
+    if not there:
+        name = f": {str(file)[:200]}" if path is not None else ""
+        raise InputError(f"no such file{name}", file=told, remedy="check the path")
+
+
+def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> None:
+    seen: dict[str, int] = {}
+    for number, specimen in enumerate(specimens, start=1):
+        label = specimen.label.casefold()
+        if label in seen:
+            where = f"specimen {number}: " if path is not None else ""
+            raise InputError(
+                f"{where}label {specimen.label!r} is that of specimen {seen[label]} as well",
+                file=path,
+                remedy="give each a label of its own in a study file",
+            )
+        seen[label] = number
+
+
+def _number(told: str, value: object, key: str, path: Path | None) -> Any:
+    """A number that the key allows."""
+    option = stated(SamplingPlan)[key]
+    whole = option.kind is int
+    fits = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+    if not (fits and option.least <= value <= MOST and math.isfinite(value)):  # type: ignore
+        raise InputError(
+            f"{told} must be a {'whole ' if whole else ''}number, at least {option.least:g}",
+            file=path,
+        )
+    return value
+
+
+def _text(table: Mapping[str, object], key: str, where: str, path: Path) -> str | None:
+    value = table.get(key)
+    if value is None:
+        return None
+    if not isinstance(value, str) or not value.strip() or len(value) > LONGEST:
+        raise InputError(f"{where}{key} must be text of at most {LONGEST} characters", file=path)
+    return " ".join("".join(c if c.isprintable() else " " for c in value).split())
+
+
+def _options(table: object, common: Mapping[str, Any], where: str, path: Path) -> dict[str, Any]:
+    if not isinstance(table, dict):
+        raise InputError(f"{where} must be a table", file=path)
+    _check_keys(table, tuple(DEFAULT_OPTIONS), where, path)
+    for key, value in table.items():
+        ModelOptions.check(key, value, where=f"{where}: ", file=path)
+    return {**common, **table}
+
+
+def _priors(table: object, where: str, path: Path) -> dict[str, Prior | float | Tie]:
+    if not isinstance(table, dict):
+        raise InputError(f"{where} must be a table", file=path)
+    return parse_priors(table, f"{path}, {where}")
+
+
+def _force(value: object, where: str, path: Path) -> tuple[float, float] | None:
+    if value is None:
+        return None
+    numbers = value if isinstance(value, list) else []
+    if len(numbers) != 2 or not all(
+        isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 1e9 for v in numbers
+    ):
+        raise InputError(f"{where} must be two numbers [x, y]", file=path)
+    return float(numbers[0]), float(numbers[1])

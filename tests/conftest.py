@@ -1,0 +1,77 @@
+"""What the tests share: runs that are sampled once a test session, by whichever worker is first."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import quick_posteriors
+import reported
+import shared
+
+
+@pytest.fixture(scope="session", autouse=True)
+def session_folder(tmp_path_factory):
+    """The folder that all workers of this session share."""
+    own = tmp_path_factory.getbasetemp()
+    # pytest-xdist gives each worker a folder of its own inside that of the session
+    shared.use(own.parent if os.environ.get("PYTEST_XDIST_WORKER") else own)
+
+
+@pytest.fixture
+def copied(tmp_path) -> Callable[[Path], Path]:
+    """A copy of a shared run folder, for a test that writes into it."""
+    return lambda run: Path(shutil.copytree(run, tmp_path / f"copy-of-{run.name}"))
+
+
+@pytest.fixture(scope="session")
+def media_run(session_folder):
+    """The shipped media with default options, all its files: not to be written into."""
+    import biaxbayes
+
+    data = Path(__file__).resolve().parents[1] / "data" / "donor2-media.csv"
+    return biaxbayes.open_run(
+        shared.made_once(
+            "media.run",
+            lambda folder: biaxbayes.sample(data, out=folder, seed=11, ess=500, workers=1),
+        )
+    )
+
+
+@pytest.fixture(scope="session")
+def small_run(session_folder):
+    """Three ratios, exact mounting forces, kappa fixed, no figures: not to be written into."""
+    import biaxbayes
+
+    def sample(folder: Path) -> None:
+        with quick_posteriors.runs_without_figures():
+            biaxbayes.sample(
+                quick_posteriors.small_specimen(),
+                out=folder,
+                noise="independent",
+                mounting="exact",
+                priors={"kappa": 0.1},
+                ess=60,
+            )
+
+    return biaxbayes.open_run(shared.made_once("small", sample))
+
+
+@pytest.fixture(scope="session")
+def hostile_run(session_folder):
+    """A run whose names try to break the report: not to be written into."""
+    import biaxbayes
+
+    return biaxbayes.open_run(shared.made_once("hostile", reported.hostile_run))
+
+
+@pytest.fixture(scope="session")
+def bases(session_folder):
+    """A small run to damage; see ``hostile.readers``."""
+    from hostile.readers import Bases, finished_run
+
+    return Bases(shared.made_once("bases", finished_run) / "run")

@@ -1,0 +1,455 @@
+"""The posterior a second time: plain, slow, and from the printed equations alone.
+
+Nothing of the product is used but the fields of a specimen. Stresses are complex-step derivatives
+of Eq. 5 of the paper, the mounted state is found by SciPy's solver, changes of variables are
+finite differences, and priors are those of ``scipy.stats``. What has no density here is decided
+here as well: the product is never asked.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import os
+import pickle
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import root
+from scipy.stats import lognorm, norm, truncnorm, uniform
+
+from biaxbayes.specimens.specimen import Protocol, Specimen
+
+STEP = 1e-30  # of a complex-step derivative
+LOWEST, HIGHEST = 0.5, 2.0  # mounting stretches lie between
+EDGE = math.log(2.0) - 0.1
+IN_LOGS = ("C1", "k1", "k2", "noise_sd", "noise_growth")
+MATERIAL = ("C1", "k1", "k2", "alpha", "kappa")
+RANGES = {"alpha": (0.0, 90.0), "kappa": (0.0, 1 / 3)}
+"""Physical ranges that no prior widens."""
+
+
+# --- the material ----------------------------------------------------------------------------
+
+
+def energy(theta, lx, ly, lz, switch=False):
+    """Eq. 5: invariants of C = F^T F and of two mean fibre directions; k2 = 0 is its limit."""
+    C1, k1, k2, alpha, kappa = theta
+    I1 = lx * lx + ly * ly + lz * lz
+    W = C1 * (I1 - 3)
+    for angle in (alpha, -alpha):
+        # M C M for C = diag(lx^2, ly^2, lz^2) and M = (cos, sin, 0)
+        I4 = (lx * np.cos(angle)) ** 2 + (ly * np.sin(angle)) ** 2
+        E = kappa * I1 + (1 - 3 * kappa) * I4 - 1
+        fibre = np.expm1(k2 * E * E) / k2 if k2 > 0 else E * E
+        if switch:
+            fibre = fibre * (np.real(E) >= 0)
+        W = W + 0.5 * k1 * fibre
+    return W
+
+
+def piola(theta, lx, ly, switch=False):
+    """P_k = dW/dl_k with lz = 1/(lx ly), shape (2, ...), by complex step."""
+    step = (1j * STEP * np.array([1, 0])).reshape(2, *(1,) * np.ndim(lx))
+    zx, zy = lx + step, ly + step[::-1]
+    return np.imag(energy(theta, zx, zy, 1 / (zx * zy), switch)) / STEP
+
+
+def carried(theta, lm, measured, section, mounted, switch=False):
+    """Load at measured stretches, shape (2, n).
+
+    Force over the unloaded section is P; a section that was measured mounted has shrunk by lm.
+    """
+    total = [lm[k] * np.asarray(measured[k]) for k in (0, 1)]
+    force = np.asarray(section)[:, None] * piola(theta, *total, switch).reshape(2, -1)
+    return force * np.asarray(lm)[:, None] if mounted else force
+
+
+def mounting_load(theta, lm, section, mounted, switch=False):
+    """What the specimen carries as mounted, shape (2,)."""
+    return carried(theta, lm, ([1.0], [1.0]), section, mounted, switch)[:, 0]
+
+
+def load_slope(theta, lm, section, mounted, switch=False):
+    """d p0 / d lm, shape (2, 2), by central differences."""
+    h = 1e-5
+    columns = []
+    for e in np.eye(2):
+        ends = [mounting_load(theta, lm + s * h * e, section, mounted, switch) for s in (1, -1)]
+        columns.append((ends[0] - ends[1]) / (2 * h))
+    return np.array(columns).T
+
+
+# --- the mounted state -----------------------------------------------------------------------
+
+
+def is_stable(theta, lm, section, mounted, switch=False):
+    """Whether the energy less the work of the held load has a minimum at lm.
+
+    The load does work on the stretch where it is a dead load per unloaded section, and on the
+    log of the stretch where it is one per mounted section. At a balance the slope of that
+    energy by lm is the load's deficit, so its curvature is the slope of the load itself.
+    """
+    slope = load_slope(theta, lm, section, mounted, switch) / np.asarray(section)[:, None]
+    if mounted:  # the energy's gradient is (s - p0) / lm, so its curvature (ds/dlm) / lm
+        slope = slope / np.asarray(lm)[:, None]
+    curvature = 0.5 * (slope + slope.T)
+    return bool(np.all(np.isfinite(curvature)) and np.linalg.eigvalsh(curvature).min() > 0)
+
+
+def inside_bracket(lm):
+    return bool(np.all((np.asarray(lm) > LOWEST) & (np.asarray(lm) < HIGHEST)))
+
+
+def mounting_root(theta, p0, section, mounted, switch=False):
+    """(mounted state that balances p0 or None, whether a slowly growing load leads to it).
+
+    A load that grows from nothing leads from the unloaded state through stable states. Where it
+    comes to the end of them, another stable state may lie elsewhere: it is looked for from many
+    starting points.
+    """
+    scale = max(np.abs(p0).max(), 1e-3 * theta[0] * max(section))
+
+    def lack(logs, share):
+        load = mounting_load(theta, np.exp(logs), section, mounted, switch)
+        return (load - share * p0) / scale
+
+    def stable_root(start, share):
+        found = root(lack, start, (share,), tol=1e-13, options={"maxfev": 80})
+        lm = np.exp(found.x)
+        if not (np.all(np.isfinite(lm)) and np.abs(found.fun).max() < 1e-9 and inside_bracket(lm)):
+            return None
+        return lm if is_stable(theta, lm, section, mounted, switch) else None
+
+    with np.errstate(all="ignore"):
+        lm = np.ones(2)
+        for share in (0.25, 0.5, 0.75, 1.0):
+            lm = stable_root(np.log(lm), share)
+            if lm is None:
+                break
+        else:
+            return lm, True
+        for start in STARTS:
+            lm = stable_root(start, 1.0)
+            if lm is not None:
+                return lm, False
+    return None, False
+
+
+STARTS = [np.log([x, y]) for x in (1.0, 1.05, 1.2, 1.7, 0.85, 0.7) for y in (1.0, 1.2, 1.7, 0.8)]
+
+
+# --- priors ----------------------------------------------------------------------------------
+
+
+def log_prior(stated, x, *, positive=False):
+    """Log density at x of a prior as a priors file states it; ``positive`` cuts it at zero."""
+    family = stated["distribution"]
+    low, high = stated.get("low", -math.inf), stated.get("high", math.inf)
+    if positive:
+        low = max(low, 0.0)
+    if not low <= x <= high:
+        return -math.inf
+    if family == "normal":
+        mean, sd = stated["mean"], stated["sd"]
+        return float(truncnorm.logpdf(x, (low - mean) / sd, (high - mean) / sd, mean, sd))
+    if family == "lognormal":
+        law = lognorm(stated["sd_log"], scale=stated["median"])
+        return float(law.logpdf(x) - math.log(law.cdf(high) - law.cdf(max(low, 0.0))))
+    if family == "uniform":
+        return float(uniform.logpdf(x, low, high - low))
+    return -math.log(x * math.log(high / low))
+
+
+def within(stated, low, high):
+    """A stated prior cut to a range."""
+    out = dict(stated)
+    out["low"] = max(stated.get("low", -math.inf), low)
+    out["high"] = min(stated.get("high", math.inf), high)
+    return out
+
+
+def lognormal(median, sd_log):
+    return {"distribution": "lognormal", "median": median, "sd_log": sd_log}
+
+
+def normal(mean, sd, low=-math.inf):
+    return {"distribution": "normal", "mean": mean, "sd": sd, "low": low}
+
+
+def default_priors(specimen):
+    """The documented defaults and what the header of the file states."""
+    peak = max(np.abs(readings(specimen, p)).max() for p in specimen.protocols)
+    priors = {
+        "C1": lognormal(10.0, 2.0),
+        "k1": lognormal(30.0, 2.5),
+        "k2": lognormal(10.0, 2.0),
+        "alpha": {"distribution": "uniform", "low": 0.0, "high": 90.0},
+        "kappa": {"distribution": "uniform", "low": 0.0, "high": 1 / 3},
+        "noise_sd": lognormal(0.005 * peak, 1.5),
+        "noise_growth": lognormal(0.03, 1.0),
+    }
+    known = specimen.metadata
+    for axis in "xy":
+        text = known.get(f"mounting_stretch_{axis}")
+        mean, sd = (1.0, 0.1) if text is None else map(float, str(text).split("+-"))
+        priors[f"mounting_stretch_{axis}"] = normal(mean, sd, 0.0)
+        if "edge_sd_mm" in known:
+            edge = specimen.edge_x_mm if axis == "x" else specimen.edge_y_mm
+            priors[f"edge_{axis}"] = normal(1.0, known["edge_sd_mm"] / edge, 0.0)
+        offset = known.get("load_offset_sd_N", known.get("load_offset_sd_kPa"))
+        if offset is not None:
+            priors[f"load_offset_{axis}"] = normal(0.0, offset)
+    if "thickness_sd_mm" in known:
+        priors["thickness"] = normal(1.0, known["thickness_sd_mm"] / specimen.thickness_mm, 0.0)
+    return priors
+
+
+# --- the data --------------------------------------------------------------------------------
+
+
+def readings(specimen: Specimen, p: Protocol):
+    """Force, or first Piola-Kirchhoff stress of the file's own reference, shape (2, n)."""
+    pair = np.array([p.load_x, p.load_y])
+    return pair / [p.stretch_x, p.stretch_y] if specimen.stress_pair == "cauchy" else pair
+
+
+def mounting_reading(specimen: Specimen, p: Protocol):
+    """Mean of the rows at rest and the sd of that mean, each shape (2,)."""
+    rest = readings(specimen, p)[:, : p.rest_rows]
+    sd = np.full(2, specimen.load_noise)
+    if p.rest_rows >= 5:  # so many show their own scatter
+        sd = np.maximum(sd, rest.std(axis=1, ddof=1))
+    return rest.mean(axis=1), sd / math.sqrt(p.rest_rows)
+
+
+def rows_of(load, stretch, rows):
+    """(load, stretch, scatter, weight) of the rows that enter the likelihood.
+
+    Of more than ``rows`` rows (0 for all) neighbours are averaged, k at a time; each average
+    counts as the readings it stands for, with their mean square about a straight line.
+    """
+    n = load.shape[1]
+    k = math.ceil(n / rows) if rows else 1
+    if k == 1:
+        return load, stretch, np.zeros_like(load), 1.0
+    groups = math.ceil(n / k)
+    edges = [i * n // groups for i in range(groups + 1)]
+    means, places, scatters = [], [], []
+    for first, last in itertools.pairwise(edges):
+        size = last - first
+        part = load[:, first:last]
+        means.append(part.mean(axis=1))
+        places.append(stretch[:, first:last].mean(axis=1))
+        if size > 2:
+            # a line takes two of the k - 1 degrees of freedom that the mean leaves but one of
+            t = np.arange(size)
+            rss = [np.sum((y - np.polyval(np.polyfit(t, y, 1), t)) ** 2) for y in part]
+            scatters.append(np.array(rss) * (size - 1) / (size - 2) / size)
+        elif size == 2:  # var(f0 - 2 f1 + f2) = 6 sd^2; two about their mean have sd^2 / 2
+            second = load[:, :-2] - 2 * load[:, 1:-1] + load[:, 2:]
+            scatters.append(np.mean(second**2, axis=1) / 12)
+        else:
+            scatters.append(np.zeros(2))
+    return np.array(means).T, np.array(places).T, np.array(scatters).T, n / groups
+
+
+# --- the posterior ---------------------------------------------------------------------------
+
+
+@dataclass
+class PlainPosterior:
+    """Log density of natural parameters, in ln of the positive ones and alpha in radians.
+
+    ``priors`` are those of a priors file: a number is fixed, text is a tie, a table is a
+    distribution.
+    """
+
+    specimen: Specimen
+    mounting: str = "noisy"
+    per_protocol: bool = False
+    growth: bool = False
+    switch: bool = False
+    beta: float = 1.0
+    determinant: bool = True
+    thin: int = 0
+    priors: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        stated = default_priors(self.specimen)
+        for name, value in self.priors.items():
+            if name == "mounting_stretch":
+                stated["mounting_stretch_x"] = stated["mounting_stretch_y"] = value
+            elif isinstance(value, dict):
+                stated[name] = within(value, *RANGES.get(name, (-math.inf, math.inf)))
+            else:
+                stated[name] = value
+        if not self.growth:
+            del stated["noise_growth"]
+        self.stated = stated
+        self.remote = False
+
+    @property
+    def labels(self):
+        """Tail of the names of each mounted state."""
+        return [f"[{p.name}]" if self.per_protocol else "" for p in self.states]
+
+    @property
+    def states(self):
+        return self.specimen.protocols if self.per_protocol else self.specimen.protocols[:1]
+
+    @property
+    def names(self):
+        """Names of the unknowns."""
+        out = {
+            n
+            for n, v in self.stated.items()
+            if isinstance(v, dict) and not n.startswith("mounting")
+        }
+        if self.mounting in ("noisy", "free"):
+            what = "force" if self.mounting == "noisy" else "stretch"
+            for axis in "xy":
+                if isinstance(self.stated[f"mounting_stretch_{axis}"], dict):
+                    out |= {f"mounting_{what}_{axis}{tail}" for tail in self.labels}
+        return out
+
+    def log_density(self, given):
+        """Log density, -inf where there is none.
+
+        ``remote`` then says whether a mounted state is one that a search from the unloaded
+        state may miss: no growing load leads to it, or it lies within 10 % of the bracket's edge.
+        """
+        self.remote = False
+        values = {n: float(given[n]) for n in self.names}
+        if not all(math.isfinite(v) for v in values.values()):
+            return -math.inf
+        with np.errstate(all="ignore"):
+            total = self.log_prior(values)
+            if math.isfinite(total):
+                total += self.log_likelihood(values)
+        return float(total) if math.isfinite(total) else -math.inf
+
+    def complete(self, values):
+        """The unknowns with all that is fixed, tied or left at its nominal value."""
+        v = {"edge_x": 1.0, "edge_y": 1.0, "thickness": 1.0}
+        v |= {"load_offset_x": 0.0, "load_offset_y": 0.0, "noise_growth": 0.0} | values
+        for name, stated in self.stated.items():
+            if not isinstance(stated, dict | str):
+                v[name] = stated
+        for name in ("k1", "C1"):
+            if isinstance(self.stated[name], str):
+                factor, other = self.stated[name].split("*")
+                v[name] = float(factor) * v[other.strip()]
+        if self.stated["mounting_stretch_y"] == "mounting_stretch_x":
+            for tail in self.labels:
+                v[f"mounting_stretch_y{tail}"] = v[f"mounting_stretch_x{tail}"]
+        return v
+
+    def log_prior(self, values):
+        """Of all unknowns but those of the mounted state."""
+        total = 0.0
+        for name, x in values.items():
+            if name.startswith("mounting"):
+                continue
+            if name in IN_LOGS and x <= 0:
+                return -math.inf
+            total += log_prior(self.stated[name], x, positive=name in IN_LOGS)
+            if name in IN_LOGS:
+                total += math.log(x)  # dx = x d ln x
+            if name == "alpha":
+                total += math.log(180 / math.pi)  # stated per degree
+        return total
+
+    def log_likelihood(self, values):
+        """Of the mounting readings, with the priors of the mounted state, and of the curves."""
+        v = self.complete(values)
+        specimen, mounted = self.specimen, self.specimen.geometry == "mounted"
+        theta = (v["C1"], v["k1"], v["k2"], math.radians(v["alpha"]), v["kappa"])
+        section = np.ones(2)
+        if specimen.stress_pair == "force":  # kPa mm^2 = 1e-3 N
+            edges = np.array([specimen.edge_y_mm, specimen.edge_x_mm])
+            section = edges * specimen.thickness_mm / 1000
+        section = section * [v["edge_y"] * v["thickness"], v["edge_x"] * v["thickness"]]
+        if not np.all(section > 0):
+            return -math.inf
+        offset = np.array([v["load_offset_x"], v["load_offset_y"]])
+        total, stretches = 0.0, []
+        for m, tail in enumerate(self.labels):
+            log, lm = self.mounted_state(m, tail, v, theta, section, mounted, offset)
+            if lm is None or not math.isfinite(log):
+                return -math.inf
+            total += log
+            stretches.append(lm)
+        for i, p in enumerate(specimen.protocols):
+            lm = stretches[i if self.per_protocol else 0]
+            load = readings(specimen, p)
+            if self.mounting == "zeroed":
+                load = load - load[:, : p.rest_rows].mean(axis=1)[:, None]
+            stretch = np.array([p.stretch_x, p.stretch_y])[:, p.rest_rows :]
+            load, stretch, scatter, weight = rows_of(load[:, p.rest_rows :], stretch, self.thin)
+            mean = carried(theta, lm, stretch, section, mounted, self.switch)
+            sd = np.sqrt(v["noise_sd"] ** 2 + (v["noise_growth"] * mean) ** 2)
+            logs = norm.logpdf(load, mean + offset[:, None], sd) - 0.5 * scatter / sd**2
+            total += self.beta * weight * logs.sum()
+        return total
+
+    def mounted_state(self, m, tail, v, theta, section, mounted, offset):
+        """(log density, lm) of one mounted state."""
+        if self.mounting in ("ignored", "zeroed"):
+            return 0.0, np.ones(2)
+        reading, sd = self.reading(m)
+        total = 0.0
+        if self.mounting == "free":
+            lm = np.array([v[f"mounting_stretch_{axis}{tail}"] for axis in "xy"])
+            if not (inside_bracket(lm) and is_stable(theta, lm, section, mounted, self.switch)):
+                return -math.inf, None
+            p0 = mounting_load(theta, lm, section, mounted, self.switch)
+        else:
+            p0 = reading - offset
+            if self.mounting == "noisy":
+                p0 = np.array([v[f"mounting_force_{axis}{tail}"] for axis in "xy"])
+            lm, led = mounting_root(theta, p0, section, mounted, self.switch)
+            if lm is None:
+                return -math.inf, None
+            self.remote = self.remote or not led or np.abs(np.log(lm)).max() > EDGE
+            if self.determinant:
+                slope = load_slope(theta, lm, section, mounted, self.switch)
+                total -= math.log(np.linalg.det(slope))
+        for k, axis in enumerate("xy"):
+            stated = self.stated[f"mounting_stretch_{axis}"]
+            if isinstance(stated, dict):
+                total += log_prior(stated, lm[k])
+            if self.mounting != "exact":
+                total += norm.logpdf(reading[k], p0[k] + offset[k], sd[k])
+        return total, lm
+
+    def reading(self, m):
+        """Mounting load of state m and its sd: one protocol's, or the mean of all."""
+        each = [mounting_reading(self.specimen, p) for p in self.specimen.protocols]
+        if self.per_protocol or len(each) == 1:
+            return each[m]
+        loads, sds = (np.array(column) for column in zip(*each, strict=True))
+        sd = np.sqrt(np.sum(sds**2, axis=0)) / len(each)
+        # the scatter of the protocols' readings counts where it is larger
+        scatter = np.std(loads, axis=0, ddof=1) / math.sqrt(len(each))
+        return loads.mean(axis=0), np.maximum(sd, scatter)
+
+
+def densities(plain: PlainPosterior, points) -> list[tuple[float, bool]]:
+    """Log density at each point and whether it is ``remote``.
+
+    They do not depend on the product. Where it is changed a thousand times, as by the mutation
+    study, the environment's BIAXBAYES_PLAIN_DENSITIES names a folder to keep them in.
+    """
+    folder = os.environ.get("BIAXBAYES_PLAIN_DENSITIES")
+    key = hashlib.sha256(pickle.dumps((vars(plain), points))).hexdigest()
+    kept = Path(folder or ".") / f"{key}.json"
+    if folder and kept.exists():
+        return json.loads(kept.read_text())
+    found = [(plain.log_density(values), bool(plain.remote)) for values in points]
+    if folder:
+        kept.write_text(json.dumps(found))
+    return found

@@ -1,0 +1,98 @@
+"""The pages agree with the code and with one another: scripts, rooms, verbs, navigation."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+import docs_verbs
+import study
+from biaxbayes.cli import VERBS, group
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "biaxbayes"
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "data" / "README.md", *DOCS.glob("*.md")]
+
+
+def told(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def test_scripts_and_studies_that_pages_name_are_there():
+    text = "\n".join(told(page) for page in PAGES)
+    scripts = set(re.findall(r"\bscripts/[\w./]*\w", text))
+    assert {"scripts/demo.sh", "scripts/test.sh", "scripts/study.py"} <= scripts
+    for name in scripts:
+        assert (ROOT / name).exists(), name
+    named = set(re.findall(r"scripts/study\.py (\w+)", text))
+    assert len(named) >= 10
+    assert named <= study.studies().keys()
+
+
+def test_a_study_says_what_it_is_and_its_help_names_it():
+    listed = subprocess.run(
+        [sys.executable, ROOT / "scripts" / "study.py"], capture_output=True, text=True, check=True
+    )
+    names = [line.split()[0] for line in listed.stdout.splitlines()]
+    assert names == list(study.studies()) and "fuzz" in names and "page" not in names
+    unknown = [sys.executable, ROOT / "scripts" / "study.py", "nothing"]
+    assert subprocess.run(unknown, capture_output=True).returncode == 2
+    for name, path in study.studies().items():
+        assert f"scripts/study.py {name}" in told(path), name
+
+
+def test_the_reference_of_the_command_line_is_current():
+    assert told(docs_verbs.PAGE) == docs_verbs.page(), "run python scripts/docs_verbs.py"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_reference_shows_every_option(verb):
+    section = told(docs_verbs.PAGE).split(f"\n## {verb}\n")[1].split("\n## ")[0]
+    assert f"biaxbayes {verb} [OPTIONS]" in section
+    command = group.get_command(click.Context(group), verb)
+    shown = [p for p in command.params if isinstance(p, click.Option) and not p.hidden]
+    assert shown
+    for option in shown:
+        assert f"`{option.opts[0]}" in section, option.opts
+    assert "--break" not in section
+
+
+def test_every_page_is_in_one_group_of_the_navigation():
+    nav = told(ROOT / "mkdocs.yml").split("\nnav:\n")[1]
+    groups = re.findall(r"^  - (\w+):$", nav, re.MULTILINE)
+    assert groups == ["Use", "Theory", "Evidence"]
+    listed = re.findall(r"([\w-]+\.md)", nav)
+    assert sorted(listed) == sorted(page.name for page in DOCS.glob("*.md"))
+
+
+def test_the_map_of_rooms_is_complete():
+    table = told(DOCS / "layout.md").split("| to add |")[0]
+    named = {
+        name
+        for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+        for name in re.findall(r"`(\w+)`", row)
+    }
+    rooms = {p.name for p in SOURCE.iterdir() if (p / "__init__.py").is_file()}
+    rooms |= {p.stem for p in SOURCE.glob("*.py") if p.stem != "__init__"}
+    assert named == rooms
+    assert len(told(DOCS / "layout.md").splitlines()) < 70
+
+
+def test_the_readme_is_short_and_begins_with_use():
+    lines = told(ROOT / "README.md").splitlines()
+    assert len(lines) < 120
+    order = [
+        next(i for i, line in enumerate(lines) if line.startswith(text))
+        for text in (
+            "![",
+            "bash scripts/demo.sh",
+            "source .venv/bin/activate",
+            "## Your own specimen",
+            "bash scripts/test.sh",
+        )
+    ]
+    assert order == sorted(order)

@@ -1,0 +1,125 @@
+"""The sampler on densities that are no posterior of a specimen, from search to judged draws."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from analytic_targets import two_modes
+from biaxbayes.errors import NotConverged
+from biaxbayes.sampling import Plan, Target, bounds_array, draw, log_integral, search
+from biaxbayes.sampling.convergence import effective_sample_size
+
+QUICK = Plan(ess=1000, seed=3, population=2048)
+BOUNDS = bounds_array({0: (0.0, np.inf)}, 2)
+
+
+def bounded_banana(x):
+    """x_0 half normal, x_1 normal around x_0^2: the integral is pi."""
+    log_prob = -0.5 * x[:, 0] ** 2 - 0.5 * (x[:, 1] - x[:, 0] ** 2) ** 2
+    return np.where(x[:, 0] >= 0.0, log_prob, -np.inf)
+
+
+def sampled(target, starts, scale, plan=QUICK, **options):
+    start = search(target, starts, scale, plan.search_rng(), plan.population)
+    return draw(target, start, plan, **options)
+
+
+@pytest.fixture(scope="module")
+def banana():
+    return sampled(Target(bounded_banana, BOUNDS), np.array([[1.0, 0.0]]), np.ones(2))
+
+
+def within_error(draws, expected):
+    error = draws.std() / np.sqrt(effective_sample_size(draws))
+    return abs(draws.mean() - expected) < 4.5 * error
+
+
+def test_moments_of_a_bent_density_that_ends_at_a_bound(banana):
+    assert banana.convergence.state == "reliable"
+    assert banana.convergence.worst_ess >= QUICK.ess
+    x, y = banana.quantities["x0"], banana.quantities["x1"]
+    assert x.min() >= 0.0
+    assert within_error(x, np.sqrt(2.0 / np.pi))
+    assert within_error(x**2, 1.0)
+    assert within_error(y, 1.0)
+    assert within_error((y - x**2) ** 2, 1.0)
+    assert within_error((x < norm.ppf(0.525)).astype(float), 0.05)  # next to the bound
+    assert banana.rejected == {}  # nothing was counted
+
+
+def test_its_integral(banana):
+    value, error = log_integral(banana.target.log_prob, banana.chain, banana.proposal, seed=1)
+    assert 0.0 < error < 0.05
+    assert abs(value - np.log(np.pi)) < 4.5 * error
+
+
+@pytest.mark.parametrize("start", [0, 1])
+def test_both_modes_are_found_from_starts_near_each_and_weigh_what_they_should(start):
+    """Ten standard deviations apart, weights 0.3 and 0.7, whichever is the best guess."""
+    target = two_modes(6)
+    starts = np.zeros((2, 6))
+    starts[start, 0], starts[1 - start, 0] = -4.0, 4.0
+    found = sampled(Target(target.log_density, target.bounds), starts, np.ones(6))
+    assert found.convergence.state == "reliable"
+    low = (found.quantities["x0"] < 0.0).astype(float)
+    assert within_error(low, 0.3)
+    assert (low.mean(axis=(1, 2)) > 0.1).all()  # in every ensemble
+
+
+def test_quantities_and_reasons_are_those_of_the_target():
+    """Judged, unjudged and counted by name."""
+    counts = np.zeros(2, dtype=np.int64)
+
+    def log_prob(x):
+        out = bounded_banana(x)
+        np.add(counts, [np.isfinite(out).sum(), np.isinf(out).sum()], out=counts)
+        return out
+
+    target = Target(
+        log_prob,
+        BOUNDS,
+        lambda x: {"ratio": x[:, 1] / (1.0 + x[:, 0]), "noise": np.arange(len(x)) * 1.0},
+        unjudged=("noise",),
+        counts=counts,
+        reasons=("beyond",),
+    )
+    found = sampled(target, np.array([[1.0, 0.0]]), np.ones(2), replace(QUICK, ess=300))
+    assert found.convergence.names == ("ratio",)
+    assert set(found.quantities) == {"ratio", "noise"}
+    assert found.rejected["evaluated"] == counts.sum() >= found.evaluations
+    assert found.rejected["beyond"] == counts[1]
+
+
+def test_a_run_continued_from_any_of_its_states_is_the_same_run():
+    plan = replace(QUICK, ess=1e9, max_steps=200, first_block=64)
+    target = Target(bounded_banana, BOUNDS)
+    states = []
+    whole = sampled(target, np.array([[1.0, 0.0]]), np.ones(2), plan, on_block=states.append)
+    assert len(states) > 2 and states[0].steps == 0
+    for state in states[:-1]:
+        again = draw(Target(bounded_banana, BOUNDS), replace(state), plan)
+        np.testing.assert_array_equal(again.chain, whole.chain)
+        assert again.evaluations == whole.evaluations
+
+
+def test_a_density_that_is_zero_everywhere_is_said_to_be():
+    nowhere = Target(lambda x: np.full(len(x), -np.inf), bounds_array({}, 2))
+    with pytest.raises(NotConverged, match="no region of positive density"):
+        sampled(nowhere, np.zeros((1, 2)), np.ones(2))
+
+
+def test_the_sampler_imports_nothing_of_specimens():
+    code = (
+        "import pkgutil, sys\n"
+        "import biaxbayes.sampling as room\n"
+        "for module in pkgutil.iter_modules(room.__path__, room.__name__ + '.'):\n"
+        "    __import__(module.name)\n"
+        "rooms = {name.split('.')[1] for name in sys.modules if name.startswith('biaxbayes.')}\n"
+        "assert rooms == {'sampling', 'errors', 'compile_cache'}, rooms\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
