@@ -101,7 +101,7 @@ def try_specimen(task: SpecimenTask) -> Tried:
 
 
 def _run(task: SpecimenTask, notes: list[str]) -> Run:
-    from biaxbayes.compile_cache import first_alone
+    from biaxbayes.compilation import first_alone
 
     if task.finished:
         return open_run(task.folder)

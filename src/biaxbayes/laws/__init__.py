@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from biaxbayes.compile_cache import use_own_cache
+from biaxbayes.compilation import use_own_cache
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law

@@ -26,8 +26,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba.extending import register_jitable
 
+from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import MaterialResponse
 
 __all__ = [
@@ -44,7 +44,7 @@ __all__ = [
 DEFAULT_SOFTENING = 0.3
 
 
-@register_jitable
+@inlined
 def structure_tensor(alpha, kappa):
     """Diagonal (Hx, Hy, Hz) of the generalised structure tensor; ``alpha`` in radians."""
     cos2 = np.cos(alpha) ** 2
@@ -52,14 +52,14 @@ def structure_tensor(alpha, kappa):
     return kappa + (1.0 - 3.0 * kappa) * cos2, kappa + (1.0 - 3.0 * kappa) * (1.0 - cos2), kappa
 
 
-@register_jitable
+@inlined
 def fibre_strain(constants, X, Y, Z):
     """Green-like strain E of the dispersed fibre families."""
     # E = Hx X + Hy Y + Hz Z - 1
     return constants.Hx * X + constants.Hy * Y + constants.Hz * Z - 1.0
 
 
-@register_jitable
+@inlined
 def angles_from_chart(d, v, softening):
     """(alpha, kappa, ln |d(alpha, kappa)/d(d, v)|); ``alpha`` in radians."""
     t = 1.0 / (1.0 + np.exp(-d))
@@ -99,7 +99,7 @@ def softening_of(alpha, kappa) -> float:
     return float(np.clip(np.median(np.abs(D)), 0.02, 1.0))
 
 
-@register_jitable
+@inlined
 def reference_state(alpha, kappa, X, Y, Z):
     """(ln E*^2, ln(E* sqrt(gx gy))) at the reference stretch, given squared."""
     Hx, Hy, Hz = structure_tensor(alpha, kappa)

@@ -30,8 +30,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
+from biaxbayes.compilation import inlined
 from biaxbayes.laws.dispersed_fibres import (
     angles_from_chart,
     chart_from_angles,
@@ -72,7 +72,7 @@ class Constants(NamedTuple):
     switch: Any
 
 
-@register_jitable
+@inlined
 def _active(constants, E):
     """Share of the fibres that carries load: none in compression with the switch."""
     return 1.0 - constants.switch * (E.real < 0.0)

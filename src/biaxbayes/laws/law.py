@@ -30,8 +30,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numba.extending import overload, register_jitable
 
+from biaxbayes.compilation import inlined, picked
 from biaxbayes.parameters import DEGREE, Parameter
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def register(kind: type, **functions: Callable[..., Any]) -> None:
         By the names of the stubs, with the same argument names.
     """
     for name, function in functions.items():
-        _STATED[name, kind] = register_jitable(function)
+        _STATED[name, kind] = inlined(function)
 
 
 def _overload(name: str) -> None:
@@ -133,7 +133,7 @@ def _overload(name: str) -> None:
         "to_natural": lambda coordinates, value: first(coordinates),
         "constants_at": lambda coordinates, value: first(coordinates),
     }
-    overload(_COMPILED[name])(choose[name])
+    picked(_COMPILED[name])(choose[name])
 
 
 for _name in _COMPILED:
@@ -166,21 +166,21 @@ def _column_as_tuple(rows, j, like):
     return lambda rows, j, like: (rows[0, j], rows[1, j], rows[2, j])
 
 
-overload(exponentials)(_exponentials_of_tuple)
-overload(column)(_column_as_tuple)
+picked(exponentials)(_exponentials_of_tuple)
+picked(column)(_column_as_tuple)
 
 
 # --- stress from the derivatives -----------------------------------------------------------------
 
 
-@register_jitable
+@inlined
 def cauchy_components(X, Y, Z, A, B, C):
     """Cauchy stresses (s_x, s_y) from the derivatives of W."""
     # s_x = 2 (X A - Z C),  s_y = 2 (Y B - Z C)
     return 2.0 * (X * A - Z * C), 2.0 * (Y * B - Z * C)
 
 
-@register_jitable
+@inlined
 def log_stretch_jacobian(X, Y, Z, A, B, C, second):
     """Derivatives (xx, xy, yy) of the Cauchy stresses by the log stretches; symmetric.
 

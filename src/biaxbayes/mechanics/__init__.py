@@ -1,5 +1,5 @@
 """Mechanics of the planar biaxial test: no files, no priors, no plots."""
 
-from biaxbayes.compile_cache import use_own_cache
+from biaxbayes.compilation import use_own_cache
 
 use_own_cache()

@@ -20,7 +20,7 @@ ROUND = 6755399441055744.0  # 1.5 * 2^52: adding it leaves the rounded integer i
 LIMIT = 708.0  # beyond, the stress is far outside the range of a double's usefulness
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz"})
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "nsz"}, forceinline=True)
 def exponential(x, out):
     """Write exp(x) to ``out``; ``x`` is used up as scratch.
 

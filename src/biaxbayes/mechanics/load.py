@@ -13,12 +13,12 @@ mounting stretch.
 
 from __future__ import annotations
 
-from numba.extending import register_jitable
+from biaxbayes.compilation import inlined
 
 __all__ = ["load_per_stress", "sections", "unloaded_section"]
 
 
-@register_jitable
+@inlined
 def load_per_stress(section, stretch, mounting, mounted):
     """Load per Cauchy stress, f / s, in one direction; arguments broadcast.
 
@@ -38,14 +38,14 @@ def load_per_stress(section, stretch, mounting, mounted):
     return section / (stretch * mounting)
 
 
-@register_jitable
+@inlined
 def unloaded_section(section, mounting, mounted):
     """Load per first Piola-Kirchhoff stress, f / P, of the unloaded state."""
     # f = A0 P;  A0 = Am lm
     return section * mounting if mounted else section
 
 
-@register_jitable
+@inlined
 def sections(area, edge_x, edge_y, thickness):
     """Load per kPa in (x, y): stated sections times the true factors of the dimensions."""
     # the section in x is edge_y * thickness

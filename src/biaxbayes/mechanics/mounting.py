@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
 
+from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import (
     MaterialResponse,
     cauchy_components,
@@ -38,7 +38,7 @@ MAX_STEP = 0.1  # in log stretch; keeps the exponential from overflowing on the 
 TOLERANCE = 1e-13  # of the log stretch; Newton's last step is quadratically smaller still
 
 
-@register_jitable
+@inlined
 def balance(constants, px, py, mounted, x, y):
     """Residual (2) and Jacobian (3) of the force balance at log stretches (x, y)."""
     lx, ly = np.exp(x), np.exp(y)
@@ -55,7 +55,7 @@ def balance(constants, px, py, mounted, x, y):
     return rx - px * lx, ry - py * ly, jxx - px * lx, jxy, jyy - py * ly
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 def solve_balance(constants, px, py, mounted):
     """Newton's method from the unloaded state.
 
@@ -173,7 +173,7 @@ def mounted_state(
     )
 
 
-@register_jitable
+@inlined
 def log_change_of_variables(x, y, jxx, jxy, jyy, mounted):
     """Give ln |det d p0 / d lm| from the Jacobian of the balance in log stretch."""
     # unloaded: dP_i/dlm_j = J_ij / (lm_i lm_j);  mounted: ds_i/dlm_j = J_ij / lm_j

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
 
+from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import (
     cauchy_components,
     column,
@@ -127,7 +127,7 @@ class Problem(NamedTuple):
     beta: np.ndarray
 
 
-@register_jitable
+@inlined
 def _log_prior(kind, row, x):
     """Log prior density of one slot at x, or -inf outside its range."""
     if kind == FIXED:
@@ -145,7 +145,7 @@ def _log_prior(kind, row, x):
     return row[4] + x
 
 
-@register_jitable
+@inlined
 def _mounted_state(problem, value, constants, m, sx, sy):
     """(ln lm_x, ln lm_y, log density, reason) of mounted state m; sx, sy its sections."""
     if problem.mounting_mode == REFERENCE:
@@ -191,7 +191,12 @@ def _mounted_state(problem, value, constants, m, sx, sy):
     return x, y, logp, INSIDE
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
+@njit(
+    error_model="numpy",
+    nogil=True,
+    fastmath={"reassoc", "contract", "arcp", "nsz"},
+    forceinline=True,
+)
 def _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth):
     """Log likelihood of protocol p, weighted, given its mounted state."""
     first, last = problem.start[p], problem.start[p + 1]
@@ -229,7 +234,7 @@ def _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth):
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True, forceinline=True)
 def _density(problem, u, value, scratch, growth):
     """(log density, log likelihood of the curves, reason); natural values into ``value``."""
     o = problem.size

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import overload, register_jitable
 
+from biaxbayes.compilation import inlined, picked
 from biaxbayes.model.effective_readings import (
     EffectiveReadings,
     effective_readings,
@@ -111,10 +111,10 @@ def _growing_curve(spread, w, total, n):
 def register(spread: type, **functions: Callable[..., Any]) -> None:
     """Say what the functions above are for a type of spread."""
     for name, function in functions.items():
-        _STATED[name, spread] = register_jitable(function)
+        _STATED[name, spread] = inlined(function)
 
 
-_growing_variance = register_jitable(_growing_variance)
+_growing_variance = inlined(_growing_variance)
 register(
     ConstantSd,
     variance=_constant_variance,
@@ -133,9 +133,9 @@ def _of(name: str, spread: Any) -> Callable[..., Any] | None:
     return _STATED.get((name, getattr(spread, "instance_class", type(None))))
 
 
-overload(variance)(lambda spread, w, b, load: _of("variance", spread))
-overload(misfit)(lambda spread, w, b, load, square: _of("misfit", spread))
-overload(curve_log_likelihood)(lambda spread, w, total, n: _of("curve_log_likelihood", spread))
+picked(variance)(lambda spread, w, b, load: _of("variance", spread))
+picked(misfit)(lambda spread, w, b, load, square: _of("misfit", spread))
+picked(curve_log_likelihood)(lambda spread, w, total, n: _of("curve_log_likelihood", spread))
 
 
 # --- error models ------------------------------------------------------------------------------

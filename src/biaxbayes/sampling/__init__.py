@@ -27,7 +27,7 @@ of kept steps until :mod:`.convergence` is satisfied, and :mod:`.bridge` integra
 its draws.
 """
 
-from biaxbayes.compile_cache import use_own_cache
+from biaxbayes.compilation import use_own_cache
 
 use_own_cache()
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
+
+from biaxbayes.compilation import inlined
 
 __all__ = ["Mirrors", "StudentMixture", "fit_mixture"]
 
@@ -194,7 +195,7 @@ def _log_density(x, scale, means, inverses, nu, coordinates, doubled):
     return out
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=FASTMATH)
+@njit(error_model="numpy", nogil=True, fastmath=FASTMATH, forceinline=True)
 def _distances(x, first, m, mean, inverse, coordinates, z, distance, slope):
     """Squared distances |z|^2, z = L^-1 (x - mean), and (L^-T z)_b of the coordinates b."""
     distance[:m] = 0.0
@@ -214,7 +215,7 @@ def _distances(x, first, m, mean, inverse, coordinates, z, distance, slope):
                     along[i] += factor * z[i]
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=FASTMATH)
+@njit(error_model="numpy", nogil=True, fastmath=FASTMATH, forceinline=True)
 def _reflect(distance, x, first, m, inverse, coordinates, doubled, slope, shift):
     """Squared distances of the points reflected where ``doubled`` is a number.
 
@@ -238,7 +239,7 @@ def _reflect(distance, x, first, m, inverse, coordinates, doubled, slope, shift)
                     distance[i] += cross * t[i] * other[i]
 
 
-@register_jitable
+@inlined
 def _product(inverse, b, c):
     """(L^-T L^-1)_bc."""
     total = 0.0
@@ -247,7 +248,7 @@ def _product(inverse, b, c):
     return total
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=FASTMATH)
+@njit(error_model="numpy", nogil=True, fastmath=FASTMATH, forceinline=True)
 def _add_t_density(distance, m, nu, d, scale, work, total):
     """Add scale (1 + distance / nu)^(-(nu + d) / 2) to ``total``; the first arrays are used up."""
     power = int(nu) + d

@@ -174,14 +174,14 @@ def _regression(
     return np.linalg.solve(weighted.T @ features + ridge * n * np.eye(size), weighted.T @ target)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, forceinline=True)
 def _count(k):
     """Number of features of k predecessors."""
     crossed = min(k, CROSSED)
     return 1 + 2 * k + crossed * (crossed - 1) // 2
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True, forceinline=True)
 def _append(z, k, out, filled):
     """Features that coordinate k adds for its successors; their new count."""
     x = min(max(z[k], -SATURATION), SATURATION)
@@ -206,7 +206,7 @@ def _features(z, k):
     return out
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(nogil=True, fastmath={"reassoc", "contract", "nsz"}, forceinline=True)
 def _place(features, filled, z, k, coefficients, widths):
     """(p_k, s_k) given the features of the predecessors."""
     mean = 0.0

@@ -1,22 +1,41 @@
-"""Where compiled code is kept between runs.
+"""How code is compiled, and where compiled code is kept between runs.
 
 Numba notices a change of the file that a compiled function stands in, not of the files that it
 calls. Keyed by all sources that are compiled, the cache can never serve a density of yesterday's
 mechanics.
+
+What compiled code calls is inlined. A function that is called is linked by its name: a process that
+has compiled it for another caller, with other rounding, runs that code, and a process that finds
+its caller in the cache does not, so that one seed gave other draws on the first run than on later
+ones.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
 import platformdirs
+from numba.extending import overload, register_jitable
 
-__all__ = ["first_alone", "use_own_cache"]
+__all__ = ["first_alone", "inlined", "picked", "use_own_cache"]
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Let compiled code call a Python function, inlined where it is called."""
+    made: Callable[..., Any] = register_jitable(forceinline=True)(function)
+    return made
+
+
+def picked(stub: Callable[..., Any]) -> Callable[..., Any]:
+    """Let compiled code call ``stub``; what is decorated picks the function by argument types."""
+    made: Callable[..., Any] = overload(stub, jit_options={"forceinline": True})
+    return made
+
 
 FILLED = "filled"
 
@@ -28,6 +47,7 @@ def use_own_cache() -> None:
         return
     digest = hashlib.sha256()
     package = Path(__file__).parent
+    digest.update(Path(__file__).read_bytes())
     for folder in ("laws", "mechanics", "sampling", "model"):
         for source in sorted((package / folder).glob("*.py")):
             digest.update(source.read_bytes())
