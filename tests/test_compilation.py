@@ -27,7 +27,11 @@ def test_a_process_that_compiles_finds_what_later_ones_find(tmp_path):
     code = DENSITY.format(specimen=DATA / "donor2-media.csv")
     first, second = (
         subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+            [sys.executable, "-c", code],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout
         for _ in range(2)
     )

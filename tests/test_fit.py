@@ -544,7 +544,7 @@ def test_json_has_the_promised_keys(capsys, media_file):
     code, out, _ = run(capsys, "fit", media_file, "--method", "all", "--json")
     records = json.loads(out)
     assert code == 0 and [r["method"] for r in records] == list(METHODS)
-    keys = "method C1_kPa k1_kPa k2 alpha_deg kappa mounting_stretch_x mounting_stretch_y r2 "
+    keys = "method law C1_kPa k1_kPa k2 alpha_deg kappa mounting_stretch_x mounting_stretch_y r2 "
     keys += "rmse_kPa iterations converged at_bound"
     assert all(list(r) == keys.split() for r in records)
     from biaxbayes import read_specimen

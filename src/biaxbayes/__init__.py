@@ -16,6 +16,7 @@ except PackageNotFoundError:  # running from a source tree that was never instal
 
 _EXPORTS = {
     "GOH": "biaxbayes.laws.goh",
+    "law": "biaxbayes.laws",
     "Specimen": "biaxbayes.specimens.specimen",
     "Protocol": "biaxbayes.specimens.specimen",
     "read_specimen": "biaxbayes.specimens.specimen_file",
@@ -45,13 +46,16 @@ _EXPORTS = {
     "batch": "biaxbayes.api",
 }
 
+_OTHER_NAMES = {"law": "material"}
+"""What is called otherwise where it stands."""
+
 __all__ = ["__version__", *_EXPORTS]
 
 
 def __getattr__(name: str) -> Any:
     if name not in _EXPORTS:
         raise AttributeError(f"module 'biaxbayes' has no attribute {name!r}")
-    value = getattr(import_module(_EXPORTS[name]), name)
+    value = getattr(import_module(_EXPORTS[name]), _OTHER_NAMES.get(name, name))
     globals()[name] = value
     return value
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from biaxbayes.errors import InputError
+from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
@@ -255,7 +256,10 @@ class Settings(Options):
     mounting_stretch : {"shared", "per-protocol"}
     noise_growth : bool
         Whether the sd grows with the load.
+    law : str
+        Name of the material law.
     fibre_switch : bool
+        Fibres carry no compression, for laws that leave it open.
     thin : int
         Rows of a protocol that longer records are averaged to; 0 keeps all.
     priors : mapping
@@ -272,7 +276,10 @@ class Settings(Options):
         "shared", "One mounted state for all protocols, or one each.", choices=MOUNTING_STRETCH
     )
     noise_growth: bool = _option(False, "Let the noise sd grow with the load.")
-    fibre_switch: bool = _option(False, "Fibres carry no compression (Abaqus, FEBio).")
+    law: str = _option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
+    fibre_switch: bool = _option(
+        False, "Fibres carry no compression (Abaqus, FEBio); for laws that leave it open."
+    )
     thin: int = 0
     priors: Mapping[str, Prior | float | Tie] = field(default_factory=dict)
 
@@ -286,9 +293,7 @@ class Settings(Options):
     @property
     def material_law(self) -> Law:
         """The material law."""
-        from biaxbayes.laws import DEFAULT_LAW, law_named
-
-        return law_named(DEFAULT_LAW, fibre_switch=self.fibre_switch)
+        return law_named(self.law, fibre_switch=self.fibre_switch)
 
     @property
     def infers_mounting(self) -> bool:
@@ -428,10 +433,11 @@ class FitOptions(Options):
     starts, seed : int
         Starting points, and the seed of the random ones.
     fixed : mapping, optional
-        Values held: C1, k1 in kPa, k2, alpha in degrees, kappa.
+        Values held, by the law's parameters in their own units.
     mounting_stretch : {"shared", "per-protocol"}
+    law : str
     fibre_switch : bool
-    initial : GOH, optional
+    initial : Material, optional
         A further starting point; with it ``starts`` may be 0.
     """
 
@@ -443,7 +449,8 @@ class FitOptions(Options):
         stated(Settings)["mounting_stretch"].words,
         choices=MOUNTING_STRETCH,
     )
-    fibre_switch: bool = _option(False, "Fibres carry no compression, as in Abaqus and FEBio.")
+    law: str = _option(Settings.law, stated(Settings)["law"].words, choices=tuple(LAWS))
+    fibre_switch: bool = _option(False, stated(Settings)["fibre_switch"].words)
     initial: Any = None
 
     def __post_init__(self) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 from biaxbayes.calibration.simulated_specimen import Rules, draw_truth, simulate_specimen
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess
-from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
@@ -90,7 +90,8 @@ class Study:
     @property
     def law(self) -> Law:
         """The law that is calibrated."""
-        return law_named(DEFAULT_LAW, fibre_switch=self.options.get("fibre_switch", False))
+        name = self.options.get("law", ModelOptions.law)
+        return law_named(name, fibre_switch=self.options.get("fibre_switch", False))
 
     def __post_init__(self) -> None:
         if self.options.get("mounting", ModelOptions.mounting) not in INFERRING:

@@ -108,7 +108,7 @@ def _determined_words(found: Identified) -> list[str]:
     metavar="NAME",
     help="C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; repeatable [the first five].",
 )
-@options(ProfileOptions, "mounting", "noise", "mounting_stretch")
+@options(ProfileOptions, "law", "mounting", "noise", "mounting_stretch")
 @fix_option("Hold a parameter; repeatable.")
 @options(ProfileOptions, "fibre_switch")
 @mounting_force_option()

@@ -141,7 +141,7 @@ def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
 # --- the statistical model and its priors --------------------------------------------------------
 
 
-MODEL = ("mounting", "noise", "mounting_stretch", "noise_growth", "thin", "fibre_switch")
+MODEL = ("law", "mounting", "noise", "mounting_stretch", "noise_growth", "thin", "fibre_switch")
 
 
 def fix_option(words: str) -> Decorator:
@@ -171,7 +171,7 @@ def model_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def read_model_options(
-    *, fix: tuple[str, ...], priors: Path | None = None, **model: Any
+    *, fix: tuple[str, ...], law: str, priors: Path | None = None, **model: Any
 ) -> dict[str, Any]:
     """Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`.
 
@@ -180,11 +180,15 @@ def read_model_options(
     InputError
         Naming the option or the key of the priors file that cannot be used.
     """
+    from biaxbayes.laws import law_named
     from biaxbayes.model.priors import check_fixed, read_priors
 
-    chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors))
-    chosen |= {name: check_fixed(name, value) for name, value in fixed_values(fix).items()}
-    return {**model, "priors": chosen}
+    material_law = law_named(law, fibre_switch=model.get("fibre_switch", False))
+    chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors, material_law))
+    for name, value in fixed_values(fix).items():
+        known = material_law.known_name(name)
+        chosen[known] = check_fixed(known, value, law=material_law)
+    return {**model, "law": law, "priors": chosen}
 
 
 def fixed_values(texts: tuple[str, ...]) -> dict[str, float]:

@@ -248,7 +248,7 @@ def _format(parameter: Parameter) -> str:
 @mounting_force_option(
     "Force (N, or stress in kPa) at the mounted state of a tared file, known from elsewhere."
 )
-@options(FitOptions, "starts", "seed", "fibre_switch")
+@options(FitOptions, "starts", "seed", "law", "fibre_switch")
 def fit(
     specimen: Path,
     method: str,

@@ -16,9 +16,9 @@ from biaxbayes.fitting.least_squares import Descent, best_descent, descend
 from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, Readings, readings
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
-from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law, MaterialResponse
-from biaxbayes.options import MOUNTING_STRETCH
+from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["MOUNTING_STRETCH", "READINGS", "constrained_fit", "refuse_tared"]
@@ -37,6 +37,7 @@ def constrained_fit(
     starts: int = 8,
     seed: int = 0,
     initial: MaterialResponse | None = None,
+    law: str = FitOptions.law,
     fibre_switch: bool = False,
 ) -> FitResult:
     """Least squares on the measured load, the mounting stretch solved for at every step.
@@ -51,14 +52,16 @@ def constrained_fit(
         state is taken as unloaded, loads as they are or less their reading.
     mounting_stretch : {"shared", "per-protocol"}
     fixed : mapping, optional
-        Values held: C1, k1 in kPa, k2, alpha in degrees, kappa.
+        Values held, by the law's parameters in their own units.
     starts : int
         Random starting points, the best of many screened ones; none with ``initial`` and 0.
     seed : int
     initial : Material, optional
         A further starting point.
+    law : str
+        Name of the material law.
     fibre_switch : bool
-        Fibres carry no compression.
+        Fibres carry no compression, for laws that leave it open.
 
     Returns
     -------
@@ -75,10 +78,10 @@ def constrained_fit(
     """
     if reading not in READINGS:
         raise InputError(f"unknown reading {reading!r}", remedy=f"one of {', '.join(READINGS)}")
-    law = law_named(DEFAULT_LAW, fibre_switch=fibre_switch)
-    setup = _setup(specimen, reading, mounting_stretch, fixed, law)
+    chosen = law_named(law, fibre_switch=fibre_switch)
+    setup = _setup(specimen, reading, mounting_stretch, fixed, chosen)
     points = _starting_points(setup, starts, seed, initial)
-    held = (law.lower[setup.free], law.upper[setup.free])
+    held = (chosen.lower[setup.free], chosen.upper[setup.free])
     found = best_descent(setup.problem, [p[setup.free] for p in points], *held)
     problem: GivenMounting = setup.problem()
     if reading == "noisy" and setup.sd is not None and np.isfinite(found.cost):
@@ -92,7 +95,7 @@ def constrained_fit(
         setup.free,
         iterations=found.iterations,
         converged=found.converged,
-        law=law,
+        law=chosen,
     )
 
 

@@ -25,7 +25,7 @@ from biaxbayes.fitting.residuals import (
 )
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
-from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law, MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIT_METHODS, FitOptions
@@ -158,10 +158,11 @@ def fit(
     seed: int = FitOptions.seed,
     fixed: Mapping[str, float] | None = None,
     mounting_stretch: str = FitOptions.mounting_stretch,
+    law: str = FitOptions.law,
     fibre_switch: bool = False,
     initial: MaterialResponse | None = None,
 ) -> FitResult:
-    """Fit the GOH material, and the mounting stretch where the method has one.
+    """Fit a material, and the mounting stretch where the method has one.
 
     Parameters
     ----------
@@ -179,10 +180,12 @@ def fit(
     seed : int
         Of the random starting points.
     fixed : mapping, optional
-        Values held: C1, k1 in kPa, k2, alpha in degrees, kappa.
+        Values held, by the law's parameters in their own units.
     mounting_stretch : {"shared", "per-protocol"}
+    law : str
+        Name of the material law.
     fibre_switch : bool
-        Fibres carry no compression, as in Abaqus and FEBio.
+        Fibres carry no compression, for laws that leave it open.
     initial : Material, optional
         A further starting point.
 
@@ -212,32 +215,33 @@ def fit(
             starts=starts,
             seed=seed,
             initial=initial,
+            law=law,
             fibre_switch=fibre_switch,
         )
     if method in PRESTRETCH_METHODS:
         refuse_tared(specimen)
-    law = law_named(DEFAULT_LAW, fibre_switch=fibre_switch)
-    point, free = held_and_free(fixed, law)
+    chosen = law_named(law, fibre_switch=fibre_switch)
+    point, free = held_and_free(fixed, chosen)
     data = readings(specimen, shared=mounting_stretch == "shared", zeroed=method == "zeroed")
     count = starts if initial is not None else max(starts, 1)
     points, stretches = screened_points(
         data,
         count,
         np.random.default_rng(seed),
-        law,
+        chosen,
         point=point,
         free=free,
         with_mounting=method in PRESTRETCH_METHODS,
     )
     if initial is not None:
-        points = np.vstack([points.reshape(-1, law.lower.size), law.point(initial.values)])
+        points = np.vstack([points.reshape(-1, chosen.lower.size), chosen.point(initial.values)])
         stretches = np.vstack([stretches.reshape(-1, 2), np.ones(2)])
     return {
         "standard": _without_prestretch,
         "zeroed": _without_prestretch,
         "fip": _alternating,
         "linden": _free_mounting,
-    }[method](method, data, points, stretches, point, free, law)
+    }[method](method, data, points, stretches, point, free, chosen)
 
 
 def fit_all(
@@ -247,6 +251,7 @@ def fit_all(
     seed: int = FitOptions.seed,
     fixed: Mapping[str, float] | None = None,
     mounting_stretch: str = FitOptions.mounting_stretch,
+    law: str = FitOptions.law,
     fibre_switch: bool = False,
 ) -> list[FitResult]:
     """Every method that the specimen allows; a tared one allows the two without prestretch."""
@@ -259,6 +264,7 @@ def fit_all(
             seed=seed,
             fixed=fixed,
             mounting_stretch=mounting_stretch,
+            law=law,
             fibre_switch=fibre_switch,
         )
         for method in methods

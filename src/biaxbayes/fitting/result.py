@@ -61,6 +61,7 @@ class FitResult:
         )
         return {
             "method": self.method,
+            "law": self.material.law.name,
             **{
                 p.label: value
                 for p, value in zip(self.material.law.parameters, self.material.values, strict=True)

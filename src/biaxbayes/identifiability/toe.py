@@ -254,6 +254,7 @@ class _Work:
             fixed={k: v for k, v in settings.fixed.items() if k in self.posterior.law.names},
             starts=STARTS,
             initial=deterministic_fit(self.posterior).material,
+            law=settings.law,
             fibre_switch=settings.fibre_switch,
         )
 

@@ -5,25 +5,77 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from biaxbayes.compilation import use_own_cache
+from biaxbayes.errors import InputError
 
 if TYPE_CHECKING:
-    from biaxbayes.laws.law import Law
+    from biaxbayes.laws.law import Law, StatedMaterial
 
-__all__ = ["DEFAULT_LAW", "LAWS", "law_named"]
-
-use_own_cache()
+__all__ = ["DEFAULT_LAW", "LAWS", "law_named", "material"]
 
 DEFAULT_LAW = "goh"
-LAWS = {"goh": ("biaxbayes.laws.goh", "GOHLaw")}
+LAWS = {
+    "goh": ("biaxbayes.laws.goh", "GOHLaw"),
+    "hgo": ("biaxbayes.laws.hgo", "HGOLaw"),
+    "fung": ("biaxbayes.laws.fung", "FungLaw"),
+}
 """Where a law stands, by its name."""
 
 
 def law_named(name: str, *, fibre_switch: bool = False) -> Law:
-    """A law by its name."""
+    """A law by its name.
+
+    Parameters
+    ----------
+    name : str
+    fibre_switch : bool
+        Fibres carry no compression, for laws that leave it open.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or a switch that the law does not have.
+    """
+    if name not in LAWS:
+        near = get_close_matches(str(name), LAWS, 1)
+        meant = f"did you mean {near[0]}? " if near else ""
+        raise InputError(
+            f"unknown law {str(name)[:40]!r}", remedy=f"{meant}laws are {', '.join(LAWS)}"
+        )
     module, kind = LAWS[name]
-    law: Law = getattr(import_module(module), kind)(fibre_switch)
-    return law
+    known: type[Law] = getattr(import_module(module), kind)
+    if fibre_switch and not known.has_switch:
+        switched = [n for n, (m, k) in LAWS.items() if getattr(import_module(m), k).has_switch]
+        raise InputError(
+            f"the law {name} leaves no choice of what its fibres do in compression",
+            remedy=f"--fibre-switch belongs to {' and '.join(switched)}",
+        )
+    return known(fibre_switch)
+
+
+def material(name: str, *, fibre_switch: bool = False, **values: float) -> StatedMaterial:
+    """One material of a law.
+
+    Parameters
+    ----------
+    name : str
+        ``goh``, ``fung``, ...; :data:`LAWS` has all.
+    fibre_switch : bool
+        Fibres carry no compression, for laws that leave it open.
+    **values : float
+        Every parameter with its unit, as ``c0_kPa=10``; the bare name, ``c0``, will do.
+
+    Returns
+    -------
+    StatedMaterial
+        With ``cauchy``, ``piola`` and ``strain_energy`` at total stretches.
+
+    Raises
+    ------
+    InputError
+        For an unknown law, and a parameter that is unknown, missing or out of range.
+    """
+    return law_named(name, fibre_switch=fibre_switch).stated(values)

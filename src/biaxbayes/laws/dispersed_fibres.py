@@ -39,6 +39,7 @@ __all__ = [
     "reference_state",
     "softening_of",
     "structure_tensor",
+    "structure_tensor_of",
 ]
 
 DEFAULT_SOFTENING = 0.3
@@ -47,7 +48,12 @@ DEFAULT_SOFTENING = 0.3
 @inlined
 def structure_tensor(alpha, kappa):
     """Diagonal (Hx, Hy, Hz) of the generalised structure tensor; ``alpha`` in radians."""
-    cos2 = np.cos(alpha) ** 2
+    return structure_tensor_of(np.cos(alpha) ** 2, kappa)
+
+
+@inlined
+def structure_tensor_of(cos2, kappa):
+    """Diagonal (Hx, Hy, Hz) from cos^2 of the angle."""
     # Hx = kappa + (1 - 3 kappa) cos^2 alpha,  Hy = kappa + (1 - 3 kappa) sin^2 alpha,  Hz = kappa
     return kappa + (1.0 - 3.0 * kappa) * cos2, kappa + (1.0 - 3.0 * kappa) * (1.0 - cos2), kappa
 

@@ -40,10 +40,10 @@ from biaxbayes.laws.dispersed_fibres import (
     reference_state,
     softening_of,
     structure_tensor,
+    structure_tensor_of,
 )
 from biaxbayes.laws.law import (
     Law,
-    Material,
     MaterialResponse,
     SamplingLayout,
     StressResponse,
@@ -51,7 +51,7 @@ from biaxbayes.laws.law import (
     log_stretch_jacobian,
     register,
 )
-from biaxbayes.laws.screening import Screening, best_pair, mounting_candidates
+from biaxbayes.laws.screening import MATRIX_SHARE, Screening, best_pair, mounting_candidates
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 __all__ = ["GOH", "GOHLaw"]
@@ -176,7 +176,6 @@ register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
 # --- the law -----------------------------------------------------------------------------------
 
 
-_MATRIX_SHARE = 0.01  # of the peak stress: least C1 to start from where prestretch is inferred
 _MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
 _KAPPA_DISTANCE = 0.02
 _EXPONENT_DISTANCE = 0.1  # k2 E^2 at the largest stretch
@@ -187,6 +186,7 @@ class GOHLaw(Law):
     """Gasser-Ogden-Holzapfel: dispersed fibres in a neo-Hookean matrix."""
 
     name = "goh"
+    has_switch = True
     title = "Gasser-Ogden-Holzapfel"
     source = "Gasser, Ogden, Holzapfel, J. R. Soc. Interface 3 (2006) 15"
     parameters = (
@@ -211,12 +211,10 @@ class GOHLaw(Law):
     meaningless: ClassVar = {
         "alpha": ("kappa", 1, "kappa = 1/3, where no angle means anything, is not excluded")
     }
-    lower = np.zeros(5)
-    upper = np.array([1e5, 1e6, 1e4, 1.0, 1.0 / 3.0])
 
-    def constants(self, C1, k1, k2, alpha, kappa) -> Constants:
-        """Constants; ``alpha`` in radians."""
-        Hx, Hy, Hz = structure_tensor(alpha, kappa)
+    def constants_at_point(self, C1, k1, k2, t, kappa) -> Constants:
+        """Constants at t = cos^2 alpha."""
+        Hx, Hy, Hz = structure_tensor_of(t, kappa)
         return Constants(C1, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
 
     @property
@@ -295,25 +293,6 @@ class GOHLaw(Law):
         return np.clip(point, low, high)
 
     # --- fits ---
-
-    def coordinate(self, i: int, value: float) -> float:
-        """T = cos^2 alpha for the angle (degrees), the others as they are."""
-        if i == ALPHA:
-            # cos^2 of 90 degrees is 4e-33 in floating point, not the bound it stands for
-            return 0.0 if value == 90.0 else float(np.cos(np.deg2rad(value)) ** 2)
-        return float(value)
-
-    def natural(self, i: int, coordinate: float) -> float:
-        """The angle in degrees from t = cos^2 alpha, the others inside their ranges."""
-        if i == ALPHA:
-            t = min(max(float(coordinate), 0.0), 1.0)
-            return min(float(np.rad2deg(np.arccos(np.sqrt(t)))), 90.0)
-        return min(max(float(coordinate), 0.0), 1.0 / 3.0) if i == KAPPA else float(coordinate)
-
-    def at_point(self, point: np.ndarray) -> Material:
-        """The material at (C1, k1, k2, t, kappa)."""
-        C1, k1, k2, t, kappa = point
-        return Material(self, (C1, k1, k2, np.arccos(np.sqrt(t)), kappa))
 
     def scalar(self, values: Sequence[float]) -> GOH:
         """One material, checked, at parameters in their own units."""
@@ -394,9 +373,8 @@ class GOHLaw(Law):
             else np.full(k2.shape, point[1])
         )
         if data.with_mounting and 0 in free:
-            # Without a matrix the mounted state is next to unbounded: a descent gets lost there.
             peak = float(np.abs(data.load / data.area[:, None]).max())
-            C1 = np.maximum(C1, _MATRIX_SHARE * peak)
+            C1 = np.maximum(C1, MATRIX_SHARE * peak)
         points = np.column_stack([np.clip(C1, 0.0, upper[0]), k1, k2, t[:, 0], kappa[:, 0]])
         cost = np.where(np.isfinite(cost) & np.isfinite(points).all(axis=1), cost, np.inf)
         return points, lm, cost, np.column_stack([0.3 * log_peak, t[:, 0], 3.0 * kappa[:, 0]])

@@ -24,6 +24,7 @@ once: a law states its exponents, and gets their exponentials back as ``g``.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +32,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from biaxbayes.compilation import inlined, picked
+from biaxbayes.compilation import inlined, picked, use_own_cache
+from biaxbayes.errors import InputError
+from biaxbayes.laws.screening import screened
 from biaxbayes.parameters import DEGREE, Parameter
 
 if TYPE_CHECKING:
@@ -41,7 +44,9 @@ __all__ = [
     "Law",
     "Material",
     "MaterialResponse",
+    "PointMaterial",
     "SamplingLayout",
+    "StatedMaterial",
     "StressResponse",
     "cauchy_components",
     "column",
@@ -56,6 +61,8 @@ __all__ = [
     "to_natural",
 ]
 
+
+use_own_cache()
 
 # --- what a law states, by the type of its constants or coordinates ----------------------------
 
@@ -290,6 +297,50 @@ class Material(MaterialResponse):
     theta: tuple[Any, ...]
 
 
+class StatedMaterial(Material):
+    """A material that a user has stated: a stress that cannot be computed is an error."""
+
+    def cauchy(self, stretch_x: Any, stretch_y: Any) -> Any:
+        """Cauchy stresses (s_x, s_y) in kPa at total stretches.
+
+        Raises
+        ------
+        InputError
+            Where the stress is too large for a number, or a stretch is none.
+        """
+        with np.errstate(all="ignore"):
+            found = super().cauchy(stretch_x, stretch_y)
+        bad = ~np.isfinite(np.sum(np.broadcast_arrays(*found), axis=0))
+        if bad.any():
+            i = int(np.argmax(bad))
+            at = [np.ravel(np.broadcast_to(v, bad.shape))[i] for v in (stretch_x, stretch_y)]
+            raise InputError(
+                f"the law {self.law.name} has no finite stress at stretches {at[0]:g}, {at[1]:g}",
+                remedy="stretches are positive numbers, 1 where unloaded",
+            )
+        return found
+
+
+@dataclass(frozen=True)
+class PointMaterial(MaterialResponse):
+    """A material at coordinates that fits move in.
+
+    Attributes
+    ----------
+    law : Law
+    point : tuple
+        One coordinate a parameter, complex ones for derivatives.
+    """
+
+    law: Law
+    point: tuple[Any, ...]
+
+    @property
+    def constants(self) -> Any:
+        """Constants of the law."""
+        return self.law.constants_at_point(*self.point)
+
+
 # --- the law as a user and the other rooms know it -----------------------------------------------
 
 
@@ -323,6 +374,8 @@ class Law(ABC):
 
     fibre_switch: bool = False
 
+    has_switch: ClassVar[bool] = False
+    """Whether the law leaves open what its fibres do in compression."""
     name: ClassVar[str]
     title: ClassVar[str]
     source: ClassVar[str]
@@ -335,9 +388,18 @@ class Law(ABC):
 
     # --- materials ---
 
-    @abstractmethod
     def constants(self, *values: Any) -> Any:
         """Constants at the natural values of the parameters in their order, angles in radians."""
+        return self.constants_at_point(
+            *(
+                np.cos(v) ** 2 if p.mirror else v
+                for p, v in zip(self.parameters, values, strict=True)
+            )
+        )
+
+    @abstractmethod
+    def constants_at_point(self, *point: Any) -> Any:
+        """The same with cos^2 in place of angles, in which constants are regular at both ends."""
 
     def material(self, values: Any) -> Material:
         """Materials at parameters by name, in their own units.
@@ -373,9 +435,52 @@ class Law(ABC):
         """One parameter by its name."""
         return self.parameters[self.names.index(name)]
 
+    def known_name(self, name: str) -> str:
+        """The name of a parameter that is given with its unit, as ``C1_kPa``; else as it is."""
+        return next((p.name for p in self.parameters if p.label == name), name)
+
     def scalar(self, values: Sequence[float]) -> Any:
         """One material at parameters in their own units and order."""
         return self.material(dict(zip(self.names, values, strict=True)))
+
+    def stated(self, values: Mapping[str, float]) -> StatedMaterial:
+        """One material at parameters by name, with or without their unit.
+
+        Raises
+        ------
+        InputError
+            For a parameter that is unknown, given twice, missing or out of range.
+        """
+        labels = ", ".join(p.label for p in self.parameters)
+        found: dict[str, float] = {}
+        for given, value in values.items():
+            name = self.known_name(given)
+            if name not in self.names or name in found:
+                problem = "is given twice" if name in found else "is no parameter"
+                raise InputError(
+                    f"{given} {problem} of the law {self.name}", remedy=f"parameters are {labels}"
+                )
+            p = self.parameter(name)
+            if not (math.isfinite(value) and p.low <= value <= p.high):
+                raise InputError(
+                    f"{given} = {value:g} is out of range",
+                    remedy=f"it lies between {p.low:g} and {p.high:g}{p.unit_words()}",
+                )
+            found[name] = float(value)
+        missing = [p.label for p in self.parameters if p.name not in found]
+        if missing:
+            raise InputError(f"the law {self.name} needs {' and '.join(missing)}")
+        if not self.holds(found):
+            raise InputError(f"no material of the law {self.name}: {self.condition}")
+        return StatedMaterial(self, self.material(found).theta)
+
+    condition: ClassVar[str] = ""
+    """What parameters have to meet together, in words."""
+
+    def holds(self, values: Mapping[str, Any]) -> Any:
+        """Whether parameters meet :attr:`condition`; of numbers or arrays."""
+        del values
+        return True
 
     # --- sampling coordinates ---
 
@@ -419,18 +524,47 @@ class Law(ABC):
 
     # --- fits ---
 
-    lower: ClassVar[np.ndarray]
-    upper: ClassVar[np.ndarray]
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds of the coordinates that fits move in."""
+        return np.array([0.0 if p.mirror else p.low for p in self.parameters])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Upper bounds of the coordinates that fits move in."""
+        return np.array([1.0 if p.mirror else min(p.high, p.largest) for p in self.parameters])
+
+    def cauchy_of(self, constants: Any, stretch_x: Any, stretch_y: Any) -> np.ndarray:
+        """Cauchy stresses of constants that broadcast against the stretches.
+
+        Returns
+        -------
+        ndarray, shape (..., 2, n)
+            x and y on the last axis but one.
+        """
+        X, Y, Z = _squared(stretch_x, stretch_y)
+        g = exponentials(exponents(constants, X, Y, Z))
+        found = cauchy_components(X, Y, Z, *derivatives(constants, X, Y, Z, g))
+        return np.stack(np.broadcast_arrays(*found), axis=-2)
 
     def coordinate(self, i: int, value: float) -> float:
-        """Coordinate that fits move in, of parameter i in its own unit."""
-        del i
+        """Coordinate that fits move in: cos^2 of an angle, the others as they are.
+
+        In cos^2 a structure tensor is linear and an angle of 0 or 90 degrees is an ordinary
+        bound; in the angle the stress is stationary there whatever the data say.
+        """
+        if self.parameters[i].mirror:
+            # cos^2 of 90 degrees is 4e-33 in floating point, not the bound it stands for
+            return 0.0 if value == 90.0 else float(np.cos(np.deg2rad(value)) ** 2)
         return float(value)
 
     def natural(self, i: int, coordinate: float) -> float:
-        """Parameter i in its own unit; inverse of :meth:`coordinate`."""
-        del i
-        return float(coordinate)
+        """Parameter i in its own unit, inside its range; inverse of :meth:`coordinate`."""
+        p = self.parameters[i]
+        if p.mirror:
+            t = min(max(float(coordinate), 0.0), 1.0)
+            return min(float(np.rad2deg(np.arccos(np.sqrt(t)))), p.high)
+        return min(max(float(coordinate), p.low), p.high) if p.bounded else float(coordinate)
 
     def point(self, values: Sequence[float]) -> np.ndarray:
         """Coordinates that fits move in, from parameters in their own units and order."""
@@ -440,10 +574,9 @@ class Law(ABC):
         """Parameters in their own units and order, from the coordinates that fits move in."""
         return tuple(self.natural(i, v) for i, v in enumerate(point))
 
-    def at_point(self, point: np.ndarray) -> Material:
+    def at_point(self, point: np.ndarray) -> PointMaterial:
         """The material at coordinates that fits move in; complex coordinates are allowed."""
-        factors = [np.deg2rad(1.0) if p.unit == DEGREE else 1.0 for p in self.parameters]
-        return Material(self, tuple(v * f for v, f in zip(point, factors, strict=True)))
+        return PointMaterial(self, tuple(point))
 
     def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
         """Stresses and their derivatives at total stretches, by complex step.
@@ -467,7 +600,31 @@ class Law(ABC):
             material.cauchy_by_log_stretch(*stretch),
         )
 
-    @abstractmethod
+    amplitudes: ClassVar[tuple[str, ...]] = ()
+    """Parameters that the stress is linear in: screened materials get the best ones."""
+
+    def shapes(
+        self, size: int, largest: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Random materials for fits to start from, with one for every amplitude.
+
+        Parameters
+        ----------
+        size : int
+        largest : ndarray, shape (size, 2)
+            Largest total stretches: exponents are drawn at them, which makes curves more or less
+            bent whatever the strain range.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        points : ndarray, shape (size, p)
+            Coordinates that fits move in.
+        marks : ndarray, shape (size, k)
+            Coordinates in which chosen points are kept apart from one another.
+        """
+        raise NotImplementedError
+
     def screen(self, data: Screening, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
         """Many random materials with their best amplitudes.
 
@@ -481,6 +638,7 @@ class Law(ABC):
         marks : ndarray, shape (S, k)
             Coordinates in which chosen points are kept apart from one another.
         """
+        return screened(self, data, rng)
 
     # --- priors and what draws tell ---
 

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["Screening", "best_pair", "mounting_candidates"]
+if TYPE_CHECKING:
+    from biaxbayes.laws.law import Law
+
+__all__ = ["MATRIX_SHARE", "Screening", "best_pair", "mounting_candidates", "screened"]
+
+MATRIX_SHARE = 0.01
+"""Of the peak stress: least stiffness of the matrix to start from where prestretch is inferred.
+Without a matrix the mounted state is next to unbounded: a descent gets lost there."""
 
 
 class Screening(NamedTuple):
@@ -95,3 +102,58 @@ def best_pair(
     u = np.where(inside, u, np.where(matrix_alone, u_alone, 0.0))
     v = np.where(inside, v, np.where(matrix_alone, 0.0, v_alone))
     return u, v, cost(u, v)
+
+
+def screened(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+    """Random shapes of a law, each with its best amplitudes.
+
+    The stress is linear in the amplitudes, so that nonnegative least squares gives the best ones.
+
+    Parameters
+    ----------
+    law : Law
+        With ``amplitudes``, the first of which is the stiffness of the matrix, and ``shapes``.
+    data : Screening
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    points, mounting, cost, marks
+        As :meth:`biaxbayes.laws.law.Law.screen` returns them.
+    """
+    from scipy.optimize import nnls
+
+    lm = mounting_candidates(rng.random(data.size), rng, data.with_mounting)
+    total = data.stretch * lm[:, :, None]  # (S, 2, n)
+    points, marks = law.shapes(data.size, total.max(axis=2), rng)
+    held = np.setdiff1d(np.arange(points.shape[1]), data.free)
+    points[:, held] = data.point[held]
+    factor = data.load_factor(total)
+    linear = [law.names.index(name) for name in law.amplitudes]
+
+    def load_of(given: np.ndarray) -> np.ndarray:
+        constants = law.constants_at_point(*given.T[:, :, None])
+        return (law.cauchy_of(constants, total[:, 0], total[:, 1]) * factor).reshape(data.size, -1)
+
+    base = points.copy()
+    base[:, [i for i in linear if i in data.free]] = 0.0
+    wanted = np.broadcast_to(data.load, total.shape).reshape(data.size, -1) - load_of(base)
+    sought = [i for i in linear if i in data.free]
+    unit = []
+    for i in sought:
+        one = points.copy()
+        one[:, linear] = 0.0
+        one[:, i] = 1.0
+        unit.append(load_of(one))
+    columns = np.stack(unit, axis=-1) if unit else np.empty((*wanted.shape, 0))
+    size = np.maximum(np.sqrt((columns**2).sum(axis=1)), 1e-300)
+    cost = np.full(data.size, np.inf)
+    fine = np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(wanted).all(axis=1)
+    for s in np.flatnonzero(fine):
+        best, miss = nnls(columns[s] / size[s], wanted[s])
+        points[s, sought] = np.minimum(best / size[s], law.upper[sought])
+        cost[s] = miss * miss
+    if data.with_mounting and linear[0] in data.free:
+        peak = float(np.abs(data.load / data.area[:, None]).max())
+        points[:, linear[0]] = np.maximum(points[:, linear[0]], MATRIX_SHARE * peak)
+    return points, lm, np.where(np.isfinite(points).all(axis=1), cost, np.inf), marks

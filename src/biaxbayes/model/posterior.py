@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.laws import law_named
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density as kernel
@@ -64,7 +65,7 @@ class Posterior:
     Parameters
     ----------
     specimen : Specimen
-    mounting, noise, mounting_stretch, noise_growth, fibre_switch
+    mounting, noise, mounting_stretch, noise_growth, law, fibre_switch
         As in :class:`~biaxbayes.options.Settings`.
     priors : mapping, optional
         Overrides of the default priors, as objects or as in a priors file.
@@ -99,6 +100,7 @@ class Posterior:
         noise: str = ModelOptions.noise,
         mounting_stretch: str = ModelOptions.mounting_stretch,
         noise_growth: bool = False,
+        law: str = ModelOptions.law,
         fibre_switch: bool = False,
         priors: Mapping[str, Any] | None = None,
         beta: float | None = None,
@@ -114,9 +116,10 @@ class Posterior:
             noise,
             mounting_stretch,
             noise_growth,
+            law,
             fibre_switch,
             rows_to_keep(specimen, thin, automatic=noise != "independent"),
-            _objects(priors or {}),
+            _objects(priors or {}, law_named(law)),
         )
         self._check_noise()
         if beta is None and readings is not None:
@@ -340,12 +343,12 @@ class Posterior:
         return {key: getattr(self.settings, key) for key in self.settings.__dataclass_fields__}
 
 
-def _objects(priors: Mapping[str, Any]) -> dict[str, Prior | float | Tie]:
+def _objects(priors: Mapping[str, Any], law: Law) -> dict[str, Prior | float | Tie]:
     out: dict[str, Prior | float | Tie] = {}
     for name, value in priors.items():
         if isinstance(value, Prior | Tie):
             names = [f"{name}_x", f"{name}_y"] if name == "mounting_stretch" else [name]
             out.update(dict.fromkeys(names, value))
         else:
-            out.update(parse_priors({name: value}))
+            out.update(parse_priors({name: value}, law=law))
     return out

@@ -50,7 +50,8 @@ def prepare(
         for independent noise.
     **options
         Further arguments of :class:`~biaxbayes.model.posterior.Posterior`: ``mounting``,
-        ``noise``, ``mounting_stretch``, ``noise_growth``, ``fibre_switch``, ``priors``, ``thin``.
+        ``noise``, ``mounting_stretch``, ``noise_growth``, ``law``, ``fibre_switch``, ``priors``,
+        ``thin``.
 
     Returns
     -------
@@ -83,6 +84,7 @@ def deterministic_fit(posterior: Posterior, seed: int = 0) -> FitResult:
         mounting_stretch=settings.mounting_stretch,
         fixed={k: v for k, v in settings.fixed.items() if k != "noise_sd"},
         seed=seed,
+        law=settings.law,
         fibre_switch=settings.fibre_switch,
     )
 

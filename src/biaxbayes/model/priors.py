@@ -269,7 +269,8 @@ def parse_priors(
     """Priors from a parsed table; see the module's docstring for the format."""
     law, known = _known(law)
     out: dict[str, Prior | float | Tie] = {}
-    for name, value in table.items():
+    for stated, value in table.items():
+        name = law.known_name(stated)
         if name not in known:
             raise InputError(
                 f"unknown parameter {name[:60]!r}",

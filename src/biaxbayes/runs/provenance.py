@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import biaxbayes
 from biaxbayes.errors import RunError
+from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws.law import Law
 from biaxbayes.model.evidence import evidence_record
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie, parse_priors
@@ -72,7 +75,13 @@ def parse_options(table: dict[str, Any]) -> dict[str, Any]:
         and thin >= 0
     ):
         raise RunError("the settings are not those of a run")
-    return table | {"thin": thin, "priors": parse_priors(priors)}
+    return table | {"thin": thin, "priors": parse_priors(priors, law=stored_law(table))}
+
+
+def stored_law(table: Mapping[str, Any]) -> Law:
+    """The law of stored settings; a run of before there were others is one of the default law."""
+    name, switch = table.get("law", DEFAULT_LAW), table.get("fibre_switch") is True
+    return law_named(str(name), fibre_switch=switch)
 
 
 def identity(posterior: Posterior, plan: Plan) -> dict[str, Any]:

@@ -12,14 +12,13 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import RunError
-from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import Quantities
 from biaxbayes.runs.archive import quantity_name, read_archive
 from biaxbayes.runs.folder import READY, finish_moving, read_json, read_record, trusted_path
 from biaxbayes.runs.lock import folder_lock
-from biaxbayes.runs.provenance import parse_options
+from biaxbayes.runs.provenance import parse_options, stored_law
 from biaxbayes.runs.summary import read_summary
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
@@ -96,9 +95,7 @@ class Run:
     @property
     def law(self) -> Law:
         """The material law of the run."""
-        return law_named(
-            DEFAULT_LAW, fibre_switch=self.provenance["settings"].get("fibre_switch") is True
-        )
+        return stored_law(self.provenance["settings"])
 
     @cached_property
     def quantities(self) -> Quantities:

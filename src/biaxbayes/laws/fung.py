@@ -1,0 +1,331 @@
+r"""Fung's exponential of the Green strains in a neo-Hookean matrix.
+
+    W = c0 (X + Y + Z - 3) + (c / 2) (exp(Q) - 1)
+    Q = b_x Ex^2 + b_y Ey^2 + 2 b_xy Ex Ey,    Ex = (X - 1) / 2,  Ey = (Y - 1) / 2
+
+with the squared stretches X, Y, Z. The form Q is positive definite: b_x b_y > b_xy^2. Without the
+matrix (c0 = 0) the unloaded state is singular under a dead load, so that c0 is positive.
+
+The sampler works in ln c0, ln T, ln Q*, d and rho, with
+
+    rho = b_xy / sqrt(b_x b_y)          d = ln(b_x / b_y)
+    Q* = Q at one fixed reference stretch l* a specimen          T = c Q* exp(Q*)
+
+because data pin the exponent and the stress at the largest stretch far better than c and b. b_x and
+b_y follow from Q* = sqrt(b_x b_y) g,  g = exp(d/2) Ex*^2 + exp(-d/2) Ey*^2 + 2 rho Ex* Ey*. Fits
+move in (c0, c, b_x, b_y, rho), in which the range is a box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
+from biaxbayes.parameters import Parameter, scale
+
+__all__ = ["FungLaw"]
+
+
+# --- the model ---------------------------------------------------------------------------------
+
+
+class Constants(NamedTuple):
+    """c0, c in kPa and the numbers of the form."""
+
+    c0: Any
+    c: Any
+    b_x: Any
+    b_y: Any
+    b_xy: Any
+
+
+def _exponents(constants, X, Y, Z):
+    Ex, Ey = 0.5 * (X - 1.0), 0.5 * (Y - 1.0)
+    # Q = b_x Ex^2 + b_y Ey^2 + 2 b_xy Ex Ey
+    return (constants.b_x * Ex * Ex + constants.b_y * Ey * Ey + 2.0 * constants.b_xy * Ex * Ey,)
+
+
+def _derivatives(constants, X, Y, Z, g):
+    Ex, Ey = 0.5 * (X - 1.0), 0.5 * (Y - 1.0)
+    c0 = constants.c0 + 0.0 * g[0]
+    half = 0.5 * constants.c * g[0]
+    # dQ/dX = b_x Ex + b_xy Ey;  dW/dX = c0 + (c/2) exp(Q) dQ/dX
+    return (
+        c0 + half * (constants.b_x * Ex + constants.b_xy * Ey),
+        c0 + half * (constants.b_y * Ey + constants.b_xy * Ex),
+        c0,
+    )
+
+
+def _second_derivatives(constants, X, Y, Z, g):
+    Ex, Ey = 0.5 * (X - 1.0), 0.5 * (Y - 1.0)
+    half = 0.5 * constants.c * g[0]
+    qx = constants.b_x * Ex + constants.b_xy * Ey
+    qy = constants.b_y * Ey + constants.b_xy * Ex
+    zero = 0.0 * half
+    # W_XY = (c/2) exp(Q) (dQ/dX dQ/dY + d2Q/dXdY),  d2Q/dX2 = b_x / 2
+    return (
+        half * (qx * qx + 0.5 * constants.b_x),
+        half * (qx * qy + 0.5 * constants.b_xy),
+        zero,
+        half * (qy * qy + 0.5 * constants.b_y),
+        zero,
+        zero,
+    )
+
+
+def _energy(constants, X, Y, Z):
+    (Q,) = _exponents(constants, X, Y, Z)
+    return constants.c0 * (X + Y + Z - 3.0) + 0.5 * constants.c * np.expm1(Q)
+
+
+register(
+    Constants,
+    exponents=_exponents,
+    derivatives=_derivatives,
+    second_derivatives=_second_derivatives,
+    energy=_energy,
+)
+
+
+# --- sampling coordinates ----------------------------------------------------------------------
+
+
+_C0, _C, _BX, _BY, _BXY = range(5)
+
+
+class Coordinates(NamedTuple):
+    """Constants of the sampling coordinates.
+
+    ``structural`` is 1 where c, b_x and b_y are held as ln T, ln Q* and d; ``rho`` is 1 where b_xy
+    is held as rho; (Ex, Ey) are the Green strains at the reference stretch.
+    """
+
+    structural: float
+    rho: float
+    Ex: float
+    Ey: float
+
+
+def _to_natural(coordinates, value):
+    if coordinates.rho > 0.0 and not (-1.0 < value[_BXY] < 1.0):
+        return -np.inf
+    Ex, Ey = coordinates.Ex, coordinates.Ey
+    if coordinates.structural > 0.0:
+        log_Q, d, rho = value[_BX], value[_BY], value[_BXY]
+        # Q* = sqrt(b_x b_y) g
+        half = np.exp(0.5 * d)
+        g = half * Ex * Ex + Ey * Ey / half + 2.0 * rho * Ex * Ey
+        value[_BX] = log_Q - np.log(g) + 0.5 * d
+        value[_BY] = log_Q - np.log(g) - 0.5 * d
+        # T = c Q* exp(Q*)
+        value[_C] -= log_Q + np.exp(log_Q)
+    mean = 0.5 * (value[_BX] + value[_BY])
+    if coordinates.rho > 0.0:
+        # b_xy = rho sqrt(b_x b_y);  |d b_xy / d rho| = sqrt(b_x b_y), that of the others is one
+        value[_BXY] *= np.exp(mean)
+        return mean
+    if not abs(value[_BXY]) < np.exp(mean):
+        return -np.inf
+    return 0.0
+
+
+def _constants_at(coordinates, value):
+    return Constants(value[_C0], value[_C], value[_BX], value[_BY], value[_BXY])
+
+
+register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+
+
+# --- the law -----------------------------------------------------------------------------------
+
+
+_MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
+_RHO_INSIDE = 0.98  # largest |rho| that sampling starts from
+_STIFFNESS_SHARE = 0.05  # of the small-strain stiffness
+_EXPONENT_DISTANCE = 0.1  # Q at the largest stretch
+
+
+class FungLaw(Law):
+    """Fung's exponential of the Green strains in a neo-Hookean matrix."""
+
+    name = "fung"
+    title = "Fung"
+    source = "Fung, Fronek, Patitucci, Am. J. Physiol. 237 (1979) H620"
+    parameters = (
+        scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
+        scale("c", "c", "stiffness of the exponential", "kPa", 10.0, 2.5, 1e6, "no exponential"),
+        scale("b_x", "b_x", "exponent in x", "1", 10.0, 2.0, 1e4, "no stiffening in x"),
+        scale("b_y", "b_y", "exponent in y", "1", 10.0, 2.0, 1e4, "no stiffening in y"),
+        Parameter(
+            "b_xy",
+            "b_{xy}",
+            words="coupling of the exponents",
+            sharp=1.0,
+            width=0.1,
+            prior=("normal", 0.0, 30.0),
+        ),
+    )
+    amplitudes = ("c0", "c")
+    condition = "b_x b_y has to be larger than b_xy^2"
+
+    def holds(self, values: Mapping[str, Any]) -> Any:
+        """Whether the form is positive definite."""
+        return np.asarray(values["b_xy"]) ** 2 < np.asarray(values["b_x"]) * values["b_y"]
+
+    @property
+    def in_words(self) -> str:
+        """The law as the object of a sentence."""
+        return (
+            "the incompressible Fung model, an exponential of a quadratic form of the Green "
+            "strains, in a neo-Hookean matrix"
+        )
+
+    # --- sampling coordinates ---
+
+    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+        """Constants of the sampling coordinates."""
+        free = set(layout.free)
+        X, Y, _ = layout.reference
+        return Coordinates(
+            float(layout.structural and {"c", "b_x", "b_y", "b_xy"} <= free),
+            float("b_xy" in free),
+            0.5 * (X - 1.0),
+            0.5 * (Y - 1.0),
+        )
+
+    def to_coordinates(
+        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Sampling coordinates at natural values: logs of c0, c, b_x, b_y."""
+        out = dict(values)
+        log_x, log_y = values["b_x"], values["b_y"]
+        if coordinates.rho > 0.0:
+            out["b_xy"] = values["b_xy"] * np.exp(-0.5 * (log_x + log_y))
+        if coordinates.structural > 0.0:
+            Ex, Ey = coordinates.Ex, coordinates.Ey
+            Q = np.exp(log_x) * Ex**2 + np.exp(log_y) * Ey**2 + 2.0 * values["b_xy"] * Ex * Ey
+            out["b_x"], out["b_y"] = np.log(Q), log_x - log_y
+            out["c"] = values["c"] + np.log(Q) + Q
+        return out
+
+    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+        """Bounds of rho."""
+        return {"b_xy": (-1.0, 1.0)} if coordinates.rho > 0.0 else {}
+
+    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
+        """A material moved off its edges, to where the sampling coordinates are regular."""
+        c0, c, b_x, b_y, b_xy = values
+        b_x, b_y = max(b_x, 1e-2), max(b_y, 1e-2)
+        most = _RHO_INSIDE * float(np.sqrt(b_x * b_y))
+        return max(c0, 1e-3), max(c, 1e-3), b_x, b_y, float(np.clip(b_xy, -most, most))
+
+    # --- fits ---
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds of (c0, c, b_x, b_y, rho)."""
+        return np.array([0.0, 0.0, 0.0, 0.0, -1.0])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Upper bounds of (c0, c, b_x, b_y, rho)."""
+        return np.array([*(p.largest for p in self.parameters[:_BXY]), 1.0])
+
+    def inner_point(self, point: np.ndarray) -> np.ndarray:
+        """(c0, c, b_x, b_y, rho) moved off its bounds."""
+        return np.clip(point, [1e-3, 1e-3, 1e-2, 1e-2, -_RHO_INSIDE], [*[np.inf] * 4, _RHO_INSIDE])
+
+    def point(self, values: Sequence[float]) -> np.ndarray:
+        """(c0, c, b_x, b_y, rho) of a material."""
+        *plain, b_xy = values
+        size = float(np.sqrt(plain[_BX] * plain[_BY]))
+        return np.array([*plain, b_xy / size if size > 0.0 else 0.0])
+
+    def values(self, point: Any) -> tuple[float, ...]:
+        """Parameters at (c0, c, b_x, b_y, rho)."""
+        c0, c, b_x, b_y, rho = (float(v) for v in point)
+        return c0, c, b_x, b_y, rho * float(np.sqrt(b_x * b_y))
+
+    def constants_at_point(self, c0, c, b_x, b_y, rho) -> Constants:
+        """Constants at (c0, c, b_x, b_y, rho)."""
+        return Constants(c0, c, b_x, b_y, rho * np.sqrt(b_x * b_y))
+
+    def constants(self, c0, c, b_x, b_y, b_xy) -> Constants:
+        """Constants."""
+        return Constants(c0, c, b_x, b_y, b_xy)
+
+    def shapes(
+        self, size: int, largest: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Random exponents at the largest stretches, and rho."""
+        u = rng.random((size, 3))
+        q = 10.0 ** (-2.0 + 3.2 * u[:, :2])  # the exponent of each direction alone
+        rho = 1.8 * u[:, 2] - 0.9
+        strain = np.maximum(0.5 * (largest**2 - 1.0), 1e-3)
+        b = np.minimum(q / strain**2, self.upper[_BX:_BXY])
+        one = np.ones(size)
+        marks = np.column_stack([0.3 * np.log(q), rho])
+        return np.column_stack([one, one, b, rho]), marks
+
+    # --- priors and what draws tell ---
+
+    def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
+        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
+
+        At the medians, without coupling, the exponent Q is one there, and matrix and exponential
+        carry 30 and 70 % of the stress.
+        """
+        strain = 0.5 * (stretch**2 - 1.0)
+        b = 0.5 / strain**2  # Q = (b_x + b_y) E^2 = 1
+        # P = 2 c0 (l - l^-5) and c exp(Q) b E l
+        matrix = 2.0 * (stretch - stretch**-5)
+        exponential = np.e * b * strain * stretch
+        return {
+            "c0": ("lognormal", _MATRIX_LOAD * peak_kPa / matrix, 0.8),
+            "c": ("lognormal", (1.0 - _MATRIX_LOAD) * peak_kPa / exponential, 0.8),
+            "b_x": ("lognormal", b, 0.8),
+            "b_y": ("lognormal", b, 0.8),
+            "b_xy": ("normal", 0.0, 0.5 * b),
+        }
+
+    def described_at(
+        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """The exponent at the largest of some total stretches."""
+        return {"exponent Q": _largest_exponent(material, tops)}
+
+    nearness = (
+        f"b_x and b_y where Q at the largest stretch is below {_EXPONENT_DISTANCE:g}; c0 and c "
+        f"where they carry less than {_STIFFNESS_SHARE:g} of the small-strain stiffness"
+    )
+
+    def edge_distances(
+        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    ) -> dict[str, float]:
+        """How near to a physical edge counts as near: small shares of stiffness and exponent."""
+        c = material.constants
+        # trace of the Hessian at l = 1: 16 c0 + c (b_x + b_y)
+        per_c = np.median(c.b_x + c.b_y)
+        stiffness = _STIFFNESS_SHARE * float(np.median(16.0 * c.c0 + c.c * (c.b_x + c.b_y)))
+        Q = max(float(np.median(_largest_exponent(material, tops))), 1e-12)
+        share = _EXPONENT_DISTANCE / Q
+        return {
+            "c0": stiffness / 16.0,
+            "c": stiffness / max(float(per_c), 1e-9),
+            "b_x": share * float(np.median(c.b_x)),
+            "b_y": share * float(np.median(c.b_y)),
+        }
+
+
+def _largest_exponent(material: MaterialResponse, tops: Sequence[np.ndarray]) -> np.ndarray:
+    """Largest exponent of each draw at some total stretches, shape (n,)."""
+    largest = np.zeros(1)
+    for top in tops:
+        X, Y = top[:, :1] ** 2, top[:, 1:] ** 2
+        (Q,) = _exponents(material.constants, X, Y, 1.0 / (X * Y))
+        largest = np.maximum(largest, Q[:, 0])
+    return largest

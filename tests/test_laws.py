@@ -1,0 +1,157 @@
+"""Every law: printed stresses, derivatives against complex steps, sampling coordinates, fits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import biaxbayes
+from biaxbayes.errors import InputError
+from biaxbayes.laws import LAWS, law_named
+from biaxbayes.laws.law import SamplingLayout, constants_at, energy, to_natural
+from biaxbayes.model.layout import to_slot
+
+STEP = 1e-30
+STRESSES = [
+    # law, parameters, stretches, Cauchy stress in kPa, by complex step of the energy
+    ("goh", (3.82, 996.6, 524.6, 49.98, 0.226), (1.1, 1.05), (470.86264, 510.21336)),
+    ("goh", (1.5, 2.3632, 0.8393, 29.0, 0.0), (1.2, 1.2), (8.263157, 4.529338)),
+    ("hgo", (1.5, 2.3632, 0.8393, 29.0), (1.2, 1.2), (8.263157, 4.529338)),
+    ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.1, 1.1), (18.20173, 15.90313)),
+    ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.2, 1.1), (41.53337, 22.68735)),
+]
+TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)}
+"""Values of each law's parameters, for tests that need some."""
+
+
+def random_materials(name: str, size: int) -> list:
+    """Materials around the typical one, a factor of two and more either way."""
+    law, rng = law_named(name), np.random.default_rng(3)
+    made = []
+    while len(made) < size:
+        values = []
+        for p, v in zip(law.parameters, TYPICAL[name], strict=True):
+            if p.logarithmic:
+                values.append(v * float(np.exp(0.5 * rng.standard_normal())))
+            elif p.bounded:
+                values.append(float(rng.uniform(p.low, p.high)))
+            else:
+                values.append(v * float(rng.uniform(-1.0, 1.0)))
+        if law.holds(dict(zip(law.names, values, strict=True))):
+            made.append(law.scalar(values))
+    return made
+
+
+@pytest.mark.parametrize(("name", "values", "stretch", "stress"), STRESSES)
+def test_stresses_are_the_printed_ones(name, values, stretch, stress):
+    labels = [p.label for p in law_named(name).parameters]
+    material = biaxbayes.law(name, **dict(zip(labels, values, strict=True)))
+    # the printed numbers have seven digits at least
+    np.testing.assert_allclose(material.cauchy(*stretch), stress, rtol=5e-7)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_derivatives_are_those_of_the_energy(name):
+    """Stress and its slope at a thousand random states against complex steps of W and of s."""
+    rng = np.random.default_rng(1)
+    for material in random_materials(name, 100):
+        x, y = rng.uniform(-0.1, 0.25, (2, 10))
+
+        def stress(a, b, c=material.constants):
+            # s_k = dW / d ln l_k of the energy as a function of both log stretches
+            found = []
+            for k in range(2):
+                u, v = a + (k == 0) * 1j * STEP, b + (k == 1) * 1j * STEP
+                X, Y = np.exp(2.0 * u), np.exp(2.0 * v)
+                found.append(np.imag(energy(c, X, Y, 1.0 / (X * Y))) / STEP)
+            return np.array(found)
+
+        expected = stress(x, y)
+        found = np.array(material.cauchy(np.exp(x), np.exp(y)))
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12 * size)
+        slope = material.cauchy_by_log_stretch(np.exp(x), np.exp(y))
+        for k in range(2):
+            u, v = x + (k == 0) * 1j * STEP, y + (k == 1) * 1j * STEP
+            stepped = np.imag(np.array(material.cauchy(np.exp(u), np.exp(v)))) / STEP
+            np.testing.assert_allclose(
+                slope[:, k], stepped, rtol=1e-10, atol=1e-12 * np.abs(stepped).max()
+            )
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("structural", [True, False])
+def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(name, structural):
+    law = law_named(name)
+    layout = SamplingLayout(law.names, (1.5, 1.4, 1.0 / (1.5 * 1.4)), 0.3, structural, structural)
+    coordinates = law.coordinates(layout)
+    for material in random_materials(name, 30):
+        slots = {
+            p.name: to_slot(p, np.array([v]))
+            for p, v in zip(law.parameters, material.values, strict=True)
+        }
+        there = law.to_coordinates(coordinates, slots)
+        u = np.array([there[n][0] for n in law.names])
+
+        def natural(at):
+            value = at.copy()
+            return value, to_natural(coordinates, value)
+
+        value, log_jacobian = natural(u)
+        np.testing.assert_allclose(value, [slots[n][0] for n in law.names], rtol=1e-9, atol=1e-9)
+        step = 1e-6 * np.maximum(np.abs(u), 1e-2)
+        columns = [
+            (natural(u + d)[0] - natural(u - d)[0]) / (2.0 * step[i])
+            for i, d in enumerate(np.diag(step))
+        ]
+        _, expected = np.linalg.slogdet(np.column_stack(columns))
+        assert log_jacobian == pytest.approx(expected, abs=2e-4)
+        low, high = np.array(
+            [law.coordinate_bounds(coordinates).get(n, (-np.inf, np.inf)) for n in law.names]
+        ).T
+        assert np.all((low <= u) & (u <= high))
+        parameters = np.array(
+            [np.exp(v) if p.logarithmic else v for p, v in zip(law.parameters, value, strict=True)]
+        )
+        np.testing.assert_allclose(
+            law.cauchy_of(constants_at(coordinates, parameters), np.array([1.1]), np.array([1.2])),
+            np.array(material.cauchy(np.array([1.1]), np.array([1.2]))),
+            rtol=1e-8,
+        )
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_coordinates_of_fits_turn_back(name):
+    law = law_named(name)
+    for material in random_materials(name, 30):
+        point = law.point(material.values)
+        assert np.all((law.lower <= point) & (point <= law.upper))
+        np.testing.assert_allclose(law.values(point), material.values, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            law.at_point(point).cauchy(1.1, 1.2), material.cauchy(1.1, 1.2), rtol=1e-9
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("fungus", {}, "did you mean fung"),
+        ("fung", {"c0_kPa": 10}, "needs c_kPa and b_x and b_y and b_xy"),
+        ("fung", {"c0": 1, "c": 1, "b_x": 1, "b_y": 1, "b_xy": 2}, "b_x b_y has to be larger"),
+        ("fung", {"c0": 1, "c": 1, "b_x": 1, "b_y": 1, "b_z": 2}, "b_z is no parameter"),
+        ("fung", {"c0": 1, "c0_kPa": 1, "c": 1, "b_x": 1, "b_y": 1, "b_xy": 0}, "given twice"),
+        ("hgo", {"C1": 1, "k1": 1, "k2": 1, "alpha": 91}, "between 0 and 90 degrees"),
+    ],
+)
+def test_materials_that_are_none(name, values, said):
+    with pytest.raises(InputError) as error:
+        biaxbayes.law(name, **values)
+    assert said in f"{error.value}"
+
+
+def test_a_stress_that_overflows_is_said():
+    material = biaxbayes.law("fung", c0=1, c=1, b_x=50, b_y=50, b_xy=0)
+    with pytest.raises(InputError, match="no finite stress at stretches 5, 5"):
+        material.cauchy(5.0, 5.0)
+    with pytest.raises(InputError, match="fibre-switch belongs to goh"):
+        law_named("hgo", fibre_switch=True)
