@@ -35,6 +35,7 @@ _EXPORTS = {
     "identify": "biaxbayes.api",
     "profile": "biaxbayes.api",
     "compare": "biaxbayes.api",
+    "compare_laws": "biaxbayes.api",
     "ledger": "biaxbayes.api",
     "design": "biaxbayes.api",
     "calibrate": "biaxbayes.api",

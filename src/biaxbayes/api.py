@@ -43,6 +43,7 @@ from biaxbayes.options import (
     INFERRING,
     CalibrationPlan,
     DesignOptions,
+    LawsPlan,
     LedgerPlan,
     ModelOptions,
     ProfileOptions,
@@ -55,6 +56,7 @@ from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.compare import Comparison
+    from biaxbayes.comparison.law_weights import LawComparison
     from biaxbayes.comparison.mounting_bias import Ledger
     from biaxbayes.identifiability.profile import Profile
     from biaxbayes.jobs.calibrate import Outcome
@@ -72,6 +74,7 @@ __all__ = [
     "check_comparison",
     "check_figure",
     "compare",
+    "compare_laws",
     "convert",
     "design",
     "export",
@@ -188,6 +191,66 @@ def profile(
 
 
 # --- runs and specimens side by side -------------------------------------------------------------
+
+
+@documented(LawsPlan, ModelOptions, without=("law", "fibre_switch", "priors"))
+def compare_laws(
+    specimen: SpecimenLike,
+    *,
+    out: PathLike | None = None,
+    mounting_force: Sequence[float] | None = None,
+    resume: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Tell = _silent,
+    stop: Stop = _never,
+    **options: Any,
+) -> LawComparison:
+    """Fit and sample every law on a specimen, and weigh them by what they predict.
+
+    Each protocol is left out in turn, or each quarter of the only one.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+    out : path-like, optional
+        Folder for laws.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv and the figures.
+    mounting_force : (float, float), optional
+        For a tared specimen: the force (or stress) at the mounted state, put back on.
+    resume : bool
+        Go on with what the folder holds.
+    workers : int, optional
+        Local processes; the result does not depend on them.
+    scheduler : str, optional
+        Address of a Dask scheduler to use instead.
+    progress, stop : callable
+    **options
+        As in :class:`~biaxbayes.options.LawsPlan` and :class:`~biaxbayes.options.ModelOptions`,
+        without what belongs to one law.
+
+    Returns
+    -------
+    LawComparison
+    """
+    from biaxbayes.jobs.laws import chosen_laws, compared_laws
+
+    plan, left = LawsPlan.taken(options)
+    own = [name for name in ("law", "fibre_switch", "priors") if left.get(name)]
+    if own:
+        raise InputError(f"{own[0]} belongs to one law", remedy="use sample for that")
+    model = ModelOptions.of(left).keywords()
+    common = {k: v for k, v in model.items() if k not in ("law", "fibre_switch", "priors")}
+    return compared_laws(
+        opened_specimen(specimen, mounting_force),
+        common,
+        chosen_laws(plan.laws),
+        plan,
+        executor_for(workers, scheduler),
+        folder=None if out is None else made_folder(out),
+        resume=resume,
+        progress=progress,
+        stop=stop,
+    )
 
 
 @documented(SamplingPlan, ModelOptions)

@@ -32,6 +32,7 @@ __all__ = [
     "DesignOptions",
     "FigureOptions",
     "FitOptions",
+    "LawsPlan",
     "LedgerPlan",
     "ModelOptions",
     "Option",
@@ -389,6 +390,28 @@ class LedgerPlan(SamplingPlan):
     """A :class:`SamplingPlan` for the ledger, whose medians need fewer draws."""
 
     ess: float = _option(1000.0, WANTED, least=50, most=MOST)
+
+
+@dataclass(frozen=True)
+class LawsPlan(Options):
+    """How much is sampled to weigh laws.
+
+    Attributes
+    ----------
+    laws : sequence of str, or str
+        Their names, in a text separated by commas; all where none is given.
+    seed : int
+    ess : float
+        Effective draws of each law on each part of the record.
+    max_steps : int
+    """
+
+    laws: Sequence[str] | str | None = _option(
+        None, "Laws, separated by commas  [all]", metavar="NAME,NAME"
+    )
+    seed: int = _option(1, SAME_SEED, least=0, most=MOST_WHOLE)
+    ess: float = _option(500.0, "Effective draws of each posterior.", least=50, most=MOST)
+    max_steps: int = _option(20_000, "When to give up.", least=128, most=MOST)
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ VERBS = {
     "identify": "Which parameters the data determine.",
     "profile": "Profile likelihood of one parameter.",
     "compare": "Several runs side by side: layers, specimens, settings.",
+    "laws": "Material laws side by side, weighed by what they predict.",
     "design": "What to measure next.",
     "ledger": "What ignoring the mounting stretch costs.",
     "calibrate": "Simulation-based calibration on your own protocol.",
@@ -42,6 +43,7 @@ MODULES = {
     "runs": ("sample", "batch", "fit", "calibrate"),
     "specimens": ("check", "convert", "simulate"),
     "findings": ("identify", "profile", "compare", "design", "ledger"),
+    "laws": ("laws",),
     "outputs": ("predict", "plot", "report", "export"),
 }
 """Which module of this package has the command of a verb, by the verb's name."""

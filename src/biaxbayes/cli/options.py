@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import ModelOptions, Option, Options, stated
+
+if TYPE_CHECKING:
+    from biaxbayes.laws.law import Law
 
 __all__ = [
     "MODEL",
@@ -185,19 +188,18 @@ def read_model_options(
 
     material_law = law_named(law, fibre_switch=model.get("fibre_switch", False))
     chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors, material_law))
-    for name, value in fixed_values(fix).items():
-        known = material_law.known_name(name)
-        chosen[known] = check_fixed(known, value, law=material_law)
+    for name, value in fixed_values(fix, material_law).items():
+        chosen[name] = check_fixed(name, value, law=material_law)
     return {**model, "law": law, "priors": chosen}
 
 
-def fixed_values(texts: tuple[str, ...]) -> dict[str, float]:
+def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
     """Numbers of ``--fix``, not checked against the range of their parameter."""
     held = {}
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            held[name.strip()] = float(value)
+            held[law.known_name(name.strip())] = float(value)
         except ValueError:
             raise InputError(f"--fix {text[:60]!r}", remedy="write it as --fix kappa=0.1") from None
     return held

@@ -258,11 +258,12 @@ def fit(
     **how: Any,
 ) -> int:
     """Fit the material by least squares, with and without the mounting stretch."""
-    fixed = fixed_values(fix)
     from biaxbayes import api
     from biaxbayes.identifiability.toe import poor_fit
     from biaxbayes.jobs.opening import opened_specimen
+    from biaxbayes.laws import law_named
 
+    fixed = fixed_values(fix, law_named(how["law"], fibre_switch=how["fibre_switch"]))
     data = opened_specimen(specimen, mounting_force)
     if method == ALL_FITS:
         fits = api.fit_all(data, fixed=fixed, **how)

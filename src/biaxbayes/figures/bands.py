@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Panels", "bands_figure"]
+__all__ = ["Panels", "bands_figure", "drawn_bands", "shown_protocols"]
 
 
 # --- where the panels of a bands figure stand ----------------------------------------------------
@@ -160,8 +160,7 @@ def bands_figure(
         One panel a protocol (the first 12) with its residuals below. Readings are
         thinned so that they can be told apart.
     """
-    panels = Panels(len(specimen.protocols), width_mm)
-    shown = replace(specimen, protocols=specimen.protocols[: panels.count])
+    shown = replace(specimen, protocols=specimen.protocols[: shown_protocols(specimen, width_mm)])
     table = bands(
         shown,
         draws,
@@ -170,8 +169,35 @@ def bands_figure(
         max_rows=ROWS,
         max_draws=DRAWS,
     )
+    return drawn_bands(specimen, table, probability=probability, width_mm=width_mm, style=style)
+
+
+def shown_protocols(specimen: Specimen, width_mm: float) -> int:
+    """Protocols that a figure of this width has panels for."""
+    return Panels(len(specimen.protocols), width_mm).count
+
+
+def drawn_bands(
+    specimen: Specimen,
+    table: pd.DataFrame,
+    *,
+    probability: float = 0.9,
+    width_mm: float = PAGE_MM,
+    style: Mapping[str, Any] | None = None,
+) -> Figure:
+    """The same of bands that are there already.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    table : DataFrame
+        As of :func:`~biaxbayes.prediction.bands.bands`; of the protocols that have panels.
+    probability, width_mm, style
+        As in :func:`bands_figure`.
+    """
+    panels = Panels(len(specimen.protocols), width_mm)
     # The quantiles are named after their levels; here they go by their order.
-    table.columns = pd.Index([*table.columns[:5], *QUANTILES])
+    table = table.set_axis(pd.Index([*table.columns[:5], *QUANTILES]), axis=1)
     tests = [
         {str(axis): part for axis, part in one.groupby("direction")}
         for _, one in table.groupby("protocol", sort=False)

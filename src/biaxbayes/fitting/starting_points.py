@@ -103,9 +103,13 @@ def held_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarr
     """
     values = np.zeros(len(law.names))
     held = dict(fixed or {})
+    held = {law.known_name(name): value for name, value in held.items()}
     for name, value in held.items():
         if name not in law.names:
-            raise InputError(f"unknown parameter {name!r}", remedy=f"one of {', '.join(law.names)}")
+            raise InputError(
+                f"unknown parameter {name!r} of the law {law.name}",
+                remedy=f"one of {', '.join(law.names)}",
+            )
         p = law.parameter(name)
         low, high = p.low, min(p.high, p.largest)
         if not (math.isfinite(value) and low <= value <= high + 1e-12):

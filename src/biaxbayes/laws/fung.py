@@ -12,8 +12,7 @@ The sampler works in ln c0, ln T, ln Q*, d and rho, with
     Q* = Q at one fixed reference stretch l* a specimen          T = c Q* exp(Q*)
 
 because data pin the exponent and the stress at the largest stretch far better than c and b. b_x and
-b_y follow from Q* = sqrt(b_x b_y) g,  g = exp(d/2) Ex*^2 + exp(-d/2) Ey*^2 + 2 rho Ex* Ey*. Fits
-move in (c0, c, b_x, b_y, rho), in which the range is a box.
+b_y follow from Q* = sqrt(b_x b_y) g,  g = exp(d/2) Ex*^2 + exp(-d/2) Ey*^2 + 2 rho Ex* Ey*.
 """
 
 from __future__ import annotations
@@ -166,6 +165,7 @@ class FungLaw(Law):
             words="coupling of the exponents",
             sharp=1.0,
             width=0.1,
+            largest=1e4,
             prior=("normal", 0.0, 30.0),
         ),
     )
@@ -190,9 +190,10 @@ class FungLaw(Law):
         """Constants of the sampling coordinates."""
         free = set(layout.free)
         X, Y, _ = layout.reference
+        rho = layout.chart and "b_xy" in free
         return Coordinates(
-            float(layout.structural and {"c", "b_x", "b_y", "b_xy"} <= free),
-            float("b_xy" in free),
+            float(layout.structural and rho and {"c", "b_x", "b_y"} <= free),
+            float(rho),
             0.5 * (X - 1.0),
             0.5 * (Y - 1.0),
         )
@@ -225,34 +226,21 @@ class FungLaw(Law):
 
     # --- fits ---
 
-    @property
-    def lower(self) -> np.ndarray:
-        """Lower bounds of (c0, c, b_x, b_y, rho)."""
-        return np.array([0.0, 0.0, 0.0, 0.0, -1.0])
-
-    @property
-    def upper(self) -> np.ndarray:
-        """Upper bounds of (c0, c, b_x, b_y, rho)."""
-        return np.array([*(p.largest for p in self.parameters[:_BXY]), 1.0])
-
     def inner_point(self, point: np.ndarray) -> np.ndarray:
-        """(c0, c, b_x, b_y, rho) moved off its bounds."""
-        return np.clip(point, [1e-3, 1e-3, 1e-2, 1e-2, -_RHO_INSIDE], [*[np.inf] * 4, _RHO_INSIDE])
-
-    def point(self, values: Sequence[float]) -> np.ndarray:
-        """(c0, c, b_x, b_y, rho) of a material."""
-        *plain, b_xy = values
-        size = float(np.sqrt(plain[_BX] * plain[_BY]))
-        return np.array([*plain, b_xy / size if size > 0.0 else 0.0])
+        """(c0, c, b_x, b_y, b_xy) moved off its bounds."""
+        return np.array(self.inner([float(v) for v in point]))
 
     def values(self, point: Any) -> tuple[float, ...]:
-        """Parameters at (c0, c, b_x, b_y, rho)."""
-        c0, c, b_x, b_y, rho = (float(v) for v in point)
-        return c0, c, b_x, b_y, rho * float(np.sqrt(b_x * b_y))
+        """Parameters at a point of the fits, of a form that is positive definite."""
+        c = self.constants_at_point(*(float(v) for v in point))
+        return tuple(float(v) for v in c)
 
-    def constants_at_point(self, c0, c, b_x, b_y, rho) -> Constants:
-        """Constants at (c0, c, b_x, b_y, rho)."""
-        return Constants(c0, c, b_x, b_y, rho * np.sqrt(b_x * b_y))
+    def constants_at_point(self, c0, c, b_x, b_y, b_xy) -> Constants:
+        """Constants; the coupling is cut where the form would not be positive definite."""
+        most = np.sqrt(b_x * b_y)
+        beyond = np.abs(np.real(b_xy)) > np.real(most)
+        cut = np.where(np.real(b_xy) < 0.0, -most, most)
+        return Constants(c0, c, b_x, b_y, np.where(beyond, cut, b_xy)[()])
 
     def constants(self, c0, c, b_x, b_y, b_xy) -> Constants:
         """Constants."""
@@ -261,7 +249,7 @@ class FungLaw(Law):
     def shapes(
         self, size: int, largest: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Random exponents at the largest stretches, and rho."""
+        """Random exponents at the largest stretches, and couplings."""
         u = rng.random((size, 3))
         q = 10.0 ** (-2.0 + 3.2 * u[:, :2])  # the exponent of each direction alone
         rho = 1.8 * u[:, 2] - 0.9

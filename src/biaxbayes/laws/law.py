@@ -527,7 +527,7 @@ class Law(ABC):
     @property
     def lower(self) -> np.ndarray:
         """Lower bounds of the coordinates that fits move in."""
-        return np.array([0.0 if p.mirror else p.low for p in self.parameters])
+        return np.array([0.0 if p.mirror else max(p.low, -p.largest) for p in self.parameters])
 
     @property
     def upper(self) -> np.ndarray:
@@ -704,7 +704,8 @@ class SamplingLayout(NamedTuple):
     structural : bool
         Coordinates that data pin, rather than the parameters themselves.
     chart : bool
-        Whether a chart that is regular at the edges is asked for, where a law has one.
+        Whether a chart that is regular at the edges is asked for, where a law has one. With neither
+        the coordinates are the parameters: logs of scales, radians, the others as they are.
     """
 
     free: tuple[str, ...]

@@ -27,6 +27,7 @@ __all__ = [
     "evenly_spaced",
     "known_percentiles",
     "mixture_percentiles",
+    "tails",
 ]
 
 

@@ -1,0 +1,181 @@
+"""Laws fitted and sampled on a record, and on what is left of it without a part.
+
+Each protocol is left out in turn; of a single protocol, each quarter of its path. The mounting
+constraint and the error model are the same for every law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import NotConverged
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["WHOLE", "Part", "Prediction", "Task", "only", "parts_of", "sample_part"]
+
+WHOLE = "whole record"
+QUARTERS = 4
+KEPT_DRAWS, KEPT_OF_PART = 2000, 500
+"""Draws kept of the posterior of a whole record, and of one with a part left out."""
+
+
+# --- what is left out ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a record that is left out.
+
+    Attributes
+    ----------
+    name : str
+        Of the protocol, with the quarter where it has only one.
+    protocol : int
+    rows : slice
+        Of the protocol, those at rest included in the count and never left out.
+    """
+
+    name: str
+    protocol: int
+    rows: slice
+
+
+def parts_of(specimen: Specimen) -> tuple[Part, ...]:
+    """Each protocol, or each quarter of the only one.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    """
+    if len(specimen.protocols) > 1:
+        return tuple(
+            Part(p.name, i, slice(p.rest_rows, p.rows)) for i, p in enumerate(specimen.protocols)
+        )
+    only = specimen.protocols[0]
+    ends = np.linspace(only.rest_rows, only.rows, QUARTERS + 1).round().astype(int)
+    return tuple(
+        Part(f"{only.name}, quarter {k + 1}", 0, slice(int(a), int(b)))
+        for k, (a, b) in enumerate(pairwise(ends))
+    )
+
+
+def without(specimen: Specimen, part: Part) -> Specimen:
+    """The specimen without a part of its record."""
+    if len(specimen.protocols) > 1:
+        kept = tuple(p for i, p in enumerate(specimen.protocols) if i != part.protocol)
+        return replace(specimen, protocols=kept)
+    only = specimen.protocols[0]
+    rows = np.ones(only.rows, dtype=bool)
+    rows[part.rows] = False
+    columns = {k: getattr(only, k)[rows] for k in ("stretch_x", "stretch_y", "load_x", "load_y")}
+    return replace(specimen, protocols=(replace(only, **columns, time_s=None),))
+
+
+def only(specimen: Specimen, part: Part) -> Specimen:
+    """The rows at rest and those of a part of the record."""
+    p = specimen.protocols[part.protocol]
+    rows = np.r_[np.arange(p.rest_rows), np.arange(p.rows)[part.rows]]
+    columns = {k: getattr(p, k)[rows] for k in ("stretch_x", "stretch_y", "load_x", "load_y")}
+    return replace(specimen, protocols=(replace(p, **columns, time_s=None),))
+
+
+# --- one posterior -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Task:
+    """One law on one record.
+
+    Attributes
+    ----------
+    law : str
+    specimen : Specimen
+        Of the whole record.
+    part : Part or None
+        What is left out.
+    options : mapping
+        Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior` but the law, its priors
+        and its switch.
+    seed : int
+    ess : float
+        Effective draws wanted.
+    max_steps : int
+    """
+
+    law: str
+    specimen: Specimen
+    part: Part | None
+    options: Mapping[str, Any]
+    seed: int
+    ess: float
+    max_steps: int
+
+    @property
+    def name(self) -> str:
+        """Of the law and of what is left out."""
+        return f"{self.law}, {self.part.name if self.part else WHOLE}"
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Draws of one law on one record.
+
+    Attributes
+    ----------
+    state : str
+        Of the chains; ``failed`` where nothing could be drawn.
+    reason : str
+    rmse_kPa : float
+        Of the deterministic fit to the record.
+    residuals : tuple of ndarray, shape (n_p, 2)
+        Of that fit.
+    draws : DataFrame
+        Columns as in ``summary.csv``; empty where nothing could be drawn.
+    """
+
+    state: str
+    reason: str
+    rmse_kPa: float
+    residuals: tuple[np.ndarray, ...]
+    draws: pd.DataFrame
+
+
+def sample_part(task: Task) -> Prediction:
+    """Fit and sample a law on a record without the part.
+
+    Parameters
+    ----------
+    task : Task
+
+    Returns
+    -------
+    Prediction
+        ``failed`` with its reason where nothing can be drawn; nothing is raised for it.
+    """
+    shown = task.specimen if task.part is None else without(task.specimen, task.part)
+    nothing = pd.DataFrame()
+    rmse = float("nan")
+    residuals: tuple[np.ndarray, ...] = ()
+    try:
+        posterior = prepare(shown, law=task.law, seed=task.seed, **task.options)
+        assert posterior.fit is not None
+        rmse, residuals = posterior.fit.rmse_kPa, posterior.fit.residuals
+        plan = Plan(ess=task.ess, max_steps=task.max_steps, seed=task.seed, workers=1)
+        drawn = draw_posterior(posterior, plan)
+    except (NotConverged, np.linalg.LinAlgError) as error:
+        return Prediction("failed", str(error), rmse, residuals, nothing)
+    kept = KEPT_DRAWS if task.part is None else KEPT_OF_PART
+    table = pd.DataFrame({k: v.ravel() for k, v in drawn.quantities.items()})
+    table = table.iloc[evenly_chosen(len(table), kept)].reset_index(drop=True)
+    judged = drawn.convergence
+    return Prediction(judged.state, judged.reason, rmse, residuals, table)

@@ -1,0 +1,421 @@
+"""Laws weighed by what they predict of the parts of a record that they were not shown.
+
+The score of a law is the log predictive density of single readings that were left out, averaged
+over its draws. A left-out curve has one weight n_eff / n for all laws, from the residuals of the
+law that fits the whole record best: readings that miss together are no independent evidence. The
+mixture by the stacking weights is a prediction of stresses; it is no posterior of the mounting
+stretch, which lies where no reading does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.comparison.law_comparison import (
+    KEPT_DRAWS,
+    WHOLE,
+    Part,
+    Prediction,
+    only,
+    parts_of,
+)
+from biaxbayes.comparison.stacking import stacking_weights, weighted_density
+from biaxbayes.errors import NotConverged
+from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.model.curves import Curves
+from biaxbayes.model.error_model import errors_of
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.parameters import mounting_names
+from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles, tails
+from biaxbayes.prediction.draws import protocol_mounting
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["STACKED", "LawComparison", "judged_laws"]
+
+STACKED = "stacked"
+UNUSABLE = ("unusable", "failed")
+QUANTILES = (0.05, 0.5, 0.95)
+BAND_DRAWS = 500
+
+
+@dataclass(frozen=True)
+class LawComparison:
+    """Laws weighed by what they predict.
+
+    Attributes
+    ----------
+    specimen : str
+    table : DataFrame
+        ``laws.csv``: one row a law, the last one ``stacked``.
+    parts : DataFrame
+        ``left-out.csv``: one row a law and part.
+    draws : DataFrame
+        Draws of the mixture for what all laws share: mounting stretches, stresses, stiffnesses.
+    bands : DataFrame
+        Bands of the mixture over the record, as of :func:`~biaxbayes.prediction.bands.bands`.
+    left_out : dict of str to str
+        Laws that are not part of the mixture, and why.
+    """
+
+    specimen: str
+    table: pd.DataFrame
+    parts: pd.DataFrame
+    draws: pd.DataFrame
+    bands: pd.DataFrame
+    left_out: dict[str, str]
+
+    @property
+    def reliable(self) -> bool:
+        """Whether every law has converged on every record."""
+        states = self.table["state"][self.table["law"] != STACKED]
+        return not self.left_out and bool((states == "reliable").all())
+
+    def __repr__(self) -> str:
+        laws = self.table[self.table["law"] != STACKED].sort_values("weight", ascending=False)
+        pairs = zip(laws["law"], laws["weight"].to_numpy(dtype=float), strict=True)
+        told = ", ".join(f"{law} {weight:.2f}" for law, weight in pairs if weight > 0.005)
+        return f"LawComparison({self.specimen}: {told})"
+
+
+@dataclass(frozen=True)
+class _LeftOut:
+    """How the laws foretell one part.
+
+    Attributes
+    ----------
+    worth : ndarray, shape (readings,)
+    log_density : ndarray, shape (laws, readings)
+    model, sd : list of ndarray, shape (draws, readings)
+        Of each law, in the unit of the specimen.
+    measured : ndarray, shape (readings,)
+    per_kPa : list of ndarray, shape (readings,)
+        Load per Cauchy stress at each law's median mounting stretch.
+    """
+
+    worth: np.ndarray
+    log_density: np.ndarray
+    model: list[np.ndarray]
+    sd: list[np.ndarray]
+    measured: np.ndarray
+    per_kPa: list[np.ndarray]
+
+
+def judged_laws(
+    specimen: Specimen,
+    options: Mapping[str, Any],
+    found: Mapping[tuple[str, str], Prediction],
+    laws: Sequence[str],
+    *,
+    probability: float = 0.9,
+) -> LawComparison:
+    """Weigh laws by what they predict.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    options : mapping
+        As of the tasks.
+    found : mapping
+        By law and name of the left-out part, :data:`WHOLE` for none.
+    laws : sequence of str
+        In the order of the table.
+    probability : float
+        Content of the bands.
+
+    Raises
+    ------
+    NotConverged
+        If no law can be used.
+    """
+    parts = parts_of(specimen)
+    names = (WHOLE, *(p.name for p in parts))
+    bad = {
+        law: f"{name}: {found[law, name].reason}"
+        for name in reversed(names)
+        for law in laws
+        if found[law, name].state in UNUSABLE
+    }
+    used = [law for law in laws if law not in bad]
+    if not used:
+        raise NotConverged(
+            "no law could be sampled on all parts of the record: "
+            + "; ".join(f"{law} ({why})" for law, why in bad.items())
+        )
+    posteriors = {law: Posterior(specimen, law=law, beta=1.0, **options) for law in used}
+    best = min(used, key=lambda law: found[law, WHOLE].rmse_kPa)
+    readings = errors_of(posteriors[best].settings).readings(found[best, WHOLE].residuals)
+    share = np.ones((len(specimen.protocols), 2))
+    if readings is not None:
+        share = np.minimum(readings.effective / readings.count, 1.0)
+    left = [_left_out(specimen, part, share, used, options, found) for part in parts]
+    weight = _weights(left, range(len(left)))
+    draws = _mixture(specimen, used, weight, found, posteriors)
+    # the mixture that foretells a part is one that has not seen it
+    blind = [_weights(left, [j for j in range(len(left)) if j != i]) for i in range(len(left))]
+    return LawComparison(
+        specimen.name,
+        _law_table(specimen, laws, used, found, left, weight, np.array(blind), draws),
+        _part_table(parts, used, left, blind, probability),
+        draws,
+        _bands(specimen, used, weight, found, posteriors, probability),
+        bad,
+    )
+
+
+def _weights(left: Sequence[_LeftOut], chosen: Sequence[int] | range) -> np.ndarray:
+    if not chosen:
+        return np.full(len(left[0].log_density), 1.0 / len(left[0].log_density))
+    return stacking_weights(
+        np.hstack([left[i].log_density for i in chosen]),
+        np.concatenate([left[i].worth for i in chosen]),
+    )
+
+
+def _left_out(
+    specimen: Specimen,
+    part: Part,
+    share: np.ndarray,
+    laws: Sequence[str],
+    options: Mapping[str, Any],
+    found: Mapping[tuple[str, str], Prediction],
+) -> _LeftOut:
+    model, sd, density, per_kPa = [], [], [], []
+    for law in laws:
+        posterior = Posterior(only(specimen, part), law=law, beta=1.0, **options)
+        curves = Curves.of(posterior)
+        table = found[law, part.name].draws
+        columns = {str(n): table[n].to_numpy(dtype=float) for n in table.columns}
+        with np.errstate(over="ignore", invalid="ignore"):
+            load = curves.model(columns)
+            noise = curves.noise(columns)
+            spread = np.broadcast_to(curves.total_sd(load, noise), load.shape)
+            log_likelihood = curves.log_likelihood(load, noise)
+        log_likelihood = np.where(np.isfinite(log_likelihood), log_likelihood, -np.inf)
+        # ln p(f_i | rest) = ln mean_s p(f_i | theta_s)
+        density.append((np.logaddexp.reduce(log_likelihood, axis=0) - np.log(len(load))).ravel())
+        model.append(load.reshape(len(load), -1))
+        sd.append(spread.reshape(len(load), -1))
+        lm = np.median(curves.mounting_stretch(columns), axis=0)
+        mounted = specimen.geometry == "mounted"
+        per_kPa.append(load_per_stress(specimen.area, curves.stretch, lm, mounted).ravel())
+    rows = posterior.thinned.weight[0] * share[part.protocol]
+    worth = np.broadcast_to(rows, curves.measured.shape).ravel()
+    return _LeftOut(worth, np.array(density), model, sd, curves.measured.ravel(), per_kPa)
+
+
+def _mixture(
+    specimen: Specimen,
+    laws: Sequence[str],
+    weight: np.ndarray,
+    found: Mapping[tuple[str, str], Prediction],
+    posteriors: Mapping[str, Posterior],
+) -> pd.DataFrame:
+    """Draws of every law by its weight, with what all laws share."""
+    tables = []
+    for law, count in zip(laws, np.round(weight * KEPT_DRAWS).astype(int), strict=True):
+        table = found[law, WHOLE].draws
+        table = table.iloc[evenly_chosen(len(table), max(int(count), 1))] if count else table[:0]
+        if table.empty:
+            continue
+        material = posteriors[law].law.material(table)
+        shared: dict[str, Any] = {"law": law}
+        for name in _stretches(table, specimen):
+            shared[name] = table[name].to_numpy(dtype=float)
+        slope = material.cauchy_by_log_stretch(1.0, 1.0)
+        for k, name in enumerate(("stiffness_xx_kPa", "stiffness_yy_kPa")):
+            shared[name] = np.ravel(slope[k, k])
+        for protocol in specimen.protocols:
+            # at the largest measured stretches, times each draw's own mounting stretches
+            top = int(np.argmax(protocol.stretch_x * protocol.stretch_y))
+            lm = protocol_mounting(table, protocol)
+            x, y = lm[:, :1] * protocol.stretch_x[top], lm[:, 1:] * protocol.stretch_y[top]
+            for axis, values in zip("xy", material.cauchy(x, y), strict=True):
+                shared[f"cauchy_{axis}_kPa[{protocol.name}]"] = np.ravel(values)
+        tables.append(pd.DataFrame(shared))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _stretches(table: pd.DataFrame, specimen: Specimen) -> list[str]:
+    states = ("", *(p.name for p in specimen.protocols))
+    return [n for s in states for n in mounting_names("stretch", s) if n in table]
+
+
+# --- tables --------------------------------------------------------------------------------------
+
+
+def _left_out_scores(
+    left: Sequence[_LeftOut], weight: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Log density (nats) and rms (kPa) of each part by a mixture with the part's own weights."""
+    density, square = [], []
+    for part, w in zip(left, weight, strict=True):
+        density.append(float(part.worth @ weighted_density(part.log_density, w)))
+        miss = [
+            (part.measured - model.mean(axis=0)) / scale
+            for model, scale in zip(part.model, part.per_kPa, strict=True)
+        ]
+        # the mean of a mixture is the mixture of the means
+        square.append(float(np.mean((w @ np.array(miss)) ** 2)))
+    return np.array(density), np.array(square)
+
+
+def _law_table(
+    specimen: Specimen,
+    laws: Sequence[str],
+    used: Sequence[str],
+    found: Mapping[tuple[str, str], Prediction],
+    left: Sequence[_LeftOut],
+    weight: np.ndarray,
+    blind: np.ndarray,
+    draws: pd.DataFrame,
+) -> pd.DataFrame:
+    sizes = np.array([part.measured.size for part in left], dtype=float)
+    rows = []
+    for law in laws:
+        whole = found[law, WHOLE]
+        row: dict[str, Any] = {"law": law, "state": whole.state, "rms": whole.rmse_kPa}
+        if law in used:
+            k = used.index(law)
+            alone = np.eye(len(used))[k]
+            density, square = _left_out_scores(left, [alone] * len(left))
+            row |= {
+                "left_out_rms": float(np.sqrt(square @ sizes / sizes.sum())),
+                "left_out_density": float(density.sum()),
+                "weight": float(weight[k]),
+                "weight_low": float(blind[:, k].min()),
+                "weight_high": float(blind[:, k].max()),
+                **_quantiles(whole.draws, _stretches(whole.draws, specimen)),
+            }
+        rows.append(row)
+    density, square = _left_out_scores(left, list(blind))
+    rows.append(
+        {
+            "law": STACKED,
+            "left_out_rms": float(np.sqrt(square @ sizes / sizes.sum())),
+            "left_out_density": float(density.sum()),
+            "weight": 1.0,
+            **_quantiles(draws, _stretches(draws, specimen)),
+        }
+    )
+    return pd.DataFrame(rows).fillna({"state": ""})
+
+
+def _quantiles(table: pd.DataFrame, names: Sequence[str]) -> dict[str, float]:
+    return {
+        f"{name}_q{round(100 * q):02d}": float(np.quantile(table[name], q))
+        for name in names
+        for q in QUANTILES
+    }
+
+
+def _part_table(
+    parts: Sequence[Part],
+    used: Sequence[str],
+    left: Sequence[_LeftOut],
+    blind: Sequence[np.ndarray],
+    probability: float,
+) -> pd.DataFrame:
+    """Each law, and the mixture that has not seen the part, on each part."""
+    rows = []
+    for i, (part, own) in enumerate(zip(parts, left, strict=True)):
+        for law, w in (
+            *zip(used, np.eye(len(used)), strict=True),
+            (STACKED, blind[i]),
+        ):
+            (density,), (square,) = _left_out_scores([own], [w])
+            low, high = _mixed_band(own, w, tails(probability))
+            scale = w @ np.array(own.per_kPa)
+            rows.append(
+                {
+                    "part": part.name,
+                    "law": law,
+                    "weight": float(w[used.index(law)]) if law != STACKED else 1.0,
+                    "left_out_rms": float(np.sqrt(square)),
+                    "left_out_density": float(density),
+                    "band_coverage": float(np.mean((own.measured >= low) & (own.measured <= high))),
+                    "band_width": float(np.mean((high - low) / scale)),
+                    "readings": int(own.measured.size),
+                    "effective_readings": float(own.worth.sum()),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _mixed_band(
+    part: _LeftOut, weight: np.ndarray, levels: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Band of a new reading under a mixture, in the unit of the specimen."""
+    low, high = _mixed_percentiles(part.model, part.sd, weight, levels)
+    return low, high
+
+
+def _mixed_percentiles(
+    model: Sequence[np.ndarray],
+    sd: Sequence[np.ndarray],
+    weight: np.ndarray,
+    levels: tuple[float, ...],
+) -> list[np.ndarray]:
+    """Percentiles of a mixture: each law gives draws in proportion to its weight."""
+    size = min(len(m) for m in model)
+    counts = np.round(weight * size).astype(int)
+    counts[np.argmax(weight)] += size - counts.sum()
+    chosen = [evenly_chosen(len(m), max(int(n), 1)) for m, n in zip(model, counts, strict=True)]
+    kept = [k for k, n in enumerate(counts) if n > 0]
+    return mixture_percentiles(
+        np.vstack([model[k][chosen[k]] for k in kept]),
+        np.vstack([sd[k][chosen[k]] for k in kept]),
+        levels,
+    )
+
+
+def _bands(
+    specimen: Specimen,
+    used: Sequence[str],
+    weight: np.ndarray,
+    found: Mapping[tuple[str, str], Prediction],
+    posteriors: Mapping[str, Posterior],
+    probability: float,
+) -> pd.DataFrame:
+    """Bands of the mixture over the whole record, in the unit of the file."""
+    model, sd = [], []
+    for law in used:
+        curves = Curves.of(posteriors[law])
+        table = found[law, WHOLE].draws
+        table = table.iloc[evenly_chosen(len(table), BAND_DRAWS)]
+        columns = {str(n): table[n].to_numpy(dtype=float) for n in table.columns}
+        load = curves.model(columns)
+        spread = np.broadcast_to(curves.total_sd(load, curves.noise(columns)), load.shape)
+        model.append(load.reshape(len(load), -1))
+        sd.append(spread.reshape(len(load), -1))
+    shape = curves.measured.shape
+    levels = (tails(probability)[0], 0.5, tails(probability)[1])
+    names = [f"q{100 * q:04.1f}".removesuffix(".0") for q in levels]
+    credible = _mixed_percentiles(model, [1e-300 * s for s in sd], weight, levels)
+    predictive = _mixed_percentiles(model, sd, weight, levels)
+    # a Cauchy stress is the nominal one times the measured stretch
+    scale = curves.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
+    tables = []
+    for axis, direction in enumerate("xy"):
+        cells: dict[str, Any] = {
+            "protocol": [specimen.protocols[i].name for i in curves.protocol],
+            "direction": direction,
+            "row": _row_numbers(curves),
+            "stretch": curves.stretch[:, axis],
+            "measured": curves.measured[:, axis] * scale[:, axis],
+        }
+        for kind, values in (("credible", credible), ("predictive", predictive)):
+            for name, value in zip(names, values, strict=True):
+                cells[f"{kind}_{name}"] = value.reshape(shape)[:, axis] * scale[:, axis]
+        tables.append(pd.DataFrame(cells))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _row_numbers(curves: Curves) -> np.ndarray:
+    """Number of each row within its protocol, those at rest not counted."""
+    first = np.searchsorted(curves.protocol, curves.protocol)
+    return np.arange(curves.rows) - first

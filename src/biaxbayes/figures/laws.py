@@ -1,0 +1,158 @@
+"""Laws side by side: misfit and prediction, mounting stretches, and the bands of their mixture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.comparison.law_weights import STACKED, LawComparison
+from biaxbayes.figures.bands import drawn_bands, shown_protocols
+from biaxbayes.figures.labels import few_ticks
+from biaxbayes.figures.quantities import quantity
+from biaxbayes.figures.style import MM, PAGE_MM, colour, layout, print_style, settle
+from biaxbayes.parameters import STRETCH, Quantities
+from biaxbayes.specimens.specimen import Specimen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["law_bands_figure", "law_misfit_figure", "law_mounting_figure"]
+
+ROW_MM, HEAD_MM = 5.5, 14.0
+
+
+def _rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
+    """Laws that were judged, the heaviest on top, the mixture below; and their heights."""
+    table = compared.table[compared.table["left_out_rms"].notna()]
+    laws = table[table["law"] != STACKED].sort_values("weight", ascending=False, kind="stable")
+    rows = pd.concat([laws, table[table["law"] == STACKED]])
+    return rows, -np.arange(len(rows), dtype=float)
+
+
+def _names(ax: Axes, rows: pd.DataFrame, places: np.ndarray) -> None:
+    ax.set_yticks(places, rows["law"])
+    ax.set_ylim(places[-1] - 0.7, 0.7)
+    ax.tick_params(axis="y", length=0)
+    ax.axhline(places[-1] + 0.5, color="0.6", linewidth=0.5)
+
+
+def law_misfit_figure(
+    compared: LawComparison,
+    *,
+    width_mm: float = PAGE_MM,
+    style: Mapping[str, Any] | None = None,
+) -> Figure:
+    """Misfit of the record beside that of left-out parts, and the weights.
+
+    Parameters
+    ----------
+    compared : LawComparison
+    width_mm : float
+    style : mapping, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    from matplotlib.figure import Figure
+
+    rows, places = _rows(compared)
+    with print_style(style):
+        height = HEAD_MM + 6.0 + ROW_MM * (len(rows) + 0.4)
+        figure = Figure((width_mm * MM, height * MM), layout=layout(across_mm=1.2))
+        misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
+        misfit.hlines(places, rows["rms"], rows["left_out_rms"], color="0.75", linewidth=0.8)
+        for column, face, label in (
+            ("rms", "white", "of the fit to all"),
+            ("left_out_rms", colour("run"), "of parts left out"),
+        ):
+            misfit.plot(
+                rows[column],
+                places,
+                linestyle="none",
+                marker="o",
+                markersize=4.0,
+                markerfacecolor=face,
+                markeredgecolor=colour("run"),
+                label=label,
+            )
+        misfit.set_xlim(left=0.0)
+        misfit.set_xlabel("rms misfit (kPa)")
+        _names(misfit, rows, places)
+        laws = rows["law"] != STACKED
+        weights.barh(places[laws], rows["weight"][laws], height=0.5, color=colour("run"), alpha=0.5)
+        weights.hlines(
+            places[laws], rows["weight_low"][laws], rows["weight_high"][laws], color="0.2"
+        )
+        weights.set_xlim(0.0, 1.0)
+        weights.set_xlabel("weight, and range with a part dropped")
+        for ax in (misfit, weights):
+            few_ticks(ax.xaxis, most=5)
+        figure.legend(loc="outside upper left", ncols=2, borderaxespad=0.2)
+        settle(figure)
+    return figure
+
+
+def law_mounting_figure(
+    compared: LawComparison,
+    *,
+    width_mm: float = PAGE_MM,
+    style: Mapping[str, Any] | None = None,
+) -> Figure | None:
+    """Mounting stretches, law by law: median and 90 % interval; None where none is inferred.
+
+    Parameters
+    ----------
+    compared : LawComparison
+    width_mm : float
+    style : mapping, optional
+    """
+    from matplotlib.figure import Figure
+
+    rows, places = _rows(compared)
+    known = Quantities(())
+    names = [q.name for q in known.of_kind(STRETCH) if f"{q.name}_q50" in rows]
+    if not names:
+        return None
+    with print_style(style):
+        height = HEAD_MM + ROW_MM * (len(rows) + 0.4)
+        figure = Figure((width_mm * MM, height * MM), layout=layout(across_mm=1.2))
+        panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
+        for ax, name in zip(panels, names, strict=True):
+            low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
+            # a law that hardly predicts is drawn lightly
+            for place, a, m, b, w in zip(places, low, median, high, rows["weight"], strict=True):
+                hue = colour("run") if w >= 0.05 else "0.65"
+                ax.hlines(place, a, b, color=hue, linewidth=1.6)
+                ax.plot([m], [place], marker="o", markersize=3.5, color=hue)
+            ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
+            ax.set_xlabel(quantity(name, known=known).label)
+            few_ticks(ax.xaxis, most=5)
+        _names(panels[0], rows, places)
+        settle(figure)
+    return figure
+
+
+def law_bands_figure(
+    compared: LawComparison,
+    specimen: Specimen,
+    *,
+    width_mm: float = PAGE_MM,
+    style: Mapping[str, Any] | None = None,
+) -> Figure:
+    """Bands of the mixture over the record.
+
+    Parameters
+    ----------
+    compared : LawComparison
+    specimen : Specimen
+    width_mm : float
+    style : mapping, optional
+    """
+    names = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]
+    table = compared.bands[compared.bands["protocol"].isin(names)]
+    return drawn_bands(specimen, table, width_mm=width_mm, style=style)

@@ -1,0 +1,129 @@
+"""Laws weighed by what they predict: stacking against an optimiser, the verb and its files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import minimize
+
+import biaxbayes
+from biaxbayes.cli import main
+from biaxbayes.comparison.law_comparison import only, parts_of, without
+from biaxbayes.comparison.law_weights import STACKED
+from biaxbayes.comparison.stacking import CONCENTRATION, stacking_weights, weighted_density
+from biaxbayes.errors import InputError, Interrupted
+from biaxbayes.specimens.specimen_file import write_specimen
+from quick_posteriors import small_specimen
+
+LAWS = "goh,hgo"
+
+
+def test_stacking_weights_are_those_of_an_optimiser():
+    rng = np.random.default_rng(4)
+    for models in (2, 3, 5):
+        density = rng.normal(0.0, 2.0, (models, 60)) + rng.normal(0.0, 0.5, (models, 1))
+        worth = rng.uniform(0.05, 1.0, 60)
+
+        def loss(z, density=density, worth=worth):
+            w = np.exp(z - np.logaddexp.reduce(z))
+            mixed = np.logaddexp.reduce(density + np.log(w)[:, None], axis=0)
+            return -(worth @ mixed) - (CONCENTRATION - 1.0) * np.log(w).sum()
+
+        z = minimize(loss, np.zeros(models), method="BFGS", options={"gtol": 1e-9}).x
+        expected = np.exp(z - np.logaddexp.reduce(z))
+        found = stacking_weights(density, worth)
+        np.testing.assert_allclose(found, expected, atol=2e-6)
+        assert found.sum() == pytest.approx(1.0)
+        # never below what the best single model foretells, less what the prior asks for
+        mixed = worth @ weighted_density(density, found)
+        assert mixed > (density @ worth).max() - models * np.log(1e3)
+
+
+def test_nothing_to_tell_apart_leaves_equal_weights():
+    same = np.tile(np.linspace(-3.0, 0.0, 20), (4, 1))
+    np.testing.assert_allclose(stacking_weights(same, np.ones(20)), 0.25)
+    # a reading that no model allows says nothing
+    barred = np.hstack([same, np.full((4, 1), -np.inf)])
+    np.testing.assert_allclose(stacking_weights(barred, np.ones(21)), 0.25)
+
+
+def test_parts_make_up_the_record_and_are_left_out_of_the_rest():
+    three = small_specimen()
+    assert [p.name for p in parts_of(three)] == [p.name for p in three.protocols]
+    one = three.only(three.protocols[0].name)
+    rest = one.protocols[0].rest_rows
+    seen = []
+    for part in parts_of(one):
+        left, kept = only(one, part).protocols[0], without(one, part).protocols[0]
+        assert left.rows - rest + kept.rows == one.protocols[0].rows
+        assert left.stretch_x[0] == kept.stretch_x[0] == one.protocols[0].stretch_x[0]
+        assert not set(left.load_x[rest:]) & set(kept.load_x[rest:])
+        seen += list(left.stretch_x[rest:])
+    np.testing.assert_array_equal(seen, one.protocols[0].stretch_x[rest:])
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    """Two laws on a specimen of three protocols whose truth is dispersed GOH."""
+    folder = tmp_path_factory.mktemp("laws")
+    write_specimen(small_specimen(), folder / "small.csv")
+    code = _run(
+        *("laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")),
+        *("--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"),
+    )
+    return folder, code
+
+
+def _run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    return int(ended.value.code or 0)
+
+
+def test_the_law_of_the_truth_predicts_best(compared):
+    folder, _ = compared
+    table = pd.read_csv(folder / "out" / "laws.csv").set_index("law")
+    assert list(table.index) == ["goh", "hgo", STACKED]
+    assert table["weight"]["goh"] > 0.9
+    assert table["weight"][["goh", "hgo"]].sum() == pytest.approx(1.0, abs=1e-5)
+    assert table["left_out_rms"]["goh"] < table["left_out_rms"]["hgo"]
+    assert table["left_out_density"][STACKED] > table["left_out_density"]["goh"] - 2.0
+    assert table["mounting_stretch_x_q05"]["goh"] < table["mounting_stretch_x_q95"]["goh"]
+    parts = pd.read_csv(folder / "out" / "left-out.csv")
+    sums = parts.groupby("law")["left_out_density"].sum()
+    for law in table.index:
+        assert sums[law] == pytest.approx(table["left_out_density"][law], rel=1e-5)
+    draws = pd.read_csv(folder / "out" / "stacked-draws.csv")
+    shares = draws["law"].value_counts(normalize=True)
+    assert shares["goh"] == pytest.approx(table["weight"]["goh"], abs=0.01)
+    quantile = np.quantile(draws["mounting_stretch_x"], 0.5)
+    assert quantile == pytest.approx(table["mounting_stretch_x_q50"][STACKED], rel=1e-5)
+    for name in ("law-misfit", "law-mounting", "stacked-bands"):
+        assert (folder / "out" / f"{name}.pdf").stat().st_size > 1000
+
+
+def test_a_comparison_is_resumed_and_never_overwritten(compared, capsys):
+    folder, code = compared
+    common = ["laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")]
+    common += ["--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"]
+    before = (folder / "out" / "laws.csv").read_bytes()
+    assert _run(*common) == 2
+    assert "go on with it by --resume" in capsys.readouterr().err
+    removed = sorted((folder / "out" / "parts").glob("*.npz"))[1]
+    removed.unlink()
+    assert _run(*common, "--resume") == code
+    assert (folder / "out" / "laws.csv").read_bytes() == before
+    assert _run(*common, "--resume", "--seed", "2") == 2
+    assert "another comparison" in capsys.readouterr().err
+    with pytest.raises(Interrupted, match="0 of 8 posteriors"):
+        biaxbayes.compare_laws(small_specimen(), laws=LAWS, workers=1, stop=lambda: 1)
+
+
+def test_what_cannot_be_compared_is_said():
+    with pytest.raises(InputError, match="mounted state of its own"):
+        biaxbayes.compare_laws(small_specimen(), mounting_stretch="per-protocol", workers=1)
+    with pytest.raises(InputError, match="did you mean fung"):
+        biaxbayes.compare_laws(small_specimen(), laws="goh,fong")
+    with pytest.raises(InputError, match="belongs to one law"):
+        biaxbayes.compare_laws(small_specimen(), law="goh", fibre_switch=True)
