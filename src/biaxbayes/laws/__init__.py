@@ -19,6 +19,7 @@ __all__ = ["DEFAULT_LAW", "LAWS", "law_named", "material"]
 DEFAULT_LAW = "goh"
 LAWS = {
     "goh": ("biaxbayes.laws.goh", "GOHLaw"),
+    "goh-exponential": ("biaxbayes.laws.goh_exponential", "GOHExponentialLaw"),
     "hgo": ("biaxbayes.laws.hgo", "HGOLaw"),
     "fung": ("biaxbayes.laws.fung", "FungLaw"),
 }
