@@ -20,6 +20,7 @@ DEFAULT_LAW = "goh"
 LAWS = {
     "goh": ("biaxbayes.laws.goh", "GOHLaw"),
     "goh-exponential": ("biaxbayes.laws.goh_exponential", "GOHExponentialLaw"),
+    "holzapfel-2005": ("biaxbayes.laws.holzapfel_2005", "Holzapfel2005Law"),
     "hgo": ("biaxbayes.laws.hgo", "HGOLaw"),
     "fung": ("biaxbayes.laws.fung", "FungLaw"),
 }
