@@ -23,10 +23,13 @@ STRESSES = [
     ("goh-exponential", (5.0, 8.0, 40.0, 6.0, 35.0, 0.1), (1.2, 1.1), (105.68881, 62.25862)),
     ("hgo", (1.5, 2.3632, 0.8393, 29.0), (1.2, 1.2), (8.263157, 4.529338)),
     ("holzapfel-2005", (1.27, 21.60, 8.21, 20.61, 0.25), (1.1, 1.1), (21.58439, 4.977273)),
+    ("may-newman", (0.0, 10.0, 10.0, 10.0, 0.0), (1.2, 1.1), (6.829236, 4.779061)),
     ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.1, 1.1), (18.20173, 15.90313)),
     ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.2, 1.1), (41.53337, 22.68735)),
 ]
-TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)}
+TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)} | {
+    "may-newman": (8.0, 10.0, 4.0, 60.0, 30.0),
+}
 """Values of each law's parameters, for tests that need some."""
 RECOVERED = TYPICAL | {"goh": (9.0, 20.0, 4.0, 42.0, 0.15)}
 """The same for tests that stretch as far as soft tissue does."""
