@@ -7,21 +7,32 @@ import pytest
 
 import biaxbayes
 from biaxbayes.errors import InputError
+from biaxbayes.fitting.fit import fit
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.laws.law import SamplingLayout, constants_at, energy, to_natural
+from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.layout import to_slot
+from biaxbayes.specimens.specimen import Protocol, Specimen
 
 STEP = 1e-30
 STRESSES = [
     # law, parameters, stretches, Cauchy stress in kPa, by complex step of the energy
     ("goh", (3.82, 996.6, 524.6, 49.98, 0.226), (1.1, 1.05), (470.86264, 510.21336)),
     ("goh", (1.5, 2.3632, 0.8393, 29.0, 0.0), (1.2, 1.2), (8.263157, 4.529338)),
+    ("goh-exponential", (5.0, 8.0, 40.0, 6.0, 35.0, 0.1), (1.1, 1.1), (30.14671, 21.68879)),
+    ("goh-exponential", (5.0, 8.0, 40.0, 6.0, 35.0, 0.1), (1.2, 1.1), (105.68881, 62.25862)),
     ("hgo", (1.5, 2.3632, 0.8393, 29.0), (1.2, 1.2), (8.263157, 4.529338)),
+    ("holzapfel-2005", (1.27, 21.60, 8.21, 20.61, 0.25), (1.1, 1.1), (21.58439, 4.977273)),
+    ("may-newman", (0.0, 10.0, 10.0, 10.0, 0.0), (1.2, 1.1), (6.829236, 4.779061)),
     ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.1, 1.1), (18.20173, 15.90313)),
     ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.2, 1.1), (41.53337, 22.68735)),
 ]
-TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)}
+TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)} | {
+    "may-newman": (8.0, 10.0, 4.0, 60.0, 30.0),
+}
 """Values of each law's parameters, for tests that need some."""
+RECOVERED = TYPICAL | {"goh": (9.0, 20.0, 4.0, 42.0, 0.15)}
+"""The same for tests that stretch as far as soft tissue does."""
 
 
 def random_materials(name: str, size: int) -> list:
@@ -133,6 +144,29 @@ def test_coordinates_of_fits_turn_back(name):
         np.testing.assert_allclose(
             law.at_point(point).cauchy(1.1, 1.2), material.cauchy(1.1, 1.2), rtol=1e-9
         )
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_three_protocols_without_noise_give_the_parameters_back(name):
+    values = RECOVERED[name]
+    lm = (1.02, 1.01)
+    protocols = []
+    for label, ratio in (("equal", (1.0, 1.0)), ("x", (1.0, 0.5)), ("y", (0.5, 1.0))):
+        true = virtual_test(
+            law_named(name).scalar(values),
+            mounting_stretch=lm,
+            total_stretch=1.25,
+            ratio=ratio,
+            increments=24,
+        )
+        curves = (true.measured_x, true.measured_y, true.piola_x_kPa, true.piola_y_kPa)
+        protocols.append(Protocol(label, *curves))
+    specimen = Specimen("virtual", tuple(protocols), "piola")
+    found = fit(specimen, law=name)
+    assert found.converged
+    assert found.rmse_kPa < 1e-6 * specimen.peak_load
+    np.testing.assert_allclose(found.material.values, values, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(found.mounting_stretch, [lm], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -234,11 +234,19 @@ def identify_draws(
 def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds) -> dict[str, str]:
     """Parameters that may mean nothing, because an end of another one is open; words for it."""
     out = {}
-    for name, (other, side, words) in law.meaningless.items():
-        if other in evidence:
-            ends = evidence[other].open_edges(thresholds)
-            if any(edge.side == side and edge.kind == "physical" for edge in ends):
-                out[name] = words
+    for name, causes in law.meaningless.items():
+        found = [
+            words
+            for other, side, words in causes
+            if other in evidence
+            and any(
+                edge.side == side and edge.kind == "physical"
+                for edge in evidence[other].open_edges(thresholds)
+            )
+        ]
+        if found:
+            ends, verb = " and ".join(found), "are" if len(found) > 1 else "is"
+            out[name] = f"{ends}, where no angle means anything, {verb} not excluded"
     return out
 
 

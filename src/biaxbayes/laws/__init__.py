@@ -19,6 +19,9 @@ __all__ = ["DEFAULT_LAW", "LAWS", "law_named", "material"]
 DEFAULT_LAW = "goh"
 LAWS = {
     "goh": ("biaxbayes.laws.goh", "GOHLaw"),
+    "goh-exponential": ("biaxbayes.laws.goh_exponential", "GOHExponentialLaw"),
+    "holzapfel-2005": ("biaxbayes.laws.holzapfel_2005", "Holzapfel2005Law"),
+    "may-newman": ("biaxbayes.laws.may_newman", "MayNewmanLaw"),
     "hgo": ("biaxbayes.laws.hgo", "HGOLaw"),
     "fung": ("biaxbayes.laws.fung", "FungLaw"),
 }

@@ -28,12 +28,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.law import MaterialResponse
+from biaxbayes.laws.law import MaterialResponse, exponential_energy
 
 __all__ = [
     "DEFAULT_SOFTENING",
     "angles_from_chart",
     "chart_from_angles",
+    "fibre_curvature",
+    "fibre_energy",
+    "fibre_slope",
     "fibre_strain",
     "largest_fibre_strain2",
     "reference_state",
@@ -63,6 +66,32 @@ def fibre_strain(constants, X, Y, Z):
     """Green-like strain E of the dispersed fibre families."""
     # E = Hx X + Hy Y + Hz Z - 1
     return constants.Hx * X + constants.Hy * Y + constants.Hz * Z - 1.0
+
+
+@inlined
+def _active(constants, E):
+    """Share of the fibres that carries load: none in compression with the switch."""
+    return 1.0 - constants.switch * (E.real < 0.0)
+
+
+@inlined
+def fibre_slope(constants, E, growth):
+    """Give dW/dE of W = (k1 / k2) (exp(k2 E^2) - 1), with the exponential ``growth``."""
+    # dW/dE = 2 k1 E exp(k2 E^2)
+    return 2.0 * constants.k1 * E * growth * _active(constants, E)
+
+
+@inlined
+def fibre_curvature(constants, E, growth):
+    """Give d2W/dE2."""
+    # d2W/dE2 = 2 k1 (1 + 2 k2 E^2) exp(k2 E^2)
+    stiffening = 1.0 + 2.0 * constants.k2 * E * E
+    return 2.0 * constants.k1 * stiffening * growth * _active(constants, E)
+
+
+def fibre_energy(constants, E):
+    """Strain energy of the fibres; not compiled."""
+    return constants.k1 * exponential_energy(constants.k2, E * E) * _active(constants, E)
 
 
 @inlined

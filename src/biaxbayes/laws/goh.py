@@ -31,10 +31,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from biaxbayes.compilation import inlined
 from biaxbayes.laws.dispersed_fibres import (
     angles_from_chart,
     chart_from_angles,
+    fibre_curvature,
+    fibre_energy,
+    fibre_slope,
     fibre_strain,
     largest_fibre_strain2,
     reference_state,
@@ -72,12 +74,6 @@ class Constants(NamedTuple):
     switch: Any
 
 
-@inlined
-def _active(constants, E):
-    """Share of the fibres that carries load: none in compression with the switch."""
-    return 1.0 - constants.switch * (E.real < 0.0)
-
-
 def _exponents(constants, X, Y, Z):
     E = fibre_strain(constants, X, Y, Z)
     return (constants.k2 * E * E,)
@@ -85,28 +81,23 @@ def _exponents(constants, X, Y, Z):
 
 def _derivatives(constants, X, Y, Z, g):
     E = fibre_strain(constants, X, Y, Z)
-    # dW/dE = 2 k1 E exp(k2 E^2);  dW/dX = C1 + Hx dW/dE
-    slope = 2.0 * constants.k1 * E * g[0] * _active(constants, E)
+    # dW/dX = C1 + Hx dW/dE
+    slope = fibre_slope(constants, E, g[0])
     C1 = constants.C1
     return C1 + constants.Hx * slope, C1 + constants.Hy * slope, C1 + constants.Hz * slope
 
 
 def _second_derivatives(constants, X, Y, Z, g):
     E = fibre_strain(constants, X, Y, Z)
-    k1, k2 = constants.k1, constants.k2
     Hx, Hy, Hz = constants.Hx, constants.Hy, constants.Hz
-    # d2W/dE2 = 2 k1 (1 + 2 k2 E^2) exp(k2 E^2);  W_XY = Hx Hy d2W/dE2
-    c = 2.0 * k1 * (1.0 + 2.0 * k2 * E * E) * g[0] * _active(constants, E)
+    # W_XY = Hx Hy d2W/dE2
+    c = fibre_curvature(constants, E, g[0])
     return c * Hx * Hx, c * Hx * Hy, c * Hx * Hz, c * Hy * Hy, c * Hy * Hz, c * Hz * Hz
 
 
 def _energy(constants, X, Y, Z):
     E = fibre_strain(constants, X, Y, Z)
-    k2 = np.asarray(constants.k2)
-    # (exp(k2 E^2) - 1) / k2 -> E^2 as k2 -> 0
-    safe = np.where(k2 == 0.0, 1.0, k2)
-    fibre = np.where(k2 == 0.0, E * E, np.expm1(k2 * E * E) / safe)
-    return constants.C1 * (X + Y + Z - 3.0) + constants.k1 * fibre * _active(constants, E)
+    return constants.C1 * (X + Y + Z - 3.0) + fibre_energy(constants, E)
 
 
 register(
@@ -208,9 +199,7 @@ class GOHLaw(Law):
         ),
     )
     ties = (("k1", "C1"), ("C1", "k1"))
-    meaningless: ClassVar = {
-        "alpha": ("kappa", 1, "kappa = 1/3, where no angle means anything, is not excluded")
-    }
+    meaningless: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"), ("k1", 0, "k1 = 0"))}
 
     def constants_at_point(self, C1, k1, k2, t, kappa) -> Constants:
         """Constants at t = cos^2 alpha."""
@@ -303,14 +292,15 @@ class GOHLaw(Law):
         """Stresses and their derivatives by (C1, k1, k2, t, kappa), in closed form."""
         _, k1, _, t, kappa = point
         c = self.at_point(point).constants
+        one = c._replace(k1=1.0)
         X, Y = stretch * stretch
         Z = 1.0 / (X * Y)
         E = fibre_strain(c, X, Y, Z)
         g = (np.exp(c.k2 * E * E),)
         first, second = _derivatives(c, X, Y, Z, g), _second_derivatives(c, X, Y, Z, g)
         # e = 2 dW/dE, the fibre stress factor, and its slope
-        unit = 4.0 * E * g[0] * _active(c, E)
-        slope = 4.0 * k1 * (1.0 + 2.0 * c.k2 * E * E) * g[0] * _active(c, E)
+        unit = 2.0 * fibre_slope(one, E, g[0])
+        slope = 2.0 * fibre_curvature(c, E, g[0])
         e = k1 * unit
         spread = 1.0 - 3.0 * kappa
         # dE/dt and dE/dkappa, from dHx/dt = 1 - 3 kappa, dHx/dkappa = 1 - 3 t and Hx + Hy + Hz = 1

@@ -82,6 +82,7 @@ class HGOLaw(Law):
     parameters: ClassVar[tuple[Parameter, ...]] = GOHLaw.parameters[:4]
     ties = GOHLaw.ties
     amplitudes = ("C1", "k1")
+    meaningless: ClassVar = {"alpha": (("k1", 0, "k1 = 0"),)}
 
     @property
     def in_words(self) -> str:

@@ -53,6 +53,7 @@ __all__ = [
     "constants_at",
     "derivatives",
     "energy",
+    "exponential_energy",
     "exponentials",
     "exponents",
     "log_stretch_jacobian",
@@ -150,6 +151,13 @@ for _name in _COMPILED:
 def exponentials(x):
     """Exponentials of a tuple of exponents."""
     return tuple(np.exp(v) for v in x)
+
+
+def exponential_energy(k: Any, x: Any) -> Any:
+    """Give (exp(k x) - 1) / k, which is x where k is zero; numbers and arrays, complex ones too."""
+    k = np.asarray(k)
+    safe = np.where(k == 0.0, 1.0, k)
+    return np.where(k == 0.0, x, np.expm1(k * x) / safe)
 
 
 def _exponentials_of_tuple(x):
@@ -382,9 +390,9 @@ class Law(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     ties: ClassVar[tuple[tuple[str, str], ...]] = ()
     """Pairs of parameters of which the first can be tied to the second."""
-    meaningless: ClassVar[Mapping[str, tuple[str, int, str]]] = {}
+    meaningless: ClassVar[Mapping[str, tuple[tuple[str, int, str], ...]]] = {}
     """Parameters that mean nothing where another is at an end of its range: its name, the side (0
-    low, 1 high), and words to say that this end is not excluded."""
+    low, 1 high), and what the material is there; one for every such end."""
 
     # --- materials ---
 

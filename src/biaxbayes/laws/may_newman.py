@@ -1,0 +1,326 @@
+r"""The law of May-Newman and Yin for heart valves, with a neo-Hookean matrix.
+
+    W = c0 (I1 - 3) + k1 / (k2 + k3) (exp(Q) - 1),    Q = k2 (I1 - 3)^2 + k3 (sqrt(I4) - 1)^4
+
+    I1 = X + Y + Z,    I4 = X cos^2 alpha + Y sin^2 alpha
+
+with the squared stretches X, Y, Z. Two families of fibres at +alpha and -alpha from x share the one
+exponential; an axis-aligned test stretches both alike. Without the matrix (c0 = 0) the stiffness at
+the unloaded state is zero, so that c0 is positive.
+
+The sampler works in ln c0, ln S, ln Q*, d and alpha, which is folded at 0 and 90 degrees, with
+
+    Q* = Q at one fixed reference stretch l* a specimen,    d = ln(k3 u^4 / (k2 J^2))
+    S = k1 / (k2 + k3) G exp(Q*),    G = k2 J (X + Y - 2 Z) + k3 u^3 sqrt(I4)
+
+    J = I1 - 3,    u = sqrt(I4) - 1
+
+there: 4 S is the sum of both stresses of the exponential. Data pin it and the exponent far better
+than k1, k2 and k3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from biaxbayes.compilation import inlined
+from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
+from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
+from biaxbayes.parameters import Parameter, fibre_angle, scale
+
+__all__ = ["MayNewmanLaw"]
+
+
+# --- the model ---------------------------------------------------------------------------------
+
+
+class Constants(NamedTuple):
+    """c0, k1 (kPa), k2, k3 and cos^2 alpha."""
+
+    c0: Any
+    k1: Any
+    k2: Any
+    k3: Any
+    cos2: Any
+
+
+@inlined
+def _strains(constants, X, Y, Z):
+    """(I1 - 3, fibre stretch sqrt(I4))."""
+    return X + Y + Z - 3.0, np.sqrt(constants.cos2 * X + (1.0 - constants.cos2) * Y)
+
+
+def _exponents(constants, X, Y, Z):
+    J, stretch = _strains(constants, X, Y, Z)
+    u2 = (stretch - 1.0) * (stretch - 1.0)
+    return (constants.k2 * J * J + constants.k3 * u2 * u2,)
+
+
+@inlined
+def _slopes(constants, X, Y, Z):
+    """(dQ/dI1, dQ/dI4, sqrt(I4))."""
+    J, stretch = _strains(constants, X, Y, Z)
+    u = stretch - 1.0
+    # dQ/dI1 = 2 k2 (I1 - 3),  dQ/dI4 = 2 k3 (sqrt(I4) - 1)^3 / sqrt(I4)
+    return 2.0 * constants.k2 * J, 2.0 * constants.k3 * u * u * u / stretch, stretch
+
+
+def _derivatives(constants, X, Y, Z, g):
+    by_I1, by_I4, _ = _slopes(constants, X, Y, Z)
+    growth = constants.k1 / (constants.k2 + constants.k3) * g[0]
+    # dW/dX = c0 + k1 / (k2 + k3) exp(Q) dQ/dX
+    matrix = constants.c0 + growth * by_I1
+    fibres = growth * by_I4
+    return matrix + constants.cos2 * fibres, matrix + (1.0 - constants.cos2) * fibres, matrix
+
+
+def _second_derivatives(constants, X, Y, Z, g):
+    by_I1, by_I4, stretch = _slopes(constants, X, Y, Z)
+    cx, cy = constants.cos2, 1.0 - constants.cos2
+    growth = constants.k1 / (constants.k2 + constants.k3) * g[0]
+    Qx, Qy, Qz = by_I1 + cx * by_I4, by_I1 + cy * by_I4, by_I1
+    u = stretch - 1.0
+    # d2Q/dI4^2 = k3 (sqrt(I4) - 1)^2 (2 sqrt(I4) + 1) / I4^(3/2)
+    m = 2.0 * constants.k2
+    f = constants.k3 * u * u * (2.0 * stretch + 1.0) / (stretch * stretch * stretch)
+    # W_XY = k1 / (k2 + k3) exp(Q) (d2Q/dXdY + dQ/dX dQ/dY)
+    return (
+        growth * (m + cx * cx * f + Qx * Qx),
+        growth * (m + cx * cy * f + Qx * Qy),
+        growth * (m + Qx * Qz),
+        growth * (m + cy * cy * f + Qy * Qy),
+        growth * (m + Qy * Qz),
+        growth * (m + Qz * Qz),
+    )
+
+
+def _energy(constants, X, Y, Z):
+    (Q,) = _exponents(constants, X, Y, Z)
+    growth = constants.k1 / (constants.k2 + constants.k3)
+    return constants.c0 * (X + Y + Z - 3.0) + growth * np.expm1(Q)
+
+
+register(
+    Constants,
+    exponents=_exponents,
+    derivatives=_derivatives,
+    second_derivatives=_second_derivatives,
+    energy=_energy,
+)
+
+
+# --- sampling coordinates ----------------------------------------------------------------------
+
+
+_C0, _K1, _K2, _K3, _ALPHA = range(5)
+
+
+class Coordinates(NamedTuple):
+    """Constants of the sampling coordinates.
+
+    ``k1_free`` is 1 where ln S is sampled, ``both_free`` where ln Q* and d stand for k2 and k3;
+    (X, Y, Z) is the squared reference stretch.
+    """
+
+    k1_free: float
+    both_free: float
+    X: float
+    Y: float
+    Z: float
+
+
+@inlined
+def _reference_state(coordinates, alpha):
+    """(ln J^2, ln u^4, J (X + Y - 2 Z), u^3 sqrt(I4)) at the reference stretch."""
+    X, Y, Z = coordinates.X, coordinates.Y, coordinates.Z
+    cos2 = np.cos(alpha) ** 2
+    stretch = np.sqrt(cos2 * X + (1.0 - cos2) * Y)
+    J, u = X + Y + Z - 3.0, stretch - 1.0
+    return 2.0 * np.log(J), 4.0 * np.log(u), J * (X + Y - 2.0 * Z), u**3 * stretch
+
+
+@inlined
+def _log_stress(reference, log_k2, log_k3):
+    """Logarithm of S / k1."""
+    log_J2, log_u4, of_k2, of_k3 = reference
+    k2, k3 = np.exp(log_k2), np.exp(log_k3)
+    # S / k1 = G exp(Q*) / (k2 + k3)
+    Q = np.exp(log_k2 + log_J2) + np.exp(log_k3 + log_u4)
+    return np.log((k2 * of_k2 + k3 * of_k3) / (k2 + k3)) + Q
+
+
+def _to_natural(coordinates, value):
+    alpha = value[_ALPHA]
+    if not 0.0 <= alpha <= 0.5 * np.pi:
+        return -np.inf
+    reference = _reference_state(coordinates, alpha)
+    if coordinates.both_free > 0.0:
+        log_J2, log_u4, _, _ = reference
+        log_Q, d = value[_K2], value[_K3]
+        # Q* = k2 J^2 (1 + e^d)
+        log_part = log_Q - np.log1p(np.exp(d))
+        value[_K2], value[_K3] = log_part - log_J2, log_part + d - log_u4
+    if coordinates.k1_free > 0.0:
+        value[_K1] -= _log_stress(reference, value[_K2], value[_K3])
+    return 0.0
+
+
+def _constants_at(coordinates, value):
+    cos2 = np.cos(value[_ALPHA]) ** 2
+    return Constants(value[_C0], value[_K1], value[_K2], value[_K3], cos2)
+
+
+register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+
+
+# --- the law -----------------------------------------------------------------------------------
+
+
+_MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
+_EXPONENT_SHARE = 0.05
+
+
+class MayNewmanLaw(Law):
+    """Fibres and an isotropic invariant in one exponential, fibres by their stretch."""
+
+    name = "may-newman"
+    title = "May-Newman"
+    source = "May-Newman, Yin, J. Biomech. Eng. 120 (1998) 38"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
+        scale("k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e7, "no exponential"),
+        scale("k2", "k_2", "isotropic exponent", "1", 5.0, 2.0, 1e4, "fibres alone stiffen"),
+        scale("k3", "k_3", "exponent of the fibres", "1", 50.0, 2.5, 1e6, "isotropic"),
+        fibre_angle("alpha", r"\alpha", "fibre angle from x"),
+    )
+    ties = (("k1", "c0"), ("c0", "k1"))
+    amplitudes = ("c0", "k1")
+    meaningless: ClassVar = {"alpha": (("k3", 0, "k3 = 0"), ("k1", 0, "k1 = 0"))}
+    condition = "k2 + k3 has to be larger than zero"
+
+    def holds(self, values: Mapping[str, Any]) -> Any:
+        """Whether there is an exponent."""
+        return np.asarray(values["k2"]) + values["k3"] > 0.0
+
+    def constants_at_point(self, c0, k1, k2, k3, t) -> Constants:
+        """Constants at t = cos^2 alpha."""
+        return Constants(c0, k1, k2, k3, t)
+
+    @property
+    def in_words(self) -> str:
+        """The law as the object of a sentence."""
+        return (
+            "the incompressible May-Newman model with two fibre families at ±alpha from the x axis "
+            "that share an exponential with I1, in a neo-Hookean matrix; fibres carried load in "
+            "extension and compression"
+        )
+
+    # --- sampling coordinates ---
+
+    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+        """Constants of the sampling coordinates."""
+        k1, k2, k3 = (layout.structural and name in layout.free for name in ("k1", "k2", "k3"))
+        return Coordinates(float(k1), float(k2 and k3), *layout.reference)
+
+    def to_coordinates(
+        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Sampling coordinates at natural values: logs of c0, k1, k2, k3; alpha in radians."""
+        out = dict(values)
+        reference = _reference_state(coordinates, values["alpha"])
+        log_J2, log_u4, _, _ = reference
+        if coordinates.k1_free > 0.0:
+            out["k1"] = values["k1"] + _log_stress(reference, values["k2"], values["k3"])
+        if coordinates.both_free > 0.0:
+            of_k2, of_k3 = values["k2"] + log_J2, values["k3"] + log_u4
+            out["k2"], out["k3"] = np.logaddexp(of_k2, of_k3), of_k3 - of_k2
+        return out
+
+    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+        """Bounds of the angle."""
+        del coordinates
+        return {"alpha": (0.0, 0.5 * np.pi)}
+
+    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
+        """A material moved off its edges, to where the sampling coordinates are regular."""
+        c0, k1, k2, k3, alpha = values
+        stiff = max(c0, 1e-3), max(k1, 1e-3)
+        return *stiff, max(k2, 1e-2), max(k3, 1e-2), float(np.clip(alpha, 3.0, 87.0))
+
+    def inner_point(self, point: np.ndarray) -> np.ndarray:
+        """(c0, k1, k2, k3, t) moved off its bounds."""
+        return np.clip(point, [1e-3, 1e-3, 1e-2, 1e-2, 0.01], [*[np.inf] * 4, 0.99])
+
+    # --- fits ---
+
+    def shapes(
+        self, size: int, largest: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Random exponents at the largest stretches, their shares, and angles."""
+        u = rng.random((size, 3))
+        Q = 10.0 ** (-2.0 + 3.2 * u[:, 0])
+        share = u[:, 1].copy()  # of the fibres
+        t = np.cos(0.5 * np.pi * u[:, 2]) ** 2
+        share[3::5], share[4::9] = 1.0, 0.0
+        t[1::7], t[2::7] = 0.0, 1.0
+        X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
+        one = np.ones(size)
+        J, stretch = _strains(Constants(one, one, one, one, t), X, Y, 1.0 / (X * Y))
+        k2 = np.minimum((1.0 - share) * Q / J**2, self.upper[_K2])
+        k3 = np.minimum(share * Q / (stretch - 1.0) ** 4, self.upper[_K3])
+        return np.column_stack([one, one, k2, k3, t]), np.column_stack([0.3 * np.log(Q), share, t])
+
+    # --- priors and what draws tell ---
+
+    def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
+        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
+
+        At the medians both parts of the exponent are one half there, at 45 degrees, and matrix and
+        exponential carry 30 and 70 % of the stress.
+        """
+        J, u = 2.0 * stretch**2 + stretch**-4 - 3.0, stretch - 1.0
+        k2, k3 = 0.5 / J**2, 0.5 / u**4
+        shear = stretch - stretch**-5
+        # P = 2 c0 (l - l^-5) and k1 / (k2 + k3) exp(Q) (4 k2 J (l - l^-5) + 2 k3 u^3)
+        exponential = np.e * (4.0 * k2 * J * shear + 2.0 * k3 * u**3) / (k2 + k3)
+        return {
+            "c0": ("lognormal", _MATRIX_LOAD * peak_kPa / (2.0 * shear), 0.8),
+            "k1": ("lognormal", (1.0 - _MATRIX_LOAD) * peak_kPa / exponential, 0.8),
+            "k2": ("lognormal", k2, 0.8),
+            "k3": ("lognormal", k3, 0.8),
+            "alpha": ("uniform", 0.0, 90.0),
+        }
+
+    def described_at(
+        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """The exponent at the largest of some total stretches."""
+        return {"exponent Q": _largest_exponent(material.constants, tops)}
+
+    nearness = (
+        f"k2 and k3 where their part of the exponent at the largest stretch is below "
+        f"{_EXPONENT_SHARE:g} of it; c0 and k1 where they carry less than {LOAD_SHARE:g} of the "
+        "stress there"
+    )
+
+    def edge_distances(
+        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    ) -> dict[str, float]:
+        """How near to a physical edge counts as near: small shares of stress and exponent."""
+        c = material.constants
+        Q = _largest_exponent(c, tops)
+        out = amplitude_distances(material, tops)
+        for name in ("k2", "k3"):
+            other = "k3" if name == "k2" else "k2"
+            one = c._replace(**{name: np.ones_like(c.k1), other: np.zeros_like(c.k1)})
+            per_unit = np.maximum(_largest_exponent(one, tops), 1e-12)
+            out[name] = _EXPONENT_SHARE * float(np.median(Q / per_unit))
+        return out
+
+
+def _largest_exponent(constants: Constants, tops: Sequence[np.ndarray]) -> np.ndarray:
+    """Largest exponent of each draw at some total stretches, shape (n,)."""
+    return largest_at(lambda X, Y, Z: _exponents(constants, X, Y, Z)[0], tops)
