@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biaxbayes.laws.goh import GOH, cauchy_stress, structure_tensor
+from biaxbayes.laws.dispersed_fibres import structure_tensor
+from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import smooth_misfit
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
@@ -102,9 +103,7 @@ class _GOHStress:
     material: GOH
 
     def __call__(self, total: np.ndarray) -> np.ndarray:
-        m = self.material
-        angle = np.deg2rad(m.alpha_deg)
-        return np.column_stack(cauchy_stress(m.C1_kPa, m.k1_kPa, m.k2, angle, m.kappa, *total.T))
+        return np.column_stack(self.material.cauchy(*total.T))
 
 
 def _goh(rng: np.random.Generator, top: np.ndarray, *, alpha=None, kappa=None) -> Stress:

@@ -7,17 +7,24 @@ starts.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from biaxbayes.errors import InputError, TaredSpecimen
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
-from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, Readings, readings
+from biaxbayes.fitting.residuals import (
+    BalancedMounting,
+    GivenMounting,
+    Readings,
+    mounting_roots,
+    readings,
+)
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law, MaterialResponse
+from biaxbayes.model.effective_readings import effective_readings
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
@@ -110,13 +117,15 @@ class _Setup:
     balanced: bool
     sd: np.ndarray | None
     law: Law
+    compiled: bool = True
 
     def problem(self) -> GivenMounting:
         """The problem with the mounting load known, or with no mounting stretch at all."""
         common = (self.stretched, "load", self.point, self.free, self.data.peak)
         one = np.ones_like(self.data.mounting_load)
-        kind = BalancedMounting if self.balanced else GivenMounting
-        return kind(*common, one, self.law)
+        if self.balanced:
+            return BalancedMounting(*common, one, self.law, compiled=self.compiled)
+        return GivenMounting(*common, one, self.law)
 
 
 def refuse_tared(specimen: Specimen) -> None:
@@ -205,3 +214,108 @@ def _reweighted(setup: _Setup, exact: Descent) -> tuple[BalancedMounting, Descen
         if settled:
             break
     return problem, Descent(unknowns, found.cost, steps, found.converged and settled)
+
+
+# --- the mounting stretch of one law among others ------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class LawFit:
+    """Where a law puts the mounting stretch of a record, and how well it describes it.
+
+    Attributes
+    ----------
+    law : str
+    rms : float
+        Misfit of the load, in the unit of the specimen.
+    rmse_kPa : float
+        As of a :class:`~biaxbayes.fitting.result.FitResult`.
+    mounting_stretch : ndarray, shape (m, 2)
+        One row, or one a protocol.
+    sd : ndarray, shape (m, 2)
+        Of the mounting stretches by the curvature of the sum of squares: residuals count as the
+        independent readings that they are worth, and the mounting reading has its own sd.
+    converged : bool
+    """
+
+    law: str
+    rms: float
+    rmse_kPa: float
+    mounting_stretch: np.ndarray
+    sd: np.ndarray
+    converged: bool
+
+
+def fit_law(
+    specimen: Specimen,
+    law: str,
+    *,
+    reading: str = "exact",
+    mounting_stretch: str = FitOptions.mounting_stretch,
+    starts: int = 3,
+    seed: int = 0,
+) -> LawFit:
+    """Least squares of a law on the measured load, with the error of its mounting stretch.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    law : str
+    reading : {"exact", "ignored", "zeroed"}
+        As in :func:`constrained_fit`.
+    mounting_stretch : {"shared", "per-protocol"}
+    starts, seed : int
+
+    Returns
+    -------
+    LawFit
+    """
+    setup = replace(
+        _setup(specimen, reading, mounting_stretch, None, law_named(law)), compiled=False
+    )
+    points = _starting_points(setup, starts, seed, None)
+    bounds = (setup.law.lower[setup.free], setup.law.upper[setup.free])
+    found = best_descent(setup.problem, [p[setup.free] for p in points], *bounds)
+    problem: GivenMounting = setup.problem()
+    fitted = fit_result(
+        "constrained",
+        setup.data,
+        problem.theta(found.unknowns),
+        problem.mounting(found.unknowns),
+        setup.free,
+        iterations=found.iterations,
+        converged=found.converged,
+        law=setup.law,
+    )
+    rms = float(np.sqrt(np.mean(np.concatenate(fitted.residuals) ** 2)))
+    sd = np.zeros_like(fitted.mounting_stretch)
+    if setup.balanced:
+        sd = _mounting_sd(setup, problem, found.unknowns, fitted.residuals)
+    return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, found.converged)
+
+
+def _mounting_sd(
+    setup: _Setup,
+    problem: GivenMounting,
+    unknowns: np.ndarray,
+    residuals: tuple[np.ndarray, ...],
+) -> np.ndarray:
+    """Standard deviation (m, 2) of the mounting stretches at the least squares."""
+    data, law = setup.data, setup.law
+    with np.errstate(all="ignore"):
+        r, jacobian = problem.residual(unknowns), problem.jacobian(unknowns)
+        worth = effective_readings(residuals)
+        # covariance s^2 (J^T J)^-1, with s^2 over the readings that the rows are worth
+        left = max(worth.total - unknowns.size, 1.0)
+        variance = float(r @ r) / r.size * worth.total / left / min(worth.beta, 1.0)
+        covariance = variance * np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
+        point = problem.theta(unknowns)
+        lm, inverse = mounting_roots(data, point, data.mounting_load, law, compiled=False)
+        state = law.response(point, lm)
+        # J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
+        slope = -np.einsum("gij,jpg->igp", inverse, state.by_coordinate)[..., setup.free]
+        by_theta = np.einsum("igp,pq,igq->ig", slope, covariance, slope)
+        load = data.mounting_sd / data.area[:, None] * (1.0 if data.mounted else lm)
+        by_reading = np.einsum("gij,jg->igj", inverse, load)
+        total = np.sqrt(by_theta + (by_reading**2).sum(axis=-1)) * lm
+    return np.where(np.isfinite(total), total, np.inf).T

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -232,10 +233,12 @@ class BalancedMounting(GivenMounting):
     """The mounting stretch is the root of the force balance at the mounted state.
 
     With ``reading_sd`` (2, m) the mounting loads are unknowns too, in units of their sd from
-    their readings, and add one residual each.
+    their readings, and add one residual each. Not ``compiled``, the same code looks for the root in
+    Python: for laws that are fitted once, compiling takes longer than that.
     """
 
     reading_sd: np.ndarray | None = None
+    compiled: bool = True
 
     def mounting_load(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting loads, shape (2, m), in the unit of the readings."""
@@ -247,13 +250,13 @@ class BalancedMounting(GivenMounting):
 
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m); NaN where no root exists."""
-        return mounting_roots(
-            self.data, self.theta(unknowns), self.mounting_load(unknowns), self.law
-        )[0]
+        load = self.mounting_load(unknowns)
+        return mounting_roots(self.data, self.theta(unknowns), load, self.law, self.compiled)[0]
 
     def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         point, data = self.theta(unknowns), self.data
-        lm, inverse = mounting_roots(data, point, self.mounting_load(unknowns), self.law)
+        load = self.mounting_load(unknowns)
+        lm, inverse = mounting_roots(data, point, load, self.law, self.compiled)
         width = unknowns.size
         extra = 0 if self.reading_sd is None else self.reading_sd.size
         if not np.isfinite(lm).all():
@@ -282,7 +285,7 @@ class BalancedMounting(GivenMounting):
 
 
 def mounting_roots(
-    data: Readings, point: np.ndarray, load: np.ndarray, law: Law
+    data: Readings, point: np.ndarray, load: np.ndarray, law: Law, compiled: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mounting stretches (2, m) and inverse Jacobians of the balance (m, 2, 2); NaN without root.
 
@@ -293,13 +296,15 @@ def mounting_roots(
     load : ndarray, shape (2, m)
         Mounting loads.
     law : Law
+    compiled : bool
     """
+    solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
     constants = law.at_point(point).constants
     groups = load.shape[1]
     lm, inverse = np.full((2, groups), np.nan), np.full((groups, 2, 2), np.nan)
     for g in range(groups):
         px, py = load[:, g] / data.area
-        ok, x, y, jxx, jxy, jyy = solve_balance(constants, px, py, data.mounted)
+        ok, x, y, jxx, jxy, jyy = solve(constants, px, py, data.mounted)
         if ok:
             lm[:, g] = np.exp(x), np.exp(y)
             inverse[g] = np.array([[jyy, -jxy], [-jxy, jxx]]) / (jxx * jyy - jxy * jxy)
