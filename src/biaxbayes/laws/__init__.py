@@ -21,6 +21,7 @@ LAWS = {
     "goh": ("biaxbayes.laws.goh", "GOHLaw"),
     "hgo": ("biaxbayes.laws.hgo", "HGOLaw"),
     "fung": ("biaxbayes.laws.fung", "FungLaw"),
+    "four-fibre": ("biaxbayes.laws.four_fibre", "FourFibreLaw"),
 }
 """Where a law stands, by its name."""
 

@@ -705,6 +705,10 @@ class SamplingLayout(NamedTuple):
         Coordinates that data pin, rather than the parameters themselves.
     chart : bool
         Whether a chart that is regular at the edges is asked for, where a law has one.
+    widest : (float, float, float)
+        As ``reference``, of the row of largest I1: a state that the specimen has been in.
+    peak_kPa : float
+        Largest stress of the specimen, a scale of stiffnesses.
     """
 
     free: tuple[str, ...]
@@ -712,3 +716,5 @@ class SamplingLayout(NamedTuple):
     softening: float
     structural: bool
     chart: bool
+    widest: tuple[float, float, float]
+    peak_kPa: float
