@@ -10,6 +10,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.laws.law import SamplingLayout, constants_at, energy, to_natural
 from biaxbayes.model.layout import to_slot
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 STEP = 1e-30
 STRESSES = [
@@ -37,9 +38,17 @@ STRESSES = [
         (1.2, 1.2),
         (26.12810, 21.57816),
     ),
+    ("lee-sacks", (5.0, 10.0, 10.0, 6.0, 0.4, 35.0), (1.2, 1.1), (90.485174, 48.330623)),
+    ("lee-sacks", (0.0, 10.0, 10.0, 10.0, 0.5, 0.0), (1.1, 1.1), (45.53019, 6.036425)),
 ]
 TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)}
 """Values of each law's parameters, for tests that need some."""
+RECOVERED = {
+    # stiff enough for all of its terms to be seen below a stretch of 1.2
+    "goh": (9.0, 40.0, 8.0, 42.0, 0.15),
+    "hgo": (9.0, 40.0, 8.0, 42.0),
+    "four-fibre": (18.0, 16.0, 3.0, 25.0, 2.0, 40.0, 6.0, 40.0),
+}
 
 
 def random_materials(name: str, size: int) -> list:
@@ -149,6 +158,26 @@ def test_coordinates_of_fits_turn_back(name):
         np.testing.assert_allclose(
             law.at_point(point).cauchy(1.1, 1.2), material.cauchy(1.1, 1.2), rtol=1e-9
         )
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_three_protocols_without_noise_give_the_material_back(name):
+    law = law_named(name)
+    material = law.scalar(RECOVERED.get(name, TYPICAL[name]))
+    mounting = (1.01, 1.02)
+    specimen, _ = virtual_specimen(
+        material,
+        name="recovered",
+        mounting_stretch=mounting,
+        total_stretch=1.2,
+        ratios=((1.0, 1.0), (1.0, 0.5), (0.5, 1.0)),
+        increments=20,
+        machine=Machine(noise_N=0.0),
+        seed=0,
+    )
+    found = biaxbayes.fit(specimen, "constrained", law=name)
+    np.testing.assert_allclose(found.material.values, material.values, rtol=1e-4)
+    np.testing.assert_allclose(found.mounting_stretch[0], mounting, atol=1e-6)
 
 
 @pytest.mark.parametrize(
