@@ -171,7 +171,7 @@ def test_three_protocols_without_noise_give_the_material_back(name):
         mounting_stretch=mounting,
         total_stretch=1.2,
         ratios=((1.0, 1.0), (1.0, 0.5), (0.5, 1.0)),
-        increments=20,
+        increments=12,
         machine=Machine(noise_N=0.0),
         seed=0,
     )
