@@ -26,12 +26,37 @@ STRESSES = [
     ("may-newman", (0.0, 10.0, 10.0, 10.0, 0.0), (1.2, 1.1), (6.829236, 4.779061)),
     ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.1, 1.1), (18.20173, 15.90313)),
     ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.2, 1.1), (41.53337, 22.68735)),
+    (
+        "four-fibre",
+        (18.536, 16.593, 0.108, 25.37, 0.036, 0.078, 1.719, 61.2146),
+        (1.2, 1.2),
+        (28.52023, 34.04556),
+    ),
+    (
+        "four-fibre",
+        (18.536, 16.593, 0.108, 25.37, 0.036, 0.078, 1.719, 61.2146),
+        (1.4, 1.6),
+        (70.36408, 168.36646),
+    ),
+    (
+        "four-fibre",
+        (20.652, 7.593, 1.285, 1.074, 3.821, 0.109, 7.154, 55.2902),
+        (1.2, 1.2),
+        (26.12810, 21.57816),
+    ),
+    ("lee-sacks", (5.0, 10.0, 10.0, 6.0, 0.4, 35.0), (1.2, 1.1), (90.485174, 48.330623)),
+    ("lee-sacks", (0.0, 10.0, 10.0, 10.0, 0.5, 0.0), (1.1, 1.1), (45.53019, 6.036425)),
 ]
 TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)} | {
     "may-newman": (8.0, 10.0, 4.0, 60.0, 30.0),
 }
 """Values of each law's parameters, for tests that need some."""
-RECOVERED = TYPICAL | {"goh": (9.0, 20.0, 4.0, 42.0, 0.15)}
+RECOVERED = TYPICAL | {
+    # stiff enough for all of their terms to be seen below a stretch of 1.25
+    "goh": (9.0, 20.0, 4.0, 42.0, 0.15),
+    "hgo": (9.0, 40.0, 8.0, 42.0),
+    "four-fibre": (18.0, 16.0, 3.0, 25.0, 2.0, 40.0, 6.0, 40.0),
+}
 """The same for tests that stretch as far as soft tissue does."""
 
 
@@ -94,7 +119,8 @@ def test_derivatives_are_those_of_the_energy(name):
 @pytest.mark.parametrize("structural", [True, False])
 def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(name, structural):
     law = law_named(name)
-    layout = SamplingLayout(law.names, (1.5, 1.4, 1.0 / (1.5 * 1.4)), 0.3, structural, structural)
+    reference = (1.5, 1.4, 1.0 / (1.5 * 1.4))
+    layout = SamplingLayout(law.names, reference, 0.3, structural, structural, reference, 100.0)
     coordinates = law.coordinates(layout)
     for material in random_materials(name, 30):
         slots = {

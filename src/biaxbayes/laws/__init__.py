@@ -24,6 +24,8 @@ LAWS = {
     "may-newman": ("biaxbayes.laws.may_newman", "MayNewmanLaw"),
     "hgo": ("biaxbayes.laws.hgo", "HGOLaw"),
     "fung": ("biaxbayes.laws.fung", "FungLaw"),
+    "four-fibre": ("biaxbayes.laws.four_fibre", "FourFibreLaw"),
+    "lee-sacks": ("biaxbayes.laws.lee_sacks", "LeeSacksLaw"),
 }
 """Where a law stands, by its name."""
 
