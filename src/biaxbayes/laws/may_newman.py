@@ -181,6 +181,7 @@ register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 _MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
 _EXPONENT_SHARE = 0.05
+_LEAST_K3 = 1e-6  # of a fit; it alters no stress where k2 is larger
 
 
 class MayNewmanLaw(Law):
@@ -199,6 +200,7 @@ class MayNewmanLaw(Law):
     ties = (("k1", "c0"), ("c0", "k1"))
     amplitudes = ("c0", "k1")
     meaningless: ClassVar = {"alpha": (("k3", 0, "k3 = 0"), ("k1", 0, "k1 = 0"))}
+    bound_together = ("k2", "k3")
     condition = "k2 + k3 has to be larger than zero"
 
     def holds(self, values: Mapping[str, Any]) -> Any:
@@ -255,6 +257,11 @@ class MayNewmanLaw(Law):
         return np.clip(point, [1e-3, 1e-3, 1e-2, 1e-2, 0.01], [*[np.inf] * 4, 0.99])
 
     # --- fits ---
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds of (c0, k1, k2, k3, t): without any exponent there is no law."""
+        return np.array([0.0, 0.0, 0.0, _LEAST_K3, 0.0])
 
     def shapes(
         self, size: int, largest: np.ndarray, rng: np.random.Generator
