@@ -219,6 +219,16 @@ def test_an_amplitude_is_near_zero_where_it_carries_a_twentieth_of_the_stress():
         assert np.sum(small.cauchy(1.2, 1.15)) == pytest.approx(0.05 * whole, rel=1e-9)
 
 
+def test_a_small_amplitude_that_carries_the_load_is_not_near_zero():
+    law = law_named("hgo")
+    k2 = np.linspace(1.0, 60.0, 200)
+    E = 1.2**2 - 1.0
+    # the same fibre stress at the largest stretch, whatever the exponent
+    values = {"C1": np.full(200, 1.0), "k1": 50.0 * np.exp(-k2 * E**2), "k2": k2, "alpha": 0.0 * k2}
+    distance = law.edge_distances(law.material(values), [np.full((200, 2), 1.2)])["k1"]
+    assert distance < 0.1 * values["k1"].min()
+
+
 def test_values_that_no_material_has_together_cannot_be_held():
     with pytest.raises(InputError, match="k2 \\+ k3 has to be larger than zero"):
         held_and_free({"k2": 0.0, "k3": 0.0}, law_named("may-newman"))

@@ -28,7 +28,7 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
-from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
+from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances, largest_at
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 __all__ = ["MayNewmanLaw"]
@@ -309,8 +309,7 @@ class MayNewmanLaw(Law):
 
     nearness = (
         f"k2 and k3 where their part of the exponent at the largest stretch is below "
-        f"{_EXPONENT_SHARE:g} of it; c0 and k1 where they carry less than {LOAD_SHARE:g} of the "
-        "stress there"
+        f"{_EXPONENT_SHARE:g} of it; c0 and k1 {LOAD_NEARNESS}"
     )
 
     def edge_distances(
