@@ -99,7 +99,8 @@ def held_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarr
     Raises
     ------
     InputError
-        For an unknown name or a value outside the parameter's range.
+        For an unknown name, a value outside the parameter's range, and values that no material
+        of the law has together.
     """
     values = np.zeros(len(law.names))
     held = dict(fixed or {})
@@ -118,5 +119,6 @@ def held_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarr
                 remedy=f"{name} lies between {low:g} and {high:g}{p.unit_words()}",
             )
         values[law.names.index(name)] = min(value, high)
+    law.check_condition(held)
     point = np.where([n in held for n in law.names], law.point(tuple(values)), 0.0)
     return point, np.array([i for i, name in enumerate(law.names) if name not in held], dtype=int)

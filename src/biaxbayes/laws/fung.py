@@ -170,6 +170,7 @@ class FungLaw(Law):
         ),
     )
     amplitudes = ("c0", "c")
+    bound_together = ("b_x", "b_y", "b_xy")
     condition = "b_x b_y has to be larger than b_xy^2"
 
     def holds(self, values: Mapping[str, Any]) -> Any:

@@ -56,7 +56,7 @@ from biaxbayes.laws.law import (
 from biaxbayes.laws.screening import MATRIX_SHARE, Screening, best_pair, mounting_candidates
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
-__all__ = ["GOH", "GOHLaw"]
+__all__ = ["EXPONENT_NEARNESS", "GOH", "GOHLaw"]
 
 
 # --- the model ---------------------------------------------------------------------------------
@@ -171,6 +171,8 @@ _MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median mater
 _KAPPA_DISTANCE = 0.02
 _EXPONENT_DISTANCE = 0.1  # k2 E^2 at the largest stretch
 _STIFFNESS_SHARE = 0.05  # of the small-strain stiffness
+EXPONENT_NEARNESS = f"k2 where k2 E^2 at the largest stretch is below {_EXPONENT_DISTANCE:g}"
+"""What counts as near to no exponential stiffening of fibres, in words."""
 
 
 class GOHLaw(Law):
@@ -199,7 +201,7 @@ class GOHLaw(Law):
         ),
     )
     ties = (("k1", "C1"), ("C1", "k1"))
-    meaningless: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"), ("k1", 0, "k1 = 0"))}
+    meaningless: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"),)}
 
     def constants_at_point(self, C1, k1, k2, t, kappa) -> Constants:
         """Constants at t = cos^2 alpha."""
@@ -402,9 +404,8 @@ class GOHLaw(Law):
         return {"exponent k2 E^2": k2 * largest_fibre_strain2(material, tops)}
 
     nearness = (
-        f"kappa nearer than *_edge_distance; k2 where k2 E^2 at the largest stretch is below "
-        f"{_EXPONENT_DISTANCE:g}; C1 and k1 where they carry less than {_STIFFNESS_SHARE:g} of the "
-        "small-strain stiffness"
+        f"kappa nearer than *_edge_distance; {EXPONENT_NEARNESS}; C1 and k1 where they carry less "
+        f"than {_STIFFNESS_SHARE:g} of the small-strain stiffness"
     )
 
     def edge_distances(

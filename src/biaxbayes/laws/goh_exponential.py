@@ -39,6 +39,7 @@ from biaxbayes.laws.law import (
     register,
     to_natural,
 )
+from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances
 from biaxbayes.parameters import Parameter, scale
 
 __all__ = ["GOHExponentialLaw"]
@@ -173,7 +174,9 @@ class GOHExponentialLaw(Law):
     )
     ties = goh.GOHLaw.ties
     amplitudes = ("C1", "k1")
-    meaningless = goh.GOHLaw.meaningless
+    meaningless: ClassVar = {
+        "alpha": (*goh.GOHLaw.meaningless["alpha"], ("k1", 0, "k1 = 0")),
+    }
 
     @property
     def _goh(self) -> goh.GOHLaw:
@@ -281,16 +284,17 @@ class GOHExponentialLaw(Law):
         return matrix | self._goh.described_at(material, tops)
 
     nearness = (
-        f"b where b (I1 - 3) at the largest stretch is below {_EXPONENT_DISTANCE:g}; "
-        f"{goh.GOHLaw.nearness}"
+        f"kappa nearer than *_edge_distance; b where b (I1 - 3) at the largest stretch is below "
+        f"{_EXPONENT_DISTANCE:g}; {goh.EXPONENT_NEARNESS}; C1 and k1 {LOAD_NEARNESS}"
     )
 
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """As those of GOH, whose small-strain stiffness is the same; b by its exponent."""
+        """As those of GOH but for C1 and k1, which have to carry load; b by its exponent."""
         I1 = max(float(np.median(_largest_I(tops))), 1e-12)
-        return {"b": _EXPONENT_DISTANCE / I1} | self._goh.edge_distances(material, tops)
+        fibres = self._goh.edge_distances(material, tops) | amplitude_distances(material, tops)
+        return {"b": _EXPONENT_DISTANCE / I1} | fibres
 
 
 def _largest_I(tops: Sequence[np.ndarray]) -> np.ndarray:

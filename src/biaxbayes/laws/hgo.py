@@ -20,8 +20,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.laws.dispersed_fibres import structure_tensor
-from biaxbayes.laws.goh import Constants, GOHLaw
+from biaxbayes.laws.goh import EXPONENT_NEARNESS, Constants, GOHLaw
 from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
+from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances
 from biaxbayes.parameters import Parameter
 
 __all__ = ["HGOLaw"]
@@ -164,11 +165,11 @@ class HGOLaw(Law):
         """The exponent of the fibres at the largest of some total stretches."""
         return _GOH.described_at(material, tops)
 
-    nearness = GOHLaw.nearness.partition("; ")[2]
+    nearness = f"{EXPONENT_NEARNESS}; C1 and k1 {LOAD_NEARNESS}"
 
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """As those of GOH, without dispersion."""
-        found = _GOH.edge_distances(material, tops)
-        return {name: found[name] for name in self.names if name in found}
+        """How near to a physical edge counts as near: small shares of stress and exponent."""
+        k2 = _GOH.edge_distances(material, tops)["k2"]
+        return amplitude_distances(material, tops) | {"k2": k2}

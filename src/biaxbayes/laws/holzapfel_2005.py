@@ -32,7 +32,7 @@ from biaxbayes.laws.law import (
     exponential_energy,
     register,
 )
-from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
+from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances, largest_at
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 __all__ = ["Holzapfel2005Law"]
@@ -302,8 +302,7 @@ class Holzapfel2005Law(Law):
 
     nearness = (
         f"rho nearer than {_RHO_DISTANCE:g}; k2 where the exponent at the largest stretch is below "
-        f"{_EXPONENT_DISTANCE:g}; mu and k1 where they carry less than {LOAD_SHARE:g} of the "
-        "stress there"
+        f"{_EXPONENT_DISTANCE:g}; mu and k1 {LOAD_NEARNESS}"
     )
 
     def edge_distances(

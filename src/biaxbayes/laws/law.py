@@ -478,12 +478,25 @@ class Law(ABC):
         missing = [p.label for p in self.parameters if p.name not in found]
         if missing:
             raise InputError(f"the law {self.name} needs {' and '.join(missing)}")
-        if not self.holds(found):
-            raise InputError(f"no material of the law {self.name}: {self.condition}")
+        self.check_condition(found)
         return StatedMaterial(self, self.material(found).theta)
 
     condition: ClassVar[str] = ""
     """What parameters have to meet together, in words."""
+
+    bound_together: ClassVar[tuple[str, ...]] = ()
+    """Parameters that the condition is about."""
+
+    def check_condition(self, values: Mapping[str, Any]) -> None:
+        """Refuse numbers that do not meet :attr:`condition`, as far as they are given.
+
+        Raises
+        ------
+        InputError
+        """
+        given = self.bound_together and set(self.bound_together) <= set(values)
+        if given and not self.holds(values):
+            raise InputError(f"no material of the law {self.name}: {self.condition}")
 
     def holds(self, values: Mapping[str, Any]) -> Any:
         """Whether parameters meet :attr:`condition`; of numbers or arrays."""

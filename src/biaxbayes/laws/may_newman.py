@@ -28,7 +28,7 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
-from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
+from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances, largest_at
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 __all__ = ["MayNewmanLaw"]
@@ -181,6 +181,7 @@ register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 _MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
 _EXPONENT_SHARE = 0.05
+_LEAST_K3 = 1e-6  # of a fit; it alters no stress where k2 is larger
 
 
 class MayNewmanLaw(Law):
@@ -199,6 +200,7 @@ class MayNewmanLaw(Law):
     ties = (("k1", "c0"), ("c0", "k1"))
     amplitudes = ("c0", "k1")
     meaningless: ClassVar = {"alpha": (("k3", 0, "k3 = 0"), ("k1", 0, "k1 = 0"))}
+    bound_together = ("k2", "k3")
     condition = "k2 + k3 has to be larger than zero"
 
     def holds(self, values: Mapping[str, Any]) -> Any:
@@ -256,6 +258,11 @@ class MayNewmanLaw(Law):
 
     # --- fits ---
 
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds of (c0, k1, k2, k3, t): without any exponent there is no law."""
+        return np.array([0.0, 0.0, 0.0, _LEAST_K3, 0.0])
+
     def shapes(
         self, size: int, largest: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -302,8 +309,7 @@ class MayNewmanLaw(Law):
 
     nearness = (
         f"k2 and k3 where their part of the exponent at the largest stretch is below "
-        f"{_EXPONENT_SHARE:g} of it; c0 and k1 where they carry less than {LOAD_SHARE:g} of the "
-        "stress there"
+        f"{_EXPONENT_SHARE:g} of it; c0 and k1 {LOAD_NEARNESS}"
     )
 
     def edge_distances(

@@ -9,10 +9,15 @@ import numpy as np
 
 from biaxbayes.laws.law import Material, MaterialResponse
 
-__all__ = ["LOAD_SHARE", "amplitude_distances", "largest_at"]
+__all__ = ["LOAD_NEARNESS", "LOAD_SHARE", "amplitude_distances", "largest_at"]
 
 LOAD_SHARE = 0.05
 """Of the stress at the largest stretch: what carries less is near to absent."""
+LOAD_NEARNESS = f"where they carry less than {LOAD_SHARE:g} of the stress at the largest stretch"
+"""The same in words, behind the names of amplitudes."""
+LOWEST = 0.05
+"""Draws from which a distance is taken: an amplitude trades with its exponent, so that a small one
+may carry as much as a large one does."""
 
 
 def largest_at(quantity: Callable[[Any, Any, Any], Any], tops: Sequence[np.ndarray]) -> np.ndarray:
@@ -32,7 +37,9 @@ def largest_at(quantity: Callable[[Any, Any, Any], Any], tops: Sequence[np.ndarr
 
 
 def amplitude_distances(material: MaterialResponse, tops: Sequence[np.ndarray]) -> dict[str, float]:
-    """Amplitudes that carry :data:`LOAD_SHARE` of the largest stress, medians over the draws.
+    """Amplitudes that carry :data:`LOAD_SHARE` of the stress at the largest stretches.
+
+    Medians over the draws in which the amplitude is smallest.
 
     Parameters
     ----------
@@ -48,9 +55,14 @@ def amplitude_distances(material: MaterialResponse, tops: Sequence[np.ndarray]) 
         alone = list(material.theta)
         for j in places:
             alone[j] = np.full_like(alone[j], float(i == j))
-        share = [_stress(material, top) / _stress(Material(law, tuple(alone)), top) for top in tops]
-        # the protocol in which the amplitude carries most
-        out[law.names[i]] = LOAD_SHARE * float(np.median(np.min(share, axis=0)))
+        # the amplitude that would carry all, in the protocol in which it carries most
+        all_of_it = np.min(
+            [_stress(material, top) / _stress(Material(law, tuple(alone)), top) for top in tops],
+            axis=0,
+        )
+        size = np.broadcast_to(np.ravel(material.theta[i]), all_of_it.shape)
+        smallest = np.argsort(size, kind="stable")[: max(1, round(LOWEST * size.size))]
+        out[law.names[i]] = LOAD_SHARE * float(np.median(all_of_it[smallest]))
     return out
 
 
