@@ -257,9 +257,7 @@ class FourFibreLaw(Law):
         fibre_angle("alpha", r"\alpha", "angle of the diagonals from x"),
     )
     amplitudes = ("c", "k1_x", "k1_y", "k1_d")
-    meaningless: ClassVar = {
-        "alpha": ("k1_d", 0, "k1_d = 0, where no diagonal means anything, is not excluded")
-    }
+    meaningless: ClassVar = {"alpha": (("k1_d", 0, "k1_d = 0"),)}
 
     @property
     def in_words(self) -> str:
