@@ -221,9 +221,7 @@ class LeeSacksLaw(Law):
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
     )
     amplitudes = ("c0", "c1")
-    meaningless: ClassVar = {
-        "alpha": ("delta", 1, "delta = 1, where no angle means anything, is not excluded")
-    }
+    meaningless: ClassVar = {"alpha": (("delta", 1, "delta = 1"), ("c1", 0, "c1 = 0"))}
 
     @property
     def in_words(self) -> str:
