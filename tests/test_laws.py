@@ -26,6 +26,24 @@ STRESSES = [
     ("may-newman", (0.0, 10.0, 10.0, 10.0, 0.0), (1.2, 1.1), (6.829236, 4.779061)),
     ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.1, 1.1), (18.20173, 15.90313)),
     ("fung", (10.0, 5.0, 8.0, 5.0, 2.0), (1.2, 1.1), (41.53337, 22.68735)),
+    (
+        "four-fibre",
+        (18.536, 16.593, 0.108, 25.37, 0.036, 0.078, 1.719, 61.2146),
+        (1.2, 1.2),
+        (28.52023, 34.04556),
+    ),
+    (
+        "four-fibre",
+        (18.536, 16.593, 0.108, 25.37, 0.036, 0.078, 1.719, 61.2146),
+        (1.4, 1.6),
+        (70.36408, 168.36646),
+    ),
+    (
+        "four-fibre",
+        (20.652, 7.593, 1.285, 1.074, 3.821, 0.109, 7.154, 55.2902),
+        (1.2, 1.2),
+        (26.12810, 21.57816),
+    ),
 ]
 TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)} | {
     "may-newman": (8.0, 10.0, 4.0, 60.0, 30.0),
@@ -94,7 +112,8 @@ def test_derivatives_are_those_of_the_energy(name):
 @pytest.mark.parametrize("structural", [True, False])
 def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(name, structural):
     law = law_named(name)
-    layout = SamplingLayout(law.names, (1.5, 1.4, 1.0 / (1.5 * 1.4)), 0.3, structural, structural)
+    reference = (1.5, 1.4, 1.0 / (1.5 * 1.4))
+    layout = SamplingLayout(law.names, reference, 0.3, structural, structural, reference, 100.0)
     coordinates = law.coordinates(layout)
     for material in random_materials(name, 30):
         slots = {

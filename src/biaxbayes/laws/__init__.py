@@ -24,6 +24,7 @@ LAWS = {
     "may-newman": ("biaxbayes.laws.may_newman", "MayNewmanLaw"),
     "hgo": ("biaxbayes.laws.hgo", "HGOLaw"),
     "fung": ("biaxbayes.laws.fung", "FungLaw"),
+    "four-fibre": ("biaxbayes.laws.four_fibre", "FourFibreLaw"),
 }
 """Where a law stands, by its name."""
 

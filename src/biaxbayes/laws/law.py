@@ -714,6 +714,10 @@ class SamplingLayout(NamedTuple):
     chart : bool
         Whether a chart that is regular at the edges is asked for, where a law has one. With neither
         the coordinates are the parameters: logs of scales, radians, the others as they are.
+    widest : (float, float, float)
+        As ``reference``, of the row of largest I1: a state that the specimen has been in.
+    peak_kPa : float
+        Largest stress of the specimen, a scale of stiffnesses.
     """
 
     free: tuple[str, ...]
@@ -721,3 +725,5 @@ class SamplingLayout(NamedTuple):
     softening: float
     structural: bool
     chart: bool
+    widest: tuple[float, float, float]
+    peak_kPa: float

@@ -169,13 +169,16 @@ def assemble(
                 tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
         elif prior is not None:
             fixed[i] = _slot_value(p, prior)
+    reference, widest = _references(specimen, reference_stretch)
     coordinates = law.coordinates(
         SamplingLayout(
-            tuple(n for n in law.names if n in free),
-            _reference(specimen, reference_stretch),
-            softening,
-            structural,
-            chart,
+            free=tuple(n for n in law.names if n in free),
+            reference=reference,
+            softening=softening,
+            structural=structural,
+            chart=chart,
+            widest=widest,
+            peak_kPa=_peak_kPa(specimen),
         )
     )
     problem = Problem(
@@ -265,17 +268,30 @@ def _priors(
     return out
 
 
-def _reference(
+def _references(
     specimen: Specimen, stretch: tuple[float, float] | None
-) -> tuple[float, float, float]:
-    if stretch is None:
-        top_x = max(float(p.stretch_x.max()) for p in specimen.protocols)
-        top_y = max(float(p.stretch_y.max()) for p in specimen.protocols)
-        stretch = (top_x, top_y)
-    # Both above one, so that the fibre strain there is positive for every material.
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """The squared reference stretch, and the same of the row of largest I1."""
+    measured = np.vstack([np.column_stack([p.stretch_x, p.stretch_y]) for p in specimen.protocols])
+    top = measured.max(axis=0)
+    stretch = (float(top[0]), float(top[1])) if stretch is None else stretch
+    squared = measured**2
+    widest = measured[np.argmax(squared.sum(axis=1) + 1.0 / squared.prod(axis=1))]
+    x, y = np.asarray(stretch) * widest / top
+    return _above_one(stretch), _above_one((float(x), float(y)))
+
+
+def _above_one(stretch: tuple[float, float]) -> tuple[float, float, float]:
+    """Squares (X, Y, Z) of a stretch, moved to where all fibres are extended."""
     least = 1.0 + 0.25 * max(max(stretch) - 1.0, 0.02)
     lx, ly = (max(s, least) for s in stretch)
     return lx * lx, ly * ly, 1.0 / (lx * ly) ** 2
+
+
+def _peak_kPa(specimen: Specimen) -> float:
+    """Largest stress that a load stands for."""
+    loads = [np.abs(specimen.load(p)).max(axis=0) for p in specimen.protocols]
+    return max(float((np.max(loads, axis=0) / specimen.area).max()), 1e-9)
 
 
 def _rows(thinned: ThinnedSpecimen, shared: bool) -> dict[str, np.ndarray]:
