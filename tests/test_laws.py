@@ -44,12 +44,17 @@ STRESSES = [
         (1.2, 1.2),
         (26.12810, 21.57816),
     ),
+    ("lee-sacks", (5.0, 10.0, 10.0, 6.0, 0.4, 35.0), (1.2, 1.1), (90.485174, 48.330623)),
+    ("lee-sacks", (0.0, 10.0, 10.0, 10.0, 0.5, 0.0), (1.1, 1.1), (45.53019, 6.036425)),
 ]
 TYPICAL = {law: parameters for law, parameters, _, _ in reversed(STRESSES)} | {
     "may-newman": (8.0, 10.0, 4.0, 60.0, 30.0),
 }
 """Values of each law's parameters, for tests that need some."""
-RECOVERED = TYPICAL | {"goh": (9.0, 20.0, 4.0, 42.0, 0.15)}
+RECOVERED = TYPICAL | {
+    "goh": (9.0, 20.0, 4.0, 42.0, 0.15),
+    "four-fibre": (18.0, 16.0, 3.0, 25.0, 2.0, 40.0, 6.0, 40.0),
+}
 """The same for tests that stretch as far as soft tissue does."""
 
 

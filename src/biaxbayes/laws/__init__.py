@@ -25,6 +25,7 @@ LAWS = {
     "hgo": ("biaxbayes.laws.hgo", "HGOLaw"),
     "fung": ("biaxbayes.laws.fung", "FungLaw"),
     "four-fibre": ("biaxbayes.laws.four_fibre", "FourFibreLaw"),
+    "lee-sacks": ("biaxbayes.laws.lee_sacks", "LeeSacksLaw"),
 }
 """Where a law stands, by its name."""
 

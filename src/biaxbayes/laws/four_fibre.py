@@ -8,21 +8,16 @@ with the squared stretches X, Y, Z, n_x = n_y = 1 and n_d = 2: the diagonal fami
 compression. Some papers print c and k1 / (2 k2) for the factors c / 2 and k1 / (4 k2): their
 numbers are half of those here.
 
-The sampler works in u_c, in u_f and v_f of each family, and in alpha, which is folded at 0 and
-90 degrees, with
+The sampler works in the roots (:mod:`biaxbayes.laws.roots`) of S_c, of S_f and q_f of each family,
+and in alpha, which is folded at 0 and 90 degrees, with
 
     q_f = k2_f E_f*^2          S_f = k1_f E_f* exp(q_f)          S_c = c sqrt((X* - Z*)(Y* - Z*))
-    S = s ln(1 + exp(u))^2     q = r ln(1 + exp(v))^2
 
-at one fixed reference stretch l* a specimen, that of its row of largest I1; s is a share of its
-largest stress. Families stand in for one another and for the matrix: their stresses add up to that
-of the data, which is straight in S and bent in ln S, while the priors are wide in ln S down to
-S = 0. Roots lie between: u is sqrt(S / s) for large S, and ln(S / s) / 2 near S = 0.
+at one fixed reference stretch l* a specimen, that of its row of largest I1.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -30,6 +25,7 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
+from biaxbayes.laws.roots import LOG_EXPONENT, ROOT_WIDTH, log_square, log_stress_scale, root
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 __all__ = ["FourFibreLaw"]
@@ -135,15 +131,12 @@ register(
 
 _C, _K1X, _K2X, _K1Y, _K2Y, _K1D, _K2D, _ALPHA = range(8)
 _FAMILIES = (("k1_x", "k2_x"), ("k1_y", "k2_y"), ("k1_d", "k2_d"))
-_STRESS_SHARE, _EXPONENT = 0.01, 0.1
-"""s over the largest stress of a specimen, and r; tuned on an aorta under five protocols."""
-_LOG_EXPONENT, _LOG_2 = math.log(_EXPONENT), math.log(2.0)
 
 
 class Coordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
-    Each parameter's field is 1 where it is held as u or v; ``log_scale`` is ln s, s in kPa,
+    Each parameter's field is 1 where it is held as a root; ``log_scale`` is ln s, s in kPa,
     ``log_matrix`` ln(S_c / c), (X, Y) the squared reference stretch.
     """
 
@@ -161,32 +154,16 @@ class Coordinates(NamedTuple):
 
 
 @inlined
-def _log_square(u):
-    """(ln L^2, ln of its derivative by u) of L = ln(1 + e^u)."""
-    tail = np.log1p(np.exp(-abs(u)))
-    log_L = u if u < -30.0 else np.log(max(u, 0.0) + tail)
-    # d ln L^2 / du = 2 e^u / (1 + e^u) / L
-    return 2.0 * log_L, _LOG_2 + min(u, 0.0) - tail - log_L
-
-
-def _root(log_square):
-    """The u of ln L^2; inverse of :func:`_log_square`."""
-    L = np.exp(0.5 * log_square)
-    # e^u = e^L - 1
-    return L + np.log(-np.expm1(-L))
-
-
-@inlined
 def _family(coordinates, value, k1, k2, k1_held, k2_held, log_E):
     """Natural k1 and k2 of one family in place; the log Jacobian."""
     log_jacobian = 0.0
     if k2_held > 0.0:
-        log_q, log_slope = _log_square(value[k2])
-        value[k2] = _LOG_EXPONENT + log_q - 2.0 * log_E  # ln k2 = ln q - 2 ln E*
+        log_q, log_slope = log_square(value[k2])
+        value[k2] = LOG_EXPONENT + log_q - 2.0 * log_E  # ln k2 = ln q - 2 ln E*
         log_jacobian += log_slope
     if k1_held > 0.0:
         # ln k1 = ln S - q - ln E*
-        log_S, log_slope = _log_square(value[k1])
+        log_S, log_slope = log_square(value[k1])
         value[k1] = coordinates.log_scale + log_S - np.exp(value[k2] + 2.0 * log_E) - log_E
         log_jacobian += log_slope
     return log_jacobian
@@ -208,7 +185,7 @@ def _to_natural(coordinates, value):
     log_jacobian += _family(q, value, _K1Y, _K2Y, q.k1_y, q.k2_y, log_y)
     log_jacobian += _family(q, value, _K1D, _K2D, q.k1_d, q.k2_d, log_d)
     if q.c > 0.0:
-        log_S, log_slope = _log_square(value[_C])
+        log_S, log_slope = log_square(value[_C])
         value[_C] = q.log_scale + log_S - q.log_matrix
         log_jacobian += log_slope
     return log_jacobian
@@ -236,7 +213,6 @@ register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
 _MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
 _STIFFNESS_SHARE = 0.05  # of the small-strain stiffness
 _EXPONENT_DISTANCE = 0.1  # k2 E^2 at the largest stretch
-_WIDTH = 1.0  # of dispersed starts, in u and v
 _LEAST = (1e-3, *(1e-3, 1e-2) * 3)  # of stiffnesses and exponents to start from
 
 
@@ -305,7 +281,7 @@ class FourFibreLaw(Law):
         held = {n: float(layout.structural and n in layout.free) for n in self.names[:_ALPHA]}
         return Coordinates(
             **held,
-            log_scale=float(np.log(_STRESS_SHARE * layout.peak_kPa)),
+            log_scale=log_stress_scale(layout.peak_kPa),
             log_matrix=0.5 * float(np.log((X - Z) * (Y - Z))),
             X=X,
             Y=Y,
@@ -320,12 +296,12 @@ class FourFibreLaw(Law):
         for (k1, k2), log_E in zip(_FAMILIES, log_strains, strict=True):
             log_q = values[k2] + 2.0 * log_E
             if getattr(coordinates, k2) > 0.0:
-                out[k2] = _root(log_q - _LOG_EXPONENT)
+                out[k2] = root(log_q - LOG_EXPONENT)
             if getattr(coordinates, k1) > 0.0:
                 log_S = values[k1] + np.exp(log_q) + log_E
-                out[k1] = _root(log_S - coordinates.log_scale)
+                out[k1] = root(log_S - coordinates.log_scale)
         if coordinates.c > 0.0:
-            out["c"] = _root(values["c"] + coordinates.log_matrix - coordinates.log_scale)
+            out["c"] = root(values["c"] + coordinates.log_matrix - coordinates.log_scale)
         return out
 
     def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
@@ -334,9 +310,9 @@ class FourFibreLaw(Law):
         return {"alpha": (0.0, 0.5 * np.pi)}
 
     def coordinate_widths(self, coordinates: Coordinates) -> dict[str, float]:
-        """Of u and v."""
+        """Of the roots."""
         held = (name for name in self.names[:_ALPHA] if getattr(coordinates, name) > 0.0)
-        return dict.fromkeys(held, _WIDTH)
+        return dict.fromkeys(held, ROOT_WIDTH)
 
     def inner(self, values: Sequence[float]) -> tuple[float, ...]:
         """A material moved off its edges, to where the sampling coordinates are regular."""
