@@ -248,6 +248,7 @@ class FourFibreLaw(Law):
     name = "four-fibre"
     title = "four-fibre"
     source = "Baek, Gleason, Rajagopal, Humphrey, Comput. Methods Appl. Mech. Eng. 196 (2007) 3070"
+    # As those of GOH: c is twice its C1, and fibres of any family are as stiff.
     parameters = (
         scale("c", "c", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True),
         *_stiffness("x", "along x", "x"),

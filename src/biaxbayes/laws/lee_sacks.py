@@ -197,9 +197,13 @@ class LeeSacksLaw(Law):
     name = "lee-sacks"
     title = "Lee-Sacks"
     source = "Lee, Amini, Gorman, Gorman, Sacks, J. Biomech. 47 (2014) 2055"
+    # Stiffnesses and exponents of soft tissue lie within two decades of these medians either way;
+    # nothing is known of the share of the isotropic exponential.
     parameters = (
         scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
-        scale("c1", "c_1", "stiffness of the exponentials", "kPa", 10.0, 2.5, 1e6, "none"),
+        scale(
+            "c1", "c_1", "stiffness of the exponentials", "kPa", 10.0, 2.5, 1e6, "no exponentials"
+        ),
         scale("c2", "c_2", "isotropic stiffening", "1", 10.0, 2.0, 1e4, "no isotropic stiffening"),
         scale("c3", "c_3", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no fibres"),
         Parameter(
