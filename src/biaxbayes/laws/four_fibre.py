@@ -25,6 +25,7 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
+from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
 from biaxbayes.laws.roots import LOG_EXPONENT, ROOT_WIDTH, log_square, log_stress_scale, root
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
@@ -211,7 +212,6 @@ register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 _MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
-_STIFFNESS_SHARE = 0.05  # of the small-strain stiffness
 _EXPONENT_DISTANCE = 0.1  # k2 E^2 at the largest stretch
 _LEAST = (1e-3, *(1e-3, 1e-2) * 3)  # of stiffnesses and exponents to start from
 
@@ -370,36 +370,24 @@ class FourFibreLaw(Law):
 
     nearness = (
         f"k2 where k2 E^2 at the largest stretch is below {_EXPONENT_DISTANCE:g}; c and k1 where "
-        f"they carry less than {_STIFFNESS_SHARE:g} of the small-strain stiffness"
+        f"they carry less than {LOAD_SHARE:g} of the stress there"
     )
 
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """How near to a physical edge counts as near: small shares of stiffness and exponent."""
-        c = material.constants
-        t = c.cos2
-        # trace of the Hessian in extension: 8 c + 2 k1_x + 2 k1_y + 4 k1_d (cos^4 + sin^4)
-        per_d = 4.0 * (t * t + (1.0 - t) ** 2)
-        trace = 8.0 * c.c + 2.0 * (c.k1_x + c.k1_y) + per_d * c.k1_d
-        stiffness = _STIFFNESS_SHARE * float(np.median(trace))
-        out = {
-            "c": stiffness / 8.0,
-            "k1_x": stiffness / 2.0,
-            "k1_y": stiffness / 2.0,
-            "k1_d": stiffness / float(np.median(per_d)),
-        }
+        """How near to a physical edge counts as near: small shares of stress and exponent."""
+        out = amplitude_distances(material, tops)
         for (_, k2), q in zip(_FAMILIES, _largest_exponents(material, tops), strict=True):
             share = _EXPONENT_DISTANCE / max(float(np.median(q)), 1e-12)
-            out[k2] = share * float(np.median(getattr(c, k2)))
+            out[k2] = share * float(np.median(getattr(material.constants, k2)))
         return out
 
 
 def _largest_exponents(material: MaterialResponse, tops: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Largest exponent of each draw and family at some total stretches, three of shape (n,)."""
-    largest = [np.zeros(1)] * len(_FAMILIES)
-    for top in tops:
-        X, Y = top[:, :1] ** 2, top[:, 1:] ** 2
-        found = _exponents(material.constants, X, Y, 1.0 / (X * Y))
-        largest = [np.maximum(q, new[:, 0]) for q, new in zip(largest, found, strict=True)]
-    return largest
+
+    def exponent(family: int) -> np.ndarray:
+        return largest_at(lambda X, Y, Z: _exponents(material.constants, X, Y, Z)[family], tops)
+
+    return [exponent(family) for family in range(len(_FAMILIES))]

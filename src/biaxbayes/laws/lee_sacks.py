@@ -26,14 +26,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.law import (
-    Law,
-    MaterialResponse,
-    SamplingLayout,
-    exponentials,
-    log_stretch_jacobian,
-    register,
-)
+from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
+from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
 from biaxbayes.laws.roots import LOG_EXPONENT, ROOT_WIDTH, log_square, log_stress_scale, root
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
@@ -185,7 +179,6 @@ register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 _MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
-_STIFFNESS_SHARE = 0.05  # of the stiffness
 _EXPONENT_DISTANCE = 0.1  # exponent at the largest stretch
 _DELTA_DISTANCE = 0.02
 _LEAST = (1e-3, 1e-3, 1e-2, 1e-2)  # of stiffnesses and exponents to start from
@@ -221,7 +214,9 @@ class LeeSacksLaw(Law):
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
     )
     amplitudes = ("c0", "c1")
-    meaningless: ClassVar = {"alpha": (("delta", 1, "delta = 1"), ("c1", 0, "c1 = 0"))}
+    meaningless: ClassVar = {
+        "alpha": (("delta", 1, "delta = 1"), ("c1", 0, "c1 = 0"), ("c3", 0, "c3 = 0"))
+    }
 
     @property
     def in_words(self) -> str:
@@ -346,57 +341,26 @@ class LeeSacksLaw(Law):
         return {"exponent c2 (I1 - 3)^2": isotropic, "exponent c3 (I4 - 1)^2": fibre}
 
     nearness = (
-        f"delta nearer than *_edge_distance; c2 and c3 where their exponent at the largest stretch "
-        f"is below {_EXPONENT_DISTANCE:g}; c0 where it carries less than {_STIFFNESS_SHARE:g} of "
-        "the small-strain stiffness, c1 of that at the largest stretch"
+        f"delta nearer than {_DELTA_DISTANCE:g}; c2 and c3 where their exponent at the largest "
+        f"stretch is below {_EXPONENT_DISTANCE:g}; c0 and c1 where they carry less than "
+        f"{LOAD_SHARE:g} of the stress there"
     )
 
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """How near to a physical edge counts as near, by parameter, in natural units.
-
-        c0 and c1: less than 5 % of the stiffness (trace of d s / d ln l) is the matrix's, or the
-        exponentials'. The isotropic exponential has none at small strain, so c1 is judged at the
-        largest stretch of all. Exponents below 0.1 there are near zero; delta: 0.02.
-        """
-        c = material.constants
-        # trace of the Hessian at l = 1: 16 c0 + 4 c1 (1 - delta) c3 (cos^4 alpha + sin^4 alpha)
-        t = c.cos2
-        fibres = 4.0 * c.c1 * (1.0 - c.delta) * c.c3 * (t * t + (1.0 - t) ** 2)
-        small = float(np.median(16.0 * c.c0 + fibres))
-        top = np.max([np.median(t, axis=0) for t in tops], axis=0)
-        stiffness, per_c1 = _trace(c, top), _trace(c._replace(c0=0.0, c1=1.0), top)
-        isotropic, fibre = _largest_exponents(material, tops)
-        out = {
-            "c0": _STIFFNESS_SHARE * small / 16.0,
-            "c1": _STIFFNESS_SHARE * stiffness / max(per_c1, 1e-9),
-            "delta": _DELTA_DISTANCE,
-        }
-        for name, q in (("c2", isotropic), ("c3", fibre)):
+        """How near to a physical edge counts as near: small shares of stress and exponents."""
+        out = amplitude_distances(material, tops) | {"delta": _DELTA_DISTANCE}
+        for name, q in zip(("c2", "c3"), _largest_exponents(material, tops), strict=True):
             share = _EXPONENT_DISTANCE / max(float(np.median(q)), 1e-12)
-            out[name] = share * float(np.median(getattr(c, name)))
+            out[name] = share * float(np.median(getattr(material.constants, name)))
         return out
 
 
-def _trace(constants: Constants, stretch: np.ndarray) -> float:
-    """Median trace of d s / d ln l of draws at one total stretch."""
-    X, Y = stretch**2
-    Z = 1.0 / (X * Y)
-    g = exponentials(_exponents(constants, X, Y, Z))
-    first = _derivatives(constants, X, Y, Z, g)
-    second = _second_derivatives(constants, X, Y, Z, g)
-    xx, _, yy = log_stretch_jacobian(X, Y, Z, *first, second)
-    return float(np.median(xx + yy))
-
-
-def _largest_exponents(
-    material: MaterialResponse, tops: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
+def _largest_exponents(material: MaterialResponse, tops: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Largest exponents of each draw at some total stretches, two of shape (n,)."""
-    isotropic = fibre = np.zeros(1)
-    for top in tops:
-        X, Y = top[:, :1] ** 2, top[:, 1:] ** 2
-        found = _exponents(material.constants, X, Y, 1.0 / (X * Y))
-        isotropic, fibre = np.maximum(isotropic, found[0][:, 0]), np.maximum(fibre, found[1][:, 0])
-    return isotropic, fibre
+
+    def exponent(term: int) -> np.ndarray:
+        return largest_at(lambda X, Y, Z: _exponents(material.constants, X, Y, Z)[term], tops)
+
+    return [exponent(term) for term in range(2)]
