@@ -6,6 +6,7 @@ threshold are in ``docs/identifiability.md``.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,6 +25,7 @@ from biaxbayes.identifiability.marginals import (
     judged_scales,
 )
 from biaxbayes.identifiability.sloppiness import Partners, find_partners
+from biaxbayes.identifiability.stated import LawRange, Stated, law_fits, stated_mounting
 from biaxbayes.identifiability.toe import mounting_refits
 from biaxbayes.identifiability.verdict import (
     FIXED,
@@ -60,6 +62,8 @@ class ParameterVerdict:
         None where the parameter was fixed or tied, or the draws are unusable.
     prior, posterior : Density or None
         On the sampling scale, for figures.
+    stated : Stated or None
+        Of a mounting stretch: what is stated of the tissue, whatever its law.
     """
 
     scale: Scale
@@ -68,6 +72,7 @@ class ParameterVerdict:
     evidence: Evidence | None = None
     prior: Density | None = field(default=None, repr=False)
     posterior: Density | None = field(default=None, repr=False)
+    stated: Stated | None = None
 
     @property
     def name(self) -> str:
@@ -119,6 +124,9 @@ class ParameterVerdict:
             "likelihood_sensitivity": e.likelihood_sensitivity,
             "refit_low": e.refits[0] if e.refits else np.nan,
             "refit_high": e.refits[1] if e.refits else np.nan,
+            "stated_low": self.stated.low if self.stated else np.nan,
+            "stated_high": self.stated.high if self.stated else np.nan,
+            "stated_reason": self.stated.reason if self.stated else "",
         }
 
 
@@ -134,6 +142,9 @@ class Identifiability:
     draws : int
     thresholds : Thresholds
     law : Law
+    fits : LawRange or None
+        Least squares of all laws under the same mounting constraint, where the mounting stretch is
+        an unknown and the draws are reliable.
     """
 
     parameters: tuple[ParameterVerdict, ...]
@@ -141,6 +152,7 @@ class Identifiability:
     draws: int
     thresholds: Thresholds
     law: Law
+    fits: LawRange | None = None
 
     def __getitem__(self, name: str) -> ParameterVerdict:
         for parameter in self.parameters:
@@ -213,6 +225,7 @@ def identify_draws(
     scales = judged_scales(posterior.priors, posterior.quantities, draws)
     free = tuple(s for s in scales if isinstance(s.prior, Prior))
     evidence = {} if state == "unusable" else _evidence(posterior, draws, free, chosen)
+    fits, stated = _stated(posterior, evidence, state)
     nothing = _meaningless(posterior.law, {n: e for n, (e, _, _) in evidence.items()}, chosen)
     out = []
     for scale in scales:
@@ -222,13 +235,33 @@ def identify_draws(
             out.append(ParameterVerdict(scale, verdict, words))
             continue
         found, before, after = evidence[scale.name]
+        of_tissue = stated.get(scale.name)
+        if of_tissue is not None and of_tissue.is_value:
+            # laws that describe the record agree: parts of it contradict nothing
+            found = replace(found, refits=None)
         verdict = NO_VERDICT
         if state == "reliable":
             verdict = decide(found, chosen, meaningless=scale.name in nothing)
         told = nothing.get(scale.name, "")
         words = in_words(scale, verdict, found, chosen, state, meaningless=told)
-        out.append(ParameterVerdict(scale, verdict, words, found, before, after))
-    return Identifiability(tuple(out), state, total, chosen, posterior.law)
+        if of_tissue is not None:
+            words += f"; of the tissue {of_tissue.in_words(scale.parameter)} is stated"
+            words += f": {of_tissue.reason}"
+        out.append(ParameterVerdict(scale, verdict, words, found, before, after, of_tissue))
+    return Identifiability(tuple(out), state, total, chosen, posterior.law, fits)
+
+
+def _stated(
+    posterior: Posterior, evidence: Mapping[str, tuple[Evidence, Density, Density]], state: str
+) -> tuple[LawRange | None, dict[str, Stated]]:
+    """Fits of all laws, and what is stated of the mounting stretches of reliable draws."""
+    intervals = {
+        name: (e.low, e.high) for name, (e, _, _) in evidence.items() if e.parameter.kind == STRETCH
+    }
+    if state != "reliable" or not intervals:
+        return None, {}
+    fits = law_fits(posterior.specimen, mounting_stretch=posterior.settings.mounting_stretch)
+    return fits, stated_mounting(posterior, intervals, fits)
 
 
 def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds) -> dict[str, str]:
