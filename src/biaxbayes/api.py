@@ -278,7 +278,8 @@ def compare(
     mounting_force : (float, float), optional
         Of tared specimens to sample.
     anyway : bool
-        Take runs whose chains have not converged; they get no verdict.
+        Take runs whose chains have not converged, which get no verdict, and specimens that
+        cannot be loading curves.
     progress, stop : callable, optional
         As in :func:`biaxbayes.sample`.
     **options
@@ -302,6 +303,7 @@ def compare(
                 source,  # type: ignore[arg-type]
                 out=Path(out) / f"{stem}-posterior",
                 mounting_force=mounting_force,
+                anyway=anyway,
                 progress=progress,
                 stop=stop,
                 **options,
@@ -338,6 +340,7 @@ def ledger(
     stretches: Sequence[float] = (),
     out: PathLike | None = None,
     mounting_force: Sequence[float] | None = None,
+    anyway: bool = False,
     progress: Tell = _silent,
     **options: Any,
 ) -> Ledger:
@@ -354,6 +357,8 @@ def ledger(
         Folder for ledger.csv, ledger.pdf and ledger.png.
     mounting_force : (float, float), optional
         For a tared specimen: the force (or stress) at the mounted state, put back on.
+    anyway : bool
+        Sample a specimen that cannot be a loading curve, too.
     progress : callable
     **options
         As in :class:`~biaxbayes.options.LedgerPlan`, and for a specimen
@@ -383,7 +388,15 @@ def ledger(
                 remedy=f"choose {', '.join(INFERRING)}: how the force enters where it is inferred",
             )
         specimen = opened_specimen(source, mounting_force)  # type: ignore[arg-type]
-    prepared = Sampling.prepare(specimen, out=None, options=asked, **vars(chosen))
+    prepared = Sampling.prepare(
+        specimen,
+        out=None,
+        options=asked,
+        anyway=anyway or inferred is not None,
+        **vars(chosen),
+    )
+    for finding in prepared.findings if inferred is None else ():
+        progress(Progress("fitting", note=str(finding)))
     treated = treated_three_ways(
         prepared.specimen, prepared.options, prepared.plan, inferred, progress
     )
@@ -481,7 +494,8 @@ def batch(
     progress, stop : callable, optional
         As in :func:`biaxbayes.sample`.
     **options
-        For specimen files: seed, ess, max_steps, and those of
+        For specimen files: seed, ess, max_steps, anyway (as in :func:`biaxbayes.sample`), and
+        those of
         :class:`~biaxbayes.options.ModelOptions`.
     """
     from biaxbayes.jobs.batch import Batch
@@ -492,7 +506,8 @@ def batch(
             raise InputError("options of a study stand in its file", file=study)
         chosen = read_study(Path(study))
     else:
-        numbers = {k: options.pop(k) for k in ("seed", "ess", "max_steps") if k in options}
+        own = ("seed", "ess", "max_steps", "anyway")
+        numbers = {k: options.pop(k) for k in own if k in options}
         model = ModelOptions.of(options).keywords()
         chosen = study_of_files([Path(p) for p in study], model, **numbers)
     executor = executor_for(workers, scheduler, isolated=True)

@@ -11,6 +11,7 @@ import click
 from biaxbayes.cli.options import (
     MODEL,
     Pair,
+    any_record_option,
     argument,
     executor_options,
     file_option,
@@ -257,6 +258,7 @@ def _name(row: dict[Any, Any]) -> str:
 @options(LedgerPlan, "seed")
 @model_options
 @options(LedgerPlan, "ess", "workers")
+@any_record_option
 @quiet_option
 @click.pass_context
 def ledger(
@@ -268,6 +270,7 @@ def ledger(
     mounting_force: tuple[float, float] | None,
     ess: float,
     workers: int | None,
+    anyway: bool,
     quiet: bool,
     **model: Any,
 ) -> int:
@@ -298,6 +301,7 @@ def ledger(
             stretches=stretches,
             out=folder,
             mounting_force=mounting_force,
+            anyway=anyway,
             progress=tell,
             seed=seed,
             ess=ess,

@@ -19,6 +19,7 @@ __all__ = [
     "MODEL",
     "Decorator",
     "Pair",
+    "any_record_option",
     "anyway_option",
     "argument",
     "executor_options",
@@ -123,6 +124,9 @@ def file_option(name: str, words: str, metavar: str | None = None, **more: Any) 
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 anyway_option = click.option("--anyway", is_flag=True, help="Even if the run is not reliable.")
+any_record_option = click.option(
+    "--anyway", is_flag=True, help="Even if the record cannot be a loading curve (see check)."
+)
 
 
 def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:

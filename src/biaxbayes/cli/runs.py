@@ -9,6 +9,7 @@ import click
 
 from biaxbayes.cli.options import (
     MODEL,
+    any_record_option,
     argument,
     executor_options,
     file_option,
@@ -49,6 +50,7 @@ NOT_RELIABLE = 3
 @options(SamplingPlan, "seed")
 @model_options
 @options(SamplingPlan, "ess", "max_steps", "workers")
+@any_record_option
 @click.option("--resume", is_flag=True, help="Continue from the folder's checkpoint.")
 @quiet_option
 def sample(
@@ -59,6 +61,7 @@ def sample(
     ess: float,
     max_steps: int,
     workers: int | None,
+    anyway: bool,
     resume: bool,
     quiet: bool,
     **model: Any,
@@ -76,6 +79,7 @@ def sample(
             specimen,
             out=out,
             mounting_force=mounting_force,
+            anyway=anyway,
             resume=resume,
             progress=tell,
             stop=stop,
@@ -98,7 +102,7 @@ def sample(
 
 
 IN_FILE = {
-    **dict.fromkeys(("seed", "ess", "max_steps"), "{}"),
+    **dict.fromkeys(("seed", "ess", "max_steps", "anyway"), "{}"),
     **dict.fromkeys(MODEL, "options"),
     **dict.fromkeys(("fix", "priors"), "priors"),
     "mounting_force": "{}",
@@ -113,6 +117,7 @@ IN_FILE = {
 @options(SamplingPlan, "seed")
 @model_options
 @options(SamplingPlan, "ess", "max_steps")
+@any_record_option
 @quiet_option
 @click.pass_context
 def batch(
@@ -125,6 +130,7 @@ def batch(
     mounting_force: tuple[float, float] | None,
     ess: float,
     max_steps: int,
+    anyway: bool,
     quiet: bool,
     **model: Any,
 ) -> int:
@@ -155,7 +161,7 @@ def batch(
     else:
         _check_csvs(sources, mounting_force)
         study = sources
-        numbers = {"seed": seed, "ess": ess, "max_steps": max_steps}
+        numbers = {"seed": seed, "ess": ess, "max_steps": max_steps, "anyway": anyway}
         chosen = read_model_options(**model) | numbers
     from biaxbayes import api
 

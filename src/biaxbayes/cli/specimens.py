@@ -80,8 +80,10 @@ def _tell_checked(found: Checked) -> None:
         click.echo(line)
     click.echo("")
     for finding in findings:
-        where = f"protocol {finding.protocol}: " if finding.protocol else ""
-        click.echo(_wrapped(f"{finding.severity}: {where}{finding.message}"))
+        click.echo(_wrapped(str(finding)))
+    errors = sum(finding.severity == "error" for finding in findings)
+    if errors:
+        click.echo("cannot be a loading curve: 'sample' refuses it without --anyway")
     count = sum(finding.severity == "warning" for finding in findings)
     click.echo("no warnings" if not count else f"{count} {'warning' if count == 1 else 'warnings'}")
 

@@ -30,7 +30,14 @@ from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import thinned_specimen
 
-__all__ = ["MountingRefits", "goh_description", "mounting_refits", "poor_fit"]
+__all__ = [
+    "MountingRefits",
+    "described",
+    "goh_description",
+    "mounting_refits",
+    "poor_fit",
+    "swapped_columns",
+]
 
 
 # --- whether GOH can follow a specimen at all: the misfit of its best least-squares fit ----------
@@ -43,25 +50,36 @@ BEYOND_NOISE = 3.0
 DESCRIPTION_ROWS = 150
 
 
-def goh_description(specimen: Specimen, *, starts: int = 4, seed: int = 0) -> Finding:
-    """Say how closely the best GOH fit follows the record.
+def described(specimen: Specimen, *, starts: int = 4, seed: int = 0) -> FitResult:
+    """The best GOH fit of a record, thinned.
 
-    The fit infers the mounting stretch where the file allows it; a tared file is fitted with
-    its mounted state as reference.
+    It infers the mounting stretch where the file allows it; a tared file is fitted with its
+    mounted state as reference.
 
     Parameters
     ----------
     specimen : Specimen
     starts, seed : int
-        Of the least-squares fit.
+    """
+    method = "standard" if specimen.is_tared else "constrained"
+    return fit(thinned(specimen), method, starts=starts, seed=seed)
+
+
+def goh_description(specimen: Specimen, found: FitResult | None = None) -> Finding:
+    """Say how closely the best GOH fit follows the record.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    found : FitResult, optional
+        That of :func:`described`, where it is there already.
 
     Returns
     -------
     Finding
         A warning where the misfit passes 7 % of the largest load, else a note.
     """
-    method = "standard" if specimen.is_tared else "constrained"
-    found = fit(thinned(specimen), method, starts=starts, seed=seed)
+    found = found or described(specimen)
     misfits = [float(np.sqrt((part**2).mean())) for part in found.residuals]
     rms = float(np.sqrt(np.mean(np.concatenate(found.residuals) ** 2)))
     peak, unit, noise = specimen.peak_load, specimen.unit, specimen.noise_sd
@@ -105,6 +123,49 @@ def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
     return (
         f"GOH does not describe this specimen: the closest fit misses by {rms:.2g} {specimen.unit} "
         f"rms, {100 * rms / peak:.1f} % of the largest load. Do not trust its parameters"
+    )
+
+
+SWAPPED = 0.6
+"""Exchanged columns are told of where they leave less than this share of the miss; of 36 virtual
+tests of three ratios the largest share was 0.06, of an aorta that the model misses by 4 % 0.48."""
+
+
+def swapped_columns(
+    specimen: Specimen, residuals: Sequence[np.ndarray], *, starts: int = 4, seed: int = 0
+) -> Finding | None:
+    """Try x and y of the load exchanged where a fit misses badly, and say so if that fits.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    residuals : sequence of ndarray
+        Of the best fit of the specimen as it is, in its unit.
+    starts, seed : int
+        Of the least-squares fit.
+
+    Returns
+    -------
+    Finding or None
+        None where the fit is close, or the exchange does not help.
+    """
+    own, peak = float(np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2))), specimen.peak_load
+    if not own > max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd):
+        return None
+    other = replace(
+        specimen,
+        protocols=tuple(replace(p, load_x=p.load_y, load_y=p.load_x) for p in specimen.protocols),
+    )
+    method = "standard" if specimen.is_tared else "constrained"
+    found = fit(thinned(other, ROWS), method, starts=starts, seed=seed)
+    rms = float(np.sqrt(np.mean(np.concatenate(found.residuals) ** 2)))
+    if not rms < SWAPPED * own:
+        return None
+    return Finding(
+        "swapped",
+        "warning",
+        f"x and y of the load seem to be swapped: the best fit misses by {100 * own / peak:.2g} % "
+        f"of the largest load, with the two columns exchanged by {100 * rms / peak:.2g} %",
     )
 
 

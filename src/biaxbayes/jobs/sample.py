@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
+from biaxbayes.identifiability.toe import swapped_columns
 from biaxbayes.jobs.opening import opened_specimen
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
@@ -31,6 +32,8 @@ from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.runs.summary import summarise, write_summary
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
+from biaxbayes.specimens.check import refuse_no_loading_curve
+from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.text_files import atomic_write_text
@@ -50,6 +53,7 @@ class Sampling:
     folder: Path
     options: dict[str, Any]
     plan: Plan
+    findings: tuple[Finding, ...] = ()
 
     @classmethod
     def prepare(
@@ -63,8 +67,9 @@ class Sampling:
         max_steps: int,
         workers: int | None,
         mounting_force: Sequence[float] | None = None,
+        anyway: bool = False,
     ) -> Sampling:
-        """Read the specimen and check the options; arguments as in ``biaxbayes.sample``."""
+        """Read the specimen and check it and the options; arguments as in ``biaxbayes.sample``."""
         if isinstance(specimen, Specimen):
             source, stem = specimen.name, _safe_stem(specimen.name)
         else:
@@ -72,10 +77,11 @@ class Sampling:
         specimen = opened_specimen(specimen, mounting_force)
         options = ModelOptions.of(options).keywords()
         chosen = SamplingPlan(seed, ess, max_steps, workers)
+        findings = refuse_no_loading_curve(specimen, None if anyway else source)
         specimen, options = _fitting_options(specimen, options, source)
         Posterior(specimen, **options, beta=1.0)  # refuses what cannot be sampled, before a folder
         plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.threads)
-        return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan)
+        return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
 
     def execute(
         self,
@@ -91,9 +97,15 @@ class Sampling:
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder)
+            for finding in self.findings:
+                tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
             fit_clock = time.perf_counter()
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
+            swapped = swapped_columns(posterior.specimen, deterministic_fit(posterior).residuals)
+            if swapped is not None:
+                self.findings = (*self.findings, swapped)
+                tell(Progress("fitting", note=str(swapped)))
             fit_seconds = time.perf_counter() - fit_clock
             state = self._resumed(posterior, resume, tell)
             draws = draw_posterior(
@@ -158,6 +170,7 @@ class Sampling:
 
         specimen = self.specimen
         record = provenance(posterior, self.plan, draws, self.source)
+        record["findings"] = [finding.record() for finding in self.findings]
         write_specimen(specimen, folder / "specimen.csv")
         attributes = {
             "biaxbayes_version": record["biaxbayes"],
@@ -227,6 +240,7 @@ def sample(
     *,
     out: str | Path | None = None,
     mounting_force: Sequence[float] | None = None,
+    anyway: bool = False,
     resume: bool = False,
     progress: Callable[[Any], None] | None = None,
     stop: Callable[[], int] = lambda: False,
@@ -242,6 +256,8 @@ def sample(
         The run folder; default ``<stem>-posterior`` beside where the command runs.
     mounting_force : (float, float), optional
         For a tared file: the force (or stress) at the mounted state, put back on.
+    anyway : bool
+        Sample what cannot be a loading curve (see ``biaxbayes check``), too.
     resume : bool
         Continue from the folder's checkpoint where there is one.
     progress, stop : callable, optional
@@ -258,7 +274,7 @@ def sample(
     Raises
     ------
     InputError
-        If the specimen or an option cannot be used.
+        If the specimen or an option cannot be used, or its record cannot be a loading curve.
     TaredSpecimen
         If the mounting force was zeroed and the mounting stretch is to be inferred.
     RunError
@@ -266,6 +282,11 @@ def sample(
     """
     plan, model = SamplingPlan.taken(options)
     sampling = Sampling.prepare(
-        specimen, out=out, options=model, mounting_force=mounting_force, **vars(plan)
+        specimen,
+        out=out,
+        options=model,
+        mounting_force=mounting_force,
+        anyway=anyway,
+        **vars(plan),
     )
     return open_run(sampling.execute(resume=resume, progress=progress, stop=stop))

@@ -52,7 +52,7 @@ class Checked:
     ----------
     specimen : Specimen
     findings : tuple of Finding
-        Warnings first.
+        The most severe first.
     """
 
     specimen: Specimen
@@ -87,20 +87,22 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: str | Path | None
         Draw the record into this file (.pdf, .png or .svg).
     """
     from biaxbayes.specimens.check import check_specimen
+    from biaxbayes.specimens.findings import sorted_findings
 
     data = opened_specimen(specimen)
     findings = list(check_specimen(data))
     if fit:
-        from biaxbayes.identifiability.toe import goh_description
+        from biaxbayes.identifiability.toe import described, goh_description, swapped_columns
 
-        findings.append(goh_description(data))
-        findings.sort(key=lambda finding: finding.severity != "warning")
+        best = described(data)
+        swapped = swapped_columns(data, best.residuals)
+        findings += [goh_description(data, best), *([swapped] if swapped else [])]
     if figure is not None:
         from biaxbayes.figures.specimen import specimen_figure
         from biaxbayes.figures.style import save_figure
 
         save_figure(specimen_figure(data), Path(figure))
-    return Checked(data, tuple(findings))
+    return Checked(data, sorted_findings(findings))
 
 
 def understood(specimen: Specimen) -> dict[str, Any]:

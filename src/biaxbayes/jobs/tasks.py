@@ -52,6 +52,8 @@ class SpecimenTask:
     seed : int
     ess : float
     max_steps : int
+    anyway : bool
+        Also what cannot be a loading curve.
     finished : bool
         The folder holds the finished run of this very task.
     going : Path
@@ -65,6 +67,7 @@ class SpecimenTask:
     seed: int
     ess: float
     max_steps: int
+    anyway: bool
     finished: bool
     going: Path
 
@@ -121,6 +124,7 @@ def _run(task: SpecimenTask, notes: list[str]) -> Run:
         ess=task.ess,
         max_steps=task.max_steps,
         workers=1,
+        anyway=task.anyway,
     )
     sampling.source = task.source
     with first_alone():

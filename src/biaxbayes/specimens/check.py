@@ -9,12 +9,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from biaxbayes.specimens.branches import progress, relapse
-from biaxbayes.specimens.findings import Finding, mounting_findings
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.branches import SWING, progress, relapse
+from biaxbayes.specimens.findings import Finding, mounting_findings, serious, sorted_findings
 from biaxbayes.specimens.plausibility import unit_findings
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
-__all__ = ["Finding", "check_specimen", "path_findings"]
+__all__ = ["Finding", "check_specimen", "path_findings", "refuse_no_loading_curve"]
 
 
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
@@ -44,7 +45,7 @@ def path_findings(specimen: Specimen) -> list[Finding]:
             found.append(
                 Finding("few-rows", "warning", f"only {p.rows} rows in this protocol", p.name)
             )
-        found += _unloading(p, stretch, load)
+        found += _unloading(p, stretch, load) or _backwards(p, stretch, load, specimen.noise_sd)
         found += _jumps(p, stretch, load)
         found += _time(p)
     return [
@@ -56,16 +57,35 @@ def path_findings(specimen: Specimen) -> list[Finding]:
 
 
 def _unloading(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
-    back = relapse(progress(stretch, load))
+    path = progress(stretch, load)
+    back = relapse(path)
     if back is None:
         return []
     peak, _ = back
+    fallen = float(path[peak] - path[peak:].min())
     return [
         Finding(
             "unloading",
-            "warning",
+            "error" if fallen >= SWING * float(np.ptp(path)) else "warning",
             f"the path turns back at row {peak + 1} of {p.rows}: unloading (or several cycles) "
             "mixed in. An elastic model has one curve; convert with --branch loading",
+            p.name,
+        )
+    ]
+
+
+def _backwards(p: Protocol, stretch: np.ndarray, load: np.ndarray, noise: float) -> list[Finding]:
+    """Rows in the wrong order: stretch and load both fall from the first row on."""
+    change, loss = (curve[-1] - curve[0] for curve in (stretch, load))
+    if not (change.sum() < 0.0 and loss.sum() < -3.0 * noise):
+        return []
+    return [
+        Finding(
+            "backwards",
+            "error",
+            f"stretch and load fall from row to row, to {stretch[-1, 0]:.4g} and "
+            f"{stretch[-1, 1]:.4g} of the first stretches: the rows run backwards, or hold the "
+            "unloading. The first row must be the mounted state; turn the rows round",
             p.name,
         )
     ]
@@ -241,7 +261,7 @@ def check_specimen(specimen: Specimen) -> tuple[Finding, ...]:
     Returns
     -------
     tuple of Finding
-        Warnings first, each group in the order: mounted state, paths, units, origin.
+        The most severe first, each group in the order: mounted state, paths, units, origin.
     """
     found = [
         *mounting_findings(specimen),
@@ -249,7 +269,34 @@ def check_specimen(specimen: Specimen) -> tuple[Finding, ...]:
         *unit_findings(specimen),
         *_origin(specimen),
     ]
-    return tuple(sorted(found, key=lambda finding: finding.severity != "warning"))
+    return sorted_findings(found)
+
+
+def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, ...]:
+    """Refuse what cannot be a loading curve; else the serious findings.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    file : object
+        For the message; None refuses nothing.
+
+    Raises
+    ------
+    InputError
+        With the first finding that is an error.
+    """
+    found = serious(check_specimen(specimen))
+    errors = [f for f in found if f.severity == "error"]
+    if errors and file is not None:
+        more = f" ({len(errors) - 1} more of the kind)" if len(errors) > 1 else ""
+        told = str(errors[0]).removeprefix("error: ")
+        raise InputError(
+            f"cannot be a loading curve: {told}{more}",
+            file=file,
+            remedy="or add --anyway to go on all the same",
+        )
+    return found
 
 
 def _origin(specimen: Specimen) -> list[Finding]:

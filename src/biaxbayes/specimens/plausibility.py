@@ -56,6 +56,8 @@ USUAL_STRETCH = (1.01, 2.0)
 USUAL_EDGE_MM = (2.0, 100.0)
 USUAL_THICKNESS_MM = (0.05, 10.0)
 LARGE_NOISE = 0.1
+NEGATIVE = 0.3
+"""Compression beyond this share of the largest load, where the stretch is largest, is no test."""
 
 
 # --- what is refused -----------------------------------------------------------------------------
@@ -233,6 +235,7 @@ def _stress(specimen: Specimen) -> list[Finding]:
 def _sign(specimen: Specimen) -> list[Finding]:
     """Tension must be positive: the load at the largest stretch of each direction."""
     found = []
+    limit = -NEGATIVE * specimen.peak_load
     for k, axis in enumerate("xy"):
         ends = []
         for p in specimen.protocols:
@@ -244,7 +247,7 @@ def _sign(specimen: Specimen) -> list[Finding]:
             found.append(
                 Finding(
                     "sign",
-                    "warning",
+                    "error" if load_there < limit else "warning",
                     f"the load in {axis} is {load_there:.3g} {specimen.unit} at its largest "
                     f"stretch of {stretch_there:.3f}: tension must be positive",
                 )
