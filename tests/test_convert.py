@@ -33,7 +33,7 @@ DIMENSIONS = [
 
 def run(arguments: list[object], capsys) -> tuple[int, str, str]:
     with pytest.raises(SystemExit) as stop:
-        main(["convert", *map(str, arguments)])
+        main(["convert", *map(str, arguments), "--overwrite"])
     out, err = capsys.readouterr()
     assert "Traceback" not in err
     return int(stop.value.code or 0), out, err

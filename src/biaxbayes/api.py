@@ -32,6 +32,7 @@ from biaxbayes.jobs.outputs import (
     export,
     inflate,
     picture,
+    picture_name,
     plot,
     predict,
     report,
@@ -85,6 +86,7 @@ __all__ = [
     "ledger",
     "open_run",
     "picture",
+    "picture_name",
     "plot",
     "predict",
     "profile",
@@ -261,6 +263,7 @@ def compare(
     out: PathLike | None = None,
     mounting_force: Sequence[float] | None = None,
     anyway: bool = False,
+    overwrite: bool = False,
     progress: Tell | None = None,
     stop: Stop = _never,
     **options: Any,
@@ -280,6 +283,8 @@ def compare(
     anyway : bool
         Take runs whose chains have not converged, which get no verdict, and specimens that
         cannot be loading curves.
+    overwrite : bool
+        Replace finished runs of specimens in ``out``.
     progress, stop : callable, optional
         As in :func:`biaxbayes.sample`.
     **options
@@ -304,6 +309,7 @@ def compare(
                 out=Path(out) / f"{stem}-posterior",
                 mounting_force=mounting_force,
                 anyway=anyway,
+                overwrite=overwrite,
                 progress=progress,
                 stop=stop,
                 **options,

@@ -19,6 +19,7 @@ from biaxbayes.cli.options import (
     model_options,
     mounting_force_option,
     options,
+    overwrite_run_option,
     quiet_option,
     read_model_options,
     refuse_given,
@@ -164,7 +165,12 @@ def profile(
 @options(SamplingPlan, "seed", seed={"help": "For specimens to sample."})
 @model_options
 @options(SamplingPlan, "ess", "workers")
-@click.option("--anyway", is_flag=True, help="Take runs whose chains have not converged.")
+@click.option(
+    "--anyway",
+    is_flag=True,
+    help="Take runs whose chains have not converged, and records that cannot be loading curves.",
+)
+@overwrite_run_option
 @quiet_option
 def compare(
     sources: tuple[Path, ...],
@@ -175,6 +181,7 @@ def compare(
     ess: float,
     workers: int | None,
     anyway: bool,
+    overwrite: bool,
     quiet: bool,
     **model: Any,
 ) -> int:
@@ -201,6 +208,7 @@ def compare(
             out=out,
             mounting_force=mounting_force,
             anyway=anyway,
+            overwrite=overwrite,
             progress=tell,
             stop=stop,
             seed=seed,

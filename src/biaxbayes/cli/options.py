@@ -29,6 +29,7 @@ __all__ = [
     "model_options",
     "mounting_force_option",
     "options",
+    "overwrite_run_option",
     "quiet_option",
     "read_model_options",
     "refuse_given",
@@ -124,6 +125,9 @@ def file_option(name: str, words: str, metavar: str | None = None, **more: Any) 
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 anyway_option = click.option("--anyway", is_flag=True, help="Even if the run is not reliable.")
+overwrite_run_option = click.option(
+    "--overwrite", is_flag=True, help="Replace a finished run, with all that was made of it."
+)
 any_record_option = click.option(
     "--anyway", is_flag=True, help="Even if the record cannot be a loading curve (see check)."
 )

@@ -18,6 +18,7 @@ from biaxbayes.cli.options import (
     model_options,
     mounting_force_option,
     options,
+    overwrite_run_option,
     quiet_option,
     read_model_options,
     refuse_given,
@@ -52,6 +53,7 @@ NOT_RELIABLE = 3
 @options(SamplingPlan, "ess", "max_steps", "workers")
 @any_record_option
 @click.option("--resume", is_flag=True, help="Continue from the folder's checkpoint.")
+@overwrite_run_option
 @quiet_option
 def sample(
     specimen: Path,
@@ -63,6 +65,7 @@ def sample(
     workers: int | None,
     anyway: bool,
     resume: bool,
+    overwrite: bool,
     quiet: bool,
     **model: Any,
 ) -> int:
@@ -81,6 +84,7 @@ def sample(
             mounting_force=mounting_force,
             anyway=anyway,
             resume=resume,
+            overwrite=overwrite,
             progress=tell,
             stop=stop,
             seed=seed,

@@ -215,10 +215,12 @@ def header_options() -> Decorator:
 @click.option(
     "--protocol-names", metavar="NAME,...", help="One a protocol (default: names of the files)."
 )
+@click.option("--overwrite", is_flag=True, help="Replace a file of the same name.")
 @header_options()
 def convert(
     raw: tuple[Path, ...],
     out: Path,
+    overwrite: bool,
     protocol_names: str | None,
     machine: str,
     columns: tuple[str, ...],
@@ -241,6 +243,7 @@ def convert(
         header={key: text for key, text in stated.items() if text is not None},
         protocol_names=names,
         out=out,
+        overwrite=overwrite,
     )
     _tell_converted(found, out)
     return 0

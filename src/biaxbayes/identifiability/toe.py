@@ -26,6 +26,7 @@ from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, fitted
 from biaxbayes.model.priors import Prior
+from biaxbayes.options import FitOptions
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import thinned_specimen
@@ -48,10 +49,13 @@ POOR = 0.07
 NOTICEABLE = 0.01
 BEYOND_NOISE = 3.0
 DESCRIPTION_ROWS = 150
+DESCRIPTION_STARTS = 4
 
 
-def described(specimen: Specimen, *, starts: int = 4, seed: int = 0) -> FitResult:
-    """The best GOH fit of a record, thinned.
+def described(
+    specimen: Specimen, *, law: str = FitOptions.law, fibre_switch: bool = False
+) -> FitResult:
+    """The best fit of a law to a record, thinned.
 
     It infers the mounting stretch where the file allows it; a tared file is fitted with its
     mounted state as reference.
@@ -59,10 +63,12 @@ def described(specimen: Specimen, *, starts: int = 4, seed: int = 0) -> FitResul
     Parameters
     ----------
     specimen : Specimen
-    starts, seed : int
+    law : str
+    fibre_switch : bool
     """
     method = "standard" if specimen.is_tared else "constrained"
-    return fit(thinned(specimen), method, starts=starts, seed=seed)
+    how = {"law": law, "fibre_switch": fibre_switch}
+    return fit(thinned(specimen), method, starts=DESCRIPTION_STARTS, **how)  # type: ignore[arg-type]
 
 
 def goh_description(specimen: Specimen, found: FitResult | None = None) -> Finding:
@@ -132,7 +138,11 @@ tests of three ratios the largest share was 0.06, of an aorta that the model mis
 
 
 def swapped_columns(
-    specimen: Specimen, residuals: Sequence[np.ndarray], *, starts: int = 4, seed: int = 0
+    specimen: Specimen,
+    residuals: Sequence[np.ndarray],
+    *,
+    law: str = FitOptions.law,
+    fibre_switch: bool = False,
 ) -> Finding | None:
     """Try x and y of the load exchanged where a fit misses badly, and say so if that fits.
 
@@ -140,33 +150,39 @@ def swapped_columns(
     ----------
     specimen : Specimen
     residuals : sequence of ndarray
-        Of the best fit of the specimen as it is, in its unit.
-    starts, seed : int
-        Of the least-squares fit.
+        Of a fit of the specimen as it is, in its unit. Whatever that fit held or ignored, the
+        two that are compared are free.
+    law : str
+    fibre_switch : bool
 
     Returns
     -------
     Finding or None
         None where the fit is close, or the exchange does not help.
     """
-    own, peak = float(np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2))), specimen.peak_load
-    if not own > max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd):
+    peak = specimen.peak_load
+    bad = max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd)
+    if not _rms(residuals) > bad:
         return None
     other = replace(
         specimen,
         protocols=tuple(replace(p, load_x=p.load_y, load_y=p.load_x) for p in specimen.protocols),
     )
-    method = "standard" if specimen.is_tared else "constrained"
-    found = fit(thinned(other, ROWS), method, starts=starts, seed=seed)
-    rms = float(np.sqrt(np.mean(np.concatenate(found.residuals) ** 2)))
-    if not rms < SWAPPED * own:
+    own, exchanged = (
+        _rms(described(s, law=law, fibre_switch=fibre_switch).residuals) for s in (specimen, other)
+    )
+    if not (own > bad and exchanged < SWAPPED * own):
         return None
     return Finding(
         "swapped",
         "warning",
         f"x and y of the load seem to be swapped: the best fit misses by {100 * own / peak:.2g} % "
-        f"of the largest load, with the two columns exchanged by {100 * rms / peak:.2g} %",
+        f"of the largest load, with the two columns exchanged by {100 * exchanged / peak:.2g} %",
     )
+
+
+def _rms(residuals: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)))
 
 
 def thinned(specimen: Specimen, rows: int = DESCRIPTION_ROWS) -> Specimen:

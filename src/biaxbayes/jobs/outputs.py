@@ -23,6 +23,7 @@ from biaxbayes.options import (
     DRAW_AT,
     PICTURES,
     PLOT_TAKES,
+    PLOTS,
     REFERENCES,
     REPORTS,
     STRESSES,
@@ -31,6 +32,7 @@ from biaxbayes.options import (
     PredictionOptions,
     documented,
 )
+from biaxbayes.runs.folder import CARDS
 from biaxbayes.runs.run import Run
 from biaxbayes.text_files import atomic_write_text
 
@@ -45,6 +47,7 @@ __all__ = [
     "export",
     "inflate",
     "picture",
+    "picture_name",
     "plot",
     "predict",
     "report",
@@ -257,7 +260,7 @@ def plot(
     run : Run or path-like
     figure : {"corner", "bands", "identifiability", "mounting", "trace", "profile"}
     out : path-like, optional
-        File to write; see :func:`picture`.
+        File to write; see :func:`picture`. Not one of the run's own figures.
     suffix : {"pdf", "svg", "png"}, optional
         Kind of file; default that of ``out``, else pdf.
     style : mapping or path-like, optional
@@ -280,6 +283,8 @@ def plot(
     target = None if out is None else picture(out, suffix)
     how["style"] = _style(style)
     opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
+    if target is not None:
+        _refuse_own(opened, target)
     if parameters:
         key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
         how[key] = tuple(dict.fromkeys(parameters))
@@ -325,6 +330,31 @@ def picture(out: PathLike, suffix: str | None = None) -> Path:
             remedy="leave one of them out",
         )
     return path
+
+
+def picture_name(
+    figure: str,
+    width_mm: float,
+    *,
+    compare: Path | None = None,
+    parameters: Sequence[str] = (),
+    suffix: str | None = None,
+) -> str:
+    """Name of a figure that is asked for, which no figure of the run itself has."""
+    told = [PLOTS[figure], *dict.fromkeys(parameters)]
+    told += [] if compare is None else ["with", compare.resolve().name]
+    name = "-".join([*told, f"{width_mm:g}mm"])
+    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+    return f"{safe[:120]}.{suffix or PICTURES[0]}"
+
+
+def _refuse_own(run: Run, target: Path) -> None:
+    """Refuse to draw another figure in place of one that belongs to the run's own files."""
+    files = run.provenance.get("files") or {}
+    if target.name in files and target.resolve().parent == run.path.resolve():
+        raise InputError(
+            "is a figure of the run itself", file=target, remedy="choose another name with --out"
+        )
 
 
 def _told_apart(run: Run, other: Run) -> tuple[str, str]:
@@ -429,4 +459,4 @@ def check_cards(draws: int | None, at: str | None) -> None:
 
 def cards_folder(run: Path, to: str, units: str) -> Path:
     """Where the cards of a run go if nothing else is said."""
-    return run / f"cards-{to}-{units}"
+    return run / f"{CARDS}-{to}-{units}"

@@ -87,6 +87,7 @@ class Sampling:
         self,
         *,
         resume: bool = False,
+        overwrite: bool = False,
         progress: Callable[[Progress], None] | None = None,
         stop: Callable[[], int] = lambda: False,
     ) -> Path:
@@ -97,12 +98,18 @@ class Sampling:
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder)
+            self._refuse_finished(resume, overwrite)
             for finding in self.findings:
                 tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
             fit_clock = time.perf_counter()
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
-            swapped = swapped_columns(posterior.specimen, deterministic_fit(posterior).residuals)
+            swapped = swapped_columns(
+                posterior.specimen,
+                deterministic_fit(posterior).residuals,
+                law=posterior.settings.law,
+                fibre_switch=posterior.settings.fibre_switch,
+            )
             if swapped is not None:
                 self.findings = (*self.findings, swapped)
                 tell(Progress("fitting", note=str(swapped)))
@@ -122,7 +129,7 @@ class Sampling:
             if state is None:
                 draws.seconds["fit"] += fit_seconds
             draws.seconds["before output"] = time.perf_counter() - clock
-            self._write(posterior, draws, clock)
+            self._write(posterior, draws, clock, tell)
         return self.folder
 
     def _interruption(self, draws: Draws, signal: int) -> Interrupted:
@@ -149,6 +156,17 @@ class Sampling:
         if not ours:
             raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")
 
+    def _refuse_finished(self, resume: bool, overwrite: bool) -> None:
+        """Draws that took an hour are replaced on purpose only; to continue them adds to them."""
+        kept = resume and any(
+            (self.folder / n).exists() for n in (checkpoint.NAME, checkpoint.PREVIOUS)
+        )
+        if is_run(self.folder) and not (kept or overwrite):
+            raise RunError(
+                f"{self.folder}: holds a finished run; choose another --out, or replace it with "
+                "--overwrite"
+            )
+
     def _resumed(
         self, posterior: Posterior, resume: bool, tell: Callable[[Progress], None]
     ) -> State | None:
@@ -159,9 +177,17 @@ class Sampling:
             tell(Progress("resuming", note=note))
         return state
 
-    def _write(self, posterior: Posterior, draws: Draws, clock: float) -> None:
+    def _write(
+        self, posterior: Posterior, draws: Draws, clock: float, tell: Callable[[Progress], None]
+    ) -> None:
         """Every file of the run, in place of those of a run before."""
-        with staged(self.folder) as folder:
+
+        def gone(names: list[str]) -> None:
+            if names:
+                note = f"removed with the run before: {', '.join(names)}"
+                tell(Progress("writing", note=note))
+
+        with staged(self.folder, gone) as folder:
             self._write_files(folder, posterior, draws, clock)
 
     def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
@@ -242,6 +268,7 @@ def sample(
     mounting_force: Sequence[float] | None = None,
     anyway: bool = False,
     resume: bool = False,
+    overwrite: bool = False,
     progress: Callable[[Any], None] | None = None,
     stop: Callable[[], int] = lambda: False,
     **options: Any,
@@ -260,6 +287,8 @@ def sample(
         Sample what cannot be a loading curve (see ``biaxbayes check``), too.
     resume : bool
         Continue from the folder's checkpoint where there is one.
+    overwrite : bool
+        Replace a finished run, with all that was made of it.
     progress, stop : callable, optional
         As in :func:`biaxbayes.sampling.sampler.draw`.
     **options
@@ -278,7 +307,8 @@ def sample(
     TaredSpecimen
         If the mounting force was zeroed and the mounting stretch is to be inferred.
     RunError
-        If the folder is in use, cannot be written, or holds a checkpoint of something else.
+        If the folder is in use, cannot be written, or holds a finished run or a checkpoint of
+        something else.
     """
     plan, model = SamplingPlan.taken(options)
     sampling = Sampling.prepare(
@@ -289,4 +319,6 @@ def sample(
         anyway=anyway,
         **vars(plan),
     )
-    return open_run(sampling.execute(resume=resume, progress=progress, stop=stop))
+    return open_run(
+        sampling.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
+    )

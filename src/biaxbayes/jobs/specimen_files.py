@@ -159,6 +159,7 @@ def convert(
     header: Mapping[str, float | str] | None = None,
     protocol_names: Sequence[str] = (),
     out: str | Path | None = None,
+    overwrite: bool = False,
 ) -> Conversion:
     """Read machine exports as the protocols of one specimen, and write it where asked to.
 
@@ -175,6 +176,8 @@ def convert(
         One a protocol; from the names of the files where empty.
     out : path-like, optional
         The specimen file to write. Nothing is written that cannot be read again.
+    overwrite : bool
+        Replace a file of that name.
 
     Returns
     -------
@@ -192,6 +195,8 @@ def convert(
     files, target = [Path(path) for path in raw], None if out is None else Path(out)
     _check_choice(choice)
     _check_raw(files, target)
+    if target is not None:
+        _check_new(target, overwrite)
     values = {
         key: checked_value(key, " ".join(value.split())) if isinstance(value, str) else value
         for key, value in (header or {}).items()
@@ -295,12 +300,17 @@ def _check_files(out: Path, overwrite: bool) -> None:
     if not out.parent.is_dir():
         raise InputError("no such folder", file=out.parent, remedy="make it first")
     for path in (out, truth_file(out)):
-        if path.is_dir():
-            raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
-        if path.exists() and not overwrite:
-            raise InputError(
-                "exists already", file=path, remedy="choose another name, or add --overwrite"
-            )
+        _check_new(path, overwrite)
+
+
+def _check_new(path: Path, overwrite: bool) -> None:
+    """Refuse to replace a file of the user's unasked."""
+    if path.is_dir():
+        raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
+    if path.exists() and not overwrite:
+        raise InputError(
+            "exists already", file=path, remedy="choose another name, or add --overwrite"
+        )
 
 
 def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:

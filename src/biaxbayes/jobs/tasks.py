@@ -131,10 +131,10 @@ def _run(task: SpecimenTask, notes: list[str]) -> Run:
         if stop():  # while another process was compiling
             raise Interrupted("stopped before it began")
         try:
-            folder = sampling.execute(resume=True, progress=note, stop=stop)
+            folder = sampling.execute(resume=True, overwrite=True, progress=note, stop=stop)
         except CannotResume as error:
             notes.append(f"sampled anew: {error}")
-            folder = sampling.execute(resume=False, progress=note, stop=stop)
+            folder = sampling.execute(resume=False, overwrite=True, progress=note, stop=stop)
     return open_run(folder)
 
 
