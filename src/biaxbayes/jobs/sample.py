@@ -12,7 +12,7 @@ from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
 from biaxbayes.identifiability.toe import swapped_columns
-from biaxbayes.jobs.opening import opened_specimen
+from biaxbayes.jobs.opening import opened_specimen, readable_specimen
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
@@ -72,6 +72,7 @@ class Sampling:
         """Read the specimen and check it and the options; arguments as in ``biaxbayes.sample``."""
         if isinstance(specimen, Specimen):
             source, stem = specimen.name, _safe_stem(specimen.name)
+            readable_specimen(specimen, source)
         else:
             source, stem = Path(specimen).name, Path(specimen).stem
         specimen = opened_specimen(specimen, mounting_force)

@@ -7,18 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.jobs.opening import SpecimenLike, opened_specimen
+from biaxbayes.jobs.opening import SpecimenLike, opened_specimen, readable_specimen
 from biaxbayes.options import FitOptions, VirtualTest, documented
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import (
     parse_specimen,
-    read_specimen,
     specimen_text,
     write_specimen,
 )
@@ -417,17 +415,13 @@ def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
 
 def _check_readable(specimen: Specimen) -> None:
     """Refuse a simulation that ``read_specimen`` would refuse (too large a stress and the like)."""
-    with TemporaryDirectory() as folder:
-        trial = Path(folder) / "specimen.csv"
-        write_specimen(specimen, trial)
-        try:
-            read_specimen(trial)
-        except InputError as error:
-            where = f" in {error.column}" if error.column else ""
-            raise InputError(
-                f"this test gives a record that cannot be used{where}: {error.problem}",
-                remedy="ask for another stretch, ratio or material",
-            ) from None
+    try:
+        readable_specimen(specimen, specimen.name)
+    except InputError as error:
+        raise InputError(
+            f"this test gives a record that cannot be used: {error.problem}",
+            remedy="ask for another stretch, ratio or material",
+        ) from None
 
 
 # --- fit -----------------------------------------------------------------------------------------
