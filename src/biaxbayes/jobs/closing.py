@@ -128,9 +128,9 @@ def _verdicts(run: Run) -> pd.DataFrame | None:
     path = run.path / "identifiability.csv"
     if not path.is_file():
         return None
-    import pandas as pd
+    from biaxbayes.csv_tables import read_csv
 
-    return pd.read_csv(path, comment="#")
+    return read_csv(path)
 
 
 def _misses(run: Run) -> list[str]:

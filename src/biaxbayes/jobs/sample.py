@@ -30,7 +30,7 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run
-from biaxbayes.runs.summary import summarise, write_summary
+from biaxbayes.runs.summary import summarise, with_verdicts, write_summary
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
 from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
@@ -192,7 +192,7 @@ class Sampling:
             self._write_files(folder, posterior, draws, clock)
 
     def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
-        from biaxbayes.jobs.products import write_products
+        from biaxbayes.jobs.products import thresholds_record, write_products
         from biaxbayes.reports.page import write_report
 
         specimen = self.specimen
@@ -211,9 +211,11 @@ class Sampling:
         table = summarise(
             draws.quantities, posterior.parameter_names, posterior.quantities, draws.convergence
         )
-        write_summary(folder / "summary.csv", table)
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
-        write_products(folder, posterior, draws)
+        found = write_products(folder, posterior, draws)
+        verdicts = {p.name: p.verdict for p in found.parameters}
+        write_summary(folder / "summary.csv", with_verdicts(table, verdicts))
+        record["identifiability"] = thresholds_record(found)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
         write_report(folder, Run(folder, record))
         record["files"] = manifest(folder)

@@ -58,7 +58,7 @@ CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD
 """Folders of material cards in a run."""
 PICTURE = r"\.(pdf|png|svg)"
 DERIVED = re.compile(
-    rf"(prediction|inflation|ledger|design|profile)(\.csv|{PICTURE})|profile-intervals\.csv"
+    rf"(prediction|inflation|ledger|design|profile)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
     rf"|(identifiability|determined|same-curves)\.csv|report\.(html|md|tex)"
     rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
 )
