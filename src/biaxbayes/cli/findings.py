@@ -348,10 +348,13 @@ def _tell_ledger(found: Ledger, folder: Path) -> None:
 
 
 def _cell(row: Any, name: str) -> str:
+    from biaxbayes.figures.labels import number
+
     low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))
     if low == high:
         return f"{median:.4g} (taken)"
-    return f"{median:.4g} ({low:.3g}, {high:.3g})"
+    shown = [number(v, low, high) for v in (median, low, high)]
+    return f"{shown[0]} ({shown[1]}, {shown[2]})"
 
 
 # --- design: what to measure next ----------------------------------------------------------------

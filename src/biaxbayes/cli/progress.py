@@ -15,11 +15,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
     from biaxbayes.runs.run import Run
 
 __all__ = [
     "StoppedAtOnce",
     "graceful_stop",
+    "live_bar",
     "open_usable_run",
     "plain",
     "progress_line",
@@ -38,7 +42,7 @@ class StoppedAtOnce(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
-    """A live line with phase, share and time left; yields what to call with each Progress.
+    """A live line with phase, share and times; yields what to call with each Progress.
 
     Notes are printed whether the line is shown or not.
     """
@@ -46,26 +50,8 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         yield _tell_note
         return
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        SpinnerColumn,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bar
 
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+    with live_bar(Console(stderr=True)) as bar:
         task = bar.add_task("starting", total=None)
 
         def tell(progress: Any) -> None:
@@ -76,6 +62,48 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
             bar.update(task, description=progress.phase, total=total, completed=share or 0.0)
 
         yield tell
+
+
+def live_bar(console: Console) -> Bar:
+    """A bar of one task: phase, share where it is known, time spent, time left where it is known.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+    """
+    from rich.progress import (
+        BarColumn,
+        ProgressColumn,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import Progress as Bar
+    from rich.text import Text
+
+    class Share(ProgressColumn):
+        """Per cent and time left; nothing where the share is not known."""
+
+        remaining = TimeRemainingColumn()
+
+        def render(self, task: Any) -> Text:
+            if task.total is None:
+                return Text("")
+            left = self.remaining.render(task).plain
+            told = f", {left} left" if "-" not in left and not task.finished else ""
+            return Text(f"{task.percentage:.0f} %{told}")
+
+    return Bar(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("elapsed"),
+        Share(),
+        console=console,
+        transient=True,
+    )
 
 
 def _tell_note(progress: Any) -> None:

@@ -414,6 +414,8 @@ def calibrate(
 
 
 def _calibration_closing(folder: Path, outcome: Outcome, tested: bool) -> str:
+    from biaxbayes.calibration.ranks import FEWEST
+
     total = sum(outcome.states.values())
     lines = [f"{'':18s} {'uniform p':>9s} {'in band':>8s}   coverage of 50, 80, 90, 95 %"]
     for row in outcome.table.to_dict("records"):
@@ -426,7 +428,12 @@ def _calibration_closing(folder: Path, outcome: Outcome, tested: bool) -> str:
         f"{total} replications, "
         + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all reliable")
     )
-    if tested:
+    if total < FEWEST and (outcome.calibrated or not tested):
+        lines.append(
+            f"nothing follows from {total} replications: wrong intervals would look like this; "
+            f"run {FEWEST} or more (--replications, with --resume)"
+        )
+    elif tested:
         said = "uniform" if outcome.calibrated else "NOT uniform"
         lines.append(f"the ranks of all quantities together are {said} (p = {outcome.p:.3g})")
     else:

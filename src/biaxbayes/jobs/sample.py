@@ -126,6 +126,7 @@ class Sampling:
             )
             if draws.interrupted:
                 raise self._interruption(draws, stop())
+            tell(Progress("sampling", 1.0))
             tell(Progress("writing"))
             if state is None:
                 draws.seconds["fit"] += fit_seconds
