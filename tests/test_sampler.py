@@ -287,9 +287,7 @@ def test_stored_pointwise_likelihood(run):
 
 def test_loo_counts_parameters_not_readings(run):
     """Effective parameters cannot be many more than there are."""
-    whole = xr.open_datatree(run.path / "posterior.nc", engine="h5netcdf")
-    if not hasattr(az, "from_datatree"):
-        whole = az.from_netcdf(run.path / "posterior.nc")
+    whole = az.from_netcdf(run.path / "posterior.nc")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = az.loo(whole)

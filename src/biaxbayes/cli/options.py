@@ -210,6 +210,13 @@ def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
             held[law.known_name(name.strip())] = float(value)
         except ValueError:
             raise InputError(f"--fix {text[:60]!r}", remedy="write it as --fix kappa=0.1") from None
+        if name.strip().startswith("alpha") and 0.0 < held[name.strip()] <= math.pi / 2.0:
+            degrees = math.degrees(held[name.strip()])
+            click.echo(
+                f"warning: {name.strip()} is held at {held[name.strip()]:g} degrees; if that is in "
+                f"radians, write {name.strip()}={degrees:.4g}",
+                err=True,
+            )
     return held
 
 

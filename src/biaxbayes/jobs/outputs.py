@@ -34,6 +34,7 @@ from biaxbayes.options import (
 )
 from biaxbayes.runs.folder import CARDS
 from biaxbayes.runs.run import Run
+from biaxbayes.specimens.plausibility import STRETCH_REMEDY
 from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
@@ -154,11 +155,14 @@ def _states(
         return np.asarray(path, dtype=float)
     if stretch == "tested":
         stretch = float(prediction_range(run.draws, run.specimen, protocol, reference).high.max())
-    elif isinstance(stretch, str) or not 0.2 <= stretch <= 5.0 or stretch == 1.0:  # type: ignore
+    elif isinstance(stretch, str) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:  # type: ignore
         told = stretch if isinstance(stretch, str) else f"{stretch:g}"
+        strain = not isinstance(stretch, str) and 0.0 < stretch < 0.5  # type: ignore[operator]
         raise InputError(
             f"--stretch {told} is no largest stretch",
-            remedy="stretches are ratios near 1, not strains or per cent",
+            remedy=f"for a strain of {told} write {1.0 + stretch:g}"  # type: ignore[operator]
+            if strain
+            else STRETCH_REMEDY,
         )
     return stretch_path(stretch, ratio=ratio or (1.0, 1.0), points=points)  # type: ignore[arg-type]
 

@@ -20,7 +20,7 @@ from biaxbayes.machines.recording import (
     gauge_note,
     take_branch,
 )
-from biaxbayes.machines.units import Unit, stem_of, unit_named
+from biaxbayes.machines.units import UNITS, Unit, stem_of, unit_named
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 
 __all__ = ["TARGETS", "Column", "column_map", "parse_columns", "recordings"]
@@ -130,6 +130,14 @@ def _named(table: RawTable, text: str) -> tuple[int, Unit | None]:
     unit = unit_named(ending) if colon else None
     if unit is not None and text not in table.names:
         return table.column(name), unit
+    if colon and text not in table.names and name.strip() in map(str.strip, table.names):
+        kinds = ", ".join(UNITS)
+        raise InputError(
+            f"--columns: {ending[:40]!r} behind {name[:40]!r} is no unit or kind of strain",
+            file=table.path,
+            column=name.strip(),
+            remedy=f"choose one of {kinds}; convert other strains (logarithmic, Almansi) first",
+        )
     return table.column(text), None
 
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.branches import SWING, progress, relapse
+from biaxbayes.specimens.branches import SWING, progress, relapse, scatter
 from biaxbayes.specimens.findings import Finding, mounting_findings, serious, sorted_findings
 from biaxbayes.specimens.plausibility import unit_findings
 from biaxbayes.specimens.specimen import Protocol, Specimen
@@ -24,6 +24,8 @@ STIFF_START = 1.5
 PROPORTIONAL = 0.01
 JUMP = 0.05
 FEW_ROWS = 8
+DISORDER = 0.15
+"""Scatter about the neighbours, as a share of the range; shuffled rows have 0.25 to 0.3."""
 
 
 def path_findings(specimen: Specimen) -> list[Finding]:
@@ -58,6 +60,16 @@ def path_findings(specimen: Specimen) -> list[Finding]:
 
 def _unloading(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
     path = progress(stretch, load)
+    if p.rows >= FEW_ROWS and scatter(path) > DISORDER * float(np.ptp(path)):
+        return [
+            Finding(
+                "shuffled",
+                "error",
+                f"neighbouring rows lie {100 * scatter(path) / float(np.ptp(path)):.0f} % of the "
+                "whole range apart: the rows are out of order. Sort them by time",
+                p.name,
+            )
+        ]
     back = relapse(path)
     if back is None:
         return []
