@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 
 from biaxbayes.cli.findings import _cell
-from biaxbayes.cli.progress import live_bar
 from biaxbayes.cli.runs import _calibration_closing
 from biaxbayes.jobs.calibrate import Outcome
+from biaxbayes.progress_bar import live_bar
 
 
 def test_time_spent_is_not_called_time_left():

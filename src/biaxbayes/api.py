@@ -51,6 +51,7 @@ from biaxbayes.options import (
     SamplingPlan,
     documented,
 )
+from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Progress
 from biaxbayes.specimens.specimen import Specimen
@@ -195,6 +196,7 @@ def profile(
 # --- runs and specimens side by side -------------------------------------------------------------
 
 
+@with_progress
 @documented(LawsPlan, ModelOptions, without=("law", "fibre_switch", "priors"))
 def compare_laws(
     specimen: SpecimenLike,
@@ -255,6 +257,7 @@ def compare_laws(
     )
 
 
+@with_progress
 @documented(SamplingPlan, ModelOptions)
 def compare(
     runs: Sequence[RunLike | SpecimenLike],
@@ -339,6 +342,7 @@ def check_comparison(runs: Sequence[Any], labels: Sequence[str] | None) -> None:
         )
 
 
+@with_progress
 @documented(LedgerPlan, ModelOptions)
 def ledger(
     source: RunLike | SpecimenLike,
@@ -365,7 +369,9 @@ def ledger(
         For a tared specimen: the force (or stress) at the mounted state, put back on.
     anyway : bool
         Sample a specimen that cannot be a loading curve, too.
-    progress : callable
+    progress : callable or bool, optional
+        Called with each step; True or False shows a line or none, by default on a terminal and
+        in a notebook.
     **options
         As in :class:`~biaxbayes.options.LedgerPlan`, and for a specimen
         :class:`~biaxbayes.options.ModelOptions`.
@@ -416,6 +422,7 @@ def ledger(
     return found
 
 
+@with_progress
 @documented(DesignOptions)
 def design(
     run: RunLike,
@@ -437,7 +444,9 @@ def design(
         Processes; None for the number of processors, at most four.
     scheduler : str, optional
         Address of a Dask scheduler to use instead.
-    progress : callable
+    progress : callable or bool, optional
+        Called with each step; True or False shows a line or none, by default on a terminal and
+        in a notebook.
     **options
         As in :class:`~biaxbayes.options.DesignOptions`.
     """
@@ -471,6 +480,7 @@ def design(
 # --- verbs that sample many specimens ------------------------------------------------------------
 
 
+@with_progress
 @documented(SamplingPlan, ModelOptions)
 def batch(
     study: PathLike | Sequence[PathLike],
@@ -520,6 +530,7 @@ def batch(
     return Batch(chosen, Path(out), executor).execute(progress=progress, stop=stop)
 
 
+@with_progress
 @documented(CalibrationPlan, ModelOptions)
 def calibrate(
     specimen: SpecimenLike,

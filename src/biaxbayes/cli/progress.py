@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.progress import Progress as Bar
+from biaxbayes.progress_bar import shown_progress
 
+if TYPE_CHECKING:
     from biaxbayes.runs.run import Run
 
 __all__ = [
     "StoppedAtOnce",
     "graceful_stop",
-    "live_bar",
     "open_usable_run",
     "plain",
     "progress_line",
@@ -51,59 +49,8 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         return
     from rich.console import Console
 
-    with live_bar(Console(stderr=True)) as bar:
-        task = bar.add_task("starting", total=None)
-
-        def tell(progress: Any) -> None:
-            if progress.note:
-                bar.console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
-            share = progress.share
-            total = None if share is None else 1.0
-            bar.update(task, description=progress.phase, total=total, completed=share or 0.0)
-
+    with shown_progress(Console(stderr=True)) as tell:
         yield tell
-
-
-def live_bar(console: Console) -> Bar:
-    """A bar of one task: phase, share where it is known, time spent, time left where it is known.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-    """
-    from rich.progress import (
-        BarColumn,
-        ProgressColumn,
-        SpinnerColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bar
-    from rich.text import Text
-
-    class Share(ProgressColumn):
-        """Per cent and time left; nothing where the share is not known."""
-
-        remaining = TimeRemainingColumn()
-
-        def render(self, task: Any) -> Text:
-            if task.total is None:
-                return Text("")
-            left = self.remaining.render(task).plain
-            told = f", {left} left" if "-" not in left and not task.finished else ""
-            return Text(f"{task.percentage:.0f} %{told}")
-
-    return Bar(
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("elapsed"),
-        Share(),
-        console=console,
-        transient=True,
-    )
 
 
 def _tell_note(progress: Any) -> None:

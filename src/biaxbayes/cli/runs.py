@@ -278,7 +278,8 @@ def fit(
     if method == ALL_FITS:
         fits = api.fit_all(data, fixed=fixed, **how)
     else:
-        fits = [api.fit(data, method, fixed=fixed, **how)]
+        found = api.fit(data, method, fixed=fixed, **how)
+        fits = found if isinstance(found, list) else [found]
     if as_json:
         import json
 

@@ -55,6 +55,14 @@ class FitResult:
     at_bound: tuple[str, ...]
     residuals: tuple[np.ndarray, ...]
 
+    def __repr__(self) -> str:
+        values = ", ".join(
+            f"{p.label}={v:.4g}"
+            for p, v in zip(self.material.law.parameters, self.material.values, strict=True)
+        )
+        end = "" if self.converged else ", not converged"
+        return f"FitResult({self.method}: {values}, RMSE {self.rmse_kPa:.3g} kPa{end})"
+
     def record(self) -> dict[str, object]:
         """The fit as plain values; mounting stretches are lists where each protocol has one."""
         stretch_x, stretch_y = (

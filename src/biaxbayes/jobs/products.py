@@ -225,6 +225,10 @@ class Identified:
     determined: pd.DataFrame | None
     directions: Sloppiness | None
 
+    def __repr__(self) -> str:
+        told = ", ".join(f"{p.name}: {p.verdict}" for p in self.verdicts.parameters)
+        return f"Identified({told})"
+
     def __getitem__(self, name: str) -> ParameterVerdict:
         """The verdict on a parameter."""
         return self.verdicts[name]

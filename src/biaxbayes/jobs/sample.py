@@ -17,6 +17,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, documented
+from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import write_archive
 from biaxbayes.runs.folder import (
@@ -264,6 +265,7 @@ def _fitting_options(
     return specimen, options
 
 
+@with_progress
 @documented(SamplingPlan, ModelOptions)
 def sample(
     specimen: Specimen | str | Path,
@@ -293,7 +295,10 @@ def sample(
         Continue from the folder's checkpoint where there is one.
     overwrite : bool
         Replace a finished run, with all that was made of it.
-    progress, stop : callable, optional
+    progress : callable or bool, optional
+        Called with each step; True or False shows a line or none, by default on a terminal and
+        in a notebook.
+    stop : callable, optional
         As in :func:`biaxbayes.sampling.sampler.draw`.
     **options
         As in :class:`~biaxbayes.options.SamplingPlan` and

@@ -13,7 +13,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.jobs.opening import SpecimenLike, opened_specimen, readable_specimen
-from biaxbayes.options import FitOptions, VirtualTest, documented
+from biaxbayes.options import ALL_FITS, FitOptions, VirtualTest, documented
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import (
     parse_specimen,
@@ -55,6 +55,10 @@ class Checked:
 
     specimen: Specimen
     findings: tuple[Finding, ...]
+
+    def __repr__(self) -> str:
+        count = sum(f.severity != "note" for f in self.findings)
+        return f"Checked({self.specimen.name!r}, {count} of {len(self.findings)} findings serious)"
 
     def record(self) -> dict[str, Any]:
         """Everything as plain values, as ``biaxbayes check --json`` prints it."""
@@ -151,22 +155,23 @@ def understood(specimen: Specimen) -> dict[str, Any]:
 
 
 def convert(
-    raw: Sequence[str | Path],
-    choice: Choice,
+    raw: str | Path | Sequence[str | Path],
+    choice: Choice | None = None,
     *,
     header: Mapping[str, float | str] | None = None,
     protocol_names: Sequence[str] = (),
     out: str | Path | None = None,
     overwrite: bool = False,
+    **taken: Any,
 ) -> Conversion:
     """Read machine exports as the protocols of one specimen, and write it where asked to.
 
     Parameters
     ----------
     raw : sequence of path-like
-        Each file (or set in it) becomes a protocol.
-    choice : Choice
-        What to take from the files.
+        A file, or several: each (or each set or sheet in it) becomes a protocol.
+    choice : Choice, optional
+        What to take from the files; or its fields as keywords.
     header : mapping, optional
         Header values by their key in a specimen file (``edge_x_mm``, ``geometry``,
         ``load_noise_N``, ``layer`` ...).
@@ -176,6 +181,9 @@ def convert(
         The specimen file to write. Nothing is written that cannot be read again.
     overwrite : bool
         Replace a file of that name.
+    **taken
+        ``machine``, ``columns``, ``cycle``, ``branch``, ``stretch_from``, ``sets`` and ``sheets``,
+        as in :class:`~biaxbayes.machines.recording.Choice`. Texts may stand for a list of one.
 
     Returns
     -------
@@ -190,7 +198,9 @@ def convert(
     from biaxbayes.machines.conversion import convert as conversion
     from biaxbayes.specimens.header import checked_value
 
-    files, target = [Path(path) for path in raw], None if out is None else Path(out)
+    choice = _choice(choice, taken)
+    paths = [raw] if isinstance(raw, str | Path) else raw
+    files, target = [Path(path) for path in paths], None if out is None else Path(out)
     _check_choice(choice)
     _check_raw(files, target)
     if target is not None:
@@ -208,6 +218,29 @@ def convert(
     specimen = parse_specimen(text.split("\n"), target)
     atomic_write_text(target, text)
     return replace(found, specimen=specimen)
+
+
+def _choice(choice: Choice | None, taken: Mapping[str, Any]) -> Choice:
+    """What to take from the files, from either way to say it."""
+    from biaxbayes.machines.recording import Choice
+
+    if choice is not None:
+        if taken:
+            raise InputError(f"{next(iter(taken))} is given beside a choice", remedy="give one")
+        return choice
+    known = Choice.__dataclass_fields__
+    for name in taken:
+        if name not in known:
+            raise InputError(f"unknown option {name[:60]!r}", remedy=f"one of {', '.join(known)}")
+    if "machine" not in taken:
+        raise InputError("no machine is given", remedy="machine='biotester' or 'generic'")
+    several = {
+        name: (taken[name],) if isinstance(taken[name], str) else tuple(taken[name])
+        for name in ("columns", "sets", "sheets")
+        if name in taken
+    }
+    chosen: dict[str, Any] = {**taken, **several}
+    return Choice(**chosen)
 
 
 def _check_choice(choice: Choice) -> None:
@@ -434,14 +467,14 @@ def fit(
     *,
     mounting_force: Sequence[float] | None = None,
     **options: Any,
-) -> FitResult:
+) -> FitResult | list[FitResult]:
     """Fit the material by least squares, and the mounting stretch where the method has one.
 
     Parameters
     ----------
     specimen : Specimen or path-like
-    method : {"standard", "zeroed", "fip", "linden", "constrained"}
-        As in :func:`biaxbayes.fitting.fit.fit`.
+    method : {"standard", "zeroed", "fip", "linden", "constrained", "all"}
+        As in :func:`biaxbayes.fitting.fit.fit`; ``all`` gives a list, as :func:`fit_all`.
     mounting_force : (float, float), optional
         For a tared specimen: the force (or stress) at the mounted state, put back on.
     **options
@@ -456,6 +489,8 @@ def fit(
     """
     from biaxbayes.fitting.fit import fit as fitted
 
+    if method == ALL_FITS:
+        return fit_all(specimen, mounting_force=mounting_force, **options)
     how = FitOptions.of(options)
     return fitted(opened_specimen(specimen, mounting_force), method, **vars(how))
 

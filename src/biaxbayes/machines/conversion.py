@@ -25,6 +25,10 @@ class Conversion:
     recordings: tuple[Recording, ...]
     geometry_stated: bool
 
+    def __repr__(self) -> str:
+        sources = ", ".join(r.source for r in self.recordings)
+        return f"Conversion({self.specimen!r} from {sources})"
+
 
 def convert(
     paths: Sequence[Path],

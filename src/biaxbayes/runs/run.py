@@ -51,6 +51,9 @@ class Run:
     path: Path
     provenance: dict[str, Any]
 
+    def __repr__(self) -> str:
+        return f"Run({str(self.path)!r}, {self.provenance['specimen']!r}, {self.state})"
+
     @cached_property
     def specimen(self) -> Specimen:
         """The specimen as it was sampled."""

@@ -6,6 +6,7 @@ Unloading, jumps, a stiff start, one direction only.
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from biaxbayes.specimens.branches import SWING, progress, relapse, scatter
 from biaxbayes.specimens.findings import Finding, mounting_findings, serious, sorted_findings
 from biaxbayes.specimens.plausibility import unit_findings
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.specimen_file import read_specimen
 
 __all__ = ["Finding", "check_specimen", "path_findings", "refuse_no_loading_curve"]
 
@@ -263,18 +265,20 @@ def _one_direction(specimen: Specimen) -> list[Finding]:
 # --- everything that is noticed ------------------------------------------------------------------
 
 
-def check_specimen(specimen: Specimen) -> tuple[Finding, ...]:
+def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     """What a user should know of a specimen before trusting a fit of it.
 
     Parameters
     ----------
-    specimen : Specimen
+    specimen : Specimen or path-like
 
     Returns
     -------
     tuple of Finding
         The most severe first, each group in the order: mounted state, paths, units, origin.
     """
+    if not isinstance(specimen, Specimen):
+        specimen = read_specimen(specimen)
     found = [
         *mounting_findings(specimen),
         *path_findings(specimen),
