@@ -88,6 +88,7 @@ def runs_without_figures() -> Iterator[None]:
         table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})
         found = identify_draws(posterior, table, draws.convergence.state)
         run_products.write_identifiability(found, folder / "identifiability.csv")
+        return found
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(run_products, "write_products", verdicts_alone)

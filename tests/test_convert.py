@@ -19,7 +19,7 @@ from biaxbayes.cli import main
 from biaxbayes.errors import InputError
 from biaxbayes.machines import FORMATS, Format
 from biaxbayes.machines.conversion import Choice, convert
-from biaxbayes.machines.raw_file import read_raw_table
+from biaxbayes.machines.raw_file import read_raw_tables
 from biaxbayes.machines.recording import Recording, shear_angle_deg
 from biaxbayes.machines.units import stem_of, unit_of_column
 from biaxbayes.specimens.check import check_specimen
@@ -33,7 +33,7 @@ DIMENSIONS = [
 
 def run(arguments: list[object], capsys) -> tuple[int, str, str]:
     with pytest.raises(SystemExit) as stop:
-        main(["convert", *map(str, arguments)])
+        main(["convert", *map(str, arguments), "--overwrite"])
     out, err = capsys.readouterr()
     assert "Traceback" not in err
     return int(stop.value.code or 0), out, err
@@ -228,6 +228,67 @@ def test_workbook(tmp_path, capsys):
     path.write_bytes(path.read_bytes()[:3000])
     code, _, err = biotester(path, out, capsys)
     assert code == 2 and "no readable Excel workbook" in err
+
+
+def test_a_sheet_a_protocol_is_one_command(tmp_path, capsys):
+    columns = ["F11", "F22", "P11_kPa", "P22_kPa"]
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, ratio in (("1 to 1", 1.0), ("1 to 0.5", 0.5), ("0.5 to 1", 2.0)):
+        sheet = book.create_sheet(name)
+        sheet.append(columns)
+        for t in np.linspace(0.0, 0.2, 21):
+            sheet.append([1 + t, 1 + ratio * t, 2 + 50 * t, 1 + 40 * ratio * t])
+    book.create_sheet("Notes").append(["tested on Monday"])
+    path, out = tmp_path / "tests.xlsx", tmp_path / "specimen.csv"
+    book.save(path)
+    mapped = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
+    asked = [path, "--machine", "generic", "--columns", mapped, "--out", out]
+    code, _, err = run(asked, capsys)
+    assert code == 2 and "--sheet all" in err and "found 1 to 1" in err
+    code, text, _ = run([*asked, "--sheet", "1 to 0.5", "--sheet", "1 to 1"], capsys)
+    assert code == 0 and "sheet 1 to 0.5" in text
+    assert [p.name for p in read_specimen(out).protocols] == ["1 to 0.5", "1 to 1"]
+    assert run([*asked, "--sheet", "all"], capsys)[0] == 0
+    protocols = read_specimen(out).protocols
+    assert [p.name for p in protocols] == ["1 to 1", "1 to 0.5", "0.5 to 1"]
+    assert protocols[2].stretch_y[-1] == pytest.approx(1.4)
+    assert run([*asked, "--sheet", "1 to 1", "--sheet", "1 to 1"], capsys)[0] == 2
+    code, _, err = run([*asked, "--sheet", "1 to 1", "--sheet", "Notes"], capsys)
+    assert code == 2 and "'Notes' holds no table" in err
+
+
+def test_sets_left_out_and_assumed_gauge_lengths_are_said(tmp_path, capsys):
+    first, second = (biotester_export(name=n, cycles=1) for n in ("Precondition", "Main"))
+    text = first.text() + second.text().split("\n", 1)[1]
+    out = tmp_path / "specimen.csv"
+    code, said, _ = biotester(written(tmp_path, text), out, capsys)
+    assert code == 0 and "sets left out: Precondition" in said
+    code, said, _ = biotester(written(tmp_path, text), out, capsys, "--set", "all")
+    assert code == 0 and "left out" not in said
+    rows = "\n".join(f"{0.02 * i},{0.01 * i},{0.1 + i},{0.1 + i}" for i in range(30))
+    moved = f"dispx_mm,dispy_mm,fx_mN,fy_mN\n{rows}\n"
+    columns = "stretch_x=dispx_mm,stretch_y=dispy_mm,force_x_N=fx_mN,force_y_N=fy_mN"
+    code, said, specimen = generic(tmp_path, moved, columns, capsys, *DIMENSIONS)
+    assert code == 0 and f"displacement / {EDGE_MM:g} mm" in said
+    assert specimen.protocols[0].stretch_x[-1] == pytest.approx(1.0 + 0.58 / EDGE_MM)
+
+
+@pytest.mark.parametrize("delimiter", [",", " ", "\t"])
+@pytest.mark.parametrize("names", [("lambda_x", "lambda_y"), ("lam1", "lam2"), ("Xlam", "Ylam")])
+def test_a_table_of_numpy_savetxt_with_its_names_in_a_comment(tmp_path, capsys, delimiter, names):
+    header = delimiter.join([*names, "P1_kPa", "P2_kPa"])
+    path, out = tmp_path / "saved.txt", tmp_path / "specimen.csv"
+    np.savetxt(path, np.hstack([STRETCH, PIOLA]), delimiter=delimiter, header=header)
+    columns = f"stretch_x={names[0]},stretch_y={names[1]},piola_x_kPa=P1_kPa,piola_y_kPa=P2_kPa"
+    code, _, err = run([path, "--machine", "generic", "--columns", columns, "--out", out], capsys)
+    assert code == 0, err
+    found = read_specimen(out).protocols[0]
+    assert found.rows == len(STRETCH)  # the first row is data
+    np.testing.assert_allclose(found.stretch_x, STRETCH[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(found.load_y, PIOLA[:, 1], rtol=1e-12)
 
 
 def test_workbook_without_openpyxl_names_the_extra(tmp_path, capsys, monkeypatch):
@@ -526,18 +587,18 @@ def test_displacements_need_edges(tmp_path, capsys):
 def test_mixed_decimals_and_binary_are_refused(tmp_path):
     mixed = written(tmp_path, "a;b;c\n1,5;2.5;3\n1,6;2.6;3\n1,7;2.7;3\n")
     with pytest.raises(InputError, match="mixes decimal commas"):
-        read_raw_table(mixed)
+        read_raw_tables(mixed)
     with pytest.raises(InputError, match="is binary"):
-        read_raw_table(written(tmp_path, "a,b\n1,\0\n", "b.csv"))
+        read_raw_tables(written(tmp_path, "a,b\n1,\0\n", "b.csv"))
 
 
 def test_exports_of_absurd_size_are_refused_before_they_are_cut_up(tmp_path):
     path = written(tmp_path, "a,b\n" * 600_000)
     with pytest.raises(InputError, match="has more than 500,000 lines"):
-        read_raw_table(path)
+        read_raw_tables(path)
     path.write_bytes(b"," * 65_000_000)
     with pytest.raises(InputError, match="larger than 64 MB"):
-        read_raw_table(path)
+        read_raw_tables(path)
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_every_mounted_state_has_its_own_refits(tmp_path):
     names = [f"{name}[{p.name}]" for p in missed().protocols for name in NAMES]
     assert {found[name].verdict for name in names} == {NOT_IDENTIFIED}
     write_identifiability(found, tmp_path / "i.csv")
-    back = pd.read_csv(tmp_path / "i.csv", comment="#").set_index("parameter")
+    back = pd.read_csv(tmp_path / "i.csv").set_index("parameter")
     assert (back.loc[names, "refit_low"] < back.loc[names, "low_90"]).all()
     assert back.loc[["C1", "kappa"], "refit_low"].isna().all()
 
@@ -127,7 +127,7 @@ def test_a_run_states_the_range_in_place_of_the_interval(tmp_path):
         run = biaxbayes.sample(
             missed(), out=tmp_path / "run", ess=80, workers=1, noise="independent"
         )
-    table = pd.read_csv(tmp_path / "run" / "identifiability.csv", comment="#")
+    table = pd.read_csv(tmp_path / "run" / "identifiability.csv")
     row = table.set_index("parameter").loc[NAMES[0]]
     assert row["verdict"] == NOT_IDENTIFIED
     said = closing_message(run)

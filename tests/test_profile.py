@@ -285,11 +285,13 @@ def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     told = CliRunner().invoke(command, [str(path), *options, "--json"])
     assert told.exit_code == 0, told.output
     record = json.loads(told.output)[0]
-    back = pd.read_csv(out / "profile.csv", comment="#")
+    back = pd.read_csv(out / "profile.csv")
     np.testing.assert_allclose(back["deviance"], record["curve"]["deviance"], rtol=1e-6, atol=1e-6)
-    ends = pd.read_csv(out / "profile-intervals.csv", comment="#")
+    ends = pd.read_csv(out / "profile-intervals.csv")
     assert ends["kind"][0] == record["kind"] == "practical"
     assert bool(ends["open_low"][0])
+    said = json.loads((out / "profile-provenance.json").read_text())
+    assert said["deviance_of_95_percent"] == pytest.approx(3.84, abs=0.01)
     assert (out / "profile.pdf").read_bytes().startswith(b"%PDF")
 
 

@@ -272,14 +272,26 @@ def test_archive_opens_with_arviz_and_has_its_groups_and_dimensions(run):
         assert "posterior" in az.from_datatree(run.tree).groups()
 
 
-def test_stored_pointwise_likelihood_is_untempered(run):
-    """Its sum over readings times beta is the tempered likelihood that was sampled."""
-    logs = run.tree["log_likelihood"]["load"]
-    picked = logs["draw"].to_numpy()
-    total = logs.to_numpy().astype(float).sum(axis=(-2, -1))
+def test_stored_pointwise_likelihood(run):
+    """Weighted, its sum over readings is the likelihood that was sampled; each group says which."""
+    weighted, plain = (run.tree[f"log_likelihood{end}"]["load"] for end in ("", "_unweighted"))
+    picked = plain["draw"].to_numpy()
     stored = run.tree["sample_stats"]["tempered_log_likelihood"].to_numpy()[:, picked]
     assert run.beta < 0.9
-    np.testing.assert_allclose(run.beta * total, stored, rtol=1e-4, atol=1e-2)
+    for logs, weight in ((weighted, 1.0), (plain, run.beta)):
+        total = logs.to_numpy().astype(float).sum(axis=(-2, -1))
+        np.testing.assert_allclose(weight * total, stored, rtol=1e-4, atol=1e-2)
+    said = [run.tree[f"log_likelihood{end}"].attrs["weighting"] for end in ("", "_unweighted")]
+    assert said[0].startswith("weighted: ") and said[1].startswith("unweighted: ")
+
+
+def test_loo_counts_parameters_not_readings(run):
+    """Effective parameters cannot be many more than there are."""
+    whole = az.from_netcdf(run.path / "posterior.nc")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = az.loo(whole)
+    assert 0.0 < float(getattr(found, "p_loo", getattr(found, "p", None))) < 10.0
 
 
 def test_provenance_says_what_was_run_and_how_long_each_part_took(run):

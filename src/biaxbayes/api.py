@@ -32,6 +32,7 @@ from biaxbayes.jobs.outputs import (
     export,
     inflate,
     picture,
+    picture_name,
     plot,
     predict,
     report,
@@ -50,6 +51,7 @@ from biaxbayes.options import (
     SamplingPlan,
     documented,
 )
+from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Progress
 from biaxbayes.specimens.specimen import Specimen
@@ -85,6 +87,7 @@ __all__ = [
     "ledger",
     "open_run",
     "picture",
+    "picture_name",
     "plot",
     "predict",
     "profile",
@@ -193,6 +196,7 @@ def profile(
 # --- runs and specimens side by side -------------------------------------------------------------
 
 
+@with_progress
 @documented(LawsPlan, ModelOptions, without=("law", "fibre_switch", "priors"))
 def compare_laws(
     specimen: SpecimenLike,
@@ -253,6 +257,7 @@ def compare_laws(
     )
 
 
+@with_progress
 @documented(SamplingPlan, ModelOptions)
 def compare(
     runs: Sequence[RunLike | SpecimenLike],
@@ -261,6 +266,7 @@ def compare(
     out: PathLike | None = None,
     mounting_force: Sequence[float] | None = None,
     anyway: bool = False,
+    overwrite: bool = False,
     progress: Tell | None = None,
     stop: Stop = _never,
     **options: Any,
@@ -278,7 +284,10 @@ def compare(
     mounting_force : (float, float), optional
         Of tared specimens to sample.
     anyway : bool
-        Take runs whose chains have not converged; they get no verdict.
+        Take runs whose chains have not converged, which get no verdict, and specimens that
+        cannot be loading curves.
+    overwrite : bool
+        Replace finished runs of specimens in ``out``.
     progress, stop : callable, optional
         As in :func:`biaxbayes.sample`.
     **options
@@ -302,6 +311,8 @@ def compare(
                 source,  # type: ignore[arg-type]
                 out=Path(out) / f"{stem}-posterior",
                 mounting_force=mounting_force,
+                anyway=anyway,
+                overwrite=overwrite,
                 progress=progress,
                 stop=stop,
                 **options,
@@ -331,6 +342,7 @@ def check_comparison(runs: Sequence[Any], labels: Sequence[str] | None) -> None:
         )
 
 
+@with_progress
 @documented(LedgerPlan, ModelOptions)
 def ledger(
     source: RunLike | SpecimenLike,
@@ -338,6 +350,7 @@ def ledger(
     stretches: Sequence[float] = (),
     out: PathLike | None = None,
     mounting_force: Sequence[float] | None = None,
+    anyway: bool = False,
     progress: Tell = _silent,
     **options: Any,
 ) -> Ledger:
@@ -354,7 +367,11 @@ def ledger(
         Folder for ledger.csv, ledger.pdf and ledger.png.
     mounting_force : (float, float), optional
         For a tared specimen: the force (or stress) at the mounted state, put back on.
-    progress : callable
+    anyway : bool
+        Sample a specimen that cannot be a loading curve, too.
+    progress : callable or bool, optional
+        Called with each step; True or False shows a line or none, by default on a terminal and
+        in a notebook.
     **options
         As in :class:`~biaxbayes.options.LedgerPlan`, and for a specimen
         :class:`~biaxbayes.options.ModelOptions`.
@@ -383,7 +400,15 @@ def ledger(
                 remedy=f"choose {', '.join(INFERRING)}: how the force enters where it is inferred",
             )
         specimen = opened_specimen(source, mounting_force)  # type: ignore[arg-type]
-    prepared = Sampling.prepare(specimen, out=None, options=asked, **vars(chosen))
+    prepared = Sampling.prepare(
+        specimen,
+        out=None,
+        options=asked,
+        anyway=anyway or inferred is not None,
+        **vars(chosen),
+    )
+    for finding in prepared.findings if inferred is None else ():
+        progress(Progress("fitting", note=str(finding)))
     treated = treated_three_ways(
         prepared.specimen, prepared.options, prepared.plan, inferred, progress
     )
@@ -397,6 +422,7 @@ def ledger(
     return found
 
 
+@with_progress
 @documented(DesignOptions)
 def design(
     run: RunLike,
@@ -418,7 +444,9 @@ def design(
         Processes; None for the number of processors, at most four.
     scheduler : str, optional
         Address of a Dask scheduler to use instead.
-    progress : callable
+    progress : callable or bool, optional
+        Called with each step; True or False shows a line or none, by default on a terminal and
+        in a notebook.
     **options
         As in :class:`~biaxbayes.options.DesignOptions`.
     """
@@ -452,6 +480,7 @@ def design(
 # --- verbs that sample many specimens ------------------------------------------------------------
 
 
+@with_progress
 @documented(SamplingPlan, ModelOptions)
 def batch(
     study: PathLike | Sequence[PathLike],
@@ -481,7 +510,8 @@ def batch(
     progress, stop : callable, optional
         As in :func:`biaxbayes.sample`.
     **options
-        For specimen files: seed, ess, max_steps, and those of
+        For specimen files: seed, ess, max_steps, anyway (as in :func:`biaxbayes.sample`), and
+        those of
         :class:`~biaxbayes.options.ModelOptions`.
     """
     from biaxbayes.jobs.batch import Batch
@@ -492,13 +522,15 @@ def batch(
             raise InputError("options of a study stand in its file", file=study)
         chosen = read_study(Path(study))
     else:
-        numbers = {k: options.pop(k) for k in ("seed", "ess", "max_steps") if k in options}
+        own = ("seed", "ess", "max_steps", "anyway")
+        numbers = {k: options.pop(k) for k in own if k in options}
         model = ModelOptions.of(options).keywords()
         chosen = study_of_files([Path(p) for p in study], model, **numbers)
     executor = executor_for(workers, scheduler, isolated=True)
     return Batch(chosen, Path(out), executor).execute(progress=progress, stop=stop)
 
 
+@with_progress
 @documented(CalibrationPlan, ModelOptions)
 def calibrate(
     specimen: SpecimenLike,

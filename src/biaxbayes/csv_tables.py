@@ -13,9 +13,9 @@ import io
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
 from biaxbayes.text_files import atomic_write_text
@@ -31,6 +31,7 @@ __all__ = [
     "fault_of",
     "number_in",
     "one_line",
+    "read_csv",
     "rows_of",
     "rows_text",
     "write_csv",
@@ -143,6 +144,25 @@ def rows_of(
             row=number + 1,
             remedy="look for a stray quotation mark",
         ) from None
+
+
+# --- reading a table that this program wrote -----------------------------------------------------
+
+
+def read_csv(path: Path, **how: Any) -> pd.DataFrame:
+    """A table of this program; lines of comment before the names, as it once wrote, are left out.
+
+    Parameters
+    ----------
+    path : Path
+    **how
+        As for :func:`pandas.read_csv`.
+    """
+    import pandas as pd
+
+    with path.open(encoding="utf-8") as lines:
+        head = sum(1 for _ in takewhile(lambda line: line.startswith("#"), lines))
+    return pd.read_csv(path, skiprows=head, **how)
 
 
 # --- writing ------------------------------------------------------------------------------------

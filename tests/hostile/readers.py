@@ -27,7 +27,7 @@ from unittest import mock
 import numpy as np
 
 import biaxbayes
-from biaxbayes import read_specimen
+from biaxbayes import read_specimen, write_specimen
 from biaxbayes.cli import main
 from biaxbayes.cli.progress import open_usable_run
 from biaxbayes.errors import BiaxbayesError
@@ -405,11 +405,15 @@ OPTIONS = (
 def options(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) -> None:
     specimen = folder / "good.csv"
     specimen.write_text(specimen_files.GOOD)
+    tared = rng.random() < 0.4
+    if tared:
+        write_specimen(read_specimen(specimen).zeroed(), specimen)
     chosen: list[str] = []
     for _ in range(rng.integers(1, 4)):
         chosen += [OPTIONS[rng.integers(len(OPTIONS))], WORDS[rng.integers(len(WORDS))]]
-    if rng.random() < 0.2:
-        numbers = rng.choice(["nan", "inf", "-1", "1e308", "0", "x"], 2)
+    if rng.random() < (0.8 if tared else 0.2):
+        some = ["nan", "inf", "-1", "1e308", "0", "x", *3 * ["0.01", "0.02", "8", "1000"]]
+        numbers = rng.choice(some, 2)
         chosen += ["--mounting-force", *map(str, numbers)]
     with mock.patch.object(Sampling, "execute", evaluate_instead):
         code, err = command("sample", specimen, *chosen)

@@ -74,7 +74,14 @@ def _peak_MB(pid: int) -> float:
 def _sample(data: Path, name: str, folder: Path, **options) -> Command:
     run = f"{name}-posterior"
     found = _timed(
-        "sample", str(data / f"{name}.csv"), "--out", run, "--quiet", folder=folder, **options
+        "sample",
+        str(data / f"{name}.csv"),
+        "--out",
+        run,
+        "--overwrite",
+        "--quiet",
+        folder=folder,
+        **options,
     )
     told = json.loads((folder / run / "provenance.json").read_text())["seconds"]
     parts = {k: told[k] for k in ("fit", "compile", "warm-up", "sampling") if k in told}

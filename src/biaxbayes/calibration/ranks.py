@@ -28,6 +28,7 @@ from scipy.special import gammaln
 from scipy.stats import beta, binom
 
 __all__ = [
+    "FEWEST",
     "LEVELS",
     "SIGNIFICANT",
     "Coverage",
@@ -209,6 +210,8 @@ def coverage(below: np.ndarray, level: float) -> Coverage:
 # --- what the ranks of a study say, parameter by parameter ---------------------------------------
 
 
+FEWEST = 50
+"""Replications below which even clearly wrong intervals leave uniform ranks."""
 SIGNIFICANT = 0.05
 """The simultaneous bands hold 95 % of uniform studies."""
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from biaxbayes.errors import BiaxbayesError, one_line
+from biaxbayes.errors import BiaxbayesError, InputError, one_line
 
 __all__ = ["main"]
 
@@ -63,6 +63,15 @@ class LazyGroup(click.Group):
         # Raw docstrings hold click's mark of a paragraph to leave alone as two characters.
         command.help = (command.help or "").replace("\\b\n", "\b\n")
         return command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
+        if args and args[0] not in VERBS and not args[0].startswith("-"):
+            from difflib import get_close_matches
+
+            close = get_close_matches(args[0].lower(), VERBS, n=1, cutoff=0.6)
+            hint = f"did you mean {close[0]}?" if close else f"verbs are {', '.join(VERBS)}"
+            raise InputError(f"no verb {args[0][:40]!r}", remedy=hint)
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

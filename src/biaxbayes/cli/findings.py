@@ -11,6 +11,7 @@ import click
 from biaxbayes.cli.options import (
     MODEL,
     Pair,
+    any_record_option,
     argument,
     executor_options,
     file_option,
@@ -18,6 +19,7 @@ from biaxbayes.cli.options import (
     model_options,
     mounting_force_option,
     options,
+    overwrite_run_option,
     quiet_option,
     read_model_options,
     refuse_given,
@@ -163,7 +165,12 @@ def profile(
 @options(SamplingPlan, "seed", seed={"help": "For specimens to sample."})
 @model_options
 @options(SamplingPlan, "ess", "workers")
-@click.option("--anyway", is_flag=True, help="Take runs whose chains have not converged.")
+@click.option(
+    "--anyway",
+    is_flag=True,
+    help="Take runs whose chains have not converged, and records that cannot be loading curves.",
+)
+@overwrite_run_option
 @quiet_option
 def compare(
     sources: tuple[Path, ...],
@@ -174,6 +181,7 @@ def compare(
     ess: float,
     workers: int | None,
     anyway: bool,
+    overwrite: bool,
     quiet: bool,
     **model: Any,
 ) -> int:
@@ -200,6 +208,7 @@ def compare(
             out=out,
             mounting_force=mounting_force,
             anyway=anyway,
+            overwrite=overwrite,
             progress=tell,
             stop=stop,
             seed=seed,
@@ -257,6 +266,7 @@ def _name(row: dict[Any, Any]) -> str:
 @options(LedgerPlan, "seed")
 @model_options
 @options(LedgerPlan, "ess", "workers")
+@any_record_option
 @quiet_option
 @click.pass_context
 def ledger(
@@ -268,6 +278,7 @@ def ledger(
     mounting_force: tuple[float, float] | None,
     ess: float,
     workers: int | None,
+    anyway: bool,
     quiet: bool,
     **model: Any,
 ) -> int:
@@ -298,6 +309,7 @@ def ledger(
             stretches=stretches,
             out=folder,
             mounting_force=mounting_force,
+            anyway=anyway,
             progress=tell,
             seed=seed,
             ess=ess,
@@ -336,10 +348,13 @@ def _tell_ledger(found: Ledger, folder: Path) -> None:
 
 
 def _cell(row: Any, name: str) -> str:
+    from biaxbayes.figures.labels import number
+
     low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))
     if low == high:
         return f"{median:.4g} (taken)"
-    return f"{median:.4g} ({low:.3g}, {high:.3g})"
+    shown = [number(v, low, high) for v in (median, low, high)]
+    return f"{shown[0]} ({shown[1]}, {shown[2]})"
 
 
 # --- design: what to measure next ----------------------------------------------------------------

@@ -19,6 +19,7 @@ __all__ = [
     "MODEL",
     "Decorator",
     "Pair",
+    "any_record_option",
     "anyway_option",
     "argument",
     "executor_options",
@@ -28,6 +29,7 @@ __all__ = [
     "model_options",
     "mounting_force_option",
     "options",
+    "overwrite_run_option",
     "quiet_option",
     "read_model_options",
     "refuse_given",
@@ -123,6 +125,12 @@ def file_option(name: str, words: str, metavar: str | None = None, **more: Any) 
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 anyway_option = click.option("--anyway", is_flag=True, help="Even if the run is not reliable.")
+overwrite_run_option = click.option(
+    "--overwrite", is_flag=True, help="Replace a finished run, with all that was made of it."
+)
+any_record_option = click.option(
+    "--anyway", is_flag=True, help="Even if the record cannot be a loading curve (see check)."
+)
 
 
 def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -202,6 +210,13 @@ def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
             held[law.known_name(name.strip())] = float(value)
         except ValueError:
             raise InputError(f"--fix {text[:60]!r}", remedy="write it as --fix kappa=0.1") from None
+        if name.strip().startswith("alpha") and 0.0 < held[name.strip()] <= math.pi / 2.0:
+            degrees = math.degrees(held[name.strip()])
+            click.echo(
+                f"warning: {name.strip()} is held at {held[name.strip()]:g} degrees; if that is in "
+                f"radians, write {name.strip()}={degrees:.4g}",
+                err=True,
+            )
     return held
 
 

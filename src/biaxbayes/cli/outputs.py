@@ -210,7 +210,9 @@ def _tell_predicted(table: pd.DataFrame, *files: Path) -> None:
     metavar="NAME",
     help="What to show, repeatable: corner, profile and trace.",
 )
-@file_option("out", "The file to write  [default: in the run folder]", "FILE")
+@file_option(
+    "out", "The file to write  [default: in the run folder, named by figure and width]", "FILE"
+)
 @anyway_option
 def plot(
     run: Path,
@@ -231,8 +233,9 @@ def plot(
     """
     from biaxbayes import api
 
-    target = api.picture(out or run / f"{PLOTS[figure]}.{suffix or PICTURES[0]}", suffix)
     api.check_figure(figure, compare=compare, **{n: how[n] for n in ("truth", "parameters")})
+    shown = {"compare": compare, "parameters": how["parameters"], "suffix": suffix}
+    target = api.picture(out or run / api.picture_name(figure, how["width_mm"], **shown), suffix)
     # Traces are there to see why a run is not reliable; a profile rests on no draws.
     judged = figure not in api.WITHOUT_JUDGEMENT
     opened: Any = open_usable_run(run, anyway=anyway) if judged else run

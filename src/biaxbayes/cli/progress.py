@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from biaxbayes.progress_bar import shown_progress
+
 if TYPE_CHECKING:
     from biaxbayes.runs.run import Run
 
@@ -38,7 +40,7 @@ class StoppedAtOnce(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
-    """A live line with phase, share and time left; yields what to call with each Progress.
+    """A live line with phase, share and times; yields what to call with each Progress.
 
     Notes are printed whether the line is shown or not.
     """
@@ -46,35 +48,8 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         yield _tell_note
         return
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        SpinnerColumn,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bar
 
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("starting", total=None)
-
-        def tell(progress: Any) -> None:
-            if progress.note:
-                bar.console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
-            share = progress.share
-            total = None if share is None else 1.0
-            bar.update(task, description=progress.phase, total=total, completed=share or 0.0)
-
+    with shown_progress(Console(stderr=True)) as tell:
         yield tell
 
 

@@ -9,6 +9,7 @@ import click
 
 from biaxbayes.cli.options import (
     MODEL,
+    any_record_option,
     argument,
     executor_options,
     file_option,
@@ -17,6 +18,7 @@ from biaxbayes.cli.options import (
     model_options,
     mounting_force_option,
     options,
+    overwrite_run_option,
     quiet_option,
     read_model_options,
     refuse_given,
@@ -49,7 +51,9 @@ NOT_RELIABLE = 3
 @options(SamplingPlan, "seed")
 @model_options
 @options(SamplingPlan, "ess", "max_steps", "workers")
+@any_record_option
 @click.option("--resume", is_flag=True, help="Continue from the folder's checkpoint.")
+@overwrite_run_option
 @quiet_option
 def sample(
     specimen: Path,
@@ -59,7 +63,9 @@ def sample(
     ess: float,
     max_steps: int,
     workers: int | None,
+    anyway: bool,
     resume: bool,
+    overwrite: bool,
     quiet: bool,
     **model: Any,
 ) -> int:
@@ -76,7 +82,9 @@ def sample(
             specimen,
             out=out,
             mounting_force=mounting_force,
+            anyway=anyway,
             resume=resume,
+            overwrite=overwrite,
             progress=tell,
             stop=stop,
             seed=seed,
@@ -98,7 +106,7 @@ def sample(
 
 
 IN_FILE = {
-    **dict.fromkeys(("seed", "ess", "max_steps"), "{}"),
+    **dict.fromkeys(("seed", "ess", "max_steps", "anyway"), "{}"),
     **dict.fromkeys(MODEL, "options"),
     **dict.fromkeys(("fix", "priors"), "priors"),
     "mounting_force": "{}",
@@ -113,6 +121,7 @@ IN_FILE = {
 @options(SamplingPlan, "seed")
 @model_options
 @options(SamplingPlan, "ess", "max_steps")
+@any_record_option
 @quiet_option
 @click.pass_context
 def batch(
@@ -125,6 +134,7 @@ def batch(
     mounting_force: tuple[float, float] | None,
     ess: float,
     max_steps: int,
+    anyway: bool,
     quiet: bool,
     **model: Any,
 ) -> int:
@@ -155,7 +165,7 @@ def batch(
     else:
         _check_csvs(sources, mounting_force)
         study = sources
-        numbers = {"seed": seed, "ess": ess, "max_steps": max_steps}
+        numbers = {"seed": seed, "ess": ess, "max_steps": max_steps, "anyway": anyway}
         chosen = read_model_options(**model) | numbers
     from biaxbayes import api
 
@@ -268,7 +278,8 @@ def fit(
     if method == ALL_FITS:
         fits = api.fit_all(data, fixed=fixed, **how)
     else:
-        fits = [api.fit(data, method, fixed=fixed, **how)]
+        found = api.fit(data, method, fixed=fixed, **how)
+        fits = found if isinstance(found, list) else [found]
     if as_json:
         import json
 
@@ -404,6 +415,8 @@ def calibrate(
 
 
 def _calibration_closing(folder: Path, outcome: Outcome, tested: bool) -> str:
+    from biaxbayes.calibration.ranks import FEWEST
+
     total = sum(outcome.states.values())
     lines = [f"{'':18s} {'uniform p':>9s} {'in band':>8s}   coverage of 50, 80, 90, 95 %"]
     for row in outcome.table.to_dict("records"):
@@ -416,7 +429,12 @@ def _calibration_closing(folder: Path, outcome: Outcome, tested: bool) -> str:
         f"{total} replications, "
         + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all reliable")
     )
-    if tested:
+    if total < FEWEST and (outcome.calibrated or not tested):
+        lines.append(
+            f"nothing follows from {total} replications: wrong intervals would look like this; "
+            f"run {FEWEST} or more (--replications, with --resume)"
+        )
+    elif tested:
         said = "uniform" if outcome.calibrated else "NOT uniform"
         lines.append(f"the ranks of all quantities together are {said} (p = {outcome.p:.3g})")
     else:

@@ -80,8 +80,10 @@ def _tell_checked(found: Checked) -> None:
         click.echo(line)
     click.echo("")
     for finding in findings:
-        where = f"protocol {finding.protocol}: " if finding.protocol else ""
-        click.echo(_wrapped(f"{finding.severity}: {where}{finding.message}"))
+        click.echo(_wrapped(str(finding)))
+    errors = sum(finding.severity == "error" for finding in findings)
+    if errors:
+        click.echo("cannot be a loading curve: 'sample' refuses it without --anyway")
     count = sum(finding.severity == "warning" for finding in findings)
     click.echo("no warnings" if not count else f"{count} {'warning' if count == 1 else 'warnings'}")
 
@@ -209,14 +211,22 @@ def header_options() -> Decorator:
     metavar="NAME|all",
     help="biotester: sets to take as protocols (default: the last).",
 )
-@click.option("--sheet", help="Sheet of a workbook.")
+@click.option(
+    "--sheet",
+    "sheets",
+    multiple=True,
+    metavar="NAME|all",
+    help="Sheet of a workbook, a protocol each; repeatable.",
+)
 @click.option(
     "--protocol-names", metavar="NAME,...", help="One a protocol (default: names of the files)."
 )
+@click.option("--overwrite", is_flag=True, help="Replace a file of the same name.")
 @header_options()
 def convert(
     raw: tuple[Path, ...],
     out: Path,
+    overwrite: bool,
     protocol_names: str | None,
     machine: str,
     columns: tuple[str, ...],
@@ -224,10 +234,17 @@ def convert(
     branch: str,
     stretch_from: str,
     sets: tuple[str, ...],
-    sheet: str | None,
+    sheets: tuple[str, ...],
     **header: str | None,
 ) -> int:
-    """Convert machine exports to one specimen file, each RAW (or set) a protocol of it."""
+    r"""Convert machine exports to one specimen file, each RAW (or set, or sheet) a protocol of it.
+
+    \b
+    biaxbayes convert export.csv --machine biotester --out specimen.csv --geometry unloaded \
+        --edge-x-mm 10 --edge-y-mm 10 --thickness-mm 1.2
+    biaxbayes convert tests.xlsx --machine generic --sheet all --out specimen.csv \
+        --columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa
+    """
     from biaxbayes import api
     from biaxbayes.machines.conversion import Choice
 
@@ -235,10 +252,11 @@ def convert(
     stated = {key: header[key.lower()] for key, _, _ in HEADER_OPTIONS}
     found = api.convert(
         raw,
-        Choice(machine, columns, cycle, branch, stretch_from, sets, sheet),
+        Choice(machine, columns, cycle, branch, stretch_from, sets, sheets),
         header={key: text for key, text in stated.items() if text is not None},
         protocol_names=names,
         out=out,
+        overwrite=overwrite,
     )
     _tell_converted(found, out)
     return 0

@@ -96,6 +96,7 @@ def constrained_fit(
     unknowns = found.unknowns
     return fit_result(
         "constrained" if setup.balanced else ("standard" if reading == "ignored" else "zeroed"),
+        specimen,
         setup.data,
         problem.theta(unknowns),
         problem.mounting(unknowns),

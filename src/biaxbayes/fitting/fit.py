@@ -241,7 +241,7 @@ def fit(
         "zeroed": _without_prestretch,
         "fip": _alternating,
         "linden": _free_mounting,
-    }[method](method, data, points, stretches, point, free, chosen)
+    }[method](method, specimen, data, points, stretches, point, free, chosen)
 
 
 def fit_all(
@@ -277,6 +277,7 @@ def _stress_scale(data: Readings) -> float:
 
 def _without_prestretch(
     method: str,
+    specimen: Specimen,
     data: Readings,
     points: np.ndarray,
     stretches: np.ndarray,
@@ -293,6 +294,7 @@ def _without_prestretch(
     found = best_descent(problem, [p[free] for p in points], law.lower[free], law.upper[free])
     return fit_result(
         method,
+        specimen,
         data,
         problem().theta(found.unknowns),
         one,
@@ -305,6 +307,7 @@ def _without_prestretch(
 
 def _alternating(
     method: str,
+    specimen: Specimen,
     data: Readings,
     points: np.ndarray,
     stretches: np.ndarray,
@@ -318,6 +321,7 @@ def _alternating(
     found = best_alternation(data, list(points), free, _stress_scale(data), law)
     return fit_result(
         method,
+        specimen,
         data,
         found.point,
         found.mounting,
@@ -330,6 +334,7 @@ def _alternating(
 
 def _free_mounting(
     method: str,
+    specimen: Specimen,
     data: Readings,
     points: np.ndarray,
     stretches: np.ndarray,
@@ -353,6 +358,7 @@ def _free_mounting(
     found = best_descent(problem, starts, lower, upper)
     return fit_result(
         method,
+        specimen,
         data,
         problem().theta(found.unknowns),
         found.unknowns[free.size :].reshape(2, -1),

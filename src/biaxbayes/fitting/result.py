@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.fitting.residuals import Readings
+from biaxbayes.fitting.rounding import rounding_bound
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.load import load_per_stress
 from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["FitResult", "fit_result"]
 
@@ -53,6 +55,14 @@ class FitResult:
     at_bound: tuple[str, ...]
     residuals: tuple[np.ndarray, ...]
 
+    def __repr__(self) -> str:
+        values = ", ".join(
+            f"{p.label}={v:.4g}"
+            for p, v in zip(self.material.law.parameters, self.material.values, strict=True)
+        )
+        end = "" if self.converged else ", not converged"
+        return f"FitResult({self.method}: {values}, RMSE {self.rmse_kPa:.3g} kPa{end})"
+
     def record(self) -> dict[str, object]:
         """The fit as plain values; mounting stretches are lists where each protocol has one."""
         stretch_x, stretch_y = (
@@ -86,6 +96,7 @@ class FitResult:
 
 def fit_result(
     method: str,
+    specimen: Specimen,
     data: Readings,
     point: np.ndarray,
     mounting_stretch: np.ndarray,
@@ -95,12 +106,17 @@ def fit_result(
     converged: bool,
     law: Law,
 ) -> FitResult:
-    """Judge a point of the law with mounting stretches (2, m) against the data."""
+    """Judge a point of the law with mounting stretches (2, m) against the data.
+
+    A fit that misses by no more than the written digits of the data explain has converged,
+    whatever its descent says.
+    """
     lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
     lmr = lm[:, data.group]
     area = data.area[:, None]
     with np.errstate(all="ignore"):
-        model = law.response(point, data.stretch * lmr).stress
+        response = law.response(point, data.stretch * lmr)
+        model = response.stress
         rest = law.response(point, lm).stress
         factor = load_per_stress(area, data.stretch, lmr, data.mounted)
         # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
@@ -111,6 +127,9 @@ def fit_result(
         total = float(((measured - measured.mean()) ** 2).sum())
         r2 = 1.0 - float((miss**2).sum()) / total if total > 0.0 else math.nan
         rmse = float(np.sqrt((miss**2).mean()))
+        solved = bool(np.isfinite(mounting_stretch).all())
+        if not converged and solved:
+            converged = rmse <= rounding_bound(specimen, data, lm, response)
     residuals = tuple((data.load - load)[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
     return FitResult(
         method=method,

@@ -68,6 +68,9 @@ class Profile:
     kind: str
     beta: float
 
+    def __repr__(self) -> str:
+        return f"Profile({self.in_words()})"
+
     @property
     def quantity(self) -> Quantity:
         """What is profiled."""

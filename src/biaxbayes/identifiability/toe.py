@@ -26,11 +26,19 @@ from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, fitted
 from biaxbayes.model.priors import Prior
+from biaxbayes.options import FitOptions
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import thinned_specimen
 
-__all__ = ["MountingRefits", "goh_description", "mounting_refits", "poor_fit"]
+__all__ = [
+    "MountingRefits",
+    "described",
+    "goh_description",
+    "mounting_refits",
+    "poor_fit",
+    "swapped_columns",
+]
 
 
 # --- whether GOH can follow a specimen at all: the misfit of its best least-squares fit ----------
@@ -41,27 +49,43 @@ POOR = 0.07
 NOTICEABLE = 0.01
 BEYOND_NOISE = 3.0
 DESCRIPTION_ROWS = 150
+DESCRIPTION_STARTS = 4
 
 
-def goh_description(specimen: Specimen, *, starts: int = 4, seed: int = 0) -> Finding:
-    """Say how closely the best GOH fit follows the record.
+def described(
+    specimen: Specimen, *, law: str = FitOptions.law, fibre_switch: bool = False
+) -> FitResult:
+    """The best fit of a law to a record, thinned.
 
-    The fit infers the mounting stretch where the file allows it; a tared file is fitted with
-    its mounted state as reference.
+    It infers the mounting stretch where the file allows it; a tared file is fitted with its
+    mounted state as reference.
 
     Parameters
     ----------
     specimen : Specimen
-    starts, seed : int
-        Of the least-squares fit.
+    law : str
+    fibre_switch : bool
+    """
+    method = "standard" if specimen.is_tared else "constrained"
+    how = {"law": law, "fibre_switch": fibre_switch}
+    return fit(thinned(specimen), method, starts=DESCRIPTION_STARTS, **how)  # type: ignore[arg-type]
+
+
+def goh_description(specimen: Specimen, found: FitResult | None = None) -> Finding:
+    """Say how closely the best GOH fit follows the record.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    found : FitResult, optional
+        That of :func:`described`, where it is there already.
 
     Returns
     -------
     Finding
         A warning where the misfit passes 7 % of the largest load, else a note.
     """
-    method = "standard" if specimen.is_tared else "constrained"
-    found = fit(thinned(specimen), method, starts=starts, seed=seed)
+    found = found or described(specimen)
     misfits = [float(np.sqrt((part**2).mean())) for part in found.residuals]
     rms = float(np.sqrt(np.mean(np.concatenate(found.residuals) ** 2)))
     peak, unit, noise = specimen.peak_load, specimen.unit, specimen.noise_sd
@@ -106,6 +130,59 @@ def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
         f"GOH does not describe this specimen: the closest fit misses by {rms:.2g} {specimen.unit} "
         f"rms, {100 * rms / peak:.1f} % of the largest load. Do not trust its parameters"
     )
+
+
+SWAPPED = 0.6
+"""Exchanged columns are told of where they leave less than this share of the miss; of 36 virtual
+tests of three ratios the largest share was 0.06, of an aorta that the model misses by 4 % 0.48."""
+
+
+def swapped_columns(
+    specimen: Specimen,
+    residuals: Sequence[np.ndarray],
+    *,
+    law: str = FitOptions.law,
+    fibre_switch: bool = False,
+) -> Finding | None:
+    """Try x and y of the load exchanged where a fit misses badly, and say so if that fits.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    residuals : sequence of ndarray
+        Of a fit of the specimen as it is, in its unit. Whatever that fit held or ignored, the
+        two that are compared are free.
+    law : str
+    fibre_switch : bool
+
+    Returns
+    -------
+    Finding or None
+        None where the fit is close, or the exchange does not help.
+    """
+    peak = specimen.peak_load
+    bad = max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd)
+    if not _rms(residuals) > bad:
+        return None
+    other = replace(
+        specimen,
+        protocols=tuple(replace(p, load_x=p.load_y, load_y=p.load_x) for p in specimen.protocols),
+    )
+    own, exchanged = (
+        _rms(described(s, law=law, fibre_switch=fibre_switch).residuals) for s in (specimen, other)
+    )
+    if not (own > bad and exchanged < SWAPPED * own):
+        return None
+    return Finding(
+        "swapped",
+        "warning",
+        f"x and y of the load seem to be swapped: the best fit misses by {100 * own / peak:.2g} % "
+        f"of the largest load, with the two columns exchanged by {100 * exchanged / peak:.2g} %",
+    )
+
+
+def _rms(residuals: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)))
 
 
 def thinned(specimen: Specimen, rows: int = DESCRIPTION_ROWS) -> Specimen:

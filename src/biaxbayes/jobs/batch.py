@@ -254,6 +254,7 @@ class Batch:
             entry.entry.seed,
             self.study.ess,
             self.study.max_steps,
+            entry.entry.anyway,
             finished,
             going,
         )

@@ -21,7 +21,7 @@ def closing_message(run: Run) -> str:
         if not record.get("layer")
         else (f"{record['specimen']} ({record['layer']})")
     )
-    lines = [f"{_plain(name)}: {_verdict(record)}", ""]
+    lines = [f"{_plain(name)}: {_verdict(record)}", *_found(run), ""]
     lines += _table(run)
     lines += ["", _readings(record)]
     lines += _thinning(record)
@@ -32,6 +32,13 @@ def closing_message(run: Run) -> str:
         lines.append(f"note: {record['sampler']['message']}")
     lines += ["", f"open {run.path}/report.html; tables, figures and draws are beside it"]
     return "\n".join(lines)
+
+
+def _found(run: Run) -> list[str]:
+    """What was odd about the record before it was sampled."""
+    from biaxbayes.reports.facts import record_findings
+
+    return [_plain(text) for text in record_findings(run)]
 
 
 def _verdict(record: dict[str, Any]) -> str:
@@ -121,9 +128,9 @@ def _verdicts(run: Run) -> pd.DataFrame | None:
     path = run.path / "identifiability.csv"
     if not path.is_file():
         return None
-    import pandas as pd
+    from biaxbayes.csv_tables import read_csv
 
-    return pd.read_csv(path, comment="#")
+    return read_csv(path)
 
 
 def _misses(run: Run) -> list[str]:

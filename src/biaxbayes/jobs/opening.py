@@ -14,7 +14,7 @@ from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.parameters import NOISE_SD, STRETCH
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
 from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ __all__ = [
     "made_folder",
     "opened_run",
     "opened_specimen",
+    "readable_specimen",
     "refuse_model",
     "usable_run",
     "write_table",
@@ -76,7 +77,34 @@ def opened_specimen(
             "--mounting-force must be two finite numbers, not both zero",
             remedy=f"give the force before taring, in {specimen.unit}",
         )
-    return specimen.with_mounting_force(x, y)
+    largest = specimen.peak_load
+    if max(abs(x), abs(y)) > FORCE_LIMIT * largest:
+        raise InputError(
+            f"--mounting-force {x:g} {y:g} is more than {FORCE_LIMIT:g} times the largest load "
+            f"recorded, {largest:.3g} {specimen.unit}",
+            file=file or specimen.name,
+            remedy=f"give it in {specimen.unit}",
+        )
+    return readable_specimen(specimen.with_mounting_force(x, y), file or specimen.name)
+
+
+FORCE_LIMIT = 3.0
+"""A stated mounting force beyond so many times the largest recorded load is in another unit."""
+
+
+def readable_specimen(specimen: Specimen, file: object) -> Specimen:
+    """The same specimen, if a run folder's copy of it can be read again; refused else.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        parse_specimen(specimen_text(specimen).split("\n"), Path("specimen.csv"))
+    except InputError as error:
+        where = f" in {error.column}" if error.column else ""
+        raise InputError(f"{error.problem}{where}", file=file, remedy=error.remedy) from None
+    return specimen
 
 
 def opened_run(run: RunLike) -> Run:

@@ -23,6 +23,7 @@ from biaxbayes.options import (
     DRAW_AT,
     PICTURES,
     PLOT_TAKES,
+    PLOTS,
     REFERENCES,
     REPORTS,
     STRESSES,
@@ -31,7 +32,9 @@ from biaxbayes.options import (
     PredictionOptions,
     documented,
 )
+from biaxbayes.runs.folder import CARDS
 from biaxbayes.runs.run import Run
+from biaxbayes.specimens.plausibility import STRETCH_REMEDY
 from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
@@ -45,6 +48,7 @@ __all__ = [
     "export",
     "inflate",
     "picture",
+    "picture_name",
     "plot",
     "predict",
     "report",
@@ -151,11 +155,14 @@ def _states(
         return np.asarray(path, dtype=float)
     if stretch == "tested":
         stretch = float(prediction_range(run.draws, run.specimen, protocol, reference).high.max())
-    elif isinstance(stretch, str) or not 0.2 <= stretch <= 5.0 or stretch == 1.0:  # type: ignore
+    elif isinstance(stretch, str) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:  # type: ignore
         told = stretch if isinstance(stretch, str) else f"{stretch:g}"
+        strain = not isinstance(stretch, str) and 0.0 < stretch < 0.5  # type: ignore[operator]
         raise InputError(
             f"--stretch {told} is no largest stretch",
-            remedy="stretches are ratios near 1, not strains or per cent",
+            remedy=f"for a strain of {told} write {1.0 + stretch:g}"  # type: ignore[operator]
+            if strain
+            else STRETCH_REMEDY,
         )
     return stretch_path(stretch, ratio=ratio or (1.0, 1.0), points=points)  # type: ignore[arg-type]
 
@@ -257,7 +264,7 @@ def plot(
     run : Run or path-like
     figure : {"corner", "bands", "identifiability", "mounting", "trace", "profile"}
     out : path-like, optional
-        File to write; see :func:`picture`.
+        File to write; see :func:`picture`. Not one of the run's own figures.
     suffix : {"pdf", "svg", "png"}, optional
         Kind of file; default that of ``out``, else pdf.
     style : mapping or path-like, optional
@@ -280,6 +287,8 @@ def plot(
     target = None if out is None else picture(out, suffix)
     how["style"] = _style(style)
     opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
+    if target is not None:
+        _refuse_own(opened, target)
     if parameters:
         key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
         how[key] = tuple(dict.fromkeys(parameters))
@@ -325,6 +334,31 @@ def picture(out: PathLike, suffix: str | None = None) -> Path:
             remedy="leave one of them out",
         )
     return path
+
+
+def picture_name(
+    figure: str,
+    width_mm: float,
+    *,
+    compare: Path | None = None,
+    parameters: Sequence[str] = (),
+    suffix: str | None = None,
+) -> str:
+    """Name of a figure that is asked for, which no figure of the run itself has."""
+    told = [PLOTS[figure], *dict.fromkeys(parameters)]
+    told += [] if compare is None else ["with", compare.resolve().name]
+    name = "-".join([*told, f"{width_mm:g}mm"])
+    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+    return f"{safe[:120]}.{suffix or PICTURES[0]}"
+
+
+def _refuse_own(run: Run, target: Path) -> None:
+    """Refuse to draw another figure in place of one that belongs to the run's own files."""
+    files = run.provenance.get("files") or {}
+    if target.name in files and target.resolve().parent == run.path.resolve():
+        raise InputError(
+            "is a figure of the run itself", file=target, remedy="choose another name with --out"
+        )
 
 
 def _told_apart(run: Run, other: Run) -> tuple[str, str]:
@@ -429,4 +463,4 @@ def check_cards(draws: int | None, at: str | None) -> None:
 
 def cards_folder(run: Path, to: str, units: str) -> Path:
     """Where the cards of a run go if nothing else is said."""
-    return run / f"cards-{to}-{units}"
+    return run / f"{CARDS}-{to}-{units}"

@@ -1,8 +1,6 @@
 """What a run folder holds besides the draws: figures, verdicts, profiles, report.
 
-CSV tables that explain themselves: notes in lines that start with ``#``, then the rows.
-
-identifiability.csv: verdicts with their evidence, and the thresholds they depend on.
+identifiability.csv: verdicts with their evidence; the thresholds they depend on.
 
 profile.csv and profile-intervals.csv: profile likelihoods as tables.
 
@@ -15,14 +13,14 @@ from __future__ import annotations
 
 import json
 import math
-import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from biaxbayes.csv_tables import csv_text
+from biaxbayes.csv_tables import write_csv
 from biaxbayes.figures.style import save_figure
 from biaxbayes.identifiability.determined import determined, mounting_stated
 from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict, identify_draws
@@ -42,8 +40,8 @@ __all__ = [
     "identified",
     "interval_table",
     "profiles_as_json",
+    "thresholds_record",
     "verdicts_as_json",
-    "write_annotated",
     "write_identifiability",
     "write_identifiability_products",
     "write_products",
@@ -51,61 +49,14 @@ __all__ = [
 ]
 
 
-# --- CSV tables that explain themselves: notes in lines that start with ``#``, then the rows -----
+# --- identifiability.csv: verdicts with their evidence; the thresholds they depend on -------------
 
 
-WIDTH = 98
-
-
-def write_annotated(table: pd.DataFrame, notes: Iterable[str], path: Path, digits: int = 6) -> None:
-    """Write a table that ``pandas.read_csv(path, comment="#")`` reads back.
-
-    Parameters
-    ----------
-    table : DataFrame
-    notes : iterable of str
-        Wrapped to lines of 98 characters.
-    path : Path
-    digits : int
-        Significant digits of floating-point numbers.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    head = "".join(
-        textwrap.fill(note, WIDTH, initial_indent="# ", subsequent_indent="#   ") + "\n"
-        for note in notes
-    )
-    rounded = table.copy()
-    for name in rounded.columns[[pd.api.types.is_float_dtype(t) for t in rounded.dtypes]]:
-        rounded[name] = [float(f"{v:.{digits}g}") for v in rounded[name]]
-    # Text is quoted, so that a '#' in the name of a protocol starts no comment.
-    text = csv_text(rounded, quoted=True)
-    atomic_write_text(path, head + text)
-
-
-# --- identifiability.csv: verdicts with their evidence, and the thresholds they depend on --------
-
-
-NOTES = (
-    "median, low_90, high_90, edges and distances are in the unit of the row; prior_sd and "
-    "posterior_sd on its scale; contraction = 1 - (posterior_sd / prior_sd)^2",
-    "*_edge_mass, *_edge_prior_mass: share of the draws and of the prior near the edge; "
-    "*_edge_support: likelihood at the edge, everything else averaged out, over its maximum",
-    "spread_given_all, spread_given_partners: sd with the others known over the marginal sd",
-    "refit_low, refit_high: range of a mounting stretch in fits to parts of the record, where the "
-    "model misses it smoothly",
-    "*_sensitivity: power-scaling, cumulative Jensen-Shannon distance per doubling",
-)
+DIGITS = 6
 
 
 def write_identifiability(found: Identifiability, path: Path) -> None:
     """Write the table, whole or not at all.
-
-    Lines that start with ``#`` hold the thresholds; read it with
-    ``pandas.read_csv(path, comment="#")``.
 
     Parameters
     ----------
@@ -117,15 +68,23 @@ def write_identifiability(found: Identifiability, path: Path) -> None:
     InputError
         If the file cannot be written.
     """
-    thresholds = ", ".join(f"{name} = {value:g}" for name, value in found.limits())
-    told = (
-        f"identifiability of {found.draws} draws of a run that is {found.state}",
-        f"thresholds: {thresholds}",
-        f"near an edge: {found.law.nearness}; a bound in the priors within {BOUND_TAIL:g} of the "
+    write_csv(path, found.to_frame(), digits=DIGITS)
+
+
+def thresholds_record(found: Identifiability) -> dict[str, Any]:
+    """What the verdicts depend on, for the provenance of a run.
+
+    Parameters
+    ----------
+    found : Identifiability
+    """
+    return {
+        "draws": found.draws,
+        "state": found.state,
+        "thresholds": dict(found.limits()),
+        "near_an_edge": f"{found.law.nearness}; a bound in the priors within {BOUND_TAIL:g} of the "
         f"prior's mass; a prior without bounds ends at its outer {PRIOR_TAIL:g}",
-        *NOTES,
-    )
-    write_annotated(found.to_frame(), told, path)
+    }
 
 
 def verdicts_as_json(
@@ -197,38 +156,40 @@ def interval_table(profiles: Sequence[Profile]) -> pd.DataFrame:
 
 
 def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> None:
-    """Write both tables into a folder.
+    """Write both tables and profile-provenance.json into a folder.
 
     Parameters
     ----------
     profiles : sequence of Profile
     folder : Path
     about : str
-        What was profiled, for the head of the files.
+        What was profiled.
 
     Raises
     ------
     InputError
         If a file cannot be written.
     """
-    beta = profiles[0].beta
-    notes = (
-        about,
-        f"deviance: n_eff ln RSS plus squared errors of the mounting readings, above its minimum; "
-        f"n_eff = {beta:.4g} n; error sd profiled out, no prior",
-        f"interval: deviance below {THRESHOLD:.4g} (95 %); structural: flat to {FLAT:g}; "
-        "practical: open on a side; finite: crossed on both sides (an angle of 0 or 90 degrees is "
-        "a mirror and counts as closed)",
-        "C1, k1 in kPa, alpha in degrees; error_sd in the unit of the specimen's loads",
-    )
+    record = {
+        "about": about,
+        "deviance": "n_eff ln RSS plus squared errors of the mounting readings, above its minimum; "
+        "error sd profiled out, no prior",
+        "n_eff_share": profiles[0].beta,
+        "deviance_of_95_percent": THRESHOLD,
+        "deviance_of_flat": FLAT,
+        "kinds": "structural: flat; practical: open on a side; finite: crossed on both sides (an "
+        "angle of 0 or 90 degrees is a mirror and counts as closed)",
+    }
     tables = []
     for profile in profiles:
         table = profile.table.copy()
         table.insert(0, "profiled", profile.parameter)
         tables.append(table)
     curves = pd.concat(tables, ignore_index=True)
-    write_annotated(curves, notes, folder / "profile.csv", digits=8)
-    write_annotated(interval_table(profiles), notes, folder / "profile-intervals.csv")
+    write_csv(folder / "profile.csv", curves, digits=8)
+    write_csv(folder / "profile-intervals.csv", interval_table(profiles), digits=DIGITS)
+    text = json.dumps(record, indent=2, ensure_ascii=False) + "\n"
+    atomic_write_text(folder / "profile-provenance.json", text)
 
 
 def profiles_as_json(profiles: Sequence[Profile]) -> str:
@@ -247,17 +208,6 @@ def _plain_profile(value: object) -> object:
 # --- what a run folder says about what its data determine: tables, a figure, sentences -----------
 
 
-DETERMINED_NOTES = (
-    "median and 90 % interval of the model; stretches are total, or relative to the mounted state "
-    "for nominal stresses at a measured stretch; stiffnesses are derivatives of the Cauchy "
-    "stress by the log stretch; relative_width is the interval over the median",
-    "tissue_low_90, tissue_high_90: the interval of the tissue's stress, which holds the error "
-    "that the run inferred as well, and at total stretches a mounting stretch that is not "
-    "identified; empty at total stretches where the mounting stretch may be 1.1 or more and was "
-    "not measured: state the stress at a measured stretch then",
-)
-
-
 @dataclass(frozen=True)
 class Identified:
     """What was found.
@@ -274,6 +224,10 @@ class Identified:
     verdicts: Identifiability
     determined: pd.DataFrame | None
     directions: Sloppiness | None
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{p.name}: {p.verdict}" for p in self.verdicts.parameters)
+        return f"Identified({told})"
 
     def __getitem__(self, name: str) -> ParameterVerdict:
         """The verdict on a parameter."""
@@ -354,10 +308,9 @@ def write_identifiability_products(
     found = identified(posterior, draws, state)
     write_identifiability(found.verdicts, folder / "identifiability.csv")
     if found.determined is not None:
-        write_annotated(found.determined, DETERMINED_NOTES, folder / "determined.csv")
+        write_csv(folder / "determined.csv", found.determined, digits=DIGITS)
     if found.directions is not None:
-        notes = [found.directions.words, "C1, k1 in kPa, alpha in degrees"]
-        write_annotated(found.directions.path.to_frame(), notes, folder / "same-curves.csv")
+        write_csv(folder / "same-curves.csv", found.directions.path.to_frame(), digits=DIGITS)
     if figure:
         from biaxbayes.figures.identifiability import identifiability_figure
         from biaxbayes.figures.style import save_figure
@@ -372,8 +325,8 @@ def write_identifiability_products(
 FORMATS = ("pdf", "png")
 
 
-def write_products(folder: Path, posterior: Posterior, draws: Draws) -> None:
-    """Write the products of a run into its folder.
+def write_products(folder: Path, posterior: Posterior, draws: Draws) -> Identifiability:
+    """Write the products of a run into its folder; the verdicts.
 
     Unusable draws get the traces that show why, and no figure of a posterior that is none.
     """
@@ -395,7 +348,7 @@ def write_products(folder: Path, posterior: Posterior, draws: Draws) -> None:
             ),
         )
     if state == "unusable":
-        return
+        return found
     _save(folder, "corner", corner_figure(table, known=posterior.quantities))
     _save(
         folder,
@@ -403,6 +356,7 @@ def write_products(folder: Path, posterior: Posterior, draws: Draws) -> None:
         bands_figure(posterior.specimen, table, settings=posterior.settings),
     )
     _save(folder, "identifiability", identifiability_figure(found))
+    return found
 
 
 def _save(folder: Path, stem: str, figure) -> None:

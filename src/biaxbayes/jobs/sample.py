@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
-from biaxbayes.jobs.opening import opened_specimen
+from biaxbayes.identifiability.toe import swapped_columns
+from biaxbayes.jobs.opening import opened_specimen, readable_specimen
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, documented
+from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import write_archive
 from biaxbayes.runs.folder import (
@@ -29,8 +31,10 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run
-from biaxbayes.runs.summary import summarise, write_summary
+from biaxbayes.runs.summary import summarise, with_verdicts, write_summary
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
+from biaxbayes.specimens.check import refuse_no_loading_curve
+from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.text_files import atomic_write_text
@@ -50,6 +54,7 @@ class Sampling:
     folder: Path
     options: dict[str, Any]
     plan: Plan
+    findings: tuple[Finding, ...] = ()
 
     @classmethod
     def prepare(
@@ -63,24 +68,28 @@ class Sampling:
         max_steps: int,
         workers: int | None,
         mounting_force: Sequence[float] | None = None,
+        anyway: bool = False,
     ) -> Sampling:
-        """Read the specimen and check the options; arguments as in ``biaxbayes.sample``."""
+        """Read the specimen and check it and the options; arguments as in ``biaxbayes.sample``."""
         if isinstance(specimen, Specimen):
             source, stem = specimen.name, _safe_stem(specimen.name)
+            readable_specimen(specimen, source)
         else:
             source, stem = Path(specimen).name, Path(specimen).stem
         specimen = opened_specimen(specimen, mounting_force)
         options = ModelOptions.of(options).keywords()
         chosen = SamplingPlan(seed, ess, max_steps, workers)
+        findings = refuse_no_loading_curve(specimen, None if anyway else source)
         specimen, options = _fitting_options(specimen, options, source)
         Posterior(specimen, **options, beta=1.0)  # refuses what cannot be sampled, before a folder
         plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.threads)
-        return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan)
+        return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
 
     def execute(
         self,
         *,
         resume: bool = False,
+        overwrite: bool = False,
         progress: Callable[[Progress], None] | None = None,
         stop: Callable[[], int] = lambda: False,
     ) -> Path:
@@ -91,9 +100,21 @@ class Sampling:
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder)
+            self._refuse_finished(resume, overwrite)
+            for finding in self.findings:
+                tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
             fit_clock = time.perf_counter()
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
+            swapped = swapped_columns(
+                posterior.specimen,
+                deterministic_fit(posterior).residuals,
+                law=posterior.settings.law,
+                fibre_switch=posterior.settings.fibre_switch,
+            )
+            if swapped is not None:
+                self.findings = (*self.findings, swapped)
+                tell(Progress("fitting", note=str(swapped)))
             fit_seconds = time.perf_counter() - fit_clock
             state = self._resumed(posterior, resume, tell)
             draws = draw_posterior(
@@ -106,11 +127,12 @@ class Sampling:
             )
             if draws.interrupted:
                 raise self._interruption(draws, stop())
+            tell(Progress("sampling", 1.0))
             tell(Progress("writing"))
             if state is None:
                 draws.seconds["fit"] += fit_seconds
             draws.seconds["before output"] = time.perf_counter() - clock
-            self._write(posterior, draws, clock)
+            self._write(posterior, draws, clock, tell)
         return self.folder
 
     def _interruption(self, draws: Draws, signal: int) -> Interrupted:
@@ -137,6 +159,17 @@ class Sampling:
         if not ours:
             raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")
 
+    def _refuse_finished(self, resume: bool, overwrite: bool) -> None:
+        """Draws that took an hour are replaced on purpose only; to continue them adds to them."""
+        kept = resume and any(
+            (self.folder / n).exists() for n in (checkpoint.NAME, checkpoint.PREVIOUS)
+        )
+        if is_run(self.folder) and not (kept or overwrite):
+            raise RunError(
+                f"{self.folder}: holds a finished run; choose another --out, or replace it with "
+                "--overwrite"
+            )
+
     def _resumed(
         self, posterior: Posterior, resume: bool, tell: Callable[[Progress], None]
     ) -> State | None:
@@ -147,17 +180,26 @@ class Sampling:
             tell(Progress("resuming", note=note))
         return state
 
-    def _write(self, posterior: Posterior, draws: Draws, clock: float) -> None:
+    def _write(
+        self, posterior: Posterior, draws: Draws, clock: float, tell: Callable[[Progress], None]
+    ) -> None:
         """Every file of the run, in place of those of a run before."""
-        with staged(self.folder) as folder:
+
+        def gone(names: list[str]) -> None:
+            if names:
+                note = f"removed with the run before: {', '.join(names)}"
+                tell(Progress("writing", note=note))
+
+        with staged(self.folder, gone) as folder:
             self._write_files(folder, posterior, draws, clock)
 
     def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
-        from biaxbayes.jobs.products import write_products
+        from biaxbayes.jobs.products import thresholds_record, write_products
         from biaxbayes.reports.page import write_report
 
         specimen = self.specimen
         record = provenance(posterior, self.plan, draws, self.source)
+        record["findings"] = [finding.record() for finding in self.findings]
         write_specimen(specimen, folder / "specimen.csv")
         attributes = {
             "biaxbayes_version": record["biaxbayes"],
@@ -171,9 +213,11 @@ class Sampling:
         table = summarise(
             draws.quantities, posterior.parameter_names, posterior.quantities, draws.convergence
         )
-        write_summary(folder / "summary.csv", table)
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
-        write_products(folder, posterior, draws)
+        found = write_products(folder, posterior, draws)
+        verdicts = {p.name: p.verdict for p in found.parameters}
+        write_summary(folder / "summary.csv", with_verdicts(table, verdicts))
+        record["identifiability"] = thresholds_record(found)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
         write_report(folder, Run(folder, record))
         record["files"] = manifest(folder)
@@ -221,13 +265,16 @@ def _fitting_options(
     return specimen, options
 
 
+@with_progress
 @documented(SamplingPlan, ModelOptions)
 def sample(
     specimen: Specimen | str | Path,
     *,
     out: str | Path | None = None,
     mounting_force: Sequence[float] | None = None,
+    anyway: bool = False,
     resume: bool = False,
+    overwrite: bool = False,
     progress: Callable[[Any], None] | None = None,
     stop: Callable[[], int] = lambda: False,
     **options: Any,
@@ -242,9 +289,16 @@ def sample(
         The run folder; default ``<stem>-posterior`` beside where the command runs.
     mounting_force : (float, float), optional
         For a tared file: the force (or stress) at the mounted state, put back on.
+    anyway : bool
+        Sample what cannot be a loading curve (see ``biaxbayes check``), too.
     resume : bool
         Continue from the folder's checkpoint where there is one.
-    progress, stop : callable, optional
+    overwrite : bool
+        Replace a finished run, with all that was made of it.
+    progress : callable or bool, optional
+        Called with each step; True or False shows a line or none, by default on a terminal and
+        in a notebook.
+    stop : callable, optional
         As in :func:`biaxbayes.sampling.sampler.draw`.
     **options
         As in :class:`~biaxbayes.options.SamplingPlan` and
@@ -258,14 +312,22 @@ def sample(
     Raises
     ------
     InputError
-        If the specimen or an option cannot be used.
+        If the specimen or an option cannot be used, or its record cannot be a loading curve.
     TaredSpecimen
         If the mounting force was zeroed and the mounting stretch is to be inferred.
     RunError
-        If the folder is in use, cannot be written, or holds a checkpoint of something else.
+        If the folder is in use, cannot be written, or holds a finished run or a checkpoint of
+        something else.
     """
     plan, model = SamplingPlan.taken(options)
     sampling = Sampling.prepare(
-        specimen, out=out, options=model, mounting_force=mounting_force, **vars(plan)
+        specimen,
+        out=out,
+        options=model,
+        mounting_force=mounting_force,
+        anyway=anyway,
+        **vars(plan),
     )
-    return open_run(sampling.execute(resume=resume, progress=progress, stop=stop))
+    return open_run(
+        sampling.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
+    )

@@ -7,18 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.jobs.opening import SpecimenLike, opened_specimen
-from biaxbayes.options import FitOptions, VirtualTest, documented
+from biaxbayes.jobs.opening import SpecimenLike, opened_specimen, readable_specimen
+from biaxbayes.options import ALL_FITS, FitOptions, VirtualTest, documented
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import (
     parse_specimen,
-    read_specimen,
     specimen_text,
     write_specimen,
 )
@@ -52,11 +50,15 @@ class Checked:
     ----------
     specimen : Specimen
     findings : tuple of Finding
-        Warnings first.
+        The most severe first.
     """
 
     specimen: Specimen
     findings: tuple[Finding, ...]
+
+    def __repr__(self) -> str:
+        count = sum(f.severity != "note" for f in self.findings)
+        return f"Checked({self.specimen.name!r}, {count} of {len(self.findings)} findings serious)"
 
     def record(self) -> dict[str, Any]:
         """Everything as plain values, as ``biaxbayes check --json`` prints it."""
@@ -87,20 +89,22 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: str | Path | None
         Draw the record into this file (.pdf, .png or .svg).
     """
     from biaxbayes.specimens.check import check_specimen
+    from biaxbayes.specimens.findings import sorted_findings
 
     data = opened_specimen(specimen)
     findings = list(check_specimen(data))
     if fit:
-        from biaxbayes.identifiability.toe import goh_description
+        from biaxbayes.identifiability.toe import described, goh_description, swapped_columns
 
-        findings.append(goh_description(data))
-        findings.sort(key=lambda finding: finding.severity != "warning")
+        best = described(data)
+        swapped = swapped_columns(data, best.residuals)
+        findings += [goh_description(data, best), *([swapped] if swapped else [])]
     if figure is not None:
         from biaxbayes.figures.specimen import specimen_figure
         from biaxbayes.figures.style import save_figure
 
         save_figure(specimen_figure(data), Path(figure))
-    return Checked(data, tuple(findings))
+    return Checked(data, sorted_findings(findings))
 
 
 def understood(specimen: Specimen) -> dict[str, Any]:
@@ -151,21 +155,23 @@ def understood(specimen: Specimen) -> dict[str, Any]:
 
 
 def convert(
-    raw: Sequence[str | Path],
-    choice: Choice,
+    raw: str | Path | Sequence[str | Path],
+    choice: Choice | None = None,
     *,
     header: Mapping[str, float | str] | None = None,
     protocol_names: Sequence[str] = (),
     out: str | Path | None = None,
+    overwrite: bool = False,
+    **taken: Any,
 ) -> Conversion:
     """Read machine exports as the protocols of one specimen, and write it where asked to.
 
     Parameters
     ----------
     raw : sequence of path-like
-        Each file (or set in it) becomes a protocol.
-    choice : Choice
-        What to take from the files.
+        A file, or several: each (or each set or sheet in it) becomes a protocol.
+    choice : Choice, optional
+        What to take from the files; or its fields as keywords.
     header : mapping, optional
         Header values by their key in a specimen file (``edge_x_mm``, ``geometry``,
         ``load_noise_N``, ``layer`` ...).
@@ -173,6 +179,11 @@ def convert(
         One a protocol; from the names of the files where empty.
     out : path-like, optional
         The specimen file to write. Nothing is written that cannot be read again.
+    overwrite : bool
+        Replace a file of that name.
+    **taken
+        ``machine``, ``columns``, ``cycle``, ``branch``, ``stretch_from``, ``sets`` and ``sheets``,
+        as in :class:`~biaxbayes.machines.recording.Choice`. Texts may stand for a list of one.
 
     Returns
     -------
@@ -187,9 +198,13 @@ def convert(
     from biaxbayes.machines.conversion import convert as conversion
     from biaxbayes.specimens.header import checked_value
 
-    files, target = [Path(path) for path in raw], None if out is None else Path(out)
+    choice = _choice(choice, taken)
+    paths = [raw] if isinstance(raw, str | Path) else raw
+    files, target = [Path(path) for path in paths], None if out is None else Path(out)
     _check_choice(choice)
     _check_raw(files, target)
+    if target is not None:
+        _check_new(target, overwrite)
     values = {
         key: checked_value(key, " ".join(value.split())) if isinstance(value, str) else value
         for key, value in (header or {}).items()
@@ -203,6 +218,29 @@ def convert(
     specimen = parse_specimen(text.split("\n"), target)
     atomic_write_text(target, text)
     return replace(found, specimen=specimen)
+
+
+def _choice(choice: Choice | None, taken: Mapping[str, Any]) -> Choice:
+    """What to take from the files, from either way to say it."""
+    from biaxbayes.machines.recording import Choice
+
+    if choice is not None:
+        if taken:
+            raise InputError(f"{next(iter(taken))} is given beside a choice", remedy="give one")
+        return choice
+    known = Choice.__dataclass_fields__
+    for name in taken:
+        if name not in known:
+            raise InputError(f"unknown option {name[:60]!r}", remedy=f"one of {', '.join(known)}")
+    if "machine" not in taken:
+        raise InputError("no machine is given", remedy="machine='biotester' or 'generic'")
+    several = {
+        name: (taken[name],) if isinstance(taken[name], str) else tuple(taken[name])
+        for name in ("columns", "sets", "sheets")
+        if name in taken
+    }
+    chosen: dict[str, Any] = {**taken, **several}
+    return Choice(**chosen)
 
 
 def _check_choice(choice: Choice) -> None:
@@ -293,12 +331,17 @@ def _check_files(out: Path, overwrite: bool) -> None:
     if not out.parent.is_dir():
         raise InputError("no such folder", file=out.parent, remedy="make it first")
     for path in (out, truth_file(out)):
-        if path.is_dir():
-            raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
-        if path.exists() and not overwrite:
-            raise InputError(
-                "exists already", file=path, remedy="choose another name, or add --overwrite"
-            )
+        _check_new(path, overwrite)
+
+
+def _check_new(path: Path, overwrite: bool) -> None:
+    """Refuse to replace a file of the user's unasked."""
+    if path.is_dir():
+        raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
+    if path.exists() and not overwrite:
+        raise InputError(
+            "exists already", file=path, remedy="choose another name, or add --overwrite"
+        )
 
 
 def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
@@ -405,17 +448,13 @@ def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
 
 def _check_readable(specimen: Specimen) -> None:
     """Refuse a simulation that ``read_specimen`` would refuse (too large a stress and the like)."""
-    with TemporaryDirectory() as folder:
-        trial = Path(folder) / "specimen.csv"
-        write_specimen(specimen, trial)
-        try:
-            read_specimen(trial)
-        except InputError as error:
-            where = f" in {error.column}" if error.column else ""
-            raise InputError(
-                f"this test gives a record that cannot be used{where}: {error.problem}",
-                remedy="ask for another stretch, ratio or material",
-            ) from None
+    try:
+        readable_specimen(specimen, specimen.name)
+    except InputError as error:
+        raise InputError(
+            f"this test gives a record that cannot be used: {error.problem}",
+            remedy="ask for another stretch, ratio or material",
+        ) from None
 
 
 # --- fit -----------------------------------------------------------------------------------------
@@ -428,14 +467,14 @@ def fit(
     *,
     mounting_force: Sequence[float] | None = None,
     **options: Any,
-) -> FitResult:
+) -> FitResult | list[FitResult]:
     """Fit the material by least squares, and the mounting stretch where the method has one.
 
     Parameters
     ----------
     specimen : Specimen or path-like
-    method : {"standard", "zeroed", "fip", "linden", "constrained"}
-        As in :func:`biaxbayes.fitting.fit.fit`.
+    method : {"standard", "zeroed", "fip", "linden", "constrained", "all"}
+        As in :func:`biaxbayes.fitting.fit.fit`; ``all`` gives a list, as :func:`fit_all`.
     mounting_force : (float, float), optional
         For a tared specimen: the force (or stress) at the mounted state, put back on.
     **options
@@ -450,6 +489,8 @@ def fit(
     """
     from biaxbayes.fitting.fit import fit as fitted
 
+    if method == ALL_FITS:
+        return fit_all(specimen, mounting_force=mounting_force, **options)
     how = FitOptions.of(options)
     return fitted(opened_specimen(specimen, mounting_force), method, **vars(how))
 

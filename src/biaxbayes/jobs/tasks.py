@@ -52,6 +52,8 @@ class SpecimenTask:
     seed : int
     ess : float
     max_steps : int
+    anyway : bool
+        Also what cannot be a loading curve.
     finished : bool
         The folder holds the finished run of this very task.
     going : Path
@@ -65,6 +67,7 @@ class SpecimenTask:
     seed: int
     ess: float
     max_steps: int
+    anyway: bool
     finished: bool
     going: Path
 
@@ -121,16 +124,17 @@ def _run(task: SpecimenTask, notes: list[str]) -> Run:
         ess=task.ess,
         max_steps=task.max_steps,
         workers=1,
+        anyway=task.anyway,
     )
     sampling.source = task.source
     with first_alone():
         if stop():  # while another process was compiling
             raise Interrupted("stopped before it began")
         try:
-            folder = sampling.execute(resume=True, progress=note, stop=stop)
+            folder = sampling.execute(resume=True, overwrite=True, progress=note, stop=stop)
         except CannotResume as error:
             notes.append(f"sampled anew: {error}")
-            folder = sampling.execute(resume=False, progress=note, stop=stop)
+            folder = sampling.execute(resume=False, overwrite=True, progress=note, stop=stop)
     return open_run(folder)
 
 

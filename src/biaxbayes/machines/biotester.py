@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.raw_table import RawTable
-from biaxbayes.machines.recording import Choice, Recording, chosen_number, cycle_label
+from biaxbayes.machines.recording import (
+    Choice,
+    Recording,
+    chosen_number,
+    cycle_label,
+    gauge_note,
+)
 from biaxbayes.machines.units import Unit
 from biaxbayes.specimens.specimen import rest_rows
 
@@ -126,9 +133,13 @@ def recordings(
     """
     phases = _phases(table)
     found = []
-    for name, rows in _sets(table, choice.sets):
+    wanted, left = _sets(table, choice.sets)
+    for name, rows in wanted:
         taken, label = _branch_rows(table, phases, name, rows, choice)
         found.append(_recording(table, name, taken, label, choice, edges_mm))
+    if left:
+        note = f"sets left out: {', '.join(left)} (--set NAME or --set all takes them)"
+        found = [replace(r, notes=(*r.notes, note)) for r in found]
     return found
 
 
@@ -184,12 +195,15 @@ def _phases(table: RawTable) -> np.ndarray:
     return np.array(phases)
 
 
-def _sets(table: RawTable, wanted: tuple[str, ...]) -> list[tuple[str, np.ndarray]]:
+def _sets(
+    table: RawTable, wanted: tuple[str, ...]
+) -> tuple[list[tuple[str, np.ndarray]], list[str]]:
+    """Rows of the wanted sets by their names, and the names of the others."""
     index = table.by_stem("setname")
     if index is None:
         if wanted:
             raise InputError("no column 'SetName', so no sets", file=table.path, remedy=table.found)
-        return [("", np.arange(table.rows))]
+        return [("", np.arange(table.rows))], []
     labels = np.array(table.text(index))
     names = list(dict.fromkeys(labels.tolist()))
     if not wanted:
@@ -201,7 +215,8 @@ def _sets(table: RawTable, wanted: tuple[str, ...]) -> list[tuple[str, np.ndarra
             raise InputError(
                 f"no set {name[:40]!r}", file=table.path, remedy=f"found {', '.join(names)[:200]}"
             )
-    return [(name, np.flatnonzero(labels == name)) for name in wanted]
+    taken = [(name, np.flatnonzero(labels == name)) for name in wanted]
+    return taken, [name for name in names if name not in wanted]
 
 
 def _quantity(table: RawTable, stem: str, quantity: str, rows: np.ndarray) -> np.ndarray | None:
@@ -241,8 +256,8 @@ def _recording(
         gradient = deformation_gradient(tracked[kept], table, rows)
         stretch = np.column_stack([gradient[:, 0, 0], gradient[:, 1, 1]])
     else:
-        stretch = _rake_stretch(table, rows, edges_mm)
-        notes = ("stretch from the rakes, not from the tissue",)
+        stretch, gauges = _rake_stretch(table, rows, edges_mm)
+        notes = ("stretch from the rakes, not from the tissue", *gauges)
     seen = "tracked points" if gradient is not None else "Size_um"
     time = _quantity(table, "time", "time", rows) if choice.branch != "unloading" else None
     return Recording(
@@ -271,8 +286,9 @@ def _force(table: RawTable, axis: str, rows: np.ndarray) -> np.ndarray:
 
 def _rake_stretch(
     table: RawTable, rows: np.ndarray, edges_mm: tuple[float, float] | None
-) -> np.ndarray:
-    columns = []
+) -> tuple[np.ndarray, list[str]]:
+    """Stretches by the distance of the rakes, and what had to be assumed for them."""
+    columns, told = [], []
     for k, axis in enumerate("xy"):
         size = _quantity(table, f"{axis}size", "length", rows)
         moved = _quantity(table, f"{axis}displacement", "length", rows)
@@ -282,6 +298,7 @@ def _rake_stretch(
             length = size + moved  # XSize is the distance at the start
         elif moved is not None and edges_mm is not None:
             length = edges_mm[k] + moved - moved[0]
+            told.append(gauge_note(axis, edges_mm[k]))
         else:
             raise InputError(
                 f"no column '{axis.upper()}Size_um', so no rake distance",
@@ -298,4 +315,4 @@ def _rake_stretch(
         columns.append(length)
     lengths = np.column_stack(columns)
     resting = rest_rows(lengths[:, 0], lengths[:, 1])
-    return lengths / lengths[:resting].mean(axis=0)
+    return lengths / lengths[:resting].mean(axis=0), told

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.raw_file import read_raw_table
+from biaxbayes.machines.raw_file import read_raw_tables
 from biaxbayes.machines.recording import Choice, Reader, Recording, shear_angle_deg
 from biaxbayes.specimens.specimen import Protocol, Specimen, rest_rows
 
@@ -24,6 +24,10 @@ class Conversion:
     specimen: Specimen
     recordings: tuple[Recording, ...]
     geometry_stated: bool
+
+    def __repr__(self) -> str:
+        sources = ", ".join(r.source for r in self.recordings)
+        return f"Conversion({self.specimen!r} from {sources})"
 
 
 def convert(
@@ -72,12 +76,17 @@ def convert(
 
 
 def _recordings(path: Path, choice: Choice, header: Mapping[str, float | str]) -> list[Recording]:
-    table = read_raw_table(path, sheet=choice.sheet)
+    tables = read_raw_tables(path, choice.sheets)
     edges = None
     if "edge_x_mm" in header and "edge_y_mm" in header:
         edges = (float(header["edge_x_mm"]), float(header["edge_y_mm"]))
     read: Reader = import_module(f"biaxbayes.machines.{choice.machine}").recordings
-    found = read(table, choice, edges)
+    found = []
+    for sheet, table in tables.items():
+        of_sheet = read(table, choice, edges)
+        if len(tables) > 1:
+            of_sheet = [replace(r, name=f"{sheet} {r.name}".rstrip()) for r in of_sheet]
+        found += of_sheet
     for recording in found:
         limit = header.get("stress_limit_kPa")
         recording.check(path, _sections(recording, header), None if limit is None else float(limit))

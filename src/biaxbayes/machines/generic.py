@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,8 +12,15 @@ import numpy as np
 from biaxbayes.csv_tables import cells_of
 from biaxbayes.errors import InputError
 from biaxbayes.machines.raw_table import RawTable
-from biaxbayes.machines.recording import Choice, Recording, chosen_number, cycle_label, take_branch
-from biaxbayes.machines.units import Unit, stem_of, unit_named
+from biaxbayes.machines.recording import (
+    Choice,
+    Recording,
+    chosen_number,
+    cycle_label,
+    gauge_note,
+    take_branch,
+)
+from biaxbayes.machines.units import UNITS, Unit, stem_of, unit_named
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 
 __all__ = ["TARGETS", "Column", "column_map", "parse_columns", "recordings"]
@@ -34,7 +42,7 @@ TARGETS = {
     **dict.fromkeys(SHEAR, "stretch"),
 }
 """What can be mapped, and what kind of quantity it is."""
-STRETCH_NAMES = ("f11", "f22", "lambda", "stretch", "λ", "lx", "ly")
+STRETCH_NAMES = re.compile(r"f11|f22|[xy12]?(lambda|lam(?![a-z])|stretch|λ)|lx|ly|lam[xy12]")
 GREEN_NAMES = ("e11", "e22", "exx", "eyy", "green")
 
 
@@ -122,6 +130,14 @@ def _named(table: RawTable, text: str) -> tuple[int, Unit | None]:
     unit = unit_named(ending) if colon else None
     if unit is not None and text not in table.names:
         return table.column(name), unit
+    if colon and text not in table.names and name.strip() in map(str.strip, table.names):
+        kinds = ", ".join(UNITS)
+        raise InputError(
+            f"--columns: {ending[:40]!r} behind {name[:40]!r} is no unit or kind of strain",
+            file=table.path,
+            column=name.strip(),
+            remedy=f"choose one of {kinds}; convert other strains (logarithmic, Almansi) first",
+        )
     return table.column(text), None
 
 
@@ -165,7 +181,7 @@ def _stretch_unit(table: RawTable, index: int, target: str, unit: Unit | None) -
         return Unit("stretch", "stretch", 1.0)
     if unit is None and bare.startswith(GREEN_NAMES):
         return Unit("green", "stretch", 1.0)
-    if unit is None and bare.startswith(STRETCH_NAMES):
+    if unit is None and STRETCH_NAMES.match(bare):
         return Unit("stretch", "stretch", 1.0)
     raise InputError(
         f"it is not clear what kind of stretch or strain {name!r} is",
@@ -314,8 +330,28 @@ def _recording(
         notes=(
             *table.notes,
             ", ".join(f"{target} from {column.describe()}" for target, column in columns.items()),
+            *_gauge_lengths(table, columns, rows, edges_mm),
         ),
     )
+
+
+def _gauge_lengths(
+    table: RawTable,
+    columns: Mapping[str, Column],
+    rows: np.ndarray,
+    edges_mm: tuple[float, float] | None,
+) -> list[str]:
+    """What displacements and lengths were divided by, which the file does not say."""
+    told = []
+    for k, axis in enumerate("xy"):
+        column = columns[f"stretch_{axis}"]
+        assert column.unit is not None
+        if column.unit.quantity == "displacement" and edges_mm is not None:
+            told.append(gauge_note(axis, edges_mm[k]))
+        elif column.unit.quantity == "length":
+            first = float(table.numbers(column.index, rows[:1])[0])
+            told.append(f"stretch {axis} is {column.name} over its first value, {first:g}")
+    return told
 
 
 def _cycle_rows(

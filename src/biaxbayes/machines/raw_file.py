@@ -16,10 +16,12 @@ from typing import Any
 
 from biaxbayes.csv_tables import rows_of
 from biaxbayes.errors import InputError
-from biaxbayes.machines.raw_table import SAMPLE, RawTable, assembled_table
+from biaxbayes.machines.raw_table import SAMPLE, RawTable, assembled_table, is_numeric
 from biaxbayes.text_files import SIGNATURES, read_bytes
 
-__all__ = ["read_raw_table"]
+__all__ = ["ALL_SHEETS", "read_raw_tables"]
+
+ALL_SHEETS = "all"
 
 MAX_BYTES = 64_000_000
 MAX_ROWS = 500_000
@@ -30,18 +32,19 @@ CONTROL_TEXT = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
 SEPARATORS = (("\t", "tabs"), (";", "semicolons"), (",", "commas"))
 
 
-def read_raw_table(path: Path, *, sheet: str | None = None) -> RawTable:
+def read_raw_tables(path: Path, sheets: Sequence[str] = ()) -> dict[str, RawTable]:
     """Read a machine export: CSV, TSV, semicolons with decimal comma, or an Excel workbook.
 
     Parameters
     ----------
     path : Path
-    sheet : str, optional
-        Sheet of a workbook; needed where more than one holds a table.
+    sheets : sequence of str
+        Sheets of a workbook, or ``all``; needed where more than one holds a table.
 
     Returns
     -------
-    RawTable
+    dict of RawTable
+        By the name of the sheet, in the order asked for; text has one without a name.
 
     Raises
     ------
@@ -50,8 +53,8 @@ def read_raw_table(path: Path, *, sheet: str | None = None) -> RawTable:
     """
     raw = read_bytes(path, limit=MAX_BYTES)
     if raw.startswith(b"PK\x03\x04"):
-        return _read_workbook(path, raw, sheet)
-    if sheet is not None:
+        return _read_workbook(path, raw, sheets)
+    if sheets:
         raise InputError("is no workbook and has no sheets", file=path, remedy="leave out --sheet")
     for signature, (kind, remedy) in SIGNATURES.items():
         if raw.startswith(signature):
@@ -65,15 +68,31 @@ def read_raw_table(path: Path, *, sheet: str | None = None) -> RawTable:
             file=path,
             remedy="cut out the cycle of interest",
         )
-    rows, numbers = [], []  # neither blank nor comments
+    if separator == " ":
+        lines, separator = ["\t".join(line.split()) for line in lines], "\t"
+    rows: list[list[str]] = []  # neither blank nor comments
+    numbers: list[int] = []
+    names: tuple[int, list[str]] | None = None
     for number, cells in rows_of(lines, path, separator=separator, of="a table"):
-        if "".join(cells).strip() and not cells[0].startswith("#"):
+        if cells and cells[0].startswith("#"):
+            names = (number, _uncommented(cells)) if not rows else names
+        elif "".join(cells).strip():
             rows.append(cells)
             numbers.append(number)
+    if names is not None and rows and len(names[1]) == len(rows[0]) and is_numeric(rows[0]):
+        # As numpy.savetxt writes it: the names are a comment
+        rows.insert(0, names[1])
+        numbers.insert(0, names[0])
     notes = [] if encoding == "UTF-8" else [f"read as {encoding}"]
     if separator != ",":
         notes.append(f"columns separated by {word}")
-    return assembled_table(path, rows, numbers, notes)
+    return {"": assembled_table(path, rows, numbers, notes)}
+
+
+def _uncommented(cells: Sequence[str]) -> list[str]:
+    """Cells of a comment line without its mark, which may stand alone."""
+    first = cells[0].lstrip("#").strip()
+    return [first, *cells[1:]] if first else list(cells[1:])
 
 
 # --- text ----------------------------------------------------------------------------------------
@@ -110,6 +129,10 @@ def _separator(lines: Sequence[str], path: Path) -> tuple[str, str]:
         # A decimal comma cuts as evenly as a separator does: commas are asked last.
         if count >= 1 and often >= 0.6 * len(sample):
             return separator, word
+    counts = Counter(len(line.split()) for line in sample)
+    count, often = counts.most_common(1)[0] if counts else (0, 0)
+    if count >= 2 and often >= 0.6 * len(sample) and is_numeric(sample[-1].split()):
+        return " ", "spaces"
     shown = sample[0].strip()[:60] if sample else ""
     raise InputError(
         f"holds no table with columns; its first line reads {shown!r}",
@@ -121,8 +144,8 @@ def _separator(lines: Sequence[str], path: Path) -> tuple[str, str]:
 # --- workbooks -----------------------------------------------------------------------------------
 
 
-def _read_workbook(path: Path, raw: bytes, sheet: str | None) -> RawTable:
-    """Read one sheet; values only, formulas are never evaluated.
+def _read_workbook(path: Path, raw: bytes, sheets: Sequence[str]) -> dict[str, RawTable]:
+    """Read some sheets; values only, formulas are never evaluated.
 
     Parameters
     ----------
@@ -130,7 +153,7 @@ def _read_workbook(path: Path, raw: bytes, sheet: str | None) -> RawTable:
         For messages.
     raw : bytes
         Content of the file.
-    sheet : str or None
+    sheets : sequence of str
         Needed where more than one sheet holds cells.
 
     Raises
@@ -146,25 +169,36 @@ def _read_workbook(path: Path, raw: bytes, sheet: str | None) -> RawTable:
             file=path,
             remedy="pip install 'biaxbayes[xlsx]', or save the sheet as CSV",
         ) from None
-    names, tables = _sheets(openpyxl, path, raw, sheet)
-    filled = {name: rows for name, rows in tables.items() if len(rows) > 2}
-    if sheet is not None and sheet not in names:
-        raise InputError(f"no sheet {sheet[:40]!r}", file=path, remedy=f"found {', '.join(names)}")
-    if len(filled) != 1:
+    wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
+    names, tables = _sheets(openpyxl, path, raw, wanted)
+    for sheet in wanted:
+        if sheet not in names:
+            raise InputError(
+                f"no sheet {sheet[:40]!r}", file=path, remedy=f"found {', '.join(names)}"
+            )
+        if wanted.count(sheet) > 1:
+            raise InputError(f"sheet {sheet[:40]!r} is given twice", file=path, remedy="keep one")
+    filled = {name: tables[name] for name in wanted or tables if len(tables[name]) > 2}
+    empty = [name for name in wanted if name not in filled]
+    if not filled or empty or (len(filled) > 1 and not sheets):
+        told = "no sheet holds" if not filled else "more than one sheet holds"
         raise InputError(
-            "no sheet holds a table" if not filled else "more than one sheet holds a table",
+            f"sheet {empty[0][:40]!r} holds no table" if empty else f"{told} a table",
             file=path,
-            remedy=f"choose with --sheet; found {', '.join(names)}",
+            remedy=f"choose with --sheet, once for each protocol, or --sheet {ALL_SHEETS}; found "
+            f"{', '.join(names)}",
         )
-    ((name, found),) = filled.items()
-    numbers, rows = (list(part) for part in zip(*found, strict=True))
-    return assembled_table(path, rows, numbers, [f"sheet {name}"], trimmed=True)
+    out = {}
+    for name, found in filled.items():
+        numbers, rows = (list(part) for part in zip(*found, strict=True))
+        out[name] = assembled_table(path, rows, numbers, [f"sheet {name}"], trimmed=True)
+    return out
 
 
 def _sheets(
-    openpyxl: Any, path: Path, raw: bytes, wanted: str | None
+    openpyxl: Any, path: Path, raw: bytes, wanted: Sequence[str]
 ) -> tuple[list[str], dict[str, list[tuple[int, list[str]]]]]:
-    """Names of all sheets, and the rows of the wanted one or of all."""
+    """Names of all sheets, and the rows of the wanted ones or of all."""
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
@@ -178,7 +212,7 @@ def _sheets(
             tables = {
                 name: _cells(book[name], path)
                 for name in book.sheetnames
-                if wanted in (None, name) and hasattr(book[name], "iter_rows")
+                if (not wanted or name in wanted) and hasattr(book[name], "iter_rows")
             }
             names = list(book.sheetnames)
             book.close()

@@ -14,7 +14,7 @@ from biaxbayes.csv_tables import DECIMAL_COMMA, bad_cell, number_in, one_line
 from biaxbayes.errors import InputError
 from biaxbayes.machines.units import Unit, stem_of, unit_named, unit_of_column
 
-__all__ = ["SAMPLE", "RawTable", "assembled_table"]
+__all__ = ["SAMPLE", "RawTable", "assembled_table", "is_numeric"]
 
 SHOWN_COLUMNS = 30
 MAX_COLUMNS = 2_000
@@ -241,6 +241,11 @@ def _line_of_names(path: Path, rows: list[list[str]], numbers: list[int]) -> int
             remedy="add a line that names the columns, with their units",
         )
     return start
+
+
+def is_numeric(cells: Sequence[str]) -> bool:
+    """Whether a row holds a number."""
+    return _numeric(cells) > 0
 
 
 def _numeric(cells: Sequence[str]) -> int:

@@ -19,6 +19,7 @@ __all__ = [
     "Recording",
     "chosen_number",
     "cycle_label",
+    "gauge_note",
     "shear_angle_deg",
     "take_branch",
 ]
@@ -41,8 +42,8 @@ class Choice:
         Of a BioTester.
     sets : tuple of str
         Of a BioTester; the last where empty.
-    sheet : str, optional
-        Of a workbook.
+    sheets : tuple of str
+        Of a workbook, one or more protocols each; ``all`` for every one that holds a table.
     """
 
     machine: str
@@ -51,7 +52,7 @@ class Choice:
     branch: str = "loading"
     stretch_from: str = "auto"
     sets: tuple[str, ...] = ()
-    sheet: str | None = None
+    sheets: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
@@ -136,6 +137,14 @@ class Recording:
 
 Reader = Callable[[RawTable, Choice, tuple[float, float] | None], list[Recording]]
 """Reader of a format: a table, what to take, and the edges (mm) where they are known."""
+
+
+def gauge_note(axis: str, edge_mm: float) -> str:
+    """What a displacement was divided by to make a stretch of it."""
+    return (
+        f"stretch {axis} is 1 + displacement / {edge_mm:g} mm: the edge is taken as gauge length; "
+        "if the grips or markers are another distance apart, give a column of lengths or stretches"
+    )
 
 
 def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:

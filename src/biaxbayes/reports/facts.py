@@ -19,11 +19,13 @@ from biaxbayes.reports.methods import prior_in_words
 from biaxbayes.reports.names import cut
 from biaxbayes.runs.provenance import parse_options
 from biaxbayes.runs.run import Run
+from biaxbayes.specimens.findings import Finding
 
 __all__ = [
     "citations",
     "missed_paths",
     "model_checks",
+    "record_findings",
     "settings_facts",
     "specimen_facts",
     "state_words",
@@ -61,6 +63,25 @@ def missed_paths(run: Run) -> list[str]:
     if run.state == "unusable":
         return []
     return path_warnings(model_checks(run), run.specimen.unit)
+
+
+MOST_FINDINGS = 8
+
+
+def record_findings(run: Run) -> list[str]:
+    """What was odd about the record of the test before it was sampled, a sentence each.
+
+    Parameters
+    ----------
+    run : Run
+    """
+    found, told = run.provenance.get("findings"), []
+    for finding in found if isinstance(found, list) else []:
+        try:
+            told.append(cut(str(Finding(**finding)), 400))
+        except TypeError:
+            continue  # a stranger's file
+    return told[:MOST_FINDINGS]
 
 
 # --- what to cite for a run ----------------------------------------------------------------------

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from biaxbayes.reports.facts import (
     citations,
+    record_findings,
     settings_facts,
     specimen_facts,
     state_words,
@@ -147,6 +148,7 @@ def report_page(run: Run) -> str:
         state=run.state,
         verdict=verdict,
         reason=reason,
+        findings=record_findings(run),
         facts=specimen_facts(run),
         tests=test_rows(run),
         unit=run.specimen.unit,

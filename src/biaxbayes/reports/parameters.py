@@ -14,6 +14,7 @@ from functools import partial
 
 import pandas as pd
 
+from biaxbayes.csv_tables import read_csv
 from biaxbayes.figures.labels import number
 from biaxbayes.identifiability.determined import MEASURED, determined, mounting_stated
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
@@ -163,7 +164,7 @@ def _verdicts(run: Run) -> dict[str, Verdict]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            table = pd.read_csv(path, comment="#", dtype=str, keep_default_na=False)
+            table = read_csv(path, dtype=str, keep_default_na=False)
         return {
             str(r["parameter"]): (
                 str(r["verdict"]),

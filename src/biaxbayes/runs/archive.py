@@ -123,7 +123,8 @@ def write_archive(
 ) -> None:
     """Write posterior.nc whole.
 
-    Groups: posterior, sample_stats, log_likelihood (untempered, pointwise), posterior_predictive,
+    Groups: posterior, sample_stats, log_likelihood (pointwise, weighted as it was sampled, which
+    is what ``arviz.loo`` must take), log_likelihood_unweighted, posterior_predictive,
     observed_data, constant_data.
     """
     tree = build_tree(posterior, draws, attributes, seed)
@@ -176,12 +177,16 @@ def build_tree(
     }
     dims = ("chain", "draw", "row", "direction")
     shape = (ensembles, *few, curves.rows, 2)
-    logs = curves.log_likelihood(model, sd).reshape(shape).astype(np.float32)
+    exact = curves.log_likelihood(model, sd).reshape(shape)
+    logs = exact.astype(np.float32)
     unit = {"units": specimen.unit}
     groups = {
         "/posterior": xr.Dataset(variables, coords),
         "/sample_stats": xr.Dataset(stats, coords),
-        "/log_likelihood": xr.Dataset({"load": (dims, logs)}, point_coords),
+        "/log_likelihood": xr.Dataset(
+            {"load": (dims, (posterior.beta * exact).astype(np.float32))}, point_coords
+        ),
+        "/log_likelihood_unweighted": xr.Dataset({"load": (dims, logs)}, point_coords),
         "/posterior_predictive": xr.Dataset(
             {
                 "load": (dims, predicted.reshape(shape).astype(np.float32), unit),
@@ -205,6 +210,14 @@ def build_tree(
     }
     for dataset in groups.values():
         dataset.attrs.update(attributes)
+    weight = f"n_eff / n = {posterior.beta:.6g}"
+    groups["/log_likelihood"].attrs["weighting"] = (
+        f"weighted: pointwise log likelihood times {weight}, as the posterior was sampled"
+    )
+    groups["/log_likelihood_unweighted"].attrs["weighting"] = (
+        f"unweighted: pointwise log likelihood of independent readings, without the {weight} that "
+        "the posterior was sampled with; not for arviz.loo"
+    )
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(attributes)
     return tree

@@ -22,16 +22,17 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import BiaxbayesError, InputError, RunError
-from biaxbayes.options import Settings
+from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Settings
 from biaxbayes.runs.provenance import parse_options
 from biaxbayes.text_files import read_bytes, sync_folder
 
 __all__ = [
+    "CARDS",
     "PROVENANCE",
     "READY",
     "STATES",
@@ -52,18 +53,30 @@ __all__ = [
 PROVENANCE = "provenance.json"
 """Moved last: with it the folder is a finished run."""
 WRITING, READY = ".writing-", ".ready"
+CARDS = "cards"
+CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD_UNITS)})")
+"""Folders of material cards in a run."""
+PICTURE = r"\.(pdf|png|svg)"
+DERIVED = re.compile(
+    rf"(prediction|inflation|ledger|design|profile)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
+    rf"|(identifiability|determined|same-curves)\.csv|report\.(html|md|tex)"
+    rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
+)
+"""Files that verbs make of a run's draws in its folder: worth nothing beside other draws."""
 TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 """Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
 
 
 @contextlib.contextmanager
-def staged(folder: Path) -> Iterator[Path]:
+def staged(folder: Path, gone: Callable[[list[str]], None] = lambda names: None) -> Iterator[Path]:
     """A fresh folder to write a run's files into; they replace the old ones at the end.
 
     Parameters
     ----------
     folder : Path
         The run folder, whose lock is held.
+    gone : callable
+        Is told the names of what was made of the run before and went with it.
 
     Raises
     ------
@@ -86,7 +99,7 @@ def staged(folder: Path) -> Iterator[Path]:
             raise RunError(f"{problem}; {kept}") from None
         finally:
             shutil.rmtree(aside, ignore_errors=True)
-        finish_moving(folder)
+        gone(finish_moving(folder))
     except OSError as error:
         raise RunError(
             f"{folder}: cannot be written ({error.strerror or error}); check space and "
@@ -94,21 +107,42 @@ def staged(folder: Path) -> Iterator[Path]:
         ) from None
 
 
-def finish_moving(folder: Path) -> None:
-    """Move finished files into place, also those that a crash left waiting; no-op without any."""
+def finish_moving(folder: Path) -> list[str]:
+    """Move finished files into place, also those that a crash left waiting; no-op without any.
+
+    What was made of the draws of a run before goes with them; its names are returned.
+    """
     ready = folder / READY
     if ready.is_symlink() or not ready.is_dir():
-        return
+        return []
     listed = _listed(ready / PROVENANCE)
     for name, digest in _listed(folder / PROVENANCE).items():
         # A product of the run before that this one does not have; never a file of the user's.
         if listed and name not in listed and _digest(folder / name) == digest:
             (folder / name).unlink(missing_ok=True)
+    gone = _without_derived(folder, listed) if listed and is_run(folder) else []
     waiting = sorted(p for p in ready.iterdir() if p.is_file() and not p.is_symlink())
     for path in sorted(waiting, key=lambda p: p.name == PROVENANCE):
         path.replace(folder / path.name)
     sync_folder(folder)
     shutil.rmtree(ready, ignore_errors=True)
+    return gone
+
+
+def _without_derived(folder: Path, listed: dict[str, str]) -> list[str]:
+    """Remove what verbs made of the draws before; what the user changed or added stays."""
+    before, gone = _listed(folder / PROVENANCE), []
+    for path in sorted(folder.iterdir()):
+        if path.is_symlink() or path.name in listed or path.name in before:
+            continue
+        if path.is_file() and DERIVED.fullmatch(path.name):
+            path.unlink()
+        elif path.is_dir() and CARDS_FOLDER.fullmatch(path.name):
+            shutil.rmtree(path)
+        else:
+            continue
+        gone.append(path.name)
+    return gone
 
 
 def clear_leftovers(folder: Path) -> None:

@@ -15,8 +15,16 @@ from biaxbayes.errors import RunError
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import Quantities
+from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import quantity_name, read_archive
-from biaxbayes.runs.folder import READY, finish_moving, read_json, read_record, trusted_path
+from biaxbayes.runs.folder import (
+    PROVENANCE,
+    READY,
+    finish_moving,
+    read_json,
+    read_record,
+    trusted_path,
+)
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import parse_options, stored_law
 from biaxbayes.runs.summary import read_summary
@@ -24,6 +32,9 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 
 __all__ = ["Run", "open_run"]
+
+
+CHECKPOINTS = (checkpoint.NAME, checkpoint.PREVIOUS)
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,9 @@ class Run:
 
     path: Path
     provenance: dict[str, Any]
+
+    def __repr__(self) -> str:
+        return f"Run({str(self.path)!r}, {self.provenance['specimen']!r}, {self.state})"
 
     @cached_property
     def specimen(self) -> Specimen:
@@ -138,6 +152,11 @@ def open_run(path: str | Path) -> Run:
     try:
         if not path.is_dir():
             raise RunError(f"{path}: is not a run folder; make one with 'biaxbayes sample'")
+        if not any((path / name).exists() for name in (PROVENANCE, READY, *CHECKPOINTS)):
+            raise RunError(
+                f"{path}: is not a run folder (it holds no {PROVENANCE}); name one that "
+                "'biaxbayes sample' wrote"
+            )
         if (path / READY).is_dir():
             # A crash came between two renames of finished files: nothing is missing.
             with folder_lock(path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from biaxbayes.errors import RunError
 from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.convergence import Convergence
 
-__all__ = ["COLUMNS", "read_summary", "summarise", "write_summary"]
+__all__ = ["COLUMNS", "read_summary", "summarise", "with_verdicts", "write_summary"]
 
 COLUMNS = (
     "parameter",
@@ -25,7 +26,9 @@ COLUMNS = (
     "ess_bulk",
     "ess_tail",
     "rhat",
+    "verdict",
 )
+TEXT = ("parameter", "unit", "verdict")
 
 
 def summarise(
@@ -68,6 +71,19 @@ def summarise(
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
+def with_verdicts(table: pd.DataFrame, verdicts: Mapping[str, str]) -> pd.DataFrame:
+    """The same table with what the data say of each parameter.
+
+    Parameters
+    ----------
+    table : DataFrame
+    verdicts : mapping of str to str
+        By parameter; a quantity that is not judged has none.
+    """
+    told = [verdicts.get(str(name), np.nan) for name in table["parameter"]]
+    return table.assign(verdict=pd.Series(told, dtype=object))
+
+
 def write_summary(path: Path, table: pd.DataFrame) -> None:
     """Write summary.csv with eight significant digits."""
     write_csv(path, table, digits=8)
@@ -82,8 +98,11 @@ def read_summary(path: Path) -> pd.DataFrame:
         If it is not a summary.
     """
     try:
-        table = pd.read_csv(path, dtype={"parameter": str, "unit": str}, keep_default_na=True)
-        table[list(COLUMNS[2:])] = table[list(COLUMNS[2:])].astype(float)
+        table = pd.read_csv(path, dtype=dict.fromkeys(TEXT, str), keep_default_na=True)
+        numbers = [name for name in COLUMNS if name not in TEXT]
+        table[numbers] = table[numbers].astype(float)
+        if "verdict" not in table:  # of before verdicts stood here
+            table["verdict"] = np.nan
     except (OSError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
         raise RunError(
             f"{path}: cannot be read as the summary of a run ({type(error).__name__})"

@@ -6,15 +6,18 @@ Unloading, jumps, a stiff start, one direction only.
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from biaxbayes.specimens.branches import progress, relapse
-from biaxbayes.specimens.findings import Finding, mounting_findings
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.branches import SWING, progress, relapse, scatter
+from biaxbayes.specimens.findings import Finding, mounting_findings, serious, sorted_findings
 from biaxbayes.specimens.plausibility import unit_findings
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.specimen_file import read_specimen
 
-__all__ = ["Finding", "check_specimen", "path_findings"]
+__all__ = ["Finding", "check_specimen", "path_findings", "refuse_no_loading_curve"]
 
 
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
@@ -23,6 +26,8 @@ STIFF_START = 1.5
 PROPORTIONAL = 0.01
 JUMP = 0.05
 FEW_ROWS = 8
+DISORDER = 0.15
+"""Scatter about the neighbours, as a share of the range; shuffled rows have 0.25 to 0.3."""
 
 
 def path_findings(specimen: Specimen) -> list[Finding]:
@@ -44,7 +49,7 @@ def path_findings(specimen: Specimen) -> list[Finding]:
             found.append(
                 Finding("few-rows", "warning", f"only {p.rows} rows in this protocol", p.name)
             )
-        found += _unloading(p, stretch, load)
+        found += _unloading(p, stretch, load) or _backwards(p, stretch, load, specimen.noise_sd)
         found += _jumps(p, stretch, load)
         found += _time(p)
     return [
@@ -56,16 +61,45 @@ def path_findings(specimen: Specimen) -> list[Finding]:
 
 
 def _unloading(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
-    back = relapse(progress(stretch, load))
+    path = progress(stretch, load)
+    if p.rows >= FEW_ROWS and scatter(path) > DISORDER * float(np.ptp(path)):
+        return [
+            Finding(
+                "shuffled",
+                "error",
+                f"neighbouring rows lie {100 * scatter(path) / float(np.ptp(path)):.0f} % of the "
+                "whole range apart: the rows are out of order. Sort them by time",
+                p.name,
+            )
+        ]
+    back = relapse(path)
     if back is None:
         return []
     peak, _ = back
+    fallen = float(path[peak] - path[peak:].min())
     return [
         Finding(
             "unloading",
-            "warning",
+            "error" if fallen >= SWING * float(np.ptp(path)) else "warning",
             f"the path turns back at row {peak + 1} of {p.rows}: unloading (or several cycles) "
             "mixed in. An elastic model has one curve; convert with --branch loading",
+            p.name,
+        )
+    ]
+
+
+def _backwards(p: Protocol, stretch: np.ndarray, load: np.ndarray, noise: float) -> list[Finding]:
+    """Rows in the wrong order: stretch and load both fall from the first row on."""
+    change, loss = (curve[-1] - curve[0] for curve in (stretch, load))
+    if not (change.sum() < 0.0 and loss.sum() < -3.0 * noise):
+        return []
+    return [
+        Finding(
+            "backwards",
+            "error",
+            f"stretch and load fall from row to row, to {stretch[-1, 0]:.4g} and "
+            f"{stretch[-1, 1]:.4g} of the first stretches: the rows run backwards, or hold the "
+            "unloading. The first row must be the mounted state; turn the rows round",
             p.name,
         )
     ]
@@ -231,25 +265,54 @@ def _one_direction(specimen: Specimen) -> list[Finding]:
 # --- everything that is noticed ------------------------------------------------------------------
 
 
-def check_specimen(specimen: Specimen) -> tuple[Finding, ...]:
+def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     """What a user should know of a specimen before trusting a fit of it.
 
     Parameters
     ----------
-    specimen : Specimen
+    specimen : Specimen or path-like
 
     Returns
     -------
     tuple of Finding
-        Warnings first, each group in the order: mounted state, paths, units, origin.
+        The most severe first, each group in the order: mounted state, paths, units, origin.
     """
+    if not isinstance(specimen, Specimen):
+        specimen = read_specimen(specimen)
     found = [
         *mounting_findings(specimen),
         *path_findings(specimen),
         *unit_findings(specimen),
         *_origin(specimen),
     ]
-    return tuple(sorted(found, key=lambda finding: finding.severity != "warning"))
+    return sorted_findings(found)
+
+
+def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, ...]:
+    """Refuse what cannot be a loading curve; else the serious findings.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    file : object
+        For the message; None refuses nothing.
+
+    Raises
+    ------
+    InputError
+        With the first finding that is an error.
+    """
+    found = serious(check_specimen(specimen))
+    errors = [f for f in found if f.severity == "error"]
+    if errors and file is not None:
+        more = f" ({len(errors) - 1} more of the kind)" if len(errors) > 1 else ""
+        told = str(errors[0]).removeprefix("error: ")
+        raise InputError(
+            f"cannot be a loading curve: {told}{more}",
+            file=file,
+            remedy="or add --anyway to go on all the same",
+        )
+    return found
 
 
 def _origin(specimen: Specimen) -> list[Finding]:

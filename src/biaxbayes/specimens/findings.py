@@ -5,6 +5,7 @@ A tare, a sign, a drift, forces that differ, a reading lost in its noise.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from itertools import combinations
 
@@ -12,7 +13,11 @@ import numpy as np
 
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["Finding", "mounting_findings"]
+__all__ = ["SERIOUS", "SEVERITIES", "Finding", "mounting_findings", "serious", "sorted_findings"]
+
+
+SEVERITIES = ("error", "warning", "note")
+"""An error cannot be a loading curve; a warning can change what a fit means; a note explains."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +28,8 @@ class Finding:
     ----------
     code : str
         Stable short name, such as ``tared``.
-    severity : {"warning", "note"}
-        A warning can change what a fit means; a note explains.
+    severity : {"error", "warning", "note"}
+        As in :data:`SEVERITIES`.
     message : str
         One sentence with the numbers it rests on.
     protocol : str or None
@@ -39,6 +44,28 @@ class Finding:
     def record(self) -> dict[str, str | None]:
         """The finding as plain values."""
         return asdict(self)
+
+    def __str__(self) -> str:
+        where = f"protocol {self.protocol}: " if self.protocol else ""
+        return f"{self.severity}: {where}{self.message}"
+
+
+SERIOUS = ("units", "sign", "unloading", "jump", "time", "swapped")
+"""Warnings that a sampled posterior is not told without; an error always is one of these."""
+
+
+def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The most severe first, else in their order."""
+    return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
+
+
+def serious(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Errors, and the warnings of a wrong file rather than of a difficult specimen."""
+    return tuple(
+        f
+        for f in sorted_findings(findings)
+        if f.severity == "error" or (f.severity == "warning" and f.code in SERIOUS)
+    )
 
 
 # --- what the rows at rest say -----------------------------------------------------------------

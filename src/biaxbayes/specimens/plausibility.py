@@ -55,7 +55,11 @@ USUAL_PEAK_KPA = (1.0, 2_000.0)
 USUAL_STRETCH = (1.01, 2.0)
 USUAL_EDGE_MM = (2.0, 100.0)
 USUAL_THICKNESS_MM = (0.05, 10.0)
+SMALL_SECTION_MM2 = 0.1
+"""An edge of 2 mm times a thickness of 0.05 mm, both the least usual ones."""
 LARGE_NOISE = 0.1
+NEGATIVE = 0.3
+"""Compression beyond this share of the largest load, where the stretch is largest, is no test."""
 
 
 # --- what is refused -----------------------------------------------------------------------------
@@ -136,7 +140,7 @@ def check_load(
             file=file,
             row=int(lines[row]),
             column=column,
-            remedy=_remedy(stress, limit, "Pa" if section_mm2 is None else "mN"),
+            remedy=_remedy(stress, limit, section_mm2),
         )
     if stress < STRESS_FLOOR_KPA:
         raise InputError(
@@ -148,7 +152,13 @@ def check_load(
         )
 
 
-def _remedy(stress: float, limit: float, unit: str) -> str:
+def _remedy(stress: float, limit: float, section_mm2: float | None) -> str:
+    if section_mm2 is not None and section_mm2 < SMALL_SECTION_MM2:
+        return (
+            f"the section under it is {section_mm2:.2g} mm^2: if edges or thickness are in metres, "
+            "multiply them by 1000"
+        )
+    unit = "Pa" if section_mm2 is None else "mN"
     if stress > OUTLIER * limit:
         return "mend the value or remove the row"
     return (
@@ -233,6 +243,7 @@ def _stress(specimen: Specimen) -> list[Finding]:
 def _sign(specimen: Specimen) -> list[Finding]:
     """Tension must be positive: the load at the largest stretch of each direction."""
     found = []
+    limit = -NEGATIVE * specimen.peak_load
     for k, axis in enumerate("xy"):
         ends = []
         for p in specimen.protocols:
@@ -244,7 +255,7 @@ def _sign(specimen: Specimen) -> list[Finding]:
             found.append(
                 Finding(
                     "sign",
-                    "warning",
+                    "error" if load_there < limit else "warning",
                     f"the load in {axis} is {load_there:.3g} {specimen.unit} at its largest "
                     f"stretch of {stretch_there:.3f}: tension must be positive",
                 )

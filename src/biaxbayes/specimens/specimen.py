@@ -96,6 +96,9 @@ class Protocol:
     def __hash__(self) -> int:
         return hash((self.name, self.rows, self.rest_rows))
 
+    def __repr__(self) -> str:
+        return f"Protocol({self.name!r}, {self.rows} rows)"
+
 
 def rest_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
     """Number of leading rows at rest.
@@ -246,6 +249,13 @@ class Specimen:
 
     def __hash__(self) -> int:
         return hash((self.name, self.stress_pair, len(self.protocols)))
+
+    def __repr__(self) -> str:
+        rows = sum(p.rows for p in self.protocols)
+        layer = f", {self.layer}" if self.layer else ""
+        count = len(self.protocols)
+        protocols = "1 protocol" if count == 1 else f"{count} protocols"
+        return f"Specimen({self.name!r}{layer}, {protocols}, {rows} rows of {self.stress_pair})"
 
     # --- units and sections ---
 

@@ -285,6 +285,18 @@ def _groups(
             column="protocol",
             remedy="the column names the loading path, the same in all its rows",
         )
+    if starts.size > len(np.unique(codes)):
+        names = ", ".join(dict.fromkeys(one_line(labels[codes[s]])[:40] for s in starts[:50]))
+        back = next(s for k, s in enumerate(starts) if codes[s] in codes[starts[:k]])
+        raise InputError(
+            f"the rows of the protocols {names[:200]} are mixed: protocol "
+            f"{one_line(labels[codes[back]])[:40]!r} comes back after another one",
+            file=path,
+            row=int(lines[back]),
+            column="protocol",
+            remedy="keep its rows together in the order of the test, or give each loading path a "
+            "name of its own",
+        )
     groups: dict[str, slice] = {}
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
         name = one_line(labels[codes[start]])

@@ -27,6 +27,7 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.calibration.simulated_specimen import prior_value
 from biaxbayes.comparison.compare import contractions, prior_material
+from biaxbayes.csv_tables import read_csv
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.identifiability.determined import derived_quantities
 from biaxbayes.identifiability.verdict import Thresholds
@@ -310,7 +311,7 @@ def _spread(values: pd.Series | np.ndarray, scale: str) -> float:
 def _verdicts(run: Run) -> dict[str, dict[str, Any]]:
     path = run.path / "identifiability.csv"
     try:
-        table = pd.read_csv(path, comment="#")
+        table = read_csv(path)
         return {
             str(r["parameter"]): {
                 "verdict": str(r["verdict"]),

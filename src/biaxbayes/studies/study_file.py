@@ -43,9 +43,9 @@ DEFAULT_OPTIONS: dict[str, Any] = {
 NUMBERS = ("seed", "ess", "max_steps")
 """Of :class:`~biaxbayes.options.SamplingPlan`; a study may state them."""
 MOST = 2**63 - 1
-STUDY_KEYS = ("name", *NUMBERS, "options", "priors", "specimen")
+STUDY_KEYS = ("name", *NUMBERS, "anyway", "options", "priors", "specimen")
 TEXT_KEYS = ("label", "donor", "layer")
-SPECIMEN_KEYS = ("file", *TEXT_KEYS, "seed", "mounting_force", "options", "priors")
+SPECIMEN_KEYS = ("file", *TEXT_KEYS, "seed", "mounting_force", "anyway", "options", "priors")
 LONGEST = 120
 
 
@@ -65,6 +65,8 @@ class StudySpecimen:
         Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`, with the priors.
     mounting_force : (float, float) or None
         Put back on a tared file, in the file's unit.
+    anyway : bool
+        Sample it even if its record cannot be a loading curve.
     """
 
     file: Path
@@ -74,6 +76,7 @@ class StudySpecimen:
     donor: str | None = None
     layer: str | None = None
     mounting_force: tuple[float, float] | None = None
+    anyway: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,7 @@ class _Common:
     seed: int
     options: dict[str, Any]
     priors: dict[str, Prior | float | Tie] = field(default_factory=dict)
+    anyway: bool = False
 
 
 def study_of_files(
@@ -113,6 +117,7 @@ def study_of_files(
     seed: int = SamplingPlan.seed,
     ess: float = SamplingPlan.ess,
     max_steps: int = SamplingPlan.max_steps,
+    anyway: bool = False,
 ) -> Study:
     """A study of specimen files that share their options; the files' names are the labels.
 
@@ -124,7 +129,13 @@ def study_of_files(
     for path in files:
         _check_file(path, path)
     specimens = tuple(
-        StudySpecimen(path, path.stem, dict(options), _number("--seed", seed, "seed", None))
+        StudySpecimen(
+            path,
+            path.stem,
+            dict(options),
+            _number("--seed", seed, "seed", None),
+            anyway=anyway,
+        )
         for path in files
     )
     _check_labels(specimens, None)
@@ -159,6 +170,7 @@ def read_study(path: Path) -> Study:
         int(numbers["seed"]),
         _options(table.get("options", {}), DEFAULT_OPTIONS, "options", path),
         _priors(table.get("priors", {}), "priors", path),
+        _flag(table.get("anyway", False), "anyway", path),
     )
     entries = table.get("specimen")
     if not isinstance(entries, list) or not entries:
@@ -189,6 +201,7 @@ def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
         _text(entry, "donor", where, path),
         _text(entry, "layer", where, path),
         _force(entry.get("mounting_force"), f"{where}mounting_force", path),
+        _flag(entry.get("anyway", common.anyway), f"{where}anyway", path),
     )
 
 
@@ -261,6 +274,12 @@ def _priors(table: object, where: str, path: Path) -> dict[str, Prior | float | 
     if not isinstance(table, dict):
         raise InputError(f"{where} must be a table", file=path)
     return parse_priors(table, f"{path}, {where}")
+
+
+def _flag(value: object, told: str, path: Path) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{told} must be true or false", file=path)
+    return value
 
 
 def _force(value: object, where: str, path: Path) -> tuple[float, float] | None:

@@ -1,0 +1,103 @@
+"""A live line on a terminal or in a notebook that says how far a long verb has come."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import sys
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+__all__ = ["live_bar", "shown_progress", "with_progress"]
+
+
+def live_bar(console: Console) -> Bar:
+    """A bar of one task: phase, share where it is known, time spent, time left where it is known.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+    """
+    from rich.progress import (
+        BarColumn,
+        ProgressColumn,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import Progress as Bar
+    from rich.text import Text
+
+    class Share(ProgressColumn):
+        """Per cent and time left; nothing where the share is not known."""
+
+        remaining = TimeRemainingColumn()
+
+        def render(self, task: Any) -> Text:
+            if task.total is None:
+                return Text("")
+            left = self.remaining.render(task).plain
+            told = f", {left} left" if "-" not in left and not task.finished else ""
+            return Text(f"{task.percentage:.0f} %{told}")
+
+    return Bar(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("elapsed"),
+        Share(),
+        console=console,
+        transient=True,
+    )
+
+
+@contextlib.contextmanager
+def shown_progress(console: Console) -> Iterator[Callable[[Any], None]]:
+    """Show a live line while the block runs; yields what to call with each Progress.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+    """
+    with live_bar(console) as bar:
+        task = bar.add_task("starting", total=None)
+
+        def tell(progress: Any) -> None:
+            if progress.note:
+                bar.console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
+            share = progress.share
+            total = None if share is None else 1.0
+            bar.update(task, description=progress.phase, total=total, completed=share or 0.0)
+
+        yield tell
+
+
+Verb = TypeVar("Verb", bound=Callable[..., Any])
+
+
+def with_progress(verb: Verb) -> Verb:
+    """Let a verb show its progress where somebody watches.
+
+    Its ``progress`` may then be a callable, as before; True or False for a line or none; by
+    default there is one on a terminal and in a notebook.
+    """
+
+    @functools.wraps(verb)
+    def watched(*arguments: Any, progress: Any = None, **options: Any) -> Any:
+        if callable(progress):
+            return verb(*arguments, progress=progress, **options)
+        somebody = sys.stderr.isatty() or "ipykernel" in sys.modules
+        if not (somebody if progress is None else progress):
+            return verb(*arguments, **options)
+        from rich.console import Console
+
+        with shown_progress(Console(stderr=True)) as tell:
+            return verb(*arguments, progress=tell, **options)
+
+    return watched  # type: ignore[return-value]

@@ -1,0 +1,93 @@
+"""Messages for what new users do: one line that names the mistake and the way out."""
+
+import numpy as np
+import pytest
+
+import biaxbayes
+from biaxbayes.cli import main
+from biaxbayes.specimens.check import check_specimen
+from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+
+MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=40)[0]
+
+
+def run(capsys, *arguments):
+    with pytest.raises(SystemExit) as left:
+        main([str(a) for a in arguments])
+    shown = capsys.readouterr()
+    return left.value.code, shown.out, shown.err
+
+
+def lines_of(tmp_path) -> tuple[list[str], list[str]]:
+    path = tmp_path / "made.csv"
+    write_specimen(MADE, path)
+    lines = path.read_text().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("stretch_x"))
+    return lines[: first + 1], lines[first + 1 :]
+
+
+def refused(capsys, *arguments) -> str:
+    code, out, err = run(capsys, *arguments)
+    assert code == 2 and not out and len(err.splitlines()) == 1
+    return err
+
+
+def test_shuffled_rows(capsys, tmp_path):
+    head, rows = lines_of(tmp_path)
+    rng = np.random.default_rng(1)
+    path = tmp_path / "shuffled.csv"
+    path.write_text("\n".join([*head, *rng.permutation(rows)]) + "\n")
+    (found,) = (f for f in check_specimen(read_specimen(path)) if f.severity == "error")
+    assert "out of order" in found.message
+    named = [f"{row},{'a' if i < 20 else 'b'}" for i, row in enumerate(rows)]
+    shuffled = [*head[:-1], f"{head[-1]},protocol", *rng.permutation(named)]
+    path.write_text("\n".join(shuffled) + "\n")
+    said = refused(capsys, "check", path)
+    assert "are mixed" in said and "one row" not in said
+
+
+@pytest.mark.parametrize("keys", [("edge_x_mm", "edge_y_mm"), ("thickness_mm",)])
+def test_metres_instead_of_millimetres(capsys, tmp_path, keys):
+    head, rows = lines_of(tmp_path)
+    for i, line in enumerate(head):
+        key, _, value = line.removeprefix("# ").partition(": ")
+        if key in keys:
+            head[i] = f"# {key}: {float(value) / 1000:g}"
+    path = tmp_path / "metres.csv"
+    path.write_text("\n".join([*head, *rows]) + "\n")
+    assert "are in metres, multiply them by 1000" in refused(capsys, "check", path)
+
+
+def test_unknown_kind_of_strain(capsys, tmp_path):
+    path = tmp_path / "raw.csv"
+    path.write_text("a,b,P_kPa,Q_kPa\n" + "\n".join(f"{i},{i},{i},{i}" for i in range(9)))
+    columns = "stretch_x=a:log,stretch_y=b:log,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    out = tmp_path / "out.csv"
+    asked = ("convert", path, "--machine", "generic", "--columns", columns, "--out", out)
+    said = refused(capsys, *asked)
+    assert "'log' behind 'a'" in said and "green" in said and "logarithmic" in said
+
+
+def test_a_strain_where_a_stretch_is_asked(capsys, small_run):
+    code, _, err = run(capsys, "predict", small_run.path, "--stretch", 0.2, "--anyway")
+    assert code == 2 and "for a strain of 0.2 write 1.2" in err
+
+
+def test_report_of_a_folder_that_is_no_run(capsys, tmp_path):
+    said = refused(capsys, "report", tmp_path)
+    assert "is not a run folder" in said and "--resume" not in said
+
+
+def test_an_angle_in_radians(capsys, tmp_path):
+    path = tmp_path / "made.csv"
+    write_specimen(MADE, path)
+    asked = ("fit", path, "--method", "zeroed", "--fix")
+    assert "write alpha=34.38" in run(capsys, *asked, "alpha=0.6")[2]
+    for sound in ("alpha=41", "alpha=0", "kappa=0.1"):
+        assert "radians" not in run(capsys, *asked, sound)[2]
+
+
+@pytest.mark.parametrize(("typed", "meant"), [("sampel", "sample"), ("Simulate", "simulate")])
+def test_did_you_mean(capsys, typed, meant):
+    assert f"did you mean {meant}?" in refused(capsys, typed, "x.csv")
+    assert "verbs are sample" in refused(capsys, "quux")

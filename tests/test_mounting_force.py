@@ -1,0 +1,70 @@
+"""--mounting-force of a tared file: checked before the work, with the option named."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import biaxbayes
+from biaxbayes.cli import main
+from biaxbayes.errors import InputError
+from biaxbayes.jobs.sample import Sampling
+from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text, write_specimen
+
+FORCE = (0.0158, 0.0126)
+TARED = biaxbayes.simulate(material="donor2-media", noise_N=0.0006)[0].zeroed()
+
+
+def run(capsys, *arguments):
+    with pytest.raises(SystemExit) as left:
+        main([str(a) for a in arguments])
+    shown = capsys.readouterr()
+    return left.value.code, shown.out, shown.err
+
+
+@pytest.mark.parametrize("force", [(15.8, 12.6), (15800.0, 12600.0)], ids=["mN", "uN"])
+def test_a_wrong_unit_is_refused_before_a_folder_is_made(capsys, tmp_path, force):
+    path, folder = tmp_path / "tared.csv", tmp_path / "run"
+    write_specimen(TARED, path)
+    code, out, err = run(capsys, "sample", path, "--mounting-force", *force, "--out", folder)
+    assert code == 2 and not out and len(err.splitlines()) == 1
+    assert "tared.csv" in err and "--mounting-force" in err and "in N" in err and "row" not in err
+    assert not folder.exists()
+
+
+def prepared(specimen, force, folder: Path) -> Sampling:
+    return Sampling.prepare(
+        specimen,
+        out=folder,
+        options={"mounting": "noisy"},
+        seed=1,
+        ess=100.0,
+        max_steps=200,
+        workers=1,
+        mounting_force=force,
+    )
+
+
+SIZES = st.floats() | st.floats(-1e6, 1e6) | st.floats(-0.05, 0.05)
+
+
+@given(st.tuples(SIZES, SIZES), st.sampled_from([1e-3, 1.0, 20.0]))
+@settings(max_examples=60, deadline=None)
+def test_whatever_force_is_stated_the_sampled_specimen_can_be_read_again(force, scale):
+    """Or it is refused, naming the option, before anything is sampled."""
+    specimen = biaxbayes.simulate(
+        material="donor2-media", noise_N=0.0006, thickness=scale, increments=12
+    )[0].zeroed()
+    try:
+        found = prepared(specimen, force, Path("unused")).specimen
+    except InputError as error:
+        assert "--mounting-force" in str(error) or "stress" in str(error) or "load" in str(error)
+        return
+    lines = specimen_text(found).split("\n")
+    assert parse_specimen(lines, Path("specimen.csv")).protocols == found.protocols
+
+
+def test_a_sound_force_is_taken():
+    found = prepared(TARED, FORCE, Path("unused")).specimen
+    assert tuple(found.mounting_readings(shared=True)[0][0]) == pytest.approx(FORCE, abs=2e-3)

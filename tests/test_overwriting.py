@@ -1,0 +1,97 @@
+"""Nothing is overwritten unasked: finished runs, a run's own figures, converted files."""
+
+import pytest
+
+import biaxbayes
+import quick_posteriors
+from biaxbayes.cli import main
+from biaxbayes.errors import InputError, RunError
+from biaxbayes.runs import checkpoint
+from biaxbayes.runs.folder import PROVENANCE, manifest
+from biaxbayes.specimens.specimen_file import write_specimen
+from hostile.machine_exports import biotester_export
+
+QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
+
+
+def run(capsys, *arguments):
+    with pytest.raises(SystemExit) as left:
+        main([str(a) for a in arguments])
+    shown = capsys.readouterr()
+    return left.value.code, shown.out, shown.err
+
+
+def test_a_finished_run_is_refused_in_one_line_and_stays(capsys, tmp_path, small_run, copied):
+    folder, path = copied(small_run.path), tmp_path / "other.csv"
+    write_specimen(quick_posteriors.small_specimen(), path)
+    before = manifest(folder)
+    for option in ((), ("--quiet",)):
+        code, out, err = run(capsys, "sample", path, "--out", folder, *option)
+        assert code == 2 and not out and len(err.splitlines()) == 1
+        assert "holds a finished run" in err and "--overwrite" in err
+    assert manifest(folder) == before
+    # There is nothing to resume without a checkpoint: that would replace it, too.
+    for name in (checkpoint.NAME, checkpoint.PREVIOUS):
+        (folder / name).unlink(missing_ok=True)
+    with pytest.raises(RunError, match="finished run"):
+        biaxbayes.sample(path, out=folder, resume=True, **QUICK)
+
+
+def test_a_run_is_replaced_whole(tmp_path, small_run, copied):
+    folder = copied(small_run.path)
+    biaxbayes.export(folder, "abaqus", anyway=True)
+    biaxbayes.predict(folder, stretch=1.1, out=folder, anyway=True)
+    with quick_posteriors.runs_without_figures():
+        biaxbayes.plot(folder, "corner", out=folder / "corner-180mm.svg")
+    for name in ("ledger.csv", "ledger.png", "design.csv", "report.tex", "profile.csv"):
+        (folder / name).write_text("of the run before\n")
+    (folder / "notes.txt").write_text("mine\n")
+    (folder / "corner-of-the-paper.pdf").write_text("mine\n")
+    notes = []
+    with quick_posteriors.runs_without_figures():
+        again = biaxbayes.sample(
+            quick_posteriors.small_specimen(),
+            out=folder,
+            overwrite=True,
+            seed=4,
+            progress=lambda p: notes.append(p.note),
+            **QUICK,
+        )
+    kept = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
+    own = set(again.provenance["files"]) | {PROVENANCE}
+    assert kept - own - {checkpoint.NAME, checkpoint.PREVIOUS} == {
+        "notes.txt",
+        "corner-of-the-paper.pdf",
+    }
+    assert again.provenance["seed"] == 4
+    (told,) = [n for n in notes if n and n.startswith("removed with the run before")]
+    assert "cards-abaqus-kPa-mm" in told and "prediction.csv" in told
+
+
+def test_plot_leaves_the_figures_of_the_run(capsys, media_run, copied):
+    folder = copied(media_run.path)
+    own = manifest(folder)
+    code, out, _ = run(capsys, "plot", folder, "--parameter", "kappa", "--parameter", "alpha")
+    assert code == 0 and out.strip().endswith("corner-kappa-alpha-180mm.pdf")
+    code, out, _ = run(capsys, "plot", folder, "--figure", "bands", "--width-mm", 85)
+    assert code == 0 and out.strip().endswith("stress-bands-85mm.pdf")
+    code, _, err = run(capsys, "plot", folder, "--out", folder / "corner.pdf")
+    assert code == 2 and "figure of the run itself" in err and len(err.splitlines()) == 1
+    with pytest.raises(InputError, match="of the run itself"):
+        biaxbayes.plot(folder, "bands", out=folder / "stress-bands", suffix="png")
+    after = manifest(folder)
+    assert {name: after[name] for name in own} == own
+
+
+def test_convert_does_not_replace_a_file_unasked(capsys, tmp_path):
+    raw, out = tmp_path / "export.csv", tmp_path / "specimen.csv"
+    raw.write_text(biotester_export().text())
+    asked = ["convert", raw, "--machine", "biotester", "--out", out]
+    asked += ["--edge-x-mm", 10, "--edge-y-mm", 10, "--thickness-mm", 1.2, "--geometry", "unloaded"]
+    assert run(capsys, *asked)[0] == 0
+    out.write_text("mine\n")
+    code, _, err = run(capsys, *asked)
+    assert code == 2 and "exists already" in err and len(err.splitlines()) == 1
+    assert out.read_text() == "mine\n"
+    assert run(capsys, *asked, "--overwrite")[0] == 0
+    assert out.read_text() != "mine\n"

@@ -1,0 +1,64 @@
+"""Every CSV of a run opens anywhere: a line of names, then rows; thresholds in the provenance."""
+
+import csv
+import hashlib
+
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.api import report_text
+from biaxbayes.csv_tables import read_csv
+from biaxbayes.jobs.closing import closing_message
+from biaxbayes.runs.summary import COLUMNS
+
+
+def plain(path) -> list[list[str]]:
+    """Rows as a spreadsheet or R sees them, all of one width."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert len({len(row) for row in rows}) == 1, path.name
+    assert all(name and name.replace("_", "a").isalnum() for name in rows[0]), path.name
+    return rows
+
+
+def test_every_table_of_a_run_and_its_verbs_opens_as_it_is(media_run, tmp_path):
+    biaxbayes.identify(media_run, out=tmp_path, figure=False)
+    tables = [media_run.path / "summary.csv", media_run.path / "identifiability.csv"]
+    tables += sorted(tmp_path.glob("*.csv"))
+    assert {"determined.csv", "same-curves.csv"} <= {p.name for p in tables}
+    for path in tables:
+        assert len(plain(path)) > 1
+
+
+def test_verdicts_stand_in_the_summary_and_thresholds_in_the_provenance(media_run):
+    summary = pd.read_csv(media_run.path / "summary.csv").set_index("parameter")
+    verdicts = pd.read_csv(media_run.path / "identifiability.csv").set_index("parameter")
+    assert (*summary.reset_index().columns,) == COLUMNS
+    for name, verdict in verdicts["verdict"].items():
+        assert summary.loc[name, "verdict"] == verdict
+    assert summary["verdict"].isna().sum() == len(summary) - len(verdicts)
+    found = media_run.provenance["identifiability"]
+    assert found["thresholds"]["edge_support"] == 0.147 and "kappa" in found["near_an_edge"]
+
+
+def test_a_folder_with_the_tables_of_before_still_opens(media_run, copied):
+    folder = copied(media_run.path)
+    path = folder / "identifiability.csv"
+    now = path.read_text()
+    before = "# identifiability of 400 draws\n#   thresholds: edge_support = 0.147\n" + now
+    path.write_text(before)
+    pd.testing.assert_frame_equal(read_csv(path), pd.read_csv(media_run.path / path.name))
+    assert closing_message(biaxbayes.open_run(folder)) == closing_message(media_run).replace(
+        str(media_run.path), str(folder)
+    )
+    page = report_text(biaxbayes.open_run(folder))
+    assert page == report_text(media_run)
+    # A summary without verdicts
+    provenance = folder / "provenance.json"
+    summary = pd.read_csv(folder / "summary.csv").drop(columns="verdict")
+    summary.to_csv(folder / "summary.csv", index=False)
+    text = provenance.read_text()
+    old = media_run.provenance["files"]["summary.csv"]
+    new = hashlib.sha256((folder / "summary.csv").read_bytes()).hexdigest()
+    provenance.write_text(text.replace(old, new))
+    assert biaxbayes.open_run(folder).summary["verdict"].isna().all()

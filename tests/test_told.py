@@ -1,0 +1,50 @@
+"""What the terminal tells: progress, ledgers, few replications."""
+
+import io
+
+import pandas as pd
+import pytest
+
+from biaxbayes.cli.findings import _cell
+from biaxbayes.cli.runs import _calibration_closing
+from biaxbayes.jobs.calibrate import Outcome
+from biaxbayes.progress_bar import live_bar
+
+
+def test_time_spent_is_not_called_time_left():
+    from rich.console import Console
+
+    def shown(share: float | None) -> str:
+        out = io.StringIO()
+        seconds = iter(range(0, 1000, 5))
+        bar = live_bar(Console(file=out, width=120))
+        bar.get_time = lambda: float(next(seconds))
+        task = bar.add_task("sampling", total=None)
+        for part in (0.1, 0.3, share) if share is not None else (None,):
+            bar.update(task, total=None if part is None else 1.0, completed=part or 0.0)
+        Console(file=out, width=120).print(bar.get_renderable())
+        return out.getvalue()
+
+    writing = shown(None)
+    assert "elapsed" in writing and "%" not in writing and "left" not in writing
+    halfway = shown(0.5)
+    assert halfway.index("elapsed") < halfway.index("50 %")
+    assert "100 %" in shown(1.0) and "left" not in shown(1.0)
+
+
+def test_intervals_of_a_ledger_are_not_rounded_to_nothing():
+    row = {"inferred_q05": 1.01951, "inferred_median": 1.02004, "inferred_q95": 1.02047}
+    assert _cell(row, "inferred") == "1.02004 (1.01951, 1.02047)"
+    row = {"inferred_q05": 13.1, "inferred_median": 14.23, "inferred_q95": 15.52}
+    assert _cell(row, "inferred") == "14.2 (13.1, 15.5)"
+
+
+@pytest.mark.parametrize(("replications", "p"), [(4, 0.6), (200, 0.6), (200, 1e-6), (4, 1e-6)])
+def test_few_replications_conclude_nothing(tmp_path, replications, p):
+    row = {"parameter": "C1", "uniformity_p": p, "inside_band": "yes"}
+    row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}
+    outcome = Outcome(pd.DataFrame([row]), {"reliable": replications}, p >= 0.05, p)
+    said = _calibration_closing(tmp_path, outcome, True)
+    assert ("nothing follows" in said) == (replications < 50 and p >= 0.05)
+    assert ("are uniform" in said) == (replications >= 50 and p >= 0.05)
+    assert ("NOT uniform" in said) == (p < 0.05)
