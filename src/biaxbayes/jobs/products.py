@@ -380,13 +380,14 @@ def write_products(folder: Path, posterior: Posterior, draws: Draws) -> None:
     from biaxbayes.figures.bands import bands_figure
     from biaxbayes.figures.corner import corner_figure
     from biaxbayes.figures.identifiability import identifiability_figure
-    from biaxbayes.figures.trace import trace_figure
 
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
     found = identify_draws(posterior, table, state)
     write_identifiability(found, folder / "identifiability.csv")
     if state != "reliable":
+        from biaxbayes.figures.trace import trace_figure
+
         _save(
             folder,
             "trace",
