@@ -173,7 +173,7 @@ class Sampling:
         )
         write_summary(folder / "summary.csv", table)
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
-        write_products(folder, posterior, draws)
+        write_products(folder, posterior, draws, workers=self.plan.workers)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
         write_report(folder, Run(folder, record))
         record["files"] = manifest(folder)
