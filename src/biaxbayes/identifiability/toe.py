@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,13 +23,14 @@ from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.residuals import mounting_roots, readings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.model.effective_readings import misses_smoothly
-from biaxbayes.model.layout import mounting_names
-from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import deterministic_fit, fitted
-from biaxbayes.model.priors import Prior
+from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import thinned_specimen
+
+if TYPE_CHECKING:
+    from biaxbayes.model.posterior import Posterior
+    from biaxbayes.model.priors import Prior
 
 __all__ = ["MountingRefits", "goh_description", "mounting_refits", "poor_fit"]
 
@@ -194,6 +196,8 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     """
     if not posterior.settings.infers_mounting:
         return None
+    from biaxbayes.model.preparation import deterministic_fit, fitted
+
     posterior = fitted(posterior)
     residuals = deterministic_fit(posterior).residuals
     if not misses_smoothly(residuals) and not misses_smoothly([_toe(r) for r in residuals]):
@@ -246,6 +250,8 @@ class _Work:
         return self.fit(self.data)
 
     def fit(self, part: Specimen) -> FitResult:
+        from biaxbayes.model.preparation import deterministic_fit
+
         settings = self.posterior.settings
         return constrained_fit(
             part,
