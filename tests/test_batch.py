@@ -131,6 +131,31 @@ def test_what_is_finished_is_read_and_not_sampled_again(result, study):
     pd.testing.assert_frame_equal(again.table, result.table)
 
 
+class Nobody(InThisProcess):
+    """Workers who must not be asked."""
+
+    def run(self, function, tasks, *, stop=lambda: False):
+        assert not tasks
+        yield from ()
+
+
+def test_a_repeat_starts_no_worker_and_writes_nothing_again(result, study):
+    def written():
+        found = {p.name: p.stat().st_mtime_ns for p in result.folder.glob("study*")}
+        return {name: time for name, time in found.items() if name != "study.json"}
+
+    Batch(study, result.folder).execute()
+    before = written()
+    assert {"study.csv", "study.html", "study-distances.csv"} <= set(before)
+    Batch(study, result.folder, Nobody()).execute()
+    assert written() == before
+    (result.folder / "study.csv").unlink()
+    (result.folder / "study.html").write_text("changed")
+    Batch(study, result.folder, Nobody()).execute()
+    assert set(written()) == set(before)
+    assert (result.folder / "study.html").read_text() != "changed"
+
+
 def spy(monkeypatch):
     """Tasks that are handed out, each ending as if its run folder had gone."""
     seen: list[SpecimenTask] = []

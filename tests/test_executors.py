@@ -6,14 +6,17 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import executor_tasks as tasks
 from biaxbayes.errors import InputError
 from biaxbayes.executors import cluster
+from biaxbayes.executors.beside import Beside
 from biaxbayes.executors.executor import InThisProcess, Workers, executor_for
 
 
@@ -167,3 +170,45 @@ def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
     # Nothing is left behind that other libraries would take for a cluster to ask.
     with pytest.raises(ValueError, match="No client"):
         default_client()
+
+
+# --- one piece of work beside this process -------------------------------------------------
+
+
+def test_work_beside_is_done_in_another_process_and_gives_the_same():
+    here, there = Beside(os.getpid, 1), Beside(os.getpid, 2)
+    assert here.result() == os.getpid()
+    if sys.platform == "linux" and threading.active_count() == 1:
+        assert there.result() != os.getpid()
+    values = np.arange(200_000.0)  # more than a pipe holds
+    np.testing.assert_array_equal(Beside(lambda: values * 2.0, 2).result(), values * 2.0)
+
+
+def test_work_that_fails_beside_fails_here():
+    def fail():
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        Beside(fail, 2).result()
+
+
+def test_work_whose_process_dies_is_done_here():
+    home = os.getpid()
+
+    def die_elsewhere():
+        if os.getpid() != home:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return 7
+
+    assert Beside(die_elsewhere, 2).result() == 7
+
+
+def test_work_is_not_forked_from_among_threads():
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)
+    other.start()
+    try:
+        assert Beside(os.getpid, 2).result() == os.getpid()
+    finally:
+        done.set()
+        other.join()

@@ -27,7 +27,7 @@ CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """No figures, few walkers."""
-    monkeypatch.setattr(run_products, "write_products", lambda *a: None)
+    monkeypatch.setattr(run_products, "write_products", lambda *a, **k: None)
     monkeypatch.setattr(page, "write_report", lambda *a: None)
     monkeypatch.setattr(sampling, "Plan", partial(Plan, walkers=32, population=2048))
 

@@ -8,6 +8,9 @@ What compiled code calls is inlined. A function that is called is linked by its 
 has compiled it for another caller, with other rounding, runs that code, and a process that finds
 its caller in the cache does not, so that one seed gave other draws on the first run than on later
 ones.
+
+What NumPy can refuse is avoided in it: the text of the refusal is compiled as well, which takes two
+seconds for ``numpy.diff`` or for a slice that is assigned to a slice.
 """
 
 from __future__ import annotations

@@ -37,9 +37,9 @@ __all__ = ["check", "convert", "simulate"]
 )
 def check(specimen: Path, figure: Path | None, as_json: bool, with_fit: bool) -> int:
     """Print what is understood of a specimen file, and warn of what may go wrong."""
-    from biaxbayes import api
+    from biaxbayes.jobs import specimen_files
 
-    found = api.check(specimen, fit=with_fit, figure=figure)
+    found = specimen_files.check(specimen, fit=with_fit, figure=figure)
     if as_json:
         import json
 
@@ -245,12 +245,12 @@ def convert(
     biaxbayes convert tests.xlsx --machine generic --sheet all --out specimen.csv \
         --columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa
     """
-    from biaxbayes import api
+    from biaxbayes.jobs import specimen_files
     from biaxbayes.machines.conversion import Choice
 
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
     stated = {key: header[key.lower()] for key, _, _ in HEADER_OPTIONS}
-    found = api.convert(
+    found = specimen_files.convert(
         raw,
         Choice(machine, columns, cycle, branch, stretch_from, sets, sheets),
         header={key: text for key, text in stated.items() if text is not None},
@@ -367,7 +367,7 @@ def simulate(
     if material == "list":
         _tell_materials()
         return
-    from biaxbayes import api
+    from biaxbayes.jobs import specimen_files
     from biaxbayes.laws.goh import GOH
 
     if out is None:
@@ -382,7 +382,7 @@ def simulate(
             ) from None
     elif goh:
         chosen = None  # as if neither was given
-    specimen, truth = api.simulate(out, overwrite=overwrite, material=chosen, **test)
+    specimen, truth = specimen_files.simulate(out, overwrite=overwrite, material=chosen, **test)
     _tell_simulated(specimen, truth, out)
 
 
@@ -398,14 +398,13 @@ def _tell_materials() -> None:
 
 
 def _tell_simulated(specimen: Specimen, truth: Truth, out: Path) -> None:
-    from biaxbayes import api
+    from biaxbayes.jobs import specimen_files
 
     rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
     paths = f"{len(specimen.protocols)} protocol{'s' if len(specimen.protocols) > 1 else ''}"
     click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
     first = next(iter(truth.disturbed_mounting_force.values()))
-    click.echo(
-        f"mounting load {first[0]:.4g}, {first[1]:.4g} {unit}; truth in {api.truth_file(out)}"
-    )
+    truths = specimen_files.truth_file(out)
+    click.echo(f"mounting load {first[0]:.4g}, {first[1]:.4g} {unit}; truth in {truths}")
     if specimen.is_tared:
         click.echo("no mounting load: 'sample' will treat the file as tared", err=True)

@@ -150,6 +150,10 @@ class FewTicks(Locator):
         return _choose(shown, round(length, 3), self.most, self.points, self.overhang, self.turned)
 
 
+MOST_OF_STEP = 4
+"""Values in a range, over the ticks to be had of them, beyond which no label is measured."""
+
+
 @lru_cache(1024)
 def _choose(
     shown: tuple[float, float, bool],
@@ -166,6 +170,8 @@ def _choose(
     best: np.ndarray = np.array([])
     for every in range(1, 10):
         for values in _powers(low, high) if log else _round(low, high):
+            if len(values) > MOST_OF_STEP * every * most:
+                continue  # labels at either end that do not fit are never so many
             texts = plain_numbers(values, log=log)
             widths = np.array([height if turned else text_mm(t, points) for t in texts])
             places = (move(values) - move(low)) / (move(high) - move(low)) * length

@@ -46,6 +46,7 @@ def constrained_fit(
     initial: MaterialResponse | None = None,
     law: str = FitOptions.law,
     fibre_switch: bool = False,
+    compiled: bool = True,
 ) -> FitResult:
     """Least squares on the measured load, the mounting stretch solved for at every step.
 
@@ -69,6 +70,9 @@ def constrained_fit(
         Name of the material law.
     fibre_switch : bool
         Fibres carry no compression, for laws that leave it open.
+    compiled : bool
+        Look for the mounted state in compiled code. One fit without is done before the compiled
+        code has been read from the cache.
 
     Returns
     -------
@@ -86,7 +90,7 @@ def constrained_fit(
     if reading not in READINGS:
         raise InputError(f"unknown reading {reading!r}", remedy=f"one of {', '.join(READINGS)}")
     chosen = law_named(law, fibre_switch=fibre_switch)
-    setup = _setup(specimen, reading, mounting_stretch, fixed, chosen)
+    setup = replace(_setup(specimen, reading, mounting_stretch, fixed, chosen), compiled=compiled)
     points = _starting_points(setup, starts, seed, initial)
     held = (chosen.lower[setup.free], chosen.upper[setup.free])
     found = best_descent(setup.problem, [p[setup.free] for p in points], *held)
@@ -280,6 +284,7 @@ def fit_law(
     problem: GivenMounting = setup.problem()
     fitted = fit_result(
         "constrained",
+        specimen,
         setup.data,
         problem.theta(found.unknowns),
         problem.mounting(found.unknowns),

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,11 +23,8 @@ from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.residuals import mounting_roots, readings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.model.effective_readings import misses_smoothly
-from biaxbayes.model.layout import mounting_names
-from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import deterministic_fit, fitted
-from biaxbayes.model.priors import Prior
 from biaxbayes.options import FitOptions
+from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import thinned_specimen
@@ -39,6 +37,10 @@ __all__ = [
     "poor_fit",
     "swapped_columns",
 ]
+
+if TYPE_CHECKING:
+    from biaxbayes.model.posterior import Posterior
+    from biaxbayes.model.priors import Prior
 
 
 # --- whether GOH can follow a specimen at all: the misfit of its best least-squares fit ----------
@@ -66,9 +68,10 @@ def described(
     law : str
     fibre_switch : bool
     """
-    method = "standard" if specimen.is_tared else "constrained"
-    how = {"law": law, "fibre_switch": fibre_switch}
-    return fit(thinned(specimen), method, starts=DESCRIPTION_STARTS, **how)  # type: ignore[arg-type]
+    few, starts = thinned(specimen), DESCRIPTION_STARTS
+    if specimen.is_tared:
+        return fit(few, "standard", starts=starts, law=law, fibre_switch=fibre_switch)
+    return constrained_fit(few, starts=starts, law=law, fibre_switch=fibre_switch, compiled=False)
 
 
 def goh_description(specimen: Specimen, found: FitResult | None = None) -> Finding:
@@ -271,6 +274,8 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     """
     if not posterior.settings.infers_mounting:
         return None
+    from biaxbayes.model.preparation import deterministic_fit, fitted
+
     posterior = fitted(posterior)
     residuals = deterministic_fit(posterior).residuals
     if not misses_smoothly(residuals) and not misses_smoothly([_toe(r) for r in residuals]):
@@ -323,6 +328,8 @@ class _Work:
         return self.fit(self.data)
 
     def fit(self, part: Specimen) -> FitResult:
+        from biaxbayes.model.preparation import deterministic_fit
+
         settings = self.posterior.settings
         return constrained_fit(
             part,

@@ -6,23 +6,24 @@ The files of a study: tables, figure and page.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import io
 import json
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.csv_tables import write_csv
+from biaxbayes.csv_tables import csv_text, write_csv
 from biaxbayes.errors import Interrupted, RunError
-from biaxbayes.executors.executor import Executor, InThisProcess
+from biaxbayes.executors.executor import Executor, InThisProcess, Outcome
 from biaxbayes.jobs.tasks import LayerTask, SpecimenTask, compare_layers, failed, try_specimen
-from biaxbayes.runs.folder import STATES, is_run
+from biaxbayes.runs.folder import STATES, is_run, manifest
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.sampling.sampler import Progress
 from biaxbayes.studies.result import (
@@ -47,6 +48,7 @@ __all__ = ["Batch", "write_study"]
 
 
 TABLE, PAGE = "study", "study.html"
+PICTURES = ("pdf", "png")
 
 
 def write_study(result: StudyResult) -> list[Path]:
@@ -62,7 +64,7 @@ def write_study(result: StudyResult) -> list[Path]:
         What was written; ``study.parquet`` only where pyarrow is installed.
     """
     from biaxbayes.figures.compare import study_figure
-    from biaxbayes.figures.style import save_figure
+    from biaxbayes.figures.style import figure_bytes
     from biaxbayes.reports.study_page import FIGURE, study_page
 
     folder = result.folder
@@ -85,13 +87,15 @@ def write_study(result: StudyResult) -> list[Path]:
         path = folder / f"{TABLE}.parquet"
         atomic_write_bytes(path, parquet)
         written.append(path)
-    for suffix in ("pdf", "png"):
+    some = np.isfinite(result.table["q50"].astype(float)).any()
+    figure = study_figure(result.table) if some else None
+    for suffix in PICTURES:
         path = folder / f"{FIGURE}.{suffix}"
-        if np.isfinite(result.table["q50"].astype(float)).any():
-            save_figure(study_figure(result.table), path)
-            written.append(path)
-        else:
+        if figure is None:
             path.unlink(missing_ok=True)
+        else:
+            atomic_write_bytes(path, figure_bytes(figure, suffix))
+            written.append(path)
     page = folder / PAGE
     atomic_write_text(page, study_page(result))
     return [*written, page]
@@ -113,6 +117,8 @@ def _parquet(table: pd.DataFrame) -> bytes | None:
 
 
 RECORD, GOING = "study.json", ".going-"
+COMPARED_HERE = 4
+"""Donors whose layers are compared sooner than workers have started."""
 
 
 @dataclass
@@ -149,7 +155,7 @@ class Batch:
         with folder_lock(self.folder), self.executor, self._going() as going:
             progress(Progress("reading specimens"))
             entries = read_entries(self.study)
-            done = self._done()
+            done = self._recorded("done")
             tried = self._sample(entries, done, going, progress, stop)
             result = self._result(entries, tried, progress)
         return result
@@ -180,17 +186,34 @@ class Batch:
         finally:
             path.unlink(missing_ok=True)
 
-    def _done(self) -> dict[str, str]:
-        """Fingerprints of the finished runs, by folder."""
+    def _recorded(self, key: str) -> dict[str, str]:
+        """What the record holds: ``done``, or ``written``; empty where it cannot be read."""
         try:
             record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
-            return {str(k): str(v) for k, v in record["done"].items()}
+            return {str(k): str(v) for k, v in record[key].items()}
         except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
             return {}
 
-    def _save(self, done: dict[str, str]) -> None:
+    def _save(self, done: dict[str, str], written: dict[str, str] | None = None) -> None:
+        """Keep the fingerprints of the finished runs, and the digests of what was written."""
+        written = self._recorded("written") if written is None else written
         record = {"biaxbayes": biaxbayes.__version__, "name": self.study.name, "done": done}
+        if written:
+            record |= {"written": written}
         atomic_write_text(self.folder / RECORD, json.dumps(record, indent=2) + "\n")
+
+    def _write(self, result: StudyResult) -> None:
+        """Write every file, unless those that are there are of this very result."""
+        result_digest = {"result": _digest(result)}
+        if self._recorded("written") == self._files() | result_digest:
+            return
+        write_study(result)
+        self._save(self._recorded("done"), self._files() | result_digest)
+
+    def _files(self) -> dict[str, str]:
+        """Digests of the files of the study."""
+        found = manifest(self.folder)
+        return {k: v for k, v in found.items() if k != RECORD and not k.startswith(".")}
 
     def _sample(
         self,
@@ -206,6 +229,8 @@ class Batch:
         done = {e.slug: e.fingerprint for e in readable if done.get(e.slug) == e.fingerprint}
         done = {k: v for k, v in done.items() if is_run(self.folder / RUNS / k)}
         self._save(done)
+        there = [e for e in readable if e.slug in done]
+        readable = there + [e for e in readable if e.slug not in done]
         tasks = [self._task(e, e.slug in done, going) for e in readable]
         before, clock = len(done), time.monotonic()
         finished = f", {before} of them finished before" if before else ""
@@ -219,7 +244,7 @@ class Batch:
                 going.unlink(missing_ok=True)
             return asked
 
-        for outcome in self.executor.run(try_specimen, tasks, stop=stopped):
+        for outcome in self._outcomes(tasks, before, stopped):
             entry = readable[outcome.index]
             found = failed(outcome.lost) if outcome.lost else outcome.value
             if found.state == INTERRUPTED:
@@ -243,6 +268,14 @@ class Batch:
         if len(tried) < len(entries):
             raise _interruption(len(tried), len(entries), self.folder, asked)
         return tried
+
+    def _outcomes(
+        self, tasks: list[SpecimenTask], finished: int, stop: Callable[[], int]
+    ) -> Iterator[Outcome[Tried]]:
+        """Finished runs, the first tasks, are read here: no worker has to start for them."""
+        yield from InThisProcess().run(try_specimen, tasks[:finished], stop=stop)
+        for outcome in self.executor.run(try_specimen, tasks[finished:], stop=stop):
+            yield replace(outcome, index=finished + outcome.index)
 
     def _task(self, entry: Entry, finished: bool, going: Path) -> SpecimenTask:
         assert entry.specimen is not None
@@ -274,13 +307,21 @@ class Batch:
             for donor, labels, layers in donor_groups(table)
         ]
         found: dict[int, LayersFound] = {}
-        for outcome in self.executor.run(compare_layers, tasks):
+        few = len(tasks) <= COMPARED_HERE
+        for outcome in (InThisProcess() if few else self.executor).run(compare_layers, tasks):
             lost = LayersFound(tasks[outcome.index].donor, pd.DataFrame(), [outcome.lost])
             found[outcome.index] = lost if outcome.lost else outcome.value
         progress(Progress("writing"))
         result = result_of(self.study.name, self.folder, table, [found[i] for i in sorted(found)])
-        write_study(result)
+        self._write(result)
         return result
+
+
+def _digest(result: StudyResult) -> str:
+    """SHA-256 of everything that the files of a study say."""
+    tables = (result.table, result.groups, result.contrasts, result.distances)
+    told = [biaxbayes.__version__, result.name, *result.notes, *(csv_text(t) for t in tables)]
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()
 
 
 def _left(seconds: float) -> str:

@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-import pandas as pd
 
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.parameters import NOISE_SD, STRETCH
-from biaxbayes.runs.run import Run, open_run
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
 from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
+
+    from biaxbayes.runs.run import Run
 
 __all__ = [
     "PathLike",
@@ -36,7 +37,7 @@ __all__ = [
 ]
 
 PathLike = str | Path
-RunLike = Run | str | Path
+RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
 
 
@@ -109,6 +110,8 @@ def readable_specimen(specimen: Specimen, file: object) -> Specimen:
 
 def opened_run(run: RunLike) -> Run:
     """A run, or the folder to open it from."""
+    from biaxbayes.runs.run import open_run  # not for a mere look at a specimen
+
     return open_run(run) if isinstance(run, str | Path) else run
 
 
@@ -152,7 +155,13 @@ def _check_draws(run: Run) -> None:
 
 def is_run(source: RunLike | SpecimenLike) -> bool:
     """Whether this is a run, or its folder, and no specimen."""
-    return Path(source).is_dir() if isinstance(source, str | Path) else isinstance(source, Run)
+    return Path(source).is_dir() if isinstance(source, str | Path) else _is_opened(source)
+
+
+def _is_opened(source: Run | Specimen) -> bool:
+    from biaxbayes.runs.run import Run
+
+    return isinstance(source, Run)
 
 
 def made_folder(path: PathLike) -> Path:

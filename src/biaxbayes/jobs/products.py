@@ -13,15 +13,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from biaxbayes.csv_tables import write_csv
-from biaxbayes.figures.style import save_figure
+from biaxbayes.executors.beside import Beside
+from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined, mounting_stated
 from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict, identify_draws
 from biaxbayes.identifiability.marginals import (
@@ -33,7 +34,10 @@ from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten
 from biaxbayes.sampling.sampler import Draws
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = [
     "Identified",
@@ -325,40 +329,47 @@ def write_identifiability_products(
 FORMATS = ("pdf", "png")
 
 
-def write_products(folder: Path, posterior: Posterior, draws: Draws) -> Identifiability:
+def write_products(
+    folder: Path, posterior: Posterior, draws: Draws, *, workers: int = 1
+) -> Identifiability:
     """Write the products of a run into its folder; the verdicts.
 
-    Unusable draws get the traces that show why, and no figure of a posterior that is none.
+    Unusable draws get the traces that show why, and no figure of a posterior that is none. With two
+    ``workers`` the corner, which takes as long as the other figures, is drawn beside them.
     """
     from biaxbayes.figures.bands import bands_figure
     from biaxbayes.figures.corner import corner_figure
     from biaxbayes.figures.identifiability import identifiability_figure
-    from biaxbayes.figures.trace import trace_figure
 
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
+    known = posterior.quantities
+    drawn = state != "unusable"
+    corner = Beside(lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1)
     found = identify_draws(posterior, table, state)
     write_identifiability(found, folder / "identifiability.csv")
     if state != "reliable":
+        from biaxbayes.figures.trace import trace_figure
+
         _save(
             folder,
             "trace",
-            trace_figure(
-                draws.quantities, unit=posterior.specimen.unit, known=posterior.quantities
-            ),
+            _pictures(trace_figure(draws.quantities, unit=posterior.specimen.unit, known=known)),
         )
-    if state == "unusable":
+    if not drawn:
         return found
-    _save(folder, "corner", corner_figure(table, known=posterior.quantities))
-    _save(
-        folder,
-        "stress-bands",
-        bands_figure(posterior.specimen, table, settings=posterior.settings),
-    )
-    _save(folder, "identifiability", identifiability_figure(found))
+    bands = bands_figure(posterior.specimen, table, settings=posterior.settings)
+    _save(folder, "stress-bands", _pictures(bands))
+    _save(folder, "identifiability", _pictures(identifiability_figure(found)))
+    _save(folder, "corner", corner.result())
     return found
 
 
-def _save(folder: Path, stem: str, figure) -> None:
-    for suffix in FORMATS:
-        save_figure(figure, folder / f"{stem}.{suffix}")
+def _pictures(figure: Figure) -> dict[str, bytes]:
+    """A figure in every format, by the ending of its file."""
+    return {suffix: figure_bytes(figure, suffix) for suffix in FORMATS}
+
+
+def _save(folder: Path, stem: str, pictures: Mapping[str, bytes]) -> None:
+    for suffix, picture in pictures.items():
+        atomic_write_bytes(folder / f"{stem}.{suffix}", picture)

@@ -214,7 +214,7 @@ class Sampling:
             draws.quantities, posterior.parameter_names, posterior.quantities, draws.convergence
         )
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
-        found = write_products(folder, posterior, draws)
+        found = write_products(folder, posterior, draws, workers=self.plan.workers)
         verdicts = {p.name: p.verdict for p in found.parameters}
         write_summary(folder / "summary.csv", with_verdicts(table, verdicts))
         record["identifiability"] = thresholds_record(found)

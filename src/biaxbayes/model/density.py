@@ -282,7 +282,23 @@ MOST_EXPONENTIALS = 3  # of a law at one state
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def log_density(problem, u, rejected):
+def _walkers(problem, u, rejected):
+    """Log density, tempered log likelihood and natural values of each walker; counts reasons."""
+    n = u.shape[0]
+    total, likelihood = np.empty(n), np.empty(n)
+    natural = np.empty((n, problem.slot.size))
+    longest = 0
+    for p in range(problem.mount.size):
+        longest = max(longest, problem.start[p + 1] - problem.start[p])
+    scratch = np.empty((MOST_EXPONENTIALS, longest))
+    growth = np.empty((MOST_EXPONENTIALS, longest))
+    for i in range(n):
+        total[i], likelihood[i], reason = _density(problem, u[i], natural[i], scratch, growth)
+        rejected[reason] += 1
+    return total, likelihood, natural
+
+
+def log_density(problem: Problem, u: np.ndarray, rejected: np.ndarray) -> np.ndarray:
     """Log density of each walker in the sampling coordinates.
 
     Parameters
@@ -297,20 +313,11 @@ def log_density(problem, u, rejected):
     ndarray, shape (walkers,)
         Finite or -inf, never NaN.
     """
-    n = u.shape[0]
-    out = np.empty(n)
-    value = np.empty(problem.slot.size)
-    longest = np.max(np.diff(problem.start))
-    scratch = np.empty((MOST_EXPONENTIALS, longest))
-    growth = np.empty((MOST_EXPONENTIALS, longest))
-    for i in range(n):
-        out[i], _, reason = _density(problem, u[i], value, scratch, growth)
-        rejected[reason] += 1
-    return out
+    # One function is compiled for both callers: the density takes ten seconds to compile.
+    return np.asarray(_walkers(problem, u, rejected)[0])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def evaluate(problem, u):
+def evaluate(problem: Problem, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Log density, tempered log likelihood and natural values of each walker.
 
     Returns
@@ -320,12 +327,5 @@ def evaluate(problem, u):
         Parameters of the law (angles in radians), noise sd, growth, edge, thickness and offset
         factors, then the mounting *stretches*.
     """
-    n = u.shape[0]
-    total, likelihood = np.empty(n), np.empty(n)
-    natural = np.empty((n, problem.slot.size))
-    longest = np.max(np.diff(problem.start))
-    scratch = np.empty((MOST_EXPONENTIALS, longest))
-    growth = np.empty((MOST_EXPONENTIALS, longest))
-    for i in range(n):
-        total[i], likelihood[i], _ = _density(problem, u[i], natural[i], scratch, growth)
+    total, likelihood, natural = _walkers(problem, u, np.zeros(4, dtype=np.int64))
     return total, likelihood, natural

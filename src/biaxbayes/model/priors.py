@@ -18,11 +18,10 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, law_named
@@ -125,12 +124,18 @@ class Prior:
     def _uniform(self) -> bool:
         return self.family in ("uniform", "loguniform")
 
-    def _whole(self) -> tuple[Any, float, float]:
-        """SciPy's distribution on the standard scale, and how much of it lies below each edge."""
+    def _below(self, x: np.ndarray | float) -> np.ndarray:
+        """Probability below x, on the standard scale, of the normal before it is cut off."""
         location, scale, low, high = self._standard_range()
-        whole = _distribution(self._uniform, location, scale, low, high)
+        if self._uniform:
+            return np.clip((np.asarray(x) - low) / (high - low), 0.0, 1.0)
         with np.errstate(over="ignore"):  # an edge may be further away than numbers reach
-            return whole, whole.cdf(low), whole.cdf(high)
+            return np.asarray(ndtr((np.asarray(x) - location) / scale))
+
+    def _edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Probability below each edge."""
+        _, _, low, high = self._standard_range()
+        return self._below(low), self._below(high)
 
     def mass(self, *, positive: bool) -> float:
         """Probability of the range, of positive values only where only these count."""
@@ -138,23 +143,24 @@ class Prior:
             return float(self.high > 0.0 or not positive)
         if positive and not self._logs:
             return self.within(0.0, math.inf).mass(positive=False) if self.high > 0.0 else 0.0
-        _, below_low, below_high = self._whole()
+        below_low, below_high = self._edges()
         return float(below_high - below_low)
 
     def cdf(self, natural: np.ndarray) -> np.ndarray:
         """Cumulative probability of natural values, of the same shape."""
         with np.errstate(divide="ignore"):
             x = np.log(np.maximum(natural, 0.0)) if self._logs else np.asarray(natural, dtype=float)
-        whole, first, last = self._whole()
+        first, last = self._edges()
         # F = (Phi(x) - Phi(low)) / (Phi(high) - Phi(low))
-        with np.errstate(over="ignore"):
-            return np.clip((whole.cdf(x) - first) / (last - first), 0.0, 1.0)
+        return np.clip((self._below(x) - first) / (last - first), 0.0, 1.0)
 
     def ppf(self, probability: np.ndarray) -> np.ndarray:
         """Natural values at cumulative probabilities, of the same shape."""
-        whole, first, last = self._whole()
+        location, scale, low, high = self._standard_range()
+        first, last = self._edges()
         # x = Phi^-1(Phi(low) + F (Phi(high) - Phi(low)))
-        x = whole.ppf(first + (last - first) * probability)
+        level = first + (last - first) * np.asarray(probability)
+        x = low + (high - low) * level if self._uniform else location + scale * ndtri(level)
         return np.exp(x) if self._logs else x
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
@@ -192,14 +198,6 @@ class Prior:
             table |= {first: self.location, second: self.scale}
         values = asdict(self)
         return table | {k: values[k] for k in ("low", "high") if math.isfinite(values[k])}
-
-
-@lru_cache(maxsize=256)
-def _distribution(flat: bool, location: float, scale: float, low: float, high: float) -> Any:
-    """A uniform or a normal distribution of SciPy, the latter not cut off."""
-    from scipy.stats import norm, uniform  # half a second: not for a mere look at a file
-
-    return uniform(low, high - low) if flat else norm(location, scale)
 
 
 @dataclass(frozen=True)

@@ -8,19 +8,21 @@ No run of this program does any of that.
 posterior.nc: the draws as an xarray DataTree that ArviZ reads.
 
 Chains are ensembles; within a chain the draws run walker after walker, each walker's steps in
-order, so that the autocorrelation that ArviZ sees is that of a walker.
+order, so that the autocorrelation that ArviZ sees is that of a walker. The file is written and its
+draws are read by h5netcdf itself: xarray, which takes longer to import than to do either, is there
+for whoever asks for the whole tree.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import h5netcdf
 import h5py
 import numpy as np
-import xarray as xr
 
 from biaxbayes.errors import RunError
 from biaxbayes.model.curves import Curves
@@ -28,12 +30,17 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_bytes
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 __all__ = [
     "FORMAT",
+    "StoredDraws",
     "SuspiciousArchive",
     "check_archive",
     "flatten",
     "read_archive",
+    "read_draws",
     "write_archive",
 ]
 
@@ -127,40 +134,66 @@ def write_archive(
     is what ``arviz.loo`` must take), log_likelihood_unweighted, posterior_predictive,
     observed_data, constant_data.
     """
-    tree = build_tree(posterior, draws, attributes, seed)
     # In memory: on a full disk the HDF5 library can crash the process while it closes a file.
     whole = io.BytesIO()
-    tree.to_netcdf(whole, engine="h5netcdf")
+    with h5netcdf.File(whole, "w") as file:
+        file.attrs.update(attributes)
+        for name, group in _groups(posterior, draws, seed).items():
+            _write_group(file.create_group(name), group, attributes | _weighting(name, posterior))
     try:
         atomic_write_bytes(path, whole.getvalue())
     except OSError as error:
         raise RunError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
-def build_tree(
-    posterior: Posterior, draws: Draws, attributes: dict[str, Any], seed: int
-) -> xr.DataTree:
-    """The DataTree of a run."""
-    specimen = posterior.specimen
+def _weighting(group: str, posterior: Posterior) -> dict[str, str]:
+    """What the two groups of log likelihoods say of themselves."""
+    weight = f"n_eff / n = {posterior.beta:.6g}"
+    told = {
+        "log_likelihood": (
+            f"weighted: pointwise log likelihood times {weight}, as the posterior was sampled"
+        ),
+        "log_likelihood_unweighted": (
+            f"unweighted: pointwise log likelihood of independent readings, without the {weight} "
+            "that the posterior was sampled with; not for arviz.loo"
+        ),
+    }
+    return {"weighting": told[group]} if group in told else {}
+
+
+class _Stored(NamedTuple):
+    """A variable of the archive."""
+
+    dims: tuple[str, ...]
+    values: np.ndarray
+    unit: str = ""
+
+
+Group = dict[str, _Stored]
+"""Variables by name; those named like a dimension are its coordinates."""
+LABELS = ("step", "walker")
+"""Coordinates of a draw beside its number."""
+
+
+def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Group]:
+    """Everything that the archive of a run holds."""
+    unit = posterior.specimen.unit
     ensembles, steps, walkers, _ = draws.chain.shape
     coords = {
-        "chain": np.arange(ensembles),
-        "draw": np.arange(steps * walkers),
-        "walker": ("draw", np.repeat(np.arange(walkers), steps)),
-        "step": ("draw", np.tile(np.arange(steps) * draws.thin, walkers)),
+        "chain": _Stored(("chain",), np.arange(ensembles)),
+        "draw": _Stored(("draw",), np.arange(steps * walkers)),
+        "walker": _Stored(("draw",), np.repeat(np.arange(walkers), steps)),
+        "step": _Stored(("draw",), np.tile(np.arange(steps) * draws.thin, walkers)),
     }
+    each = ("chain", "draw")
     flat = {name: flatten(v) for name, v in draws.quantities.items()}
     variables = {
-        stored_name(name): (
-            ("chain", "draw"),
-            flat[name],
-            {"units": posterior.quantities[name].unit},
-        )
+        stored_name(name): _Stored(each, flat[name], posterior.quantities[name].unit)
         for name in posterior.parameter_names
     }
     stats = {
-        "lp": (("chain", "draw"), flat["lp"]),
-        "tempered_log_likelihood": (("chain", "draw"), flat["log_likelihood"]),
+        "lp": _Stored(each, flat["lp"]),
+        "tempered_log_likelihood": _Stored(each, flat["log_likelihood"]),
     }
     pick = _spread_indices(steps * walkers, POINTWISE_DRAWS)
     curves = Curves.of(posterior)
@@ -168,63 +201,83 @@ def build_tree(
     model, sd = curves.model(natural), curves.noise(natural)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
     predicted = curves.with_noise(model, sd, rng)
-    few = (len(pick),)
-    point_coords = {
-        "chain": np.arange(ensembles),
-        "draw": pick,
-        "row": np.arange(curves.rows),
-        "direction": ["x", "y"],
+    rows = {
+        "row": _Stored(("row",), np.arange(curves.rows)),
+        "direction": _Stored(("direction",), np.array(["x", "y"], dtype=object)),
     }
-    dims = ("chain", "draw", "row", "direction")
-    shape = (ensembles, *few, curves.rows, 2)
-    exact = curves.log_likelihood(model, sd).reshape(shape)
-    logs = exact.astype(np.float32)
-    unit = {"units": specimen.unit}
-    groups = {
-        "/posterior": xr.Dataset(variables, coords),
-        "/sample_stats": xr.Dataset(stats, coords),
-        "/log_likelihood": xr.Dataset(
-            {"load": (dims, (posterior.beta * exact).astype(np.float32))}, point_coords
-        ),
-        "/log_likelihood_unweighted": xr.Dataset({"load": (dims, logs)}, point_coords),
-        "/posterior_predictive": xr.Dataset(
-            {
-                "load": (dims, predicted.reshape(shape).astype(np.float32), unit),
-                "model_load": (dims, model.reshape(shape).astype(np.float32), unit),
-            },
-            point_coords,
-        ),
-        "/observed_data": xr.Dataset(
-            {"load": (("row", "direction"), curves.measured, unit)},
-            {"row": np.arange(curves.rows), "direction": ["x", "y"]},
-        ),
-        "/constant_data": xr.Dataset(
-            {
-                "stretch": (("row", "direction"), curves.stretch, {"units": "1"}),
-                "protocol": (("row",), curves.protocol),
-                "mounting_reading": (("mount", "direction"), curves.mounting_reading, unit),
-                "mounting_reading_sd": (("mount", "direction"), curves.mounting_reading_sd, unit),
-            },
-            {"row": np.arange(curves.rows), "direction": ["x", "y"]},
-        ),
+    chosen = {"chain": coords["chain"], "draw": _Stored(("draw",), pick)} | rows
+    plane = ("row", "direction")
+    dims = (*each, *plane)
+    shape = (ensembles, len(pick), curves.rows, 2)
+
+    def pointwise(values: np.ndarray, unit: str = "") -> _Stored:
+        return _Stored(dims, values.reshape(shape).astype(np.float32), unit)
+
+    exact = curves.log_likelihood(model, sd)
+    reading = ("mount", "direction")
+    return {
+        "posterior": variables | coords,
+        "sample_stats": stats | coords,
+        "log_likelihood": {"load": pointwise(posterior.beta * exact)} | chosen,
+        "log_likelihood_unweighted": {"load": pointwise(exact)} | chosen,
+        "posterior_predictive": {
+            "load": pointwise(predicted, unit),
+            "model_load": pointwise(model, unit),
+        }
+        | chosen,
+        "observed_data": {"load": _Stored(plane, curves.measured, unit)} | rows,
+        "constant_data": {
+            "stretch": _Stored(plane, curves.stretch, "1"),
+            "protocol": _Stored(("row",), np.asarray(curves.protocol)),
+            "mounting_reading": _Stored(reading, curves.mounting_reading, unit),
+            "mounting_reading_sd": _Stored(reading, curves.mounting_reading_sd, unit),
+        }
+        | rows,
     }
-    for dataset in groups.values():
-        dataset.attrs.update(attributes)
-    weight = f"n_eff / n = {posterior.beta:.6g}"
-    groups["/log_likelihood"].attrs["weighting"] = (
-        f"weighted: pointwise log likelihood times {weight}, as the posterior was sampled"
-    )
-    groups["/log_likelihood_unweighted"].attrs["weighting"] = (
-        f"unweighted: pointwise log likelihood of independent readings, without the {weight} that "
-        "the posterior was sampled with; not for arviz.loo"
-    )
-    tree = xr.DataTree.from_dict(groups)
-    tree.attrs.update(attributes)
-    return tree
 
 
-def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
-    """Read posterior.nc into memory.
+def _write_group(group: Any, variables: Group, attributes: Mapping[str, Any]) -> None:
+    """Write variables by the conventions of netCDF that xarray reads."""
+    group.attrs.update(attributes)
+    for stored in variables.values():
+        for dim, size in zip(stored.dims, stored.values.shape, strict=True):
+            if dim not in group.dimensions:
+                group.dimensions[dim] = size
+    labels = [name for name in LABELS if name in variables]
+    for name, stored in variables.items():
+        values = stored.values
+        text, number = values.dtype == object, values.dtype.kind == "f"
+        variable = group.create_variable(
+            name,
+            stored.dims,
+            dtype=h5py.string_dtype() if text else values.dtype,
+            data=values,
+            fillvalue=values.dtype.type(np.nan) if number else None,
+        )
+        if stored.unit:
+            variable.attrs["units"] = stored.unit
+        if labels and "draw" in stored.dims and name not in (*LABELS, *stored.dims):
+            variable.attrs["coordinates"] = " ".join(labels)
+
+
+class StoredDraws(NamedTuple):
+    """The draws of an archive.
+
+    Attributes
+    ----------
+    quantities, stats : dict of ndarray, shape (chains, draws)
+        By their names in the archive.
+    walkers : int
+        Of a chain, one after the other, all with as many draws.
+    """
+
+    quantities: dict[str, np.ndarray]
+    stats: dict[str, np.ndarray]
+    walkers: int
+
+
+def read_draws(path: Path, parameters: Sequence[str]) -> StoredDraws:
+    """Read the draws of posterior.nc.
 
     Parameters
     ----------
@@ -241,46 +294,73 @@ def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
         raise RunError(f"{path}: no such file; is this a run folder?")
     try:
         check_archive(path)
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            loaded = tree.load()
-        problem = _misfit(loaded, parameters)
+        with h5netcdf.File(path, "r") as file:
+            posterior, stats = (_stored(file[name]) for name in ("posterior", "sample_stats"))
+        problem = _misfit(posterior, stats, parameters)
     except SuspiciousArchive as error:
         raise RunError(f"{path}: is not the posterior of a run ({error})") from None
-    except Exception as error:  # three libraries may raise whatever they like on foreign bytes
+    except Exception as error:  # two libraries may raise whatever they like on foreign bytes
         raise RunError(
             f"{path}: cannot be read as a posterior ({type(error).__name__}); it is damaged or of "
             "another program"
         ) from None
     if problem:
         raise RunError(f"{path}: is not the posterior of a run ({problem})")
-    return loaded
+    quantities, others = ({k: v.values for k, v in _data(g).items()} for g in (posterior, stats))
+    return StoredDraws(quantities, others, int(posterior["walker"].values.max()) + 1)
 
 
-def _misfit(tree: xr.DataTree, parameters: Sequence[str]) -> str:
+def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
+    """Read all of posterior.nc into memory; arguments and errors as of :func:`read_draws`."""
+    import xarray as xr
+
+    read_draws(path, parameters)
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as tree:
+            return tree.load()
+    except Exception as error:
+        raise RunError(f"{path}: cannot be read as a posterior ({type(error).__name__})") from None
+
+
+def _stored(group: Any) -> Group:
+    return {
+        name: _Stored(tuple(variable.dimensions), np.asarray(variable[...]))
+        for name, variable in group.variables.items()
+    }
+
+
+def _data(group: Group) -> Group:
+    """Variables that are no coordinates."""
+    return {k: v for k, v in group.items() if k not in ("chain", "draw", *LABELS)}
+
+
+def _misfit(posterior: Group, stats: Group, parameters: Sequence[str]) -> str:
     """What an archive lacks that every run has; empty when it is one."""
-    posterior, stats = tree["posterior"].to_dataset(), tree["sample_stats"].to_dataset()
-    dims = ("chain", "draw")
-    for dataset, needed in (
+    for group, needed in (
         (posterior, parameters),
         (stats, ("lp", "tempered_log_likelihood")),
     ):
         for name in needed:
-            if name not in dataset:
+            if name not in group:
                 return f"no {name}"
-        for key, values in dataset.data_vars.items():
-            if values.dims != dims or values.dtype.kind != "f":
-                return f"{str(key)[:40]} is not numbers by chain and draw"
-            if not np.isfinite(values.to_numpy()).all():
-                return f"{str(key)[:40]} has values that are not finite"
-    walker = posterior.coords.get("walker")
-    draws = posterior.sizes["draw"]
-    if walker is None or walker.dims != ("draw",) or walker.dtype.kind not in "iu" or not draws:
+        for key, stored in _data(group).items():
+            if stored.dims != ("chain", "draw") or stored.values.dtype.kind != "f":
+                return f"{key[:40]} is not numbers by chain and draw"
+            if not np.isfinite(stored.values).all():
+                return f"{key[:40]} has values that are not finite"
+    chains, draws = posterior[parameters[0]].values.shape
+    walker = posterior.get("walker")
+    of_draws = walker is not None and walker.dims == ("draw",) and walker.values.dtype.kind in "iu"
+    if walker is None or not of_draws or not draws:
         return "no walkers"
     # Walker after walker, all of the same length.
-    walkers = int(walker.to_numpy().max()) + 1
-    if draws % walkers or (walker.to_numpy() != np.arange(draws) // (draws // walkers)).any():
+    walkers = int(walker.values.max()) + 1
+    if draws % walkers or (walker.values != np.arange(draws) // (draws // walkers)).any():
         return "its walkers are out of order"
-    return "" if stats.sizes == posterior.sizes else "its groups differ in size"
+    shapes = {
+        stored.values.shape for group in (posterior, stats) for stored in _data(group).values()
+    }
+    return "" if shapes == {(chains, draws)} else "its groups differ in size"
 
 
 def _spread_indices(count: int, most: int) -> np.ndarray:

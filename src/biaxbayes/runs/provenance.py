@@ -22,8 +22,8 @@ from biaxbayes.specimens.specimen import Specimen
 __all__ = ["identity", "parse_options", "provenance", "specimen_digest"]
 
 LIBRARIES = (
-    *("numpy", "scipy", "numba", "emcee", "scikit-learn"),
-    *("xarray", "arviz-stats", "matplotlib"),
+    *("numpy", "scipy", "numba", "emcee"),
+    *("h5netcdf", "matplotlib"),
 )
 
 

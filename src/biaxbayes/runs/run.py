@@ -16,7 +16,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import Quantities
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.archive import quantity_name, read_archive
+from biaxbayes.runs.archive import StoredDraws, quantity_name, read_archive, read_draws
 from biaxbayes.runs.folder import (
     PROVENANCE,
     READY,
@@ -66,24 +66,26 @@ class Run:
         return read_archive(path, self.law.names)
 
     @cached_property
+    def _stored(self) -> StoredDraws:
+        path = trusted_path(self.path, "posterior.nc", self.provenance)
+        return read_draws(path, self.law.names)
+
+    @cached_property
     def draws(self) -> pd.DataFrame:
         """One row a draw: natural quantities, ``log_likelihood`` (tempered) and ``lp``."""
-        posterior = self.tree["posterior"]
-        columns = {quantity_name(k): v.to_numpy().ravel() for k, v in posterior.items()}
-        stats = self.tree["sample_stats"]
-        columns["log_likelihood"] = stats["tempered_log_likelihood"].to_numpy().ravel()
-        columns["lp"] = stats["lp"].to_numpy().ravel()
+        stored = self._stored
+        columns = {quantity_name(k): v.ravel() for k, v in stored.quantities.items()}
+        columns["log_likelihood"] = stored.stats["tempered_log_likelihood"].ravel()
+        columns["lp"] = stored.stats["lp"].ravel()
         return pd.DataFrame(columns)
 
     @cached_property
     def chains(self) -> dict[str, np.ndarray]:
         """Quantities as arrays of shape (ensembles, steps, walkers)."""
-        posterior = self.tree["posterior"]
-        walkers = int(posterior["walker"].to_numpy().max()) + 1
         out = {}
-        for name, values in posterior.items():
-            flat = values.to_numpy()
-            out[quantity_name(name)] = flat.reshape(flat.shape[0], walkers, -1).transpose(0, 2, 1)
+        for name, flat in self._stored.quantities.items():
+            shape = (flat.shape[0], self._stored.walkers, -1)
+            out[quantity_name(name)] = flat.reshape(shape).transpose(0, 2, 1)
         return out
 
     @cached_property

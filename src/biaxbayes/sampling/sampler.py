@@ -29,7 +29,11 @@ from biaxbayes.sampling.target import Target
 __all__ = ["Draws", "Plan", "Progress", "State", "draw", "ensembles_at", "first_state"]
 
 FIRST_BLOCK = 128
-BLOCK_GROWTH = 1.5
+LONGEST_BLOCK = 8 * FIRST_BLOCK
+"""Steps after which the state is saved and may be stopped at."""
+JUDGED_GROWTH = 1.5
+"""Steps at which the draws are judged, over those of the judgement before. As they grow by a
+factor, all judgements together take time in proportion to what is kept."""
 MAX_KEPT_STEPS = 1024
 """Beyond this every other kept step is dropped and the thinning doubled."""
 
@@ -205,30 +209,35 @@ def draw(
             on_block(state)
     ensembles = ensembles_at(target, plan, state)
     clock = time.perf_counter()
-    convergence = None
-    if state.steps:
-        convergence = _judge(target, state, plan)
+    due = _judged_at(state.steps, plan)
+    convergence, quantities, a_step = None, None, 0.0
+    if state.steps >= due:
+        convergence, quantities = _judge(target, state, plan)
     interrupted = False
     while convergence is None or (convergence.state != "reliable" and state.steps < plan.max_steps):
         if stop():
             interrupted = True
             break
-        grown = int(state.steps * (BLOCK_GROWTH - 1.0)) // 32 * 32
-        block = min(max(plan.first_block, grown), 8 * FIRST_BLOCK, plan.max_steps - state.steps)
-        state = _advance(ensembles, state, block, target)
-        convergence = _judge(target, state, plan)
-        progress(Progress("sampling", min(convergence.worst_ess / plan.ess, 0.99)))
-        state.finished = convergence.state == "reliable"
+        if state.steps == due:
+            due = _judged_at(due + 1, plan)
+        state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
+        if state.steps == due:
+            convergence, quantities = _judge(target, state, plan)
+            state.finished = convergence.state == "reliable"
+            a_step = convergence.worst_ess / state.steps
+        progress(Progress("sampling", min(a_step * state.steps / plan.ess, 0.99)))
         if on_block:
             on_block(state)
     seconds["sampling"] = time.perf_counter() - clock
     if convergence is None:
         none = np.empty(0)
         convergence = Convergence((), none, none, none, none, 0, "unusable", "stopped")
+    if quantities is None or interrupted:
+        quantities = _quantities(target, state.chain)
     return Draws(
         target=target,
         chain=state.chain,
-        quantities=_quantities(target, state.chain),
+        quantities=quantities,
         convergence=convergence,
         warmup=state.warmup,
         proposal=state.proposal,
@@ -321,7 +330,17 @@ def _quantities(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:
     return {name: values.reshape(shape) for name, values in found.items()}
 
 
-def _judge(target: Target, state: State, plan: Plan) -> Convergence:
+def _judged_at(steps: int, plan: Plan) -> int:
+    """The first of the numbers of steps at which draws are judged that is not below ``steps``."""
+    due = min(plan.first_block, plan.max_steps)
+    while due < min(steps, plan.max_steps):
+        grown = int(due * (JUDGED_GROWTH - 1.0)) // 32 * 32
+        due = min(due + max(plan.first_block, grown), plan.max_steps)
+    return due
+
+
+def _judge(target: Target, state: State, plan: Plan) -> tuple[Convergence, dict[str, np.ndarray]]:
+    """What is to be said of the draws, and their quantities."""
     kept = _quantities(target, state.chain)
     judged = {name: values for name, values in kept.items() if name not in target.unjudged}
-    return assess(judged, target_ess=plan.ess)
+    return assess(judged, target_ess=plan.ess), kept
