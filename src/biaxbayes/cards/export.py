@@ -197,6 +197,11 @@ def export_cards(
     """
     if program not in PROGRAMS:
         raise InputError(f"no export to {program[:40]!r}", remedy=f"choose {', '.join(PROGRAMS)}")
+    if law.as_goh([p.low if p.bounded else 1.0 for p in law.parameters]) is None:
+        raise InputError(
+            f"there is no card of the law {law.name} for {program}",
+            remedy="export a run of --law goh or hgo",
+        )
     if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:
         raise InputError(f"a bulk ratio of {bulk_ratio:g} is not a positive number")
     if bulk_ratio is None and program == "febio":
@@ -207,7 +212,7 @@ def export_cards(
     records = []
     for row in rows:
         draw = draws.iloc[[int(row)]]
-        fitted = law.scalar([float(draw.iloc[0][name]) for name in law.names])
+        fitted = law.as_goh([float(draw.iloc[0][name]) for name in law.names])
         states = _states(draw, specimen)
         written, notes = exportable(fitted)
         fibres = _fibres(fitted, states)

@@ -24,7 +24,7 @@ from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law, MaterialResponse
-from biaxbayes.model.effective_readings import effective_readings
+from biaxbayes.model.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
@@ -240,6 +240,8 @@ class LawFit:
     sd : ndarray, shape (m, 2)
         Of the mounting stretches by the curvature of the sum of squares: residuals count as the
         independent readings that they are worth, and the mounting reading has its own sd.
+    smooth : bool
+        Whether the signs of the residuals show that the law misses smoothly.
     converged : bool
     """
 
@@ -248,6 +250,7 @@ class LawFit:
     rmse_kPa: float
     mounting_stretch: np.ndarray
     sd: np.ndarray
+    smooth: bool
     converged: bool
 
 
@@ -297,7 +300,8 @@ def fit_law(
     sd = np.zeros_like(fitted.mounting_stretch)
     if setup.balanced:
         sd = _mounting_sd(setup, problem, found.unknowns, fitted.residuals)
-    return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, found.converged)
+    smooth = misses_smoothly(fitted.residuals)
+    return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, smooth, found.converged)
 
 
 def _mounting_sd(

@@ -25,7 +25,13 @@ from biaxbayes.identifiability.marginals import (
     judged_scales,
 )
 from biaxbayes.identifiability.sloppiness import Partners, find_partners
-from biaxbayes.identifiability.stated import LawRange, Stated, law_fits, stated_mounting
+from biaxbayes.identifiability.stated import (
+    LawRange,
+    Stated,
+    distinctly_better,
+    law_fits,
+    stated_mounting,
+)
 from biaxbayes.identifiability.toe import mounting_refits
 from biaxbayes.identifiability.verdict import (
     FIXED,
@@ -143,8 +149,7 @@ class Identifiability:
     thresholds : Thresholds
     law : Law
     fits : LawRange or None
-        Least squares of all laws under the same mounting constraint, where the mounting stretch is
-        an unknown and the draws are reliable.
+        Least squares of all laws under the same mounting constraint, where the draws are reliable.
     """
 
     parameters: tuple[ParameterVerdict, ...]
@@ -163,6 +168,11 @@ class Identifiability:
     def to_frame(self) -> pd.DataFrame:
         """Verdicts and evidence, one row a parameter."""
         return pd.DataFrame([p.record() for p in self.parameters])
+
+    @property
+    def better_law(self) -> str:
+        """Words on a law that describes the record distinctly better; empty where none does."""
+        return "" if self.fits is None else distinctly_better(self.fits, self.law.name)
 
     def refits(self) -> dict[str, tuple[float, float]]:
         """Ranges of the mounting stretches that are not identified, by name."""
@@ -258,10 +268,15 @@ def _stated(
     intervals = {
         name: (e.low, e.high) for name, (e, _, _) in evidence.items() if e.parameter.kind == STRETCH
     }
-    if state != "reliable" or not intervals:
+    if state != "reliable":
         return None, {}
-    fits = law_fits(posterior.specimen, mounting_stretch=posterior.settings.mounting_stretch)
-    return fits, stated_mounting(posterior, intervals, fits)
+    settings = posterior.settings
+    fits = law_fits(
+        posterior.specimen,
+        reading="exact" if settings.infers_mounting else settings.mounting,
+        mounting_stretch=settings.mounting_stretch,
+    )
+    return fits, stated_mounting(posterior, intervals, fits) if intervals else {}
 
 
 def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds) -> dict[str, str]:

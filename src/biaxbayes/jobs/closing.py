@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from biaxbayes.identifiability.stated import Stated
 from biaxbayes.runs.run import Run
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ def closing_message(run: Run) -> str:
     lines += ["", _readings(record)]
     lines += _thinning(record)
     lines += _identifiability(run)
+    lines += _stated(run)
     lines += _misses(run)
     lines += [_plain(f"note: {note}") for note in record["notes"][:3]]
     if record["sampler"]["message"]:
@@ -122,6 +124,22 @@ def _identifiability(run: Run) -> list[str]:
             "nominal stresses at measured stretches (report.html) do not"
         )
     return said
+
+
+def _stated(run: Run) -> list[str]:
+    """What is stated of the mounting stretch of the tissue, and a law that fits better."""
+    table = _verdicts(run)
+    lines = []
+    if table is not None and "stated_reason" in table:
+        for row in table[table["stated_reason"].notna()].to_dict("records"):
+            low, high = (float(row[f"stated_{end}"]) for end in ("low", "high"))
+            p = run.quantities[str(row["parameter"])].parameter
+            said = Stated(low, high, str(row["stated_reason"])).in_words(p)
+            lines.append(
+                _plain(f"{row['parameter']} of the tissue: {said}; {row['stated_reason']}")
+            )
+    better = run.provenance.get("identifiability", {}).get("better_law", "")
+    return [*lines, *([_plain(better)] if better else [])]
 
 
 def _verdicts(run: Run) -> pd.DataFrame | None:

@@ -88,7 +88,22 @@ def thresholds_record(found: Identifiability) -> dict[str, Any]:
         "thresholds": dict(found.limits()),
         "near_an_edge": f"{found.law.nearness}; a bound in the priors within {BOUND_TAIL:g} of the "
         f"prior's mass; a prior without bounds ends at its outer {PRIOR_TAIL:g}",
+        "better_law": found.better_law,
     }
+
+
+def write_law_fits(found: Identifiability, posterior: Posterior, folder: Path) -> None:
+    """Write ``law-fits.csv``: least squares of every law; nothing where there are none.
+
+    Parameters
+    ----------
+    found : Identifiability
+    posterior : Posterior
+    folder : Path
+    """
+    if found.fits is not None:
+        mounts = posterior.mounts if posterior.settings.infers_mounting else ()
+        write_csv(folder / "law-fits.csv", found.fits.to_frame(mounts), digits=DIGITS)
 
 
 def verdicts_as_json(
@@ -311,6 +326,7 @@ def write_identifiability_products(
     """
     found = identified(posterior, draws, state)
     write_identifiability(found.verdicts, folder / "identifiability.csv")
+    write_law_fits(found.verdicts, posterior, folder)
     if found.determined is not None:
         write_csv(folder / "determined.csv", found.determined, digits=DIGITS)
     if found.directions is not None:
@@ -348,6 +364,7 @@ def write_products(
     corner = Beside(lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1)
     found = identify_draws(posterior, table, state)
     write_identifiability(found, folder / "identifiability.csv")
+    write_law_fits(found, posterior, folder)
     if state != "reliable":
         from biaxbayes.figures.trace import trace_figure
 

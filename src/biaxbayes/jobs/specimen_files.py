@@ -89,16 +89,19 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: str | Path | None
         Draw the record into this file (.pdf, .png or .svg).
     """
     from biaxbayes.specimens.check import check_specimen
-    from biaxbayes.specimens.findings import sorted_findings
+    from biaxbayes.specimens.findings import Finding, sorted_findings
 
     data = opened_specimen(specimen)
     findings = list(check_specimen(data))
     if fit:
+        from biaxbayes.identifiability.stated import better_law
         from biaxbayes.identifiability.toe import described, goh_description, swapped_columns
 
         best = described(data)
         swapped = swapped_columns(data, best.residuals)
         findings += [goh_description(data, best), *([swapped] if swapped else [])]
+        better = better_law(data)
+        findings += [Finding("other-law", "note", better)] if better else []
     if figure is not None:
         from biaxbayes.figures.specimen import specimen_figure
         from biaxbayes.figures.style import save_figure

@@ -290,6 +290,10 @@ class GOHLaw(Law):
         C1, k1, k2, alpha, kappa = values
         return GOH(C1, k1, k2, alpha, kappa, self.fibre_switch)
 
+    def as_goh(self, values: Sequence[float]) -> GOH:
+        """The material itself."""
+        return self.scalar(values)
+
     def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
         """Stresses and their derivatives by (C1, k1, k2, t, kappa), in closed form."""
         _, k1, _, t, kappa = point

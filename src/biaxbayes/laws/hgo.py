@@ -20,7 +20,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.laws.dispersed_fibres import structure_tensor
-from biaxbayes.laws.goh import EXPONENT_NEARNESS, Constants, GOHLaw
+from biaxbayes.laws.goh import EXPONENT_NEARNESS, GOH, Constants, GOHLaw
 from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
 from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances
 from biaxbayes.parameters import Parameter
@@ -93,6 +93,11 @@ class HGOLaw(Law):
             "±alpha from the x axis and equal properties; fibres carried load in extension and "
             "compression"
         )
+
+    def as_goh(self, values: Sequence[float]) -> GOH:
+        """The same without dispersion."""
+        C1, k1, k2, alpha = (float(v) for v in values)
+        return GOH(C1, k1, k2, alpha, 0.0)
 
     def constants_at_point(self, C1, k1, k2, t) -> Constants:
         """Constants at t = cos^2 alpha."""

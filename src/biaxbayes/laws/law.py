@@ -481,6 +481,16 @@ class Law(ABC):
         self.check_condition(found)
         return StatedMaterial(self, self.material(found).theta)
 
+    def as_goh(self, values: Sequence[float]) -> Any:
+        """The same material as one of GOH, which finite-element programs have; None if it is none.
+
+        Parameters
+        ----------
+        values : sequence of float
+            Parameters in their own units and order.
+        """
+        del values
+
     condition: ClassVar[str] = ""
     """What parameters have to meet together, in words."""
 
