@@ -58,11 +58,13 @@ def test_laws_that_differ_state_the_low_end_alone():
     assert lower.low == pytest.approx(0.99)
 
 
-def test_what_misses_smoothly_or_alone_is_no_value():
+def test_what_misses_smoothly_or_is_wide_is_no_value():
     assert not state(law_fit(smooth=True), law_fit("fung", 1.2, 1.021)).is_value
     alone = state(law_fit("fung"), law_fit("goh", 5.0))
-    assert not alone.is_value and "only fung describes" in alone.reason
-    lost = state(law_fit(), law_fit("fung", 1.0, 1.3, 0.5))
+    assert alone.is_value and alone.reason == "of the only law so good: fung"
+    wide = state(law_fit("fung", sd=0.02), law_fit("goh", 5.0))
+    assert not wide.is_value and "only fung describes" in wide.reason
+    lost = state(law_fit(), law_fit("fung", 1.1, 1.3, 0.5))
     assert np.isnan(lost.low) and np.isnan(lost.high) and "leave it open" in lost.reason
 
 
@@ -112,7 +114,7 @@ def test_a_better_law_is_named_only_where_it_is_distinctly_better():
 
 def test_the_error_of_a_mounting_stretch_is_that_of_repeated_specimens():
     """Sd by curvature against the scatter of fits to specimens with other noise."""
-    made = [small_specimen() for _ in range(1)][0]
+    made = small_specimen()
     true = fit_law(made, "goh")
     rng = np.random.default_rng(5)
     found = []
@@ -132,7 +134,7 @@ def test_laws_are_fitted_to_a_goh_specimen():
     found = law_fits(small_specimen(), ("goh", "hgo", "fung"), rows=20, starts=2)
     assert found is not None
     assert found.fits[0].law == "goh" and not found.fits[0].smooth
-    assert [f.law for f in found.alike][0] == "goh"
+    assert found.alike[0].law == "goh"
     assert all(f.rms <= ALIKE * max(found.fits[0].rms, found.noise) for f in found.alike)
     table = found.to_frame()
     assert list(table["law"]) == [f.law for f in found.fits]

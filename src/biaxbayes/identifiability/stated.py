@@ -33,6 +33,7 @@ __all__ = [
     "better_law",
     "distinctly_better",
     "law_fits",
+    "stated_by_laws",
     "stated_mounting",
 ]
 
@@ -42,7 +43,7 @@ ALIKE = 1.5
 """Laws within so many times the misfit of the best, or of the noise, describe a record alike."""
 LOW_ERRORS, FARTHEST_BELOW = 1.0, 0.2
 """A low end lies so many errors of a law below its mounting stretch; where that is so far below the
-median of the laws, nothing is stated."""
+best law's own, nothing is stated."""
 VALUE_ERRORS, VALUE_WIDTH = 2.0, 0.02
 """A value is stated where the laws, with so many errors, lie within a sharp stretch's width."""
 # The numbers above were tuned on 112 virtual specimens of seven kinds, mounted at 1.02 to 1.6, the
@@ -232,34 +233,54 @@ def stated_mounting(
                 low, high = intervals[name]
                 out[name] = Stated(low, high, "measured before and after mounting")
             else:
-                out[name] = _stated(found, i, axis, posterior.law.name, intervals[name])
+                out[name] = stated_by_laws(found, i, axis, posterior.law.name, intervals[name])
     return out
 
 
-def _stated(
-    found: LawRange | None, index: int, axis: int, law: str, interval: tuple[float, float]
+def stated_by_laws(
+    found: LawRange | None,
+    index: int,
+    axis: int,
+    law: str = "",
+    interval: tuple[float, float] | None = None,
 ) -> Stated:
+    """State one mounting stretch.
+
+    Parameters
+    ----------
+    found : LawRange or None
+        From :func:`law_fits`.
+    index, axis : int
+        Of the mounted state, and 0 for x, 1 for y.
+    law : str
+        Of a run, whose ``interval`` counts where the law is among those that describe the record.
+    interval : (float, float), optional
+        90 % interval within that law.
+    """
     open_ = float("nan")
     if found is None:
         return Stated(open_, open_, "no law could be fitted to the record")
     alike = found.alike
     values = np.array([f.mounting_stretch[index, axis] for f in alike])
     errors = np.array([f.sd[index, axis] for f in alike])
-    own = [interval] if law in [f.law for f in alike] else []
+    own = [interval] if interval is not None and law in [f.law for f in alike] else []
     names = ", ".join(f.law for f in alike)
     low = min([*(values - VALUE_ERRORS * errors), *(a for a, _ in own)])
     high = max([*(values + VALUE_ERRORS * errors), *(b for _, b in own)])
     # by the signs of the residuals, so that a worse load cell never makes for a better statement
     fits = not found.fits[0].smooth
-    if fits and len(alike) > 1 and high - low <= VALUE_WIDTH:
-        return Stated(float(low), float(high), f"laws that describe the record agree: {names}")
+    if fits and high - low <= VALUE_WIDTH:
+        agree = (
+            "laws that describe the record agree" if len(alike) > 1 else "of the only law so good"
+        )
+        return Stated(float(low), float(high), f"{agree}: {names}")
     least = min([*(values - LOW_ERRORS * errors), *(a for a, _ in own)])
-    if not np.isfinite(least) or float(np.median(values)) - least > FARTHEST_BELOW:
+    if not np.isfinite(least) or values[0] - least > FARTHEST_BELOW:
         return Stated(open_, open_, f"laws that describe the record alike leave it open: {names}")
     if not fits:
         why = "every law misses the record smoothly, and softer toes lie higher"
     elif len(alike) == 1:
-        why = f"only {names} describes the record, and softer toes lie higher"
+        why = f"only {names} describes the record, and leaves its high end wide"
     else:
         why = f"laws that describe the record alike differ above it: {names}"
     return Stated(float(least), open_, why)
