@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.figures.style import plain
-from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import MATERIAL, STRETCH, Quantities, Quantity
 
 __all__ = ["MEAN", "AxisText", "axis_text", "corner_columns", "known_or_default", "quantity"]
@@ -46,8 +46,8 @@ class AxisText:
 
 
 def known_or_default(known: Quantities | None, unit: str = "") -> Quantities:
-    """The quantities of a run; those of the default law with one mounted state if not given."""
-    return known or Quantities(law_named(DEFAULT_LAW).parameters, load_unit=unit)
+    """The quantities of a run; those of all laws with one mounted state if not given."""
+    return known or Quantities(all_parameters(), load_unit=unit)
 
 
 def axis_text(q: Quantity) -> AxisText:
@@ -69,7 +69,7 @@ def quantity(name: str, unit: str = "", known: Quantities | None = None) -> Axis
     unit : str
         Unit of the specimen's loads, N or kPa.
     known : Quantities, optional
-        What each name is; default those of the default law with one mounted state.
+        What each name is; default those of all laws with one mounted state.
     """
     found = known_or_default(known, unit).get(name)
     if found is not None:
@@ -90,7 +90,7 @@ def corner_columns(
     draws : DataFrame
         One row a draw.
     known : Quantities, optional
-        What each name is; default those of the default law with one mounted state.
+        What each name is; default those of all laws with one mounted state.
     """
     out: dict[str, tuple[AxisText, np.ndarray]] = {}
     judged = known_or_default(known).of_kind(MATERIAL, STRETCH)

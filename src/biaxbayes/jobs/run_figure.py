@@ -21,7 +21,7 @@ from biaxbayes.figures.profile import profile_figure
 from biaxbayes.figures.trace import trace_figure
 from biaxbayes.identifiability.identify import identify
 from biaxbayes.identifiability.profile import profiles
-from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
 from biaxbayes.text_files import read_text
@@ -72,7 +72,7 @@ def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
         held = held[specimen]
     if isinstance(held.get("material"), dict):
         material = held["material"]
-        stated = {p.name: p.label for p in law_named(DEFAULT_LAW).parameters}
+        stated = {p.name: p.label for p in all_parameters()}
         found = {name: material[key] for name, key in stated.items() if key in material}
         found |= {name: held[name] for name in MOUNTING if name in held}
     else:

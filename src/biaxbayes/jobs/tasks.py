@@ -18,6 +18,7 @@ import pandas as pd
 
 from biaxbayes.errors import BiaxbayesError, CannotResume, Interrupted
 from biaxbayes.jobs.sample import Sampling
+from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.studies.result import (
@@ -72,9 +73,9 @@ class SpecimenTask:
     going: Path
 
 
-def failed(reason: str, notes: list[str] | None = None) -> Tried:
+def failed(reason: str, notes: list[str] | None = None, law: str = DEFAULT_LAW) -> Tried:
     """A specimen without a run."""
-    return Tried(FAILED, reason, rows_without_run(FAILED, reason), notes or [])
+    return Tried(FAILED, reason, rows_without_run(FAILED, reason, law), notes or [])
 
 
 def try_specimen(task: SpecimenTask) -> Tried:
@@ -93,14 +94,16 @@ def try_specimen(task: SpecimenTask) -> Tried:
         except Interrupted as error:
             return Tried(INTERRUPTED, str(error))
         except BiaxbayesError as error:
-            return failed(str(error), notes)
+            return failed(str(error), notes, task.options["law"])
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
-            return failed(f"{where}{error.strerror or error}", notes)
+            return failed(f"{where}{error.strerror or error}", notes, task.options["law"])
         except Exception as error:
             if os.environ.get("BIAXBAYES_DEBUG"):
                 traceback.print_exc()
-            return failed(f"internal error: {type(error).__name__}: {error}", notes)
+            return failed(
+                f"internal error: {type(error).__name__}: {error}", notes, task.options["law"]
+            )
 
 
 def _run(task: SpecimenTask, notes: list[str]) -> Run:

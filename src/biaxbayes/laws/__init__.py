@@ -13,8 +13,9 @@ from biaxbayes.errors import InputError
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law, StatedMaterial
+    from biaxbayes.parameters import Parameter
 
-__all__ = ["DEFAULT_LAW", "LAWS", "law_named", "material"]
+__all__ = ["DEFAULT_LAW", "LAWS", "all_parameters", "law_named", "material"]
 
 DEFAULT_LAW = "goh"
 LAWS = {
@@ -59,6 +60,15 @@ def law_named(name: str, *, fibre_switch: bool = False) -> Law:
             remedy=f"--fibre-switch belongs to {' and '.join(switched)}",
         )
     return known(fibre_switch)
+
+
+def all_parameters() -> tuple[Parameter, ...]:
+    """The parameters of all laws, each name once: for tables that do not say the law."""
+    found: dict[str, Parameter] = {}
+    for name in LAWS:
+        for parameter in law_named(name).parameters:
+            found.setdefault(parameter.name, parameter)
+    return tuple(found.values())
 
 
 def material(name: str, *, fibre_switch: bool = False, **values: float) -> StatedMaterial:

@@ -11,7 +11,7 @@ import biaxbayes
 from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.labels import number
 from biaxbayes.identifiability.verdict import FIXED
-from biaxbayes.laws import DEFAULT_LAW, law_named
+from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
 from biaxbayes.reports.names import cut
 from biaxbayes.reports.page import page_template, pictures
@@ -23,7 +23,7 @@ __all__ = ["FIGURE", "study_page"]
 FIGURE = "study-specimens"
 WIDE = 8.0
 DASH = "–"
-KNOWN_QUANTITIES = Quantities(law_named(DEFAULT_LAW).parameters)
+KNOWN_QUANTITIES = Quantities(all_parameters())
 """What the names of a study's tables are."""
 WORDS = {
     "Hx": "structure tensor, x",

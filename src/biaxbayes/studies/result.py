@@ -263,10 +263,10 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
     return rows + ([common | row for row in _curve_rows(run, draws)] if usable else [])
 
 
-def rows_without_run(state: str, reason: str) -> list[dict[str, Any]]:
+def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[dict[str, Any]]:
     """Rows of a specimen that could not be sampled: its parameters, without numbers."""
     common = {"state": state, "reason": reason, "kind": PARAMETER}
-    return [common | {"quantity": name} for name in law_named(DEFAULT_LAW).names]
+    return [common | {"quantity": name} for name in law_named(law).names]
 
 
 def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:

@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import InputError
+from biaxbayes.laws import law_named
 from biaxbayes.model.priors import Prior, Tie, parse_priors
 from biaxbayes.options import ModelOptions, SamplingPlan, stated
 from biaxbayes.text_files import read_text
@@ -165,11 +166,12 @@ def read_study(path: Path) -> Study:
     numbers = {
         key: _number(key, table.get(key, getattr(SamplingPlan, key)), key, path) for key in NUMBERS
     }
+    options = _options(table.get("options", {}), DEFAULT_OPTIONS, "options", path)
     common = _Common(
         path,
         int(numbers["seed"]),
-        _options(table.get("options", {}), DEFAULT_OPTIONS, "options", path),
-        _priors(table.get("priors", {}), "priors", path),
+        options,
+        _priors(table.get("priors", {}), options["law"], "priors", path),
         _flag(table.get("anyway", False), "anyway", path),
     )
     entries = table.get("specimen")
@@ -191,8 +193,9 @@ def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
         raise InputError(f"{where}file must be the path of a CSV", file=path)
     found = path.parent / file
     _check_file(found, f"{path}, {where}file", path=path)
-    priors = {**common.priors, **_priors(entry.get("priors", {}), f"{where}priors", path)}
     options = _options(entry.get("options", {}), common.options, f"{where}options", path)
+    own = _priors(entry.get("priors", {}), options["law"], f"{where}priors", path)
+    priors = {**common.priors, **own}
     return StudySpecimen(
         found,
         _text(entry, "label", where, path) or found.stem[:LONGEST],
@@ -270,10 +273,10 @@ def _options(table: object, common: Mapping[str, Any], where: str, path: Path) -
     return {**common, **table}
 
 
-def _priors(table: object, where: str, path: Path) -> dict[str, Prior | float | Tie]:
+def _priors(table: object, law: str, where: str, path: Path) -> dict[str, Prior | float | Tie]:
     if not isinstance(table, dict):
         raise InputError(f"{where} must be a table", file=path)
-    return parse_priors(table, f"{path}, {where}")
+    return parse_priors(table, f"{path}, {where}", law_named(law))
 
 
 def _flag(value: object, told: str, path: Path) -> bool:
