@@ -1,0 +1,55 @@
+"""What a command imports before it does anything: what it does not need costs every start."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MEDIA = Path(__file__).resolve().parents[1] / "data" / "donor2-media.csv"
+HEAVY = {"sklearn", "arviz", "arviz_stats", "corner", "distributed", "scipy.stats", "xarray"}
+
+
+def imported(code: str) -> set[str]:
+    """Modules of a process that ran some code."""
+    told = f"{code}\nimport sys\nprint('modules', *sys.modules)"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    return set(done.stdout.rsplit("modules", 1)[1].split())
+
+
+def called(*arguments: str) -> str:
+    """Code of a command that does not end the process."""
+    return (
+        "import contextlib\nfrom biaxbayes.cli import main\n"
+        f"with contextlib.suppress(SystemExit): main({list(arguments)!r})"
+    )
+
+
+def test_the_help_imports_no_numbers():
+    assert not imported(called("--help")) & {"numpy", "numba", "pandas"}
+
+
+def test_a_look_at_a_file_imports_nothing_of_runs():
+    found = imported(called("check", str(MEDIA)))
+    assert "numpy" in found
+    assert not found & (HEAVY | {"pandas", "h5py", "emcee", "matplotlib", "biaxbayes.runs.run"})
+
+
+@pytest.mark.parametrize("room", ["biaxbayes.jobs.sample", "biaxbayes.jobs.products"])
+def test_a_run_imports_nothing_that_it_does_not_use(room):
+    found = imported(f"import {room}, biaxbayes.figures.corner, biaxbayes.reports.page")
+    assert "emcee" in found
+    assert not found & HEAVY
+
+
+def test_emcee_still_finds_what_was_left_out():
+    code = (
+        "import biaxbayes.sampling, emcee, numpy as np\n"
+        "move = emcee.moves.KDEMove()\n"
+        "s = emcee.EnsembleSampler(16, 2, lambda x: -0.5 * (x**2).sum(), moves=move)\n"
+        "s.run_mcmc(np.random.default_rng(0).normal(size=(16, 2)), 3)\n"
+        "assert s.get_chain().shape == (3, 16, 2)\n"
+    )
+    assert "scipy.stats" in imported(code)
