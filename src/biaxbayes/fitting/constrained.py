@@ -297,7 +297,7 @@ def fit_law(
     sd = np.zeros_like(fitted.mounting_stretch)
     if setup.balanced:
         sd = _mounting_sd(setup, problem, found.unknowns, fitted.residuals)
-    return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, found.converged)
+    return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, fitted.converged)
 
 
 def _mounting_sd(
