@@ -1,7 +1,7 @@
-"""Write docs/cli.md from the commands themselves.
+"""Write docs/cli.md from the commands themselves, and docs/glossary.md from the words of reports.
 
 python scripts/docs_verbs.py            writes the page
-python scripts/docs_verbs.py --check    exit code 1 where the page is not what would be written
+python scripts/docs_verbs.py --check    exit code 1 where a page is not what would be written
 """
 
 from __future__ import annotations
@@ -14,9 +14,12 @@ from pathlib import Path
 import click
 
 from biaxbayes.cli import VERBS, group
+from biaxbayes.options import WHICH_FIT
+from biaxbayes.reports.glossary import GLOSSARY, fit_terms
 from biaxbayes.text_files import atomic_write_text
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "cli.md"
+WORDS = PAGE.with_name("glossary.md")
 HEAD = """# Command line
 
 Every verb with its options; `biaxbayes VERB --help` prints the same. Exit codes: 0 done, 2 an
@@ -59,17 +62,29 @@ def page() -> str:
     return HEAD + verbs + "\n" + "\n\n".join(section(verb) for verb in VERBS) + "\n"
 
 
+def glossary() -> str:
+    """The page of words."""
+    terms = "".join(f"| {term} | {words} |\n" for term, words in GLOSSARY.items())
+    fits = "".join(f"| `{term}` | {words} |\n" for term, words in fit_terms().items())
+    return (
+        f"# Glossary\n\n| term | what it means |\n|---|---|\n{terms}\n## The deterministic fits\n\n"
+        f"| fit | what it does |\n|---|---|\n{fits}\n{WHICH_FIT}\n"
+    )
+
+
 def main() -> int:
-    """Write or check the page."""
+    """Write or check the pages."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true")
     if not parser.parse_args().check:
         atomic_write_text(PAGE, page())
+        atomic_write_text(WORDS, glossary())
         return 0
-    current = PAGE.read_text(encoding="utf-8") == page()
-    if not current:
-        print("docs/cli.md is not current: run python scripts/docs_verbs.py", file=sys.stderr)
-    return 0 if current else 1
+    wanted = {PAGE: page(), WORDS: glossary()}
+    stale = [p.name for p, text in wanted.items() if p.read_text(encoding="utf-8") != text]
+    for name in stale:
+        print(f"docs/{name} is not current: run python scripts/docs_verbs.py", file=sys.stderr)
+    return 1 if stale else 0
 
 
 if __name__ == "__main__":

@@ -47,6 +47,7 @@ def test_a_study_says_what_it_is_and_its_help_names_it():
 
 def test_the_reference_of_the_command_line_is_current():
     assert told(docs_verbs.PAGE) == docs_verbs.page(), "run python scripts/docs_verbs.py"
+    assert told(docs_verbs.WORDS) == docs_verbs.glossary(), "run python scripts/docs_verbs.py"
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -4,11 +4,13 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.optimize import least_squares, root
 
 from biaxbayes.cli import main, runs
 from biaxbayes.errors import InputError, TaredSpecimen
+from biaxbayes.figures.fits import fits_figure
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all
 from biaxbayes.fitting.least_squares import descend
@@ -18,7 +20,7 @@ from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import mounted_state
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
-from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from goh_functions import (
     GOH_LAW,
     LOWER,
@@ -28,6 +30,7 @@ from goh_functions import (
     material_at,
     stress_response,
 )
+from readable import assert_readable
 
 PRESTRETCHES = (1.005, 1.01, 1.015, 1.02)
 TRUTH = {"smoljkic-m55": "Table 3", "weisbecker-media": "Table 4"}
@@ -558,6 +561,25 @@ def test_table_fits_a_terminal(capsys, media_file):
     assert code == 0
     assert all(word in out for word in (*METHODS, "mounting stretch x", "RMSE", "0.0000="))
     assert max(len(line) for line in out.splitlines()) <= 80
+
+
+def test_table_and_figure_are_written_with_a_word_on_which_to_report(capsys, media_file, tmp_path):
+    out = tmp_path / "fits"
+    code, shown, _ = run(capsys, "fit", media_file, "--out", out)
+    assert code == 0 and "Report constrained" in shown and "fip: finds the mounting" in shown
+    table = pd.read_csv(out / "fits.csv")
+    assert list(table["method"]) == list(METHODS)
+    specimen = read_specimen(media_file)
+    fits = fit_all(specimen)
+    np.testing.assert_allclose(table["k2"], [f.record()["k2"] for f in fits], rtol=1e-7)
+    assert (out / "fits.pdf").read_bytes().startswith(b"%PDF")
+    figure = fits_figure(specimen, fits)
+    assert_readable(figure, 85.0)
+    # A curve over the data is what the fit says of it: data less the residual.
+    upper, lower = figure.axes[:2]
+    drawn = upper.lines[1].get_ydata() + lower.lines[0].get_ydata()
+    protocol = specimen.protocols[0]
+    np.testing.assert_allclose(drawn, protocol.load_x[protocol.rest_rows :], rtol=1e-12)
 
 
 def test_tared_file_on_the_command_line(capsys, tmp_path):

@@ -50,7 +50,21 @@ INFERRING = ("noisy", "exact", "free")
 MOUNTING = (*INFERRING, "ignored", "zeroed")
 NOISE = ("effective", "systematic", "independent")
 MOUNTING_STRETCH = ("shared", "per-protocol")
-FIT_METHODS = ("standard", "zeroed", "fip", "linden", "constrained")
+FIT_WORDS = {
+    "standard": "takes the mounted state as unloaded, forces as read",
+    "zeroed": "the same with the mounting force subtracted, as after a tare",
+    "fip": "finds the mounting stretch by the force balance, refits, and repeats (method paper)",
+    "linden": "takes the mounting stretches as two more parameters of the stress fit",
+    "constrained": "fits the forces in one go, the mounting stretch from the force balance",
+}
+"""Deterministic fits, and what each does."""
+FIT_METHODS = tuple(FIT_WORDS)
+WHICH_FIT = (
+    "Report constrained: it fits what was measured, as 'sample' does. Give fip to compare with the "
+    "method paper, linden with work that used it; standard or zeroed only where the mounting force "
+    "is lost, and say so. No fit has an interval: 'biaxbayes sample' gives it."
+)
+"""Which fit to report when."""
 ALL_FITS = "all"
 CARD_PROGRAMS = ("abaqus", "febio")
 CARD_UNITS = ("kPa-mm", "MPa-mm", "Pa-m")

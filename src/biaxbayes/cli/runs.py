@@ -25,7 +25,15 @@ from biaxbayes.cli.options import (
 )
 from biaxbayes.cli.progress import graceful_stop, plain, progress_line
 from biaxbayes.errors import InputError
-from biaxbayes.options import ALL_FITS, FIT_METHODS, CalibrationPlan, FitOptions, SamplingPlan
+from biaxbayes.options import (
+    ALL_FITS,
+    FIT_METHODS,
+    FIT_WORDS,
+    WHICH_FIT,
+    CalibrationPlan,
+    FitOptions,
+    SamplingPlan,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -250,7 +258,7 @@ def _format(parameter: Parameter) -> str:
     type=click.Choice([*FIT_METHODS, ALL_FITS]),
     default=ALL_FITS,
     show_default=True,
-    help="standard and zeroed take the mounted state as reference; the others infer its stretch.",
+    help="; ".join(f"{name} {words}" for name, words in FIT_WORDS.items()) + ".",
 )
 @click.option("--json", "as_json", is_flag=True, help="A list of objects instead of the table.")
 @fix_option("Hold a parameter, e.g. kappa=0.")
@@ -259,15 +267,20 @@ def _format(parameter: Parameter) -> str:
     "Force (N, or stress in kPa) at the mounted state of a tared file, known from elsewhere."
 )
 @options(FitOptions, "starts", "seed", "law", "fibre_switch")
+@file_option("out", "Folder for fits.csv and a figure of the fits over the data.", "DIR")
 def fit(
     specimen: Path,
     method: str,
     as_json: bool,
     fix: tuple[str, ...],
     mounting_force: tuple[float, float] | None,
+    out: Path | None,
     **how: Any,
 ) -> int:
-    """Fit the material by least squares, with and without the mounting stretch."""
+    """Fit the material by least squares, with and without the mounting stretch.
+
+    With --out the table goes into fits.csv, the fits over the data into fits.pdf and fits.png.
+    """
     from biaxbayes import api
     from biaxbayes.identifiability.toe import poor_fit
     from biaxbayes.jobs.opening import opened_specimen
@@ -286,6 +299,12 @@ def fit(
         click.echo(json.dumps([found.record() for found in fits], indent=2, allow_nan=False))
     else:
         _print_table(data, fits, fixed)
+    if out is not None:
+        from biaxbayes.jobs.specimen_files import write_fits
+
+        write_fits(data, fits, out)
+        if not as_json:
+            click.echo(f"{out / 'fits.csv'}, {out / 'fits.pdf'}")
     if method == ALL_FITS and data.is_tared:
         click.echo(
             "note: the force at the mounted state is zero (a tared load cell), so fip, linden and "
@@ -311,6 +330,9 @@ def _print_table(specimen: Specimen, fits: list[FitResult], fixed: dict[str, flo
         console.print("* ended on a bound", markup=False)
     if fixed:
         console.print("= held", markup=False)
+    for found in fits:
+        console.print(f"{found.method}: {FIT_WORDS[found.method]}", markup=False)
+    console.print(WHICH_FIT, markup=False)
     if any(found.method in ("standard", "zeroed") for found in fits):
         console.print(
             "standard and zeroed fit their own data; R2 does not tell how far they are from the "

@@ -301,7 +301,7 @@ def fit_law(
     if setup.balanced:
         sd = _mounting_sd(setup, problem, found.unknowns, fitted.residuals)
     smooth = misses_smoothly(fitted.residuals)
-    return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, smooth, found.converged)
+    return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, smooth, fitted.converged)
 
 
 def _mounting_sd(

@@ -108,8 +108,9 @@ def _one_sided(scale: Scale, e: Evidence, t: Thresholds) -> str:
 def _combination(scale: Scale, e: Evidence, t: Thresholds) -> str:
     share = 100.0 * e.partners.spread_given_partners
     text = (
-        f"only in combination with {_listed(e.partners.names)}; alone {interval_words(scale, e)}, "
-        f"with {'it' if len(e.partners.names) == 1 else 'them'} known {share:.0f} % of that spread"
+        f"only in combination with {_listed(e.partners.names)}; alone {interval_words(scale, e)}; "
+        f"if {'it was' if len(e.partners.names) == 1 else 'they were'} known, the interval would "
+        f"shrink to {share:.0f} % of that width"
     )
     ends = [_end(scale, edge) for edge in e.open_edges(t) if edge.kind == "physical"]
     return text + (f"; {' and '.join(ends)} not excluded" if ends else "")

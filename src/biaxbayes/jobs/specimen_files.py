@@ -11,9 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError
-from biaxbayes.jobs.opening import SpecimenLike, opened_specimen, readable_specimen
-from biaxbayes.options import ALL_FITS, FitOptions, VirtualTest, documented
+from biaxbayes.jobs.opening import (
+    SpecimenLike,
+    draw_figure,
+    made_folder,
+    opened_specimen,
+    readable_specimen,
+)
+from biaxbayes.options import ALL_FITS, FIT_WORDS, FitOptions, VirtualTest, documented
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import (
     parse_specimen,
@@ -37,6 +44,7 @@ __all__ = [
     "fit_all",
     "simulate",
     "truth_file",
+    "write_fits",
 ]
 
 # --- check ---------------------------------------------------------------------------------------
@@ -496,6 +504,40 @@ def fit(
         return fit_all(specimen, mounting_force=mounting_force, **options)
     how = FitOptions.of(options)
     return fitted(opened_specimen(specimen, mounting_force), method, **vars(how))
+
+
+def write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: str | Path) -> None:
+    """Write fits.csv, one row a fit, and the fits over the data as fits.pdf and fits.png.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    fits : sequence of FitResult
+    folder : path-like
+    """
+    import pandas as pd
+
+    from biaxbayes.figures.fits import fits_figure
+
+    target = made_folder(folder)
+    rows = []
+    for found in fits:
+        row = found.record()
+        for name in ("mounting_stretch_x", "mounting_stretch_y"):
+            value = row.pop(name)
+            if isinstance(value, list):
+                row |= {
+                    f"{name} {p.name}": v for p, v in zip(specimen.protocols, value, strict=True)
+                }
+            else:
+                row[name] = value
+        at_bound = row.pop("at_bound")
+        assert isinstance(at_bound, list)
+        rows.append(
+            {**row, "at_bound": " ".join(at_bound), "what_it_does": FIT_WORDS[found.method]}
+        )
+    write_csv(target / "fits.csv", pd.DataFrame(rows), digits=8)
+    draw_figure(target, "fits", fits_figure(specimen, fits))
 
 
 @documented(FitOptions, without=("initial",))

@@ -15,7 +15,7 @@ import pandas as pd
 
 from biaxbayes.options import Settings
 from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
-from biaxbayes.reports.methods import prior_in_words
+from biaxbayes.reports.methods import prior_in_words, unit_of
 from biaxbayes.reports.names import cut
 from biaxbayes.runs.provenance import parse_options
 from biaxbayes.runs.run import Run
@@ -192,7 +192,10 @@ def settings_facts(run: Run) -> list[tuple[str, str]]:
         facts.append(("Longer protocols averaged to", f"{settings['thin']} rows"))
     priors = record.get("priors")
     if isinstance(priors, dict):
-        facts += [(f"Prior of {cut(k, 40)}", prior_in_words(v)) for k, v in priors.items()]
+        facts += [
+            (f"Prior of {cut(k, 40)}", prior_in_words(v, unit_of(run, k)))
+            for k, v in priors.items()
+        ]
     return facts
 
 

@@ -9,7 +9,7 @@ from biaxbayes.reports.names import cut
 from biaxbayes.reports.parameters import Row
 from biaxbayes.runs.run import Run
 
-__all__ = ["methods", "prior_in_words"]
+__all__ = ["methods", "prior_in_words", "unit_of"]
 
 LOADS = {
     "force": "the forces",
@@ -99,25 +99,44 @@ def _noise(run: Run) -> str:
     )
 
 
-def prior_in_words(prior: Any) -> str:
-    """A prior of provenance.json as a phrase."""
+def prior_in_words(prior: Any, unit: str = "") -> str:
+    """A prior of provenance.json as a phrase, with its unit where it has one."""
+    unit = f" {unit}" if unit not in ("", "1") else ""
     if not isinstance(prior, dict):
-        return f"fixed at {prior:g}" if isinstance(prior, int | float) else f"tied: {cut(prior)}"
+        return (
+            f"fixed at {prior:g}{unit}" if isinstance(prior, int | float) else f"tied: {cut(prior)}"
+        )
     shape = cut(prior.get("distribution", ""), 30)
     numbers = {k: v for k, v in prior.items() if isinstance(v, int | float)}
     if shape == "uniform" and {"low", "high"} <= set(numbers):
-        return f"uniform from {numbers['low']:g} to {numbers['high']:.4g}"
+        return f"uniform from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
     known = {"median": "median", "sd_log": "log sd", "mean": "mean", "sd": "sd"}
-    parts = [f"{known[k]} {v:.4g}" for k, v in numbers.items() if k in known]
+    natural = {"median", "mean"} | ({"sd"} if "mean" in numbers else set())
+    parts = [
+        f"{known[k]} {v:.4g}{unit if k in natural else ''}"
+        for k, v in numbers.items()
+        if k in known
+    ]
     parts += [f"{k} {v:.4g}" for k, v in numbers.items() if k not in known]
     return f"{shape} ({', '.join(parts)})" if parts else shape
+
+
+def unit_of(run: Run, name: str) -> str:
+    """Unit of a quantity by its name in a provenance; none for a stranger's."""
+    try:
+        return run.quantities[name].unit
+    except (KeyError, ValueError, TypeError):
+        return ""
 
 
 def _priors(run: Run) -> str:
     priors = run.provenance.get("priors")
     if not isinstance(priors, dict) or not priors:
         return ""
-    told = [f"{cut(name, 40)} {prior_in_words(prior)}" for name, prior in priors.items()]
+    told = [
+        f"{cut(name, 40)} {prior_in_words(prior, unit_of(run, name))}"
+        for name, prior in priors.items()
+    ]
     return f"Priors: {'; '.join(told)}."
 
 

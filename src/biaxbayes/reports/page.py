@@ -25,6 +25,7 @@ from biaxbayes.reports.facts import (
     test_rows,
     version_facts,
 )
+from biaxbayes.reports.glossary import GLOSSARY
 from biaxbayes.reports.methods import methods
 from biaxbayes.reports.names import as_html, cut
 from biaxbayes.reports.parameters import parameter_rows, percent_stretch
@@ -169,6 +170,7 @@ def report_page(run: Run) -> str:
         version_facts=version_facts(run),
         citations=citations(run),
         methods=methods(run, rows),
+        glossary=list(GLOSSARY.items()),
     )
 
 

@@ -110,7 +110,7 @@ def staged(folder: Path, gone: Callable[[list[str]], None] = lambda names: None)
 def finish_moving(folder: Path) -> list[str]:
     """Move finished files into place, also those that a crash left waiting; no-op without any.
 
-    What was made of the draws of a run before goes with them; its names are returned.
+    What was made of the draws of another posterior goes with them; its names are returned.
     """
     ready = folder / READY
     if ready.is_symlink() or not ready.is_dir():
@@ -120,13 +120,20 @@ def finish_moving(folder: Path) -> list[str]:
         # A product of the run before that this one does not have; never a file of the user's.
         if listed and name not in listed and _digest(folder / name) == digest:
             (folder / name).unlink(missing_ok=True)
-    gone = _without_derived(folder, listed) if listed and is_run(folder) else []
+    other = is_run(folder) and _posterior_of(folder) != _posterior_of(ready)
+    gone = _without_derived(folder, listed) if listed and other else []
     waiting = sorted(p for p in ready.iterdir() if p.is_file() and not p.is_symlink())
     for path in sorted(waiting, key=lambda p: p.name == PROVENANCE):
         path.replace(folder / path.name)
     sync_folder(folder)
     shutil.rmtree(ready, ignore_errors=True)
     return gone
+
+
+def _posterior_of(folder: Path) -> tuple[Any, ...]:
+    """What tells the draws of two runs apart; a run that was continued is the same."""
+    record = _record(folder / PROVENANCE)
+    return tuple(record.get(key) for key in ("specimen_sha256", "settings", "seed"))
 
 
 def _without_derived(folder: Path, listed: dict[str, str]) -> list[str]:
