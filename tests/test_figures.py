@@ -126,8 +126,8 @@ def test_density_stays_up_at_a_physical_edge():
 def inside(ax, content, points):
     """Which points lie in the shades of a panel that hold a share of the draws."""
     (drawn,) = [c for c in ax.collections if isinstance(c, QuadContourSet) and c.filled]
-    # 99 to 90 %, 90 to 50 %, within 50 %. A shade has a hole where the next one lies.
-    shades = drawn.get_paths()[{0.99: 0, 0.9: 1, 0.5: 2}[content] :]
+    # Beyond 99 %, 99 to 90 %, 90 to 50 %, within 50 %. A shade has a hole where the next one lies.
+    shades = drawn.get_paths()[{0.99: 1, 0.9: 2, 0.5: 3}[content] :]
     crossings = np.zeros((len(shades), len(points)), int)
     for k, path in enumerate(shades):
         for polygon in path.to_polygons():

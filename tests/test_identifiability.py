@@ -10,7 +10,6 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
-from arviz_stats.base import array_stats
 from scipy.optimize import root
 from scipy.stats import norm
 
@@ -290,17 +289,6 @@ def test_power_scaling_moves_a_normal_as_theory_says():
     )
     found = sensitivity(x[:, None], -0.5 * x * x)[0]
     assert found == pytest.approx(expected / np.log2(a), rel=0.02)
-
-
-def test_power_scaling_is_that_of_arviz():
-    rng = np.random.default_rng(3)
-    values = np.column_stack([rng.normal(size=2000), rng.exponential(size=2000).round(1)])
-    logs = -0.5 * (values[:, 0] - 1.0) ** 2 - values[:, 1]
-    weights = [np.exp((a - 1.0) * (logs - logs.mean()))[None] for a in (0.99, 1.01)]
-    theirs = [
-        array_stats.power_scale_sense(column[None], *weights, 0.99, 1.01) for column in values.T
-    ]
-    np.testing.assert_allclose(sensitivity(values, logs), theirs, rtol=1e-9)
 
 
 # --- what is written ---

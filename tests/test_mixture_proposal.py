@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import norm
 
 from analytic_targets import TARGETS, Target, largest_departures, limit, one_step
 from biaxbayes.sampling.adaptation import add_components
-from biaxbayes.sampling.gaussian_mixture import fit_gaussians, groups_of
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import (
     MixtureProposal,
@@ -148,48 +147,3 @@ def test_nothing_is_added_where_nothing_stands_out():
     exact = first_proposal(np.zeros((1, 2)), [np.eye(2)], np.ones(1), bounds_array({}, 2))
     q = MixtureProposal(np.ones(1), (exact,))
     assert add_components(q, x, norm.logpdf(x).sum(axis=1), 0.0) is q
-
-
-# --- the groups that mixtures are fitted to -------------------------------------------------
-
-
-def clouds(seed, n=3000, d=4, count=5):
-    """Standardised points of several Gaussians."""
-    rng = np.random.default_rng(seed)
-    centres, shapes = 1.5 * rng.normal(size=(count, d)), 0.4 * rng.normal(size=(count, d, d))
-    of = rng.integers(count, size=n)
-    points = centres[of] + np.einsum("nij,nj->ni", shapes[of], rng.normal(size=(n, d)))
-    return (points - points.mean(axis=0)) / points.std(axis=0)
-
-
-def test_gaussians_fit_as_well_as_those_of_another_library():
-    from sklearn.mixture import GaussianMixture
-
-    for points in (clouds(0, n=1000), clouds(1, n=1000)):
-        ours, theirs = [], []
-        for seed in range(6):
-            found = fit_gaussians(points, np.random.default_rng(seed), 8)
-            parts = zip(found.weights, found.means, found.covariances, strict=True)
-            logs = [np.log(w) + multivariate_normal(m, c).logpdf(points) for w, m, c in parts]
-            ours.append(np.logaddexp.reduce(logs).mean())
-            model = GaussianMixture(8, max_iter=50, tol=2e-3, init_params="k-means++")
-            theirs.append(model.set_params(random_state=seed).fit(points).score(points))
-        # local optima differ by 0.01 from start to start
-        assert np.mean(ours) == pytest.approx(np.mean(theirs), abs=0.02)
-
-
-def test_points_on_a_line_and_few_points_still_make_gaussians():
-    line = np.outer(np.linspace(-1.0, 1.0, 40), np.ones(3))
-    for points in (line, line[:4], np.zeros((12, 3))):
-        found = fit_gaussians(points, np.random.default_rng(0), 3)
-        assert np.isfinite(found.weights).all() and found.weights.sum() == pytest.approx(1.0)
-        assert np.linalg.eigvalsh(found.covariances).min() > 0.0
-
-
-def test_groups_are_the_nearest_of_k_means():
-    rng = np.random.default_rng(1)
-    wide = rng.normal(size=(300, 2)) * [1.0, 0.3]
-    points = np.concatenate([wide, wide[:100] + [8.0, 0.0]])
-    label = groups_of(points, rng, 2)
-    assert len(set(label[:300])) == len(set(label[300:])) == 1
-    assert label[0] != label[-1]

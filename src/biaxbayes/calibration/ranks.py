@@ -24,7 +24,8 @@ from functools import lru_cache
 
 import numpy as np
 import pandas as pd
-from scipy.special import bdtr, bdtrc, betaincinv, gammaln
+from scipy.special import gammaln
+from scipy.stats import beta, binom
 
 __all__ = [
     "FEWEST",
@@ -54,8 +55,8 @@ def tail_probabilities(counts: np.ndarray, replications: int) -> np.ndarray:
     """Pointwise two-sided tail probability of each count, shape (draws,)."""
     draws = counts.size
     z = np.arange(1, draws + 1) / (draws + 1)
-    below = bdtr(counts, replications, z)
-    above = bdtrc(counts - 1, replications, z)
+    below = binom.cdf(counts, replications, z)
+    above = binom.sf(counts - 1, replications, z)
     return 2.0 * np.minimum(below, above)
 
 
@@ -66,7 +67,9 @@ def _allowed(replications: int, draws: int, level: float) -> tuple[tuple[int, in
     every = np.arange(replications + 1)
     for r in range(1, draws + 1):
         z = r / (draws + 1)
-        p = 2.0 * np.minimum(bdtr(every, replications, z), bdtrc(every - 1, replications, z))
+        p = 2.0 * np.minimum(
+            binom.cdf(every, replications, z), binom.sf(every - 1, replications, z)
+        )
         inside = np.flatnonzero(p > level)
         if inside.size == 0:
             return ()
@@ -199,8 +202,8 @@ def coverage(below: np.ndarray, level: float) -> Coverage:
     """
     n = below.size
     hits = int(np.count_nonzero(np.abs(below - 0.5) <= 0.5 * level))
-    low = float(betaincinv(hits, n - hits + 1, 0.025)) if hits else 0.0
-    high = float(betaincinv(hits + 1, n - hits, 0.975)) if hits < n else 1.0
+    low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
+    high = float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
     return Coverage(level, hits / n, low, high)
 
 

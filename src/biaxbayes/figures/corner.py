@@ -1,18 +1,19 @@
 """The joint posterior at a glance: every pair of quantities, every quantity alone, of several runs.
 
-Panels are histograms smoothed by SciPy's filter, which reflects at the ends of the ranges, so that
-no mass leaks over a physical edge, with a width of smoothing for each pair and run. The corner
-package was tried: it smooths all pairs alike, so that it has to be called panel by panel, imports
-ArviZ and takes twice as long.
+The corner package draws the panels. Ours is what it leaves open: ranges that end at physical edges
+(SciPy's filter reflects there, so no mass leaks over an edge), a width of smoothing for each pair
+and run, the table in the free corner and the size in print.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.integrate import trapezoid
 
 from biaxbayes.errors import InputError
 from biaxbayes.figures.labels import POINT_MM, few_ticks, number, range_text, shortened, text_mm
@@ -244,15 +245,35 @@ def regions(
     """
     chosen = evenly_chosen(len(draws[0]), VISIBLE_PAIR)
     draws = [d[chosen] for d in draws]
-    bins = _bins(draws, axes)
-    density = _smoothed(draws, axes, bins, CELLS)
-    x, y = (_edges(axis, n) for axis, n in zip(axes, bins, strict=True))
-    _contours(
-        ax, _around(0.5 * (x[1:] + x[:-1])), _around(0.5 * (y[1:] + y[:-1])), density, hue, filled
+    _corner().hist2d(
+        *draws,
+        ax=ax,
+        range=[(a.low, a.high) for a in axes],
+        axes_scale=["log" if a.log else "linear" for a in axes],
+        bins=_bins(draws, axes),
+        smooth=CELLS,
+        **_look(hue, filled),
     )
 
 
-# --- draws into panels ---------------------------------------------------------------------------
+# --- draws into panels, by corner ----------------------------------------------------------------
+
+
+class _Panel(NamedTuple):
+    """One panel: what corner asks of a figure of one quantity."""
+
+    axes: list[Axes]
+
+    def subplots_adjust(self, **places: float) -> None:
+        """Leave the panel where it is."""
+
+
+def _corner() -> Any:
+    """The corner package; it imports ArviZ, which takes seconds and announces its changes."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import corner
+    return corner
 
 
 def _columns(
@@ -287,83 +308,49 @@ def _columns(
 
 
 def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | None) -> None:
-    """One run into the panels of the quantities that it has."""
+    """One run into the panels of the quantities that it has.
+
+    Panel by panel: corner has one width of smoothing for all pairs, and a ridge wants a narrow one.
+    """
     hue = colour(RUNS[run])
     for i, up in enumerate(columns):
         draws, axis = up.draws[run], up.own[run]
         if draws is None or axis is None:
             continue
-        bins = _bins([draws], [axis])
-        heights = _smoothed([draws], [axis], bins, CELLS_1D)
-        steps = np.repeat(_edges(axis, *bins), 2)[1:-1]
-        grid[i, i].plot(steps, np.repeat(heights, 2), color=hue, linewidth=0.9)
+        _corner().corner(
+            draws[:, None],
+            fig=_Panel([grid[i, i]]),
+            range=[(axis.low, axis.high)],
+            axes_scale=["log" if axis.log else "linear"],
+            bins=_bins([draws], [axis]),
+            weights=np.ones(len(draws)),  # counts without weights are smoothed as integers
+            smooth1d=CELLS_1D,
+            hist_kwargs={"color": hue, "linewidth": 0.9},
+            max_n_ticks=0,
+        )
         for j, across in enumerate(columns[:i]):
             first, other = across.draws[run], across.own[run]
             if first is not None and other is not None:
                 regions(grid[i, j], (first, draws), (other, axis), hue, filled=filled)
 
 
-def _edges(axis: Span, bins: int) -> np.ndarray:
-    """Edges of cells of equal width on the scale of an axis, shape (bins + 1,)."""
-    between = np.geomspace if axis.log else np.linspace
-    return between(axis.low, axis.high, bins + 1)
-
-
-def _smoothed(
-    draws: Sequence[np.ndarray], axes: Sequence[Span], bins: Sequence[int], cells: float
-) -> np.ndarray:
-    """Draws of one or two quantities counted in cells, smoothed over so many; shape ``bins``."""
-    from scipy.ndimage import gaussian_filter
-
-    inside, index = np.ones(len(draws[0]), dtype=bool), np.zeros(len(draws[0]), dtype=np.int64)
-    for values, axis, n in zip(draws, axes, bins, strict=True):
-        place = axis.forward(values)
-        inside &= (place >= 0.0) & (place <= 1.0)
-        index = index * n + np.clip(place * n, 0, n - 1).astype(np.int64)
-    counts = np.bincount(index[inside], minlength=int(np.prod(bins))).astype(float)
-    return np.asarray(gaussian_filter(counts.reshape(tuple(bins)), cells))
-
-
-def _around(centres: np.ndarray) -> np.ndarray:
-    """Centres of cells with two more beyond either end, so that contours close at the edges."""
-    first, last = centres[1] - centres[0], centres[-1] - centres[-2]
-    beyond = np.array([1.0, 2.0])
-    return np.concatenate([centres[0] - beyond[::-1] * first, centres, centres[-1] + beyond * last])
-
-
-def _contours(
-    ax: Axes, x: np.ndarray, y: np.ndarray, density: np.ndarray, hue: str, filled: bool | None
-) -> None:
-    """Regions of stated content; ``filled`` as in :func:`regions`."""
+def _look(hue: str, filled: bool | None) -> dict[str, Any]:
+    """Colours and levels of :func:`corner.hist2d`."""
     from matplotlib.colors import to_rgb
 
-    closed = np.full((density.shape[0] + 4, density.shape[1] + 4), density.min())
-    closed[1:-1, 1:-1] = np.pad(density, 1, mode="edge")
-    shares = (0.9,) if filled is False else CONTENTS if filled else CONTENTS[:2]
-    levels = _levels(density, shares)
+    look: dict[str, Any] = {"color": hue, "plot_datapoints": False, "plot_density": False}
+    look |= {"quiet": True, "no_fill_contours": True, "fill_contours": filled is not False}
     if filled is False:
-        ax.contour(x, y, closed.T, levels, colors=hue, linewidths=0.9)
-        return
-    top = max(closed.max(), levels[-1]) * (1.0 + 1e-4)
+        return look | {"levels": (0.9,), "contour_kwargs": {"linewidths": 0.9}}
     if filled is None:
-        ax.contourf(x, y, closed.T, [levels[-1], top], colors=[(*to_rgb(hue), FILL)])
-        ax.contour(x, y, closed.T, levels[:1], colors=hue, linewidths=0.8)
-        return
+        fills: dict[str, Any] = {"colors": ["none", "none", (*to_rgb(hue), FILL)]}
+        edges: dict[str, Any] = {"linewidths": [0.8, 0.0]}
+        return look | {"levels": CONTENTS[:2], "contourf_kwargs": fills, "contour_kwargs": edges}
     # Shades are mixed with white, not made transparent: panels stay small in a vector file.
     shades = [tuple(1.0 - s * (1.0 - np.array(to_rgb(hue)))) for s in SHADES]
-    regions = ax.contourf(x, y, closed.T, [*levels, top], colors=shades, antialiased=True)
-    regions.set(edgecolor=shades, linewidth=0.3)
-
-
-def _levels(density: np.ndarray, shares: Sequence[float]) -> np.ndarray:
-    """Densities above which the stated shares lie, rising and all different."""
-    falling = np.sort(density, axis=None)[::-1]
-    share = np.cumsum(falling) / falling.sum()
-    last = np.searchsorted(share, np.sort(shares)[::-1], side="right") - 1
-    levels = falling[np.maximum(last, 0)]
-    for k in range(len(levels) - 1, 0, -1):  # too few draws to tell the regions apart
-        levels[k - 1] = min(levels[k - 1], levels[k] * (1.0 - 1e-4))
-    return np.asarray(levels)
+    fills = {"colors": ["none", *shades], "antialiased": True}
+    edges = {"colors": shades, "linewidths": 0.3}
+    return look | {"levels": CONTENTS, "contourf_kwargs": fills, "contour_kwargs": edges}
 
 
 def _bins(values: Sequence[np.ndarray], axes: Sequence[Span]) -> list[int]:
@@ -385,7 +372,7 @@ def _bins(values: Sequence[np.ndarray], axes: Sequence[Span]) -> list[int]:
 def _marginal(
     ax: Axes, column: Column, fixed: Sequence[Mapping[str, float]], probability: float
 ) -> list[Found | None]:
-    """Make the curves densities, shade the interval; median and interval of each run."""
+    """Make corner's curves densities, shade the interval; median and interval of each run."""
     out: list[Found | None] = []
     lines = iter(list(ax.lines))
     top = 0.0
@@ -402,7 +389,7 @@ def _marginal(
         low, high = interval(values, piled, probability)
         line = next(lines)
         x, height = np.array(line.get_xdata()), np.array(line.get_ydata(), dtype=float)
-        height /= np.trapezoid(height, column.axis.forward(x))
+        height /= trapezoid(height, column.axis.forward(x))
         line.set_ydata(height)
         if run == 0:
             inside = list((x >= low) & (x <= high))
@@ -491,10 +478,9 @@ def _beside(panels: Sequence[Axes], which: str) -> float:
     """How far the aligned labels of an axis stand out from panels, mm."""
     far, size = [], []
     for ax in panels:
-        across = which == "y"
-        axis = ax.yaxis if across else ax.xaxis
-        box, label = axis.get_tightbbox(), axis.label.get_window_extent()
+        box, label = ax.get_tightbbox(), getattr(ax, f"{which}axis").label.get_window_extent()
         assert box is not None
+        across = which == "y"
         size.append(label.width if across else label.height)
         far.append((ax.bbox.x0 - box.x0 if across else ax.bbox.y0 - box.y0) - size[-1])
     return float(max(far) + max(size)) / panels[0].figure.dpi / MM

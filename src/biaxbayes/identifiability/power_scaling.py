@@ -39,46 +39,18 @@ def sensitivity(values: np.ndarray, log_component: np.ndarray) -> np.ndarray:
     ndarray, shape (d,)
         Distance per doubling of the power; above 0.05 counts as sensitive.
     """
+    from arviz_stats.base import array_stats  # imports xarray and scipy.signal
+
     out = np.zeros(values.shape[1])
     if not np.ptp(log_component) > 0.0:
         return out
     centred = log_component - log_component.mean()
     # w proportional to component^(a - 1); within 1 % of one, so no smoothing is needed
-    weights = [np.exp((power - 1.0) * centred) for power in POWERS]
+    lower, upper = (np.exp((power - 1.0) * centred)[None] for power in POWERS)
     for j, column in enumerate(values.T):
         if np.ptp(column) > 0.0:
-            order = np.argsort(column)
-            steps = np.diff(column[order])
-            moved = [_distance(steps, w[order]) for w in weights]
-            out[j] = np.mean(moved / np.abs(np.log2(POWERS)))
+            out[j] = array_stats.power_scale_sense(column[None], lower, upper, *POWERS)
     return out
-
-
-def _distance(steps: np.ndarray, weight: np.ndarray) -> float:
-    """Cumulative Jensen-Shannon distance between draws and the same draws reweighted.
-
-    The larger of that from below and that from above. Nguyen and Vreeken (2015), with P and Q the
-    two distribution functions of the sorted draws and M their mean:
-
-        D^2 = int (P log2 P/M + Q log2 Q/M) dx / int (P + Q) dx
-
-    Parameters
-    ----------
-    steps : ndarray, shape (n - 1,)
-        Between the sorted draws.
-    weight : ndarray, shape (n,)
-        In the same order.
-    """
-    n = len(weight)
-    found = 0.0
-    for dx, w in ((steps, weight), (steps[::-1], weight[::-1])):
-        p, q = np.arange(1, n) / n, np.cumsum(w / w.sum())[:-1]
-        log_mean = np.log2(0.5 * (p + q))
-        shared = 0.5 / np.log(2.0) * ((q - p) @ dx)
-        from_p = max(0.0, (p * (np.log2(p) - log_mean)) @ dx + shared)
-        from_q = max(0.0, (q * (np.log2(q) - log_mean)) @ dx - shared)
-        found = max(found, float(np.sqrt((from_p + from_q) / ((p + q) @ dx))))
-    return found
 
 
 def log_prior(scales: tuple[Scale, ...], draws: pd.DataFrame) -> np.ndarray:

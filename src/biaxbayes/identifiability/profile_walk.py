@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.stats import chi2
 
 from biaxbayes.identifiability.conditional_fit import HeldFit, Target
 from biaxbayes.laws.law import Law
@@ -119,7 +119,7 @@ def axis_of(parameter: Parameter, index: int, law: Law) -> Axis:
 # --- walking along a profile: outwards in steps that suit the curve, and back over it ------------
 
 
-THRESHOLD = float(chdtri(1, 0.05))
+THRESHOLD = float(chi2.ppf(0.95, 1))
 BEYOND = 2.0  # deviance beyond the threshold at which a walk ends
 RISE = (0.3, 1.2)  # of the deviance wanted from one step to the next
 MOST_STEPS = 80

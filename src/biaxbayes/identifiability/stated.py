@@ -15,17 +15,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from biaxbayes.fitting.constrained import LawFit, fit_law
 from biaxbayes.laws import DEFAULT_LAW, LAWS
-from biaxbayes.model.layout import mounting_names
-from biaxbayes.model.posterior import Posterior
-from biaxbayes.parameters import Parameter
+from biaxbayes.parameters import Parameter, mounting_names
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import thinned_specimen
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from biaxbayes.model.posterior import Posterior
 
 __all__ = [
     "LawRange",
@@ -112,7 +115,9 @@ class LawRange:
         mounts : sequence of str
             Labels of the mounted states.
         """
-        return pd.DataFrame(
+        from pandas import DataFrame
+
+        return DataFrame(
             [
                 {
                     "law": f.law,

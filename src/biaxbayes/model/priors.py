@@ -18,10 +18,11 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, law_named
@@ -124,18 +125,12 @@ class Prior:
     def _uniform(self) -> bool:
         return self.family in ("uniform", "loguniform")
 
-    def _below(self, x: np.ndarray | float) -> np.ndarray:
-        """Probability below x, on the standard scale, of the normal before it is cut off."""
+    def _whole(self) -> tuple[Any, float, float]:
+        """SciPy's distribution on the standard scale, and how much of it lies below each edge."""
         location, scale, low, high = self._standard_range()
-        if self._uniform:
-            return np.clip((np.asarray(x) - low) / (high - low), 0.0, 1.0)
+        whole = _distribution(self._uniform, location, scale, low, high)
         with np.errstate(over="ignore"):  # an edge may be further away than numbers reach
-            return np.asarray(ndtr((np.asarray(x) - location) / scale))
-
-    def _edges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Probability below each edge."""
-        _, _, low, high = self._standard_range()
-        return self._below(low), self._below(high)
+            return whole, whole.cdf(low), whole.cdf(high)
 
     def mass(self, *, positive: bool) -> float:
         """Probability of the range, of positive values only where only these count."""
@@ -143,24 +138,23 @@ class Prior:
             return float(self.high > 0.0 or not positive)
         if positive and not self._logs:
             return self.within(0.0, math.inf).mass(positive=False) if self.high > 0.0 else 0.0
-        below_low, below_high = self._edges()
+        _, below_low, below_high = self._whole()
         return float(below_high - below_low)
 
     def cdf(self, natural: np.ndarray) -> np.ndarray:
         """Cumulative probability of natural values, of the same shape."""
         with np.errstate(divide="ignore"):
             x = np.log(np.maximum(natural, 0.0)) if self._logs else np.asarray(natural, dtype=float)
-        first, last = self._edges()
+        whole, first, last = self._whole()
         # F = (Phi(x) - Phi(low)) / (Phi(high) - Phi(low))
-        return np.clip((self._below(x) - first) / (last - first), 0.0, 1.0)
+        with np.errstate(over="ignore"):
+            return np.clip((whole.cdf(x) - first) / (last - first), 0.0, 1.0)
 
     def ppf(self, probability: np.ndarray) -> np.ndarray:
         """Natural values at cumulative probabilities, of the same shape."""
-        location, scale, low, high = self._standard_range()
-        first, last = self._edges()
+        whole, first, last = self._whole()
         # x = Phi^-1(Phi(low) + F (Phi(high) - Phi(low)))
-        level = first + (last - first) * np.asarray(probability)
-        x = low + (high - low) * level if self._uniform else location + scale * ndtri(level)
+        x = whole.ppf(first + (last - first) * probability)
         return np.exp(x) if self._logs else x
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
@@ -198,6 +192,14 @@ class Prior:
             table |= {first: self.location, second: self.scale}
         values = asdict(self)
         return table | {k: values[k] for k in ("low", "high") if math.isfinite(values[k])}
+
+
+@lru_cache(maxsize=256)
+def _distribution(flat: bool, location: float, scale: float, low: float, high: float) -> Any:
+    """A uniform or a normal distribution of SciPy, the latter not cut off."""
+    from scipy.stats import norm, uniform  # half a second: not for a mere look at a file
+
+    return uniform(low, high - low) if flat else norm(location, scale)
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 Ensembles, not walkers, are independent: R-hat compares ensembles (each cut into an early and a
 late half). The autocorrelation is averaged over the walkers of an ensemble around the mean of
 all ensembles, so that ensembles that disagree lower the effective sample size.
-Rank normalisation, tail indicators and R-hat follow Vehtari et al., Bayesian Analysis 16 (2021)
-667. The few lines of R-hat are ours: ArviZ's, which they equal, take a second to import.
+Rank normalisation and tail indicators follow Vehtari et al., Bayesian Analysis 16 (2021) 667;
+R-hat is ArviZ's.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
+from scipy.stats import rankdata
 
 __all__ = ["Convergence", "assess", "effective_sample_size", "rank_normalised", "split_rhat"]
 
@@ -27,11 +28,9 @@ LONGEST_HOLD = 1.0 / 3.0
 
 
 def rank_normalised(draws: np.ndarray) -> np.ndarray:
-    """Normal scores of the pooled ranks, equal values sharing the mean of theirs; same shape."""
-    _, which, counts = np.unique(draws.ravel(), return_inverse=True, return_counts=True)
-    # ranks from 1: those of m equal values after n lesser ones have the mean n + (m + 1) / 2
-    ranks = np.cumsum(counts) - 0.5 * (counts - 1)
-    return ndtri((ranks - 0.375) / (draws.size + 0.25))[which].reshape(draws.shape)
+    """Normal scores of the pooled ranks, same shape."""
+    ranks = rankdata(draws.ravel(), method="average")
+    return ndtri((ranks - 0.375) / (ranks.size + 0.25)).reshape(draws.shape)
 
 
 def split_rhat(draws: np.ndarray) -> float:
@@ -40,27 +39,14 @@ def split_rhat(draws: np.ndarray) -> float:
     The larger of the rank-normalised one and that of the folded draws, which sees scale.
     Infinite when the ensembles do not move, or have no two halves.
     """
-    return _larger_rhat(draws, rank_normalised(draws))
+    from arviz_stats.base import array_stats  # imports xarray and scipy.signal
 
-
-def _larger_rhat(draws: np.ndarray, scores: np.ndarray) -> float:
-    """Split R-hat from draws and their normal scores."""
-    folded = np.abs(draws - np.median(draws))
-    return max(_rhat_of_halves(scores), _rhat_of_halves(rank_normalised(folded)))
-
-
-def _rhat_of_halves(scores: np.ndarray) -> float:
-    """R-hat of chains that are the early and the late half of each ensemble."""
-    ensembles, steps, _ = scores.shape
+    ensembles, steps, _ = draws.shape
     if steps < 2:
         return float("inf")
-    half = steps // 2
-    parts = np.concatenate([scores[:, :half], scores[:, -half:]]).reshape(2 * ensembles, -1)
-    n = parts.shape[1]
-    within, between = parts.var(axis=1, ddof=1).mean(), parts.mean(axis=1).var(ddof=1)
-    # R-hat^2 = ((n - 1) / n W + B / n) / W, B = n times the variance of the chains' means
+    # An ensemble is a chain, its early steps first, so that its halves are early and late steps.
     with np.errstate(divide="ignore", invalid="ignore"):
-        return float(np.sqrt((n - 1) / n + between / within))
+        return float(array_stats.rhat(draws.reshape(ensembles, -1), method="rank"))
 
 
 def autocorrelation_time(draws: np.ndarray) -> float:
@@ -187,7 +173,7 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
                 effective_sample_size((draws >= high).astype(float)),
             )
         )
-        rhat.append(_larger_rhat(draws, z))
+        rhat.append(split_rhat(draws))
     ess_bulk, ess_tail = np.array(bulk), np.array(tail)
     state, reason = _state(
         names, ess_bulk, ess_tail, np.array(rhat), np.array(tau), steps, target_ess

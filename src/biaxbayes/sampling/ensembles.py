@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import emcee
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from biaxbayes.sampling.emcee_alone import emcee
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import Proposal
 from biaxbayes.sampling.target import LogDensity
@@ -29,7 +29,7 @@ POOR_ACCEPTANCE = 0.03
 """Below this the independence move is not worth its density evaluations."""
 
 
-class _Sampler(emcee.EnsembleSampler):  # type: ignore[misc, name-defined]
+class _Sampler(emcee.EnsembleSampler):
     """Without emcee's look at every value for blobs, a quarter of the density's time."""
 
     def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, None]:

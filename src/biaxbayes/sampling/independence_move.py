@@ -21,15 +21,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from emcee.moves.move import Move
+from emcee.state import State
 from numba import njit
 
-from biaxbayes.sampling.emcee_alone import emcee
 from biaxbayes.sampling.proposal import Proposal, fit_mixture_proposal
 
 __all__ = ["AdaptedIndependenceMove"]
 
 
-class AdaptedIndependenceMove(emcee.moves.Move):  # type: ignore[misc, name-defined]
+class AdaptedIndependenceMove(Move):
     """Metropolis-Hastings with a proposal fitted to the history of the ensemble.
 
     Parameters
@@ -116,7 +117,7 @@ class AdaptedIndependenceMove(emcee.moves.Move):  # type: ignore[misc, name-defi
         """Refuse further adaptation; every draw from here on may be kept."""
         self.frozen = True
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray]:
+    def propose(self, model: Any, state: State) -> tuple[State, np.ndarray]:
         """One step of every walker; called by emcee."""
         if self.proposal is None:
             raise RuntimeError("the independence move has no proposal yet: call adapt first")

@@ -21,7 +21,6 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import logsumexp
 
-from biaxbayes.sampling.gaussian_mixture import groups_of
 from biaxbayes.sampling.student_mixture import Mirrors, StudentMixture, fit_mixture
 from biaxbayes.sampling.transport_map import TransportMap, fit_transport_map
 
@@ -274,6 +273,9 @@ def fit_mixture_proposal(
 
 
 def _groups(points: np.ndarray, rng: np.random.Generator, parts: int) -> np.ndarray:
+    from sklearn.cluster import KMeans
+
     spread = points.std(axis=0)
     z = (points - points.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    return groups_of(z, rng, parts)
+    means = KMeans(parts, n_init=4, random_state=int(rng.integers(2**31)))
+    return np.asarray(means.fit_predict(z))

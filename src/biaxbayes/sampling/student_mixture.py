@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -11,7 +12,6 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import inlined
-from biaxbayes.sampling.gaussian_mixture import fit_gaussians
 
 __all__ = ["Mirrors", "StudentMixture", "fit_mixture"]
 
@@ -125,8 +125,8 @@ def fit_mixture(
 ) -> StudentMixture:
     """Fit a Gaussian mixture to points and make its tails heavier.
 
-    The Gaussians are fitted by expectation maximisation; their covariances are kept as scale
-    matrices of Student t distributions.
+    scikit-learn fits the Gaussians by expectation maximisation; their covariances are kept as
+    scale matrices of Student t distributions.
 
     Parameters
     ----------
@@ -140,13 +140,26 @@ def fit_mixture(
     -------
     StudentMixture
     """
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.mixture import GaussianMixture
+
     n, d = points.shape
     # A component needs several times d points to have a covariance worth the name.
     components = max(1, min(components, n // (5 * (d + 1))))
-    found = fit_gaussians(points, rng, components)
-    weights = np.maximum(found.weights, 1e-4)
+    model = GaussianMixture(
+        components,
+        reg_covar=1e-6,
+        max_iter=50,
+        tol=2e-3,
+        init_params="k-means++",
+        random_state=int(rng.integers(2**31)),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(points)
+    weights = np.maximum(model.weights_, 1e-4)
     return StudentMixture.from_factors(
-        weights / weights.sum(), found.means, np.linalg.cholesky(found.covariances)
+        weights / weights.sum(), model.means_, np.linalg.cholesky(model.covariances_)
     )
 
 
@@ -173,8 +186,7 @@ def _log_density(x, scale, means, inverses, nu, coordinates, doubled):
         for k in range(scale.size):
             _distances(x, first, m, means[k], inverses[k], coordinates, z, distance, slope)
             for s in range(doubled.shape[0]):
-                for i in range(m):
-                    image[i] = distance[i]
+                image[:m] = distance[:m]
                 _reflect(image, x, first, m, inverses[k], coordinates, doubled[s], slope, shift)
                 _add_t_density(image, m, nu, d, scale[k], work, total)
             _add_t_density(distance, m, nu, d, scale[k], work, total)
