@@ -32,7 +32,7 @@ __all__ = [
     "opened",
     "save",
     "sealed",
-    "unpacked",
+    "unpack",
 ]
 
 FORMAT = 4
@@ -87,7 +87,7 @@ def save(
 def load(
     folder: Path,
     identity: dict[str, Any],
-    unpack: Callable[[bytes], tuple[Any, dict[str, Any]]] | None = None,
+    reader: Callable[[bytes], tuple[Any, dict[str, Any]]] | None = None,
 ) -> tuple[Any | None, str]:
     """Read the newest readable checkpoint of a folder.
 
@@ -95,7 +95,7 @@ def load(
     ----------
     folder : Path
     identity : dict
-    unpack : callable, optional
+    reader : callable, optional
         Inverse of what :func:`save` was given.
 
     Returns
@@ -117,7 +117,7 @@ def load(
         if not path.exists() and not path.is_symlink():
             continue
         try:
-            state, stored = (unpack or unpacked)(read_bytes(path, limit=MAX_BYTES))
+            state, stored = (reader or unpack)(read_bytes(path, limit=MAX_BYTES))
         except (InputError, DamagedCheckpoint) as error:
             problem = error.problem if isinstance(error, InputError) else str(error)
             damaged.append(f"{name} {problem}")
@@ -213,7 +213,7 @@ def opened(data: bytes) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None
 
 
-def unpacked(data: bytes) -> tuple[State, dict[str, Any]]:
+def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
     """State and identity from the bytes of a checkpoint.
 
     Raises

@@ -20,8 +20,8 @@ from biaxbayes.model.density import FIXED, UNIFORM, Problem
 from biaxbayes.model.posterior import Chart, Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import STRETCH
-from biaxbayes.population.ensemble import Individual
-from biaxbayes.population.model import PooledValue
+from biaxbayes.populations.ensemble import Individual
+from biaxbayes.populations.model import PooledValue
 from biaxbayes.runs.run import Run
 
 __all__ = ["Source", "individual_of", "pooled_names"]

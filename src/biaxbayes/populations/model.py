@@ -38,8 +38,8 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import FAMILIES
 from biaxbayes.options import PopulationOptions
 from biaxbayes.parameters import MOUNTED, STRETCH, Parameter
-from biaxbayes.population.ensemble import Design, Individual
-from biaxbayes.population.hierarchy import Layout
+from biaxbayes.populations.ensemble import Design, Individual
+from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.text_files import read_text
 
 __all__ = ["Grouping", "PooledValue", "PopulationPriors", "design_of", "pooled_values"]

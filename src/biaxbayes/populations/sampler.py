@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from biaxbayes.population.ensemble import FRESH_VISITS, Design, Ensemble, Tuning
+from biaxbayes.populations.ensemble import FRESH_VISITS, Design, Ensemble, Tuning
 from biaxbayes.sampling.convergence import Convergence, assess
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
@@ -28,6 +28,7 @@ __all__ = ["History", "Plan", "Sampled", "State", "draw"]
 ROUNDS, ROUND_SWEEPS = 4, 40
 ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
 FIRST_BLOCK, GROWTH = 128, 1.5
+STATES = ("reliable", "tentative", "unusable")
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
 FRESH_AT_ONCE = 32
@@ -140,7 +141,7 @@ class Sampled:
     interrupted: bool = False
 
 
-Quantities = Callable[[History], dict[str, np.ndarray]]
+Quantities = Callable[[History], list[dict[str, np.ndarray]]]
 
 
 def draw(
@@ -160,7 +161,8 @@ def draw(
     design : Design
     plan : Plan
     quantities : callable
-        What is judged of a history, by name; arrays (ensembles, kept, chains).
+        What is judged of a history: dicts of arrays (ensembles, kept, chains) by name, each of
+        sweeps of its own.
     state : State, optional
         Where to go on.
     on_block : callable
@@ -190,7 +192,7 @@ def draw(
             new = _joined(parts, every)
             history = new if state.history is None else state.history.followed_by(new)
             done = state.sweeps + sweeps
-            judged = assess(quantities(history), target_ess=plan.ess)
+            judged = _assessed(quantities(history), plan.ess)
             finished = judged.state == "reliable" or done >= plan.max_steps
             state = State(
                 tuning,
@@ -204,8 +206,21 @@ def draw(
         found = state.history
         if found is None:
             found = _joined([_run(e, state.tuning, every, every) for e in ensembles], every)
-        convergence = assess(quantities(found), target_ess=plan.ess)
+        convergence = _assessed(quantities(found), plan.ess)
     return Sampled(found, convergence, _acceptance(ensembles), not state.finished)
+
+
+def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> Convergence:
+    """All parts judged; the state is the worst of them."""
+    found = [assess(part, target_ess=ess) for part in parts]
+    worst = max(found, key=lambda c: STATES.index(c.state))
+    whole = {
+        what: np.concatenate([getattr(c, what) for c in found])
+        for what in ("ess_bulk", "ess_tail", "rhat", "tau")
+    }
+    names = tuple(name for c in found for name in c.names)
+    state, reason = worst.state, worst.reason
+    return Convergence(names, **whole, steps=found[0].steps, state=state, reason=reason)
 
 
 def _say(

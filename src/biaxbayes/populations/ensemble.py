@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from biaxbayes.population.hierarchy import Layout, augment, log_marginal, update
+from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
 from biaxbayes.sampling.proposal import TransportedMixture
 
 __all__ = ["Design", "Ensemble", "Individual", "Tuning"]
@@ -278,9 +278,11 @@ class Ensemble:
             return None
         drawn = [q.sample(self.rng, size) for q in tuning.proposals]
         found = [self.design.density(i, d) for i, d in enumerate(drawn)]
-        weights = [
-            f[0] - q.log_density(d) for q, d, f in zip(tuning.proposals, drawn, found, strict=True)
-        ]
+        with np.errstate(invalid="ignore"):
+            weights = [
+                f[0] - q.log_density(d)
+                for q, d, f in zip(tuning.proposals, drawn, found, strict=True)
+            ]
         return self._stacked(drawn, found, weights)
 
     def sweep(self, tuning: Tuning, fresh: Pool | None, row: int) -> None:
