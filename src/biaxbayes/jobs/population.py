@@ -484,6 +484,9 @@ def _write(folder: Path, found: Population, identity: dict[str, Any]) -> Populat
             "kept_sweeps": convergence.steps,
         },
         "law": found.law.name,
+        "acceptance": {
+            k: [round(float(x), 4) for x in v] for k, v in found.sampled.acceptance.items()
+        },
         "pooled": {
             v.name: {
                 "scale": v.scale,

@@ -25,9 +25,9 @@ from biaxbayes.sampling.sampler import Progress
 
 __all__ = ["History", "Plan", "Sampled", "State", "draw"]
 
-ROUNDS, ROUND_SWEEPS = 4, 40
+LENGTH_ROUNDS = 2
 ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
-FIRST_BLOCK, GROWTH = 128, 1.5
+GROWTH = 1.5
 STATES = ("reliable", "tentative", "unusable")
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
@@ -50,6 +50,10 @@ class Plan:
         Threads; the draws do not depend on it.
     ensembles, chains : int
         Independent ensembles, and chains of each.
+    rounds, round_sweeps : int
+        Of the warm-up.
+    first_block : int
+        Kept sweeps before the draws are judged for the first time.
     """
 
     ess: float = 1000.0
@@ -58,6 +62,9 @@ class Plan:
     workers: int = 1
     ensembles: int = 4
     chains: int = 64
+    rounds: int = 4
+    round_sweeps: int = 30
+    first_block: int = 100
 
 
 @dataclass(frozen=True)
@@ -131,7 +138,8 @@ class Sampled:
     history : History
     convergence : Convergence
     acceptance : dict of ndarray
-        Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together``.
+        Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together`` by
+        direction.
     interrupted : bool
     """
 
@@ -174,8 +182,9 @@ def draw(
     every = max(4, math.ceil(len(design.individuals) / 5))
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(plan.workers) as pool:
         if state is None:
-            tuning = _warm_up(design, ensembles, pool, np.random.default_rng(seeds[-1]), progress)
-            state = State(tuning, [_snapshot(e) for e in ensembles], None, 0, FIRST_BLOCK)
+            rng = np.random.default_rng(seeds[-1])
+            tuning = _warm_up(design, plan, ensembles, pool, rng, progress)
+            state = State(tuning, [_snapshot(e) for e in ensembles], None, 0, plan.first_block)
             on_block(state)
         else:
             for ensemble, member in zip(ensembles, state.members, strict=True):
@@ -207,7 +216,7 @@ def draw(
         if found is None:
             found = _joined([_run(e, state.tuning, every, every) for e in ensembles], every)
         convergence = _assessed(quantities(found), plan.ess)
-    return Sampled(found, convergence, _acceptance(ensembles), not state.finished)
+    return Sampled(found, convergence, _acceptance(ensembles, state.sweeps), not state.finished)
 
 
 def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> Convergence:
@@ -273,6 +282,7 @@ def _joined(parts: list[History], every: int) -> History:
 
 def _warm_up(
     design: Design,
+    plan: Plan,
     ensembles: list[Ensemble],
     pool: ThreadPoolExecutor,
     rng: np.random.Generator,
@@ -282,11 +292,11 @@ def _warm_up(
     archives = tuple(_few(m.pool.reshape(-1, m.dimension), rng) for m in members)
     size = max(m.dimension for m in members)
     tuning = Tuning(archives, (), np.zeros((0, len(members), size)), np.zeros(0))
-    for number in range(ROUNDS):
-        progress(Progress("warming up", number / ROUNDS))
+    for number in range(plan.rounds):
+        progress(Progress("warming up", number / plan.rounds))
         for ensemble in ensembles:
             ensemble.accepted.clear()
-        held = list(pool.map(lambda e, t=tuning: _round(e, t), ensembles))
+        held = list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps), ensembles))
         history = np.concatenate(held, axis=1)  # sweeps, chains of all ensembles
         last = history[len(history) // 2 :]
         points = last.reshape(-1, *last.shape[2:])
@@ -297,10 +307,10 @@ def _warm_up(
         steps = _steps(tuning, ensembles, len(directions))
         tuning = Tuning(own, proposals, directions, steps)
     # lengths of the joint moves alone, for the last components
-    for _ in range(2):
+    for _ in range(LENGTH_ROUNDS):
         for ensemble in ensembles:
             ensemble.accepted.clear()
-        list(pool.map(lambda e, t=tuning: _round(e, t), ensembles))
+        list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps // 2), ensembles))
         steps = _steps(tuning, ensembles, len(tuning.directions))
         tuning = Tuning(tuning.archives, tuning.proposals, tuning.directions, steps)
     for ensemble in ensembles:
@@ -308,8 +318,8 @@ def _warm_up(
     return tuning
 
 
-def _round(ensemble: Ensemble, tuning: Tuning) -> np.ndarray:
-    return np.array([ensemble.u.copy() for _ in _sweeps(ensemble, tuning, ROUND_SWEEPS)])
+def _round(ensemble: Ensemble, tuning: Tuning, sweeps: int) -> np.ndarray:
+    return np.array([ensemble.u.copy() for _ in _sweeps(ensemble, tuning, sweeps)])
 
 
 def _few(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -370,10 +380,14 @@ def _restore(ensemble: Ensemble, member: dict[str, Any]) -> None:
     ensemble.accepted = {k: np.array(v) for k, v in member["accepted"].items()}
 
 
-def _acceptance(ensembles: list[Ensemble]) -> dict[str, np.ndarray]:
-    names = {k for e in ensembles for k in e.accepted}
+def _acceptance(ensembles: list[Ensemble], sweeps: int) -> dict[str, np.ndarray]:
+    """Accepted shares of the kept sweeps: by specimen, and of the joint moves by direction."""
+    names = sorted({k for e in ensembles for k in e.accepted})
     total = {
-        k: np.sum([e.accepted[k] for e in ensembles if k in e.accepted], axis=0)
-        for k in sorted(names)
+        k: np.sum([e.accepted[k] for e in ensembles if k in e.accepted], axis=0) for k in names
     }
-    return total
+    tried = total.pop("together tried", None)
+    if tried is not None:
+        together = total.pop("together") / np.maximum(tried, 1.0)
+    out = {k: v / max(len(ensembles) * sweeps, 1) for k, v in total.items()}
+    return out if tried is None else out | {"together": together}
