@@ -18,6 +18,7 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
+from biaxbayes.jobs.opening import draw_figure
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations.ensemble import Tuning
 from biaxbayes.populations.model import (
@@ -50,6 +51,8 @@ __all__ = [
 
 RECORD = "population.json"
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
+BANDS = "new-specimen-bands"
+FIGURES = ("population-forest", "population-pairs", BANDS)
 LOW_WEIGHT = 0.5
 
 
@@ -471,6 +474,7 @@ def _write(folder: Path, found: Population, identity: dict[str, Any]) -> Populat
     for key, table in tables.items():
         write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
     atomic_write_bytes(folder / "population.nc", archive(found))
+    _draw_figures(folder, found, tables)
     convergence = found.sampled.convergence
     record = {
         "biaxbayes": biaxbayes.__version__,
@@ -510,6 +514,32 @@ def _write(folder: Path, found: Population, identity: dict[str, Any]) -> Populat
         notes=found.notes,
         left_out=found.left_out,
     )
+
+
+def _draw_figures(folder: Path, found: Population, tables: dict[str, pd.DataFrame]) -> None:
+    """Forest, pairs and stress bands; none of draws that are unusable."""
+    from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
+
+    if found.state == "unusable":
+        for stem in FIGURES:
+            for suffix in ("pdf", "png"):
+                (folder / f"{stem}.{suffix}").unlink(missing_ok=True)
+        return
+    specimen = found.sources[0].run.specimen
+    parameters = [v.parameter for v in found.values]
+    bands = found.bands_table()
+    write_csv(folder / f"{BANDS}.csv", bands, digits=8)
+    drawn = (
+        forest_figure(tables["specimens"], tables["groups"], parameters),
+        pairs_figure(found.new_specimens(), tables["specimens"], parameters),
+        band_figure(
+            bands,
+            found.records(),
+            directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
+        ),
+    )
+    for stem, figure in zip(FIGURES, drawn, strict=True):
+        draw_figure(folder, stem, figure)
 
 
 def archive(found: Population) -> bytes:

@@ -11,12 +11,14 @@ import pandas as pd
 
 from biaxbayes.identifiability.determined import derived_quantities, largest_equibiaxial
 from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.load import load_per_stress
 from biaxbayes.parameters import MATERIAL, STRETCH
 from biaxbayes.populations.ensemble import Design
 from biaxbayes.populations.model import LINEAR, LOG, Grouping, PooledValue
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.sampler import History, Sampled
 from biaxbayes.populations.specimens import Source
+from biaxbayes.prediction.draws import protocol_mounting
 
 __all__ = [
     "CONTRAST_COLUMNS",
@@ -60,6 +62,7 @@ CONTRAST_COLUMNS = (
     "probability_positive",
 )
 NATURAL_DRAWS, CURVE_DRAWS = 2000, 400
+BAND_POINTS, EQUIBIAXIAL = 41, 0.05
 WITHIN, BETWEEN = 60, 30
 """Specimens of the typical donor, and donors, made for each draw of a quantity that follows."""
 
@@ -343,6 +346,50 @@ class Population:
             return {}
         share = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
         return _quantiles("difference", values) | {"probability_positive": share}
+
+    def new_specimens(self, most: int = NATURAL_DRAWS) -> dict[str, pd.DataFrame]:
+        """Materials of new specimens of new donors, by group; one a draw."""
+        hyper, rng = self.hyper(most), self._rng(500)
+        return {
+            group: self.materials(hyper.new_specimens(g, rng))
+            for g, group in enumerate(self.grouping.groups)
+        }
+
+    def bands_table(self) -> pd.DataFrame:
+        """Equibiaxial Cauchy stress of new specimens, by group and total stretch."""
+        top = max(largest_equibiaxial(s.run.draws, s.run.specimen) for s in self.sources)
+        stretches = np.linspace(1.0, top, BAND_POINTS)
+        parts = []
+        for group, table in self.new_specimens().items():
+            with np.errstate(over="ignore", invalid="ignore"):
+                stress = self.law.material(table).cauchy(stretches[None], stretches[None])
+            part = pd.DataFrame({"group": group, "total_stretch": stretches})
+            for axis, values in zip("xy", stress, strict=True):
+                known = np.nan_to_num(values, nan=np.inf)
+                for q, level in QUANTILES.items():
+                    part[f"cauchy_{axis}_{q}"] = np.quantile(known, level, axis=0)
+            parts.append(part)
+        return pd.concat(parts, ignore_index=True)
+
+    def records(self) -> list[tuple[str, np.ndarray, np.ndarray]]:
+        """Equibiaxial records: group, total stretches and Cauchy stresses, (rows, 2) each.
+
+        At the median mounting stretch of the pooled draws.
+        """
+        out = []
+        for i, source in enumerate(self.sources):
+            specimen = source.run.specimen
+            draws = pd.DataFrame(self.natural(i, 500))
+            for p in specimen.protocols:
+                stretch = np.column_stack([p.stretch_x, p.stretch_y])
+                off = stretch - 1.0
+                if abs(off[-1, 0] - off[-1, 1]) > EQUIBIAXIAL * np.abs(off[-1]).max():
+                    continue
+                lm = np.median(protocol_mounting(draws, p), axis=0)
+                mounted = specimen.geometry == "mounted"
+                stress = specimen.load(p) / load_per_stress(specimen.area, stretch, lm, mounted)
+                out.append((self.grouping.group[i], stretch * lm, stress))
+        return out
 
     def contradictions(self, table: pd.DataFrame) -> list[str]:
         """Specimens that contradict their group, in words."""
