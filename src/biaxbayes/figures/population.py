@@ -196,7 +196,6 @@ def _pair(
         if y is None:
             counts, edges = np.histogram(table[x.name], BINS, range=columns[0], density=True)
             ax.plot(0.5 * (edges[1:] + edges[:-1]), gaussian_filter(counts, 1.2), color=hue)
-            ax.set_ylim(bottom=0.0)
             continue
         counts, ex, ey = np.histogram2d(table[x.name], table[y.name], BINS, range=columns)
         smooth = gaussian_filter(counts.T, 1.5)
@@ -209,6 +208,10 @@ def _pair(
             ax.contour(*middle, smooth, levels=levels, colors=[hue], linewidths=[0.6, 1.0])
         points = [of[of["quantity"] == q.name].set_index("specimen")["pooled_q50"] for q in (x, y)]
         ax.plot(*points, MARKERS[k % len(MARKERS)], color=hue, markersize=2.6, linestyle="none")
+    ranges = np.array([_range(table[x.name]) for table in draws.values()])
+    ax.set_xlim(ranges[:, 0].min(), ranges[:, 1].max())
+    if y is None:
+        ax.set_ylim(bottom=0.0)
 
 
 def _range(values: pd.Series) -> tuple[float, float]:

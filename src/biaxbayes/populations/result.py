@@ -62,7 +62,7 @@ CONTRAST_COLUMNS = (
     "probability_positive",
 )
 NATURAL_DRAWS, CURVE_DRAWS = 2000, 400
-BAND_POINTS, EQUIBIAXIAL = 41, 0.05
+BAND_POINTS, EQUIBIAXIAL = 41, 0.1
 WITHIN, BETWEEN = 60, 30
 """Specimens of the typical donor, and donors, made for each draw of a quantity that follows."""
 
@@ -382,10 +382,10 @@ class Population:
             draws = pd.DataFrame(self.natural(i, 500))
             for p in specimen.protocols:
                 stretch = np.column_stack([p.stretch_x, p.stretch_y])
-                off = stretch - 1.0
-                if abs(off[-1, 0] - off[-1, 1]) > EQUIBIAXIAL * np.abs(off[-1]).max():
-                    continue
                 lm = np.median(protocol_mounting(draws, p), axis=0)
+                off = (stretch * lm)[-1] - 1.0
+                if abs(off[0] - off[1]) > EQUIBIAXIAL * np.abs(off).max():
+                    continue
                 mounted = specimen.geometry == "mounted"
                 stress = specimen.load(p) / load_per_stress(specimen.area, stretch, lm, mounted)
                 out.append((self.grouping.group[i], stretch * lm, stress))
