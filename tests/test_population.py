@@ -17,7 +17,8 @@ import shared
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.jobs import population as job
-from biaxbayes.jobs.population import PopulationJob, members_of_study, read_population
+from biaxbayes.jobs.population import PopulationJob, members_of_study
+from biaxbayes.jobs.population_files import FIGURES, RECORD, read_population
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations.model import PopulationPriors
@@ -133,7 +134,7 @@ def test_files_say_the_same(found):
     draws = tree["posterior"]["mean"].sel(group="healthy", quantity="C1").to_numpy()
     row = found.groups.iloc[0]
     assert np.exp(np.median(draws)) == pytest.approx(row["mean_q50"], rel=1e-6)
-    for stem in job.FIGURES:
+    for stem in FIGURES:
         assert (found.folder / f"{stem}.pdf").stat().st_size > 2000
     with pytest.raises(RunError, match="not the folder of a finished population"):
         read_population(found.folder.parent)
@@ -231,7 +232,7 @@ def test_a_specimen_apart_is_named(found):
 
 
 def test_record_states_priors_and_seed(found):
-    record = json.loads((found.folder / job.RECORD).read_text())
+    record = json.loads((found.folder / RECORD).read_text())
     assert record["pooled"]["C1"]["mean"].startswith("LN(10")
     assert record["identity"]["options"]["seed"] == 1
     assert set(record["identity"]["runs"]) == set("abcd")

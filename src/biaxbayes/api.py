@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from biaxbayes.comparison.mounting_bias import Ledger
     from biaxbayes.identifiability.profile import Profile
     from biaxbayes.jobs.calibrate import Outcome
-    from biaxbayes.jobs.population import PopulationFound
+    from biaxbayes.jobs.population_files import PopulationFound
     from biaxbayes.jobs.products import Identified
     from biaxbayes.optimal_design.design import Design
     from biaxbayes.studies.result import StudyResult

@@ -12,7 +12,7 @@ from biaxbayes.cli.progress import graceful_stop, plain, progress_line
 from biaxbayes.options import PopulationOptions
 
 if TYPE_CHECKING:
-    from biaxbayes.jobs.population import PopulationFound
+    from biaxbayes.jobs.population_files import PopulationFound
 
 __all__ = ["population"]
 

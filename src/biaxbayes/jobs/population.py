@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import platform
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
-from html import escape
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +13,14 @@ import numpy as np
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
-from biaxbayes.jobs.opening import draw_figure
+from biaxbayes.jobs.population_files import (
+    RECORD,
+    PopulationFound,
+    write_population,
+)
+from biaxbayes.jobs.population_state import pack, unpack
 from biaxbayes.options import PopulationOptions
-from biaxbayes.populations.ensemble import Tuning
 from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
@@ -29,30 +29,17 @@ from biaxbayes.populations.model import (
     pooled_values,
 )
 from biaxbayes.populations.result import Population, judged
-from biaxbayes.populations.sampler import History, Plan, State, draw
+from biaxbayes.populations.sampler import Plan, State, draw
 from biaxbayes.populations.specimens import Source, individual_of, pooled_names
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import clear_leftovers
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
-from biaxbayes.sampling.proposal import TransportedMixture
 from biaxbayes.sampling.sampler import Progress
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
 
-__all__ = [
-    "RECORD",
-    "Member",
-    "PopulationFound",
-    "PopulationJob",
-    "members_of_study",
-    "read_population",
-]
+__all__ = ["Member", "PopulationJob", "members_of_study"]
 
-RECORD = "population.json"
-TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
-BANDS = "new-specimen-bands"
-FIGURES = ("population-forest", "population-pairs", BANDS)
 LOW_WEIGHT = 0.5
 
 
@@ -129,72 +116,6 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
     return str(record.get("name", folder.name)), out
 
 
-# --- what came out -------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class PopulationFound:
-    """A finished population.
-
-    Attributes
-    ----------
-    name : str
-    folder : Path
-        Holds ``population.csv``, ``specimens.csv``, ``contrasts.csv`` and ``population.nc``.
-    state : str
-        ``reliable``, ``tentative`` or ``unusable``; ``reason`` says why.
-    reason : str
-    groups, specimens, contrasts : DataFrame
-        The tables.
-    notes : list of str
-    left_out : dict of str to str
-        Reasons by specimen.
-    """
-
-    name: str
-    folder: Path
-    state: str
-    reason: str
-    groups: pd.DataFrame = field(repr=False)
-    specimens: pd.DataFrame = field(repr=False)
-    contrasts: pd.DataFrame = field(repr=False)
-    notes: list[str] = field(repr=False)
-    left_out: dict[str, str] = field(repr=False)
-
-    def _repr_html_(self) -> str:
-        """State and groups, for notebooks."""
-        shown = self.groups[[c for c in self.groups if not str(c).startswith("new_")]]
-        table = shown.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
-        return f"<p>{escape(self.name)}: {escape(self.state)}</p>{table}"
-
-
-def read_population(folder: Path) -> PopulationFound:
-    """A finished population, opened again.
-
-    Raises
-    ------
-    RunError
-        If the folder is none.
-    """
-    try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        tables = {k: pd.read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
-        found = PopulationFound(
-            name=str(record["name"]),
-            folder=folder,
-            state=str(record["convergence"]["state"]),
-            reason=str(record["convergence"]["reason"]),
-            notes=[str(n) for n in record["notes"]],
-            left_out={str(k): str(v) for k, v in record["left_out"].items()},
-            **tables,
-        )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise RunError(
-            f"{folder}: is not the folder of a finished population ({type(error).__name__})"
-        ) from None
-    return found
-
-
 # --- the job -------------------------------------------------------------------------------------
 
 
@@ -263,7 +184,7 @@ class PopulationJob:
                 plan,
                 lambda history: judged(grouping, values, history),
                 state=state,
-                on_block=lambda s: checkpoint.save(self.folder, s, identity, _pack),
+                on_block=lambda s: checkpoint.save(self.folder, s, identity, pack),
                 progress=progress,
                 stop=stop,
             )
@@ -281,7 +202,7 @@ class PopulationJob:
                 left_out,
                 notes,
             )
-            return _write(self.folder, population, identity)
+            return write_population(self.folder, population, identity)
 
     def _opened(self) -> tuple[list[Source], dict[str, str]]:
         """The runs that can be pooled, and why the others cannot."""
@@ -364,7 +285,7 @@ class PopulationJob:
     ) -> State | None:
         if not resume:
             return None
-        state, note = checkpoint.load(self.folder, identity, _unpack)
+        state, note = checkpoint.load(self.folder, identity, unpack)
         if note:
             tell(Progress("resuming", note=note))
         return state
@@ -457,214 +378,3 @@ def _unlike(sources: list[Source]) -> list[str]:
 def _listed(names: list[str]) -> str:
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + more
-
-
-# --- files ---------------------------------------------------------------------------------------
-
-
-def _write(folder: Path, found: Population, identity: dict[str, Any]) -> PopulationFound:
-    """Every file of a population, its record last."""
-    specimens = found.specimens_table()
-    found = replace(found, notes=[*found.notes, *found.contradictions(specimens)])
-    tables = {
-        "groups": found.groups_table(),
-        "specimens": specimens,
-        "contrasts": found.contrasts_table(),
-    }
-    for key, table in tables.items():
-        write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
-    atomic_write_bytes(folder / "population.nc", archive(found))
-    _draw_figures(folder, found, tables)
-    convergence = found.sampled.convergence
-    record = {
-        "biaxbayes": biaxbayes.__version__,
-        "python": platform.python_version(),
-        "name": found.name,
-        "convergence": {
-            "state": convergence.state,
-            "reason": convergence.reason,
-            "worst_ess": convergence.worst_ess if convergence.names else None,
-            "worst_rhat": convergence.worst_rhat if convergence.names else None,
-            "kept_sweeps": convergence.steps,
-        },
-        "law": found.law.name,
-        "acceptance": {
-            k: [round(float(x), 4) for x in v] for k, v in found.sampled.acceptance.items()
-        },
-        "pooled": {
-            v.name: {
-                "scale": v.scale,
-                "mean": v.mean_in_words(),
-                "sd_donors": f"half-normal({v.donor_scale:.4g})",
-                "sd_specimens": f"half-normal({v.specimen_scale:.4g})",
-            }
-            for v in found.values
-        },
-        "left_out": found.left_out,
-        "notes": found.notes,
-        "identity": identity,
-    }
-    atomic_write_text(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
-    return PopulationFound(
-        found.name,
-        folder,
-        found.state,
-        found.reason,
-        **tables,
-        notes=found.notes,
-        left_out=found.left_out,
-    )
-
-
-def _draw_figures(folder: Path, found: Population, tables: dict[str, pd.DataFrame]) -> None:
-    """Forest, pairs and stress bands; none of draws that are unusable."""
-    from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
-
-    if found.state == "unusable":
-        for stem in FIGURES:
-            for suffix in ("pdf", "png"):
-                (folder / f"{stem}.{suffix}").unlink(missing_ok=True)
-        return
-    specimen = found.sources[0].run.specimen
-    parameters = [v.parameter for v in found.values]
-    bands = found.bands_table()
-    write_csv(folder / f"{BANDS}.csv", bands, digits=8)
-    drawn = (
-        forest_figure(tables["specimens"], tables["groups"], parameters),
-        pairs_figure(found.new_specimens(), tables["specimens"], parameters),
-        band_figure(
-            bands,
-            found.records(),
-            directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
-        ),
-    )
-    for stem, figure in zip(FIGURES, drawn, strict=True):
-        draw_figure(folder, stem, figure)
-
-
-def archive(found: Population) -> bytes:
-    """population.nc: draws of means and spreads by chain and draw, and of the specimens."""
-    import xarray as xr
-
-    history = found.sampled.history
-    names = [v.name for v in found.values]
-    groups = list(found.grouping.groups)
-
-    def flat(values: np.ndarray) -> np.ndarray:
-        # (ensembles, sweeps, chains, ...) to (chain, draw, ...), one chain of an ensemble after
-        # the other, as in posterior.nc
-        moved = np.moveaxis(values, 2, 1)
-        return moved.reshape(moved.shape[0], moved.shape[1] * moved.shape[2], *moved.shape[3:])
-
-    centre = found.design.centre
-    dims = ("chain", "draw")
-    sets = groups if history.sd.shape[3] > 1 else ["all"]
-    common = {
-        "mean": ((*dims, "group", "quantity"), flat(history.mu) + centre),
-        "sd_donors": ((*dims, "quantity"), flat(history.sd_donors)),
-        "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd)),
-    }
-    for k, partial in enumerate(history.partial):
-        if partial.shape[-1]:
-            common[f"partial_correlations_{k}"] = ((*dims, "of", "pair"), flat(partial))
-    coords = {"group": groups, "quantity": names, "spread": sets, "of": ["donors", "specimens"]}
-    own = {
-        "values": ((*dims, "specimen", "quantity"), flat(history.theta) + centre),
-        "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
-    }
-    attributes = {
-        "biaxbayes_version": biaxbayes.__version__,
-        "convergence": found.state,
-        "scale": json.dumps({v.name: v.scale for v in found.values}),
-        "every": history.every,
-    }
-    tree = xr.DataTree.from_dict(
-        {
-            "/posterior": xr.Dataset(common, coords),
-            "/specimens": xr.Dataset(
-                own,
-                {
-                    "specimen": list(found.grouping.labels),
-                    "group_of": ("specimen", list(found.grouping.group)),
-                    "donor_of": ("specimen", list(found.grouping.donor)),
-                    "donor": list(found.grouping.donors),
-                    "quantity": names,
-                },
-            ),
-        }
-    )
-    tree.attrs.update(attributes)
-    whole = io.BytesIO()
-    tree.to_netcdf(whole, engine="h5netcdf")
-    return whole.getvalue()
-
-
-# --- checkpoints ---------------------------------------------------------------------------------
-
-
-FORMAT = 1
-
-
-def _pack(state: State, identity: dict[str, Any]) -> bytes:
-    arrays: dict[str, np.ndarray] = {}
-    members = []
-    for k, member in enumerate(state.members):
-        arrays |= {f"m{k}.{n}": v for n, v in member.items() if isinstance(v, np.ndarray)}
-        accepted = {n: v.tolist() for n, v in member["accepted"].items()}
-        members.append({"rng": member["rng"], "accepted": accepted})
-    tuning = state.tuning
-    arrays |= {f"archive{i}": a for i, a in enumerate(tuning.archives)}
-    for i, q in enumerate(tuning.proposals):
-        arrays |= {f"q{i}.{n}": v for n, v in q.arrays().items()}
-    arrays |= {"directions": tuning.directions, "steps": tuning.steps}
-    if state.history is not None:
-        arrays |= {f"h.{n}": v for n, v in state.history.arrays().items()}
-    text = json.dumps(
-        {
-            "format": FORMAT,
-            "identity": identity,
-            "members": members,
-            "specimens": len(tuning.archives),
-            "sweeps": state.sweeps,
-            "block": state.block,
-            "every": state.history.every if state.history is not None else 0,
-            "finished": state.finished,
-        },
-        default=int,
-    )
-    return checkpoint.sealed(arrays, text)
-
-
-def _unpack(data: bytes) -> tuple[State, dict[str, Any]]:
-    arrays, stored = checkpoint.opened(data)
-    try:
-        if stored["format"] != FORMAT:
-            raise RunError("has the checkpoint of another version; start again without --resume")
-
-        def part(prefix: str) -> dict[str, np.ndarray]:
-            return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
-
-        members = []
-        for k, plain in enumerate(stored["members"]):
-            accepted = {n: np.array(v) for n, v in plain["accepted"].items()}
-            members.append({**part(f"m{k}."), "rng": plain["rng"], "accepted": accepted})
-        number = int(stored["specimens"])
-        tuning = Tuning(
-            tuple(arrays[f"archive{i}"] for i in range(number)),
-            tuple(TransportedMixture.from_arrays(part(f"q{i}.")) for i in range(number)),
-            arrays["directions"],
-            arrays["steps"],
-        )
-        own = part("h.")
-        history = History.from_arrays(own, int(stored["every"])) if own else None
-        state = State(
-            tuning,
-            members,
-            history,
-            int(stored["sweeps"]),
-            int(stored["block"]),
-            bool(stored["finished"]),
-        )
-        return state, dict(stored["identity"])
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
-        raise checkpoint.DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None

@@ -355,10 +355,14 @@ class Population:
             for g, group in enumerate(self.grouping.groups)
         }
 
+    @property
+    def largest_stretch(self) -> float:
+        """Largest equibiaxial total stretch that any specimen reached."""
+        return max(largest_equibiaxial(s.run.draws, s.run.specimen) for s in self.sources)
+
     def bands_table(self) -> pd.DataFrame:
         """Equibiaxial Cauchy stress of new specimens, by group and total stretch."""
-        top = max(largest_equibiaxial(s.run.draws, s.run.specimen) for s in self.sources)
-        stretches = np.linspace(1.0, top, BAND_POINTS)
+        stretches = np.linspace(1.0, self.largest_stretch, BAND_POINTS)
         parts = []
         for group, table in self.new_specimens().items():
             with np.errstate(over="ignore", invalid="ignore"):
