@@ -136,6 +136,9 @@ def test_files_say_the_same(found):
     assert np.exp(np.median(draws)) == pytest.approx(row["mean_q50"], rel=1e-6)
     for stem in FIGURES:
         assert (found.folder / f"{stem}.pdf").stat().st_size > 2000
+    page = (found.folder / "population.html").read_text()
+    assert "R-hat" in page and "data:image/png" in page and "http://" not in page
+    assert f"{row['mean_q50']:.3g}" in page
     with pytest.raises(RunError, match="not the folder of a finished population"):
         read_population(found.folder.parent)
 
@@ -237,3 +240,14 @@ def test_record_states_priors_and_seed(found):
     assert record["identity"]["options"]["seed"] == 1
     assert set(record["identity"]["runs"]) == set("abcd")
     assert isinstance(pd.Series(record["acceptance"]["own"]).mean(), float)
+
+
+def test_cards_of_new_specimens_and_of_the_mean_curve(found, tmp_path):
+    made = biaxbayes.export(
+        found.folder, "abaqus", population="healthy", draws=3, out=tmp_path / "cards"
+    )
+    assert len(made) == 3 and made["check_relative_deviation"].max() < 1e-8
+    mean = pd.read_csv(tmp_path / "cards" / "mean-curve" / "manifest.csv")
+    assert len(mean) == 1 and mean["kappa"].iloc[0] == 0.1
+    with pytest.raises(InputError, match="groups are healthy, aneurysm"):
+        biaxbayes.export(found.folder, "abaqus", population="skin", out=tmp_path / "none")

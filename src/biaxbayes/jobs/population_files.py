@@ -20,12 +20,14 @@ from biaxbayes.jobs.opening import draw_figure
 from biaxbayes.laws.law import Law
 from biaxbayes.parameters import mounting_names
 from biaxbayes.populations.result import Population
+from biaxbayes.reports.population import PAGE, population_page
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
 
 __all__ = [
     "FIGURES",
+    "PAGE",
     "RECORD",
     "PopulationFound",
     "export_population",
@@ -150,6 +152,7 @@ def write_population(folder: Path, found: Population, identity: dict[str, Any]) 
         "notes": found.notes,
         "identity": identity,
     }
+    atomic_write_text(folder / PAGE, population_page(folder, tables, record))
     atomic_write_text(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
     return PopulationFound(
         found.name,
