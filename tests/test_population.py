@@ -17,6 +17,7 @@ import shared
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.jobs import population as job
+from biaxbayes.jobs.batch import Batch
 from biaxbayes.jobs.population import PopulationJob, members_of_study
 from biaxbayes.jobs.population_files import FIGURES, RECORD, read_population
 from biaxbayes.laws.goh import GOH
@@ -26,6 +27,7 @@ from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, S
 from biaxbayes.populations.sampler import Plan
 from biaxbayes.populations.specimens import Source, individual_of, pooled_names
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.studies.study_file import read_study
 
 MATERIALS = {
     "a": GOH(14.0, 60.0, 8.0, 38.0, 0.1),
@@ -56,7 +58,7 @@ def made_study(folder):
         text += f'\n[[specimen]]\nfile = "{name}.csv"\ndonor = "D{k % 2}"\ndisease = "{disease}"\n'
     (folder / "study.toml").write_text(text)
     with quick_posteriors.runs_without_figures():
-        biaxbayes.batch(folder / "study.toml", out=folder / "study", workers=1)
+        Batch(read_study(folder / "study.toml"), folder / "study").execute()
 
 
 @pytest.fixture(scope="module")
