@@ -229,3 +229,37 @@ def test_a_stop_leaves_a_state_to_go_on_from():
         stop=lambda: len(states) >= 2,
     )
     assert found.interrupted and not states[-1].finished
+
+
+def test_correlations_keep_their_prior():
+    """Geweke's joint test of two values that correlate, donors and specimens."""
+    rng = np.random.default_rng(6)
+    of = layout(b=2, eta=2.0)
+    C = 400
+
+    def factors(partial):
+        out = np.zeros((C, 2, 2))
+        out[:, 0, 0], out[:, 1, 0] = 1.0, partial[:, 0]
+        out[:, 1, 1] = np.sqrt(1.0 - partial[:, 0] ** 2)
+        return out
+
+    partial = [2.0 * rng.beta(2.0, 2.0, (C, 1)) - 1.0 for _ in range(2)]
+    factor = [factors(p) for p in partial]
+    sd_donors = np.abs(0.5 * rng.standard_normal((C, 2)))
+    sd = np.abs(0.5 * rng.standard_normal((C, 1, 2)))
+    mu = of.mean_sd * rng.standard_normal((C, 2, 2))
+    z = rng.standard_normal((C, 3, 2))
+    effect = np.einsum("cij,cdj->cdi", factor[0], z) * sd_donors[:, None]
+    extra = np.zeros((C, 6)), np.zeros((C, 6, 2)), np.zeros((C, 1, 2, 2))
+    seen = []
+    for _ in range(40):
+        z = rng.standard_normal((C, 6, 2))
+        theta = mu[:, GROUP] + effect[:, DONOR]
+        theta = theta + np.einsum("cij,cnj->cni", factor[1], z) * sd
+        of_donors = sd_donors, partial[0], factor[0]
+        update(rng, of, theta, *extra, mu, effect, *of_donors, sd, partial[1], factor[1], 1)
+        seen.append(np.column_stack([p[:, 0] ** k for p in partial for k in (1, 2)]))
+    found = np.mean(seen[5:], axis=0)
+    # (1 + c) / 2 ~ Beta(2, 2): mean of c 0, of its square 1/5
+    error = found.std(axis=0) / math.sqrt(C)
+    assert (np.abs(found.mean(axis=0) - [0.0, 0.2, 0.0, 0.2]) < 4.0 * error).all()
