@@ -139,7 +139,8 @@ def test_files_say_the_same(found):
     for stem in FIGURES:
         assert (found.folder / f"{stem}.pdf").stat().st_size > 2000
     page = (found.folder / "population.html").read_text()
-    assert "R-hat" in page and "data:image/png" in page and "http://" not in page
+    assert (found.reason or "R-hat") in page
+    assert "data:image/png" in page and "http://" not in page
     assert f"{row['mean_q50']:.3g}" in page
     with pytest.raises(RunError, match="not the folder of a finished population"):
         read_population(found.folder.parent)
