@@ -48,6 +48,7 @@ _EXPORTS = {
     "report": "biaxbayes.api",
     "export": "biaxbayes.api",
     "batch": "biaxbayes.api",
+    "population": "biaxbayes.api",
 }
 
 _OTHER_NAMES = {"law": "material"}

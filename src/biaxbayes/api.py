@@ -47,6 +47,7 @@ from biaxbayes.options import (
     LawsPlan,
     LedgerPlan,
     ModelOptions,
+    PopulationOptions,
     ProfileOptions,
     SamplingPlan,
     documented,
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from biaxbayes.comparison.mounting_bias import Ledger
     from biaxbayes.identifiability.profile import Profile
     from biaxbayes.jobs.calibrate import Outcome
+    from biaxbayes.jobs.population_files import PopulationFound
     from biaxbayes.jobs.products import Identified
     from biaxbayes.optimal_design.design import Design
     from biaxbayes.studies.result import StudyResult
@@ -89,6 +91,7 @@ __all__ = [
     "picture",
     "picture_name",
     "plot",
+    "population",
     "predict",
     "profile",
     "report",
@@ -528,6 +531,69 @@ def batch(
         chosen = study_of_files([Path(p) for p in study], model, **numbers)
     executor = executor_for(workers, scheduler, isolated=True)
     return Batch(chosen, Path(out), executor).execute(progress=progress, stop=stop)
+
+
+@with_progress
+@documented(PopulationOptions)
+def population(
+    study: PathLike,
+    *,
+    out: PathLike,
+    runs: PathLike | None = None,
+    priors: PathLike | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+    anyway: bool = False,
+    progress: Tell = _silent,
+    stop: Stop = _never,
+    **options: Any,
+) -> PopulationFound:
+    """What the specimens of a study have in common: a hierarchical posterior over them.
+
+    Parameters
+    ----------
+    study : path-like
+        The folder of a finished study, or a study file, whose specimens are sampled first where
+        that has not been done.
+    out : path-like
+        Folder of population.csv, specimens.csv, contrasts.csv and population.nc.
+    runs : path-like, optional
+        For a study file: the study folder; default as of ``biaxbayes batch``, ``<stem>-study``.
+    priors : path-like, optional
+        Population priors, a TOML file.
+    scheduler : str, optional
+        Address of a Dask scheduler, for specimens that have to be sampled first.
+    resume : bool
+        Continue from the folder's checkpoint where there is one.
+    anyway : bool
+        Take specimens whose runs are tentative, too.
+    progress, stop : callable, optional
+        As in :func:`biaxbayes.sample`.
+    **options
+        As in :class:`~biaxbayes.options.PopulationOptions`.
+    """
+    from biaxbayes.jobs.population import PopulationJob, members_of_study
+    from biaxbayes.populations.model import PopulationPriors
+
+    chosen = PopulationOptions.of(options)
+    stated = PopulationPriors() if priors is None else PopulationPriors.read(Path(priors))
+    source = Path(study)
+    if not source.is_dir():
+        folder = Path(runs) if runs is not None else Path(f"{source.stem}-study")
+        batch(
+            source,
+            out=folder,
+            workers=chosen.workers,
+            scheduler=scheduler,
+            progress=progress,
+            stop=stop,
+        )
+        source = folder
+    elif runs is not None:
+        raise InputError("--runs goes with a study file", file=source)
+    name, members = members_of_study(source)
+    job = PopulationJob(name, members, Path(out), chosen, stated, anyway)
+    return job.execute(resume=resume, progress=progress, stop=stop)
 
 
 @with_progress

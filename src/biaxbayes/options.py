@@ -36,6 +36,7 @@ __all__ = [
     "LedgerPlan",
     "ModelOptions",
     "Option",
+    "PopulationOptions",
     "PredictionOptions",
     "ProfileOptions",
     "SamplingPlan",
@@ -404,6 +405,53 @@ class LedgerPlan(SamplingPlan):
     """A :class:`SamplingPlan` for the ledger, whose medians need fewer draws."""
 
     ess: float = _option(1000.0, WANTED, least=50, most=MOST)
+
+
+CORRELATIONS = ("auto", "always", "never")
+SPREADS = ("common", "by-group")
+
+
+@dataclass(frozen=True)
+class PopulationOptions(Options):
+    """A hierarchical posterior over specimens.
+
+    Attributes
+    ----------
+    pool_mounting : bool
+        Whether mounting stretches are pooled like parameters.
+    spread : {"common", "by-group"}
+        One sd between the specimens of a donor for all groups, or one each.
+    correlations : {"auto", "always", "never"}
+        Of donors and of specimens.
+    seed : int
+    ess : float
+        Effective draws of the worst quantity.
+    max_steps : int
+        Kept sweeps of each ensemble at which the sampler gives up.
+    workers : int, optional
+        As in :class:`SamplingPlan`.
+    """
+
+    pool_mounting: bool = _option(False, "Pool the mounting stretches, too.")
+    spread: str = _option(
+        "common",
+        "One sd between the specimens of a donor for all groups, or one each.",
+        choices=SPREADS,
+    )
+    correlations: str = _option(
+        "auto",
+        "Correlations of donors and of specimens; auto: where there are four for each parameter.",
+        choices=CORRELATIONS,
+    )
+    seed: int = _option(1, SAME_SEED, least=0, most=MOST_WHOLE)
+    ess: float = _option(1000.0, WANTED, least=50, most=MOST)
+    max_steps: int = _option(6000, "When to give up.", least=128, most=MOST)
+    workers: int | None = _option(None, stated(SamplingPlan)["workers"].words, kind=int, least=1)
+
+    @property
+    def threads(self) -> int:
+        """Threads to use."""
+        return SamplingPlan(workers=self.workers).threads
 
 
 @dataclass(frozen=True)

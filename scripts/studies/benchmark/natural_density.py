@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from biaxbayes.laws.goh import PARAMETERS
+from biaxbayes.laws.goh import GOHLaw
 from biaxbayes.model import density as kernel
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import start_parameters
@@ -17,7 +17,7 @@ from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["NAMES", "NaturalDensity", "summaries"]
 
-NAMES = (*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y", "noise_sd")
+NAMES = (*GOHLaw().names, "mounting_stretch_x", "mounting_stretch_y", "noise_sd")
 LOGS = ("C1", "k1", "k2", "noise_sd")
 
 

@@ -21,6 +21,7 @@ __all__ = ["main"]
 VERBS = {
     "sample": "Joint posterior of the GOH parameters and the mounting stretches.",
     "batch": "A whole study: many specimens, layers and donors compared.",
+    "population": "What the specimens of a study have in common, and the next one.",
     "fit": "Deterministic fits, with and without the mounting stretch.",
     "check": "What the tool understands of a specimen file, and its warnings.",
     "convert": "Machine exports to a specimen file.",
@@ -41,6 +42,7 @@ VERBS = {
 
 MODULES = {
     "runs": ("sample", "batch", "fit", "calibrate"),
+    "populations": ("population",),
     "specimens": ("check", "convert", "simulate"),
     "findings": ("identify", "profile", "compare", "design", "ledger"),
     "laws": ("laws",),

@@ -291,24 +291,32 @@ def report(run: Path, kind: str, out: Path | None) -> int:
     required=True,
     help="Abaqus *ANISOTROPIC HYPERELASTIC, HOLZAPFEL or FEBio Holzapfel-Gasser-Ogden.",
 )
+@click.option(
+    "--population",
+    metavar="GROUP",
+    help="RUN is a population's folder: cards of new specimens of the group, and the mean curve.",
+)
 @options(CardOptions, "draws", "at", "units", "bulk_ratio", "seed")
 @file_option("out", "Folder  [default: in the run]", "DIR")
 @options(CardOptions, "overwrite")
 @anyway_option
-def export(run: Path, program: str, out: Path | None, anyway: bool, **how: Any) -> None:
+def export(
+    run: Path, program: str, population: str | None, out: Path | None, anyway: bool, **how: Any
+) -> None:
     r"""Material cards of posterior draws, each checked against the draw.
 
     \b
     biaxbayes export media-posterior --to abaqus --units MPa-mm
     biaxbayes export media-posterior --to febio --draws 50
+    biaxbayes export aortas-population --to abaqus --population media --draws 20
     """
     from biaxbayes import api
     from biaxbayes.cards.export import MANIFEST
 
     api.check_cards(how["draws"], how["at"])
-    opened = open_usable_run(run, anyway=anyway)
-    folder = out or api.cards_folder(opened.path, program, how["units"])
-    manifest = api.export(opened, program, out=folder, anyway=anyway, **how)
+    opened: Any = run if population is not None else open_usable_run(run, anyway=anyway)
+    folder = out or api.cards_folder(run, program, how["units"])
+    manifest = api.export(opened, program, population=population, out=folder, anyway=anyway, **how)
     _tell_cards(manifest, folder / MANIFEST)
 
 

@@ -200,6 +200,9 @@ class Batch:
         record = {"biaxbayes": biaxbayes.__version__, "name": self.study.name, "done": done}
         if written:
             record |= {"written": written}
+        if self.study.columns:
+            stated = {e.label: dict(e.columns) for e in self.study.specimens}
+            record |= {"columns": list(self.study.columns), "stated": stated}
         atomic_write_text(self.folder / RECORD, json.dumps(record, indent=2) + "\n")
 
     def _write(self, result: StudyResult) -> None:

@@ -56,6 +56,10 @@ __all__ = [
 ]
 
 
+NEW_SPECIMENS = 20
+"""Cards of new specimens where no number is asked for."""
+
+
 def _style(style: Any) -> dict[str, Any] | None:
     """A matplotlib style, or the file to read it from."""
     from biaxbayes.figures.style import read_style
@@ -408,6 +412,7 @@ def export(
     run: RunLike,
     to: str,
     *,
+    population: str | None = None,
     out: PathLike | None = None,
     anyway: bool = False,
     **options: Any,
@@ -418,6 +423,9 @@ def export(
     ----------
     run : Run or path-like
     to : {"abaqus", "febio"}
+    population : str, optional
+        A group of a population, whose folder ``run`` is then: cards of its new specimens, and in a
+        folder of its own that of the mean curve.
     out : path-like, optional
         Folder; default in the run.
     anyway : bool
@@ -432,6 +440,15 @@ def export(
         raise InputError(f"no program {to[:40]!r}", remedy=f"choose {', '.join(CARD_PROGRAMS)}")
     how = CardOptions.of(options)
     check_cards(how.draws, how.at)
+    if population is not None:
+        if how.at is not None or isinstance(run, Run):
+            raise InputError("--population takes a population's folder, and no --at")
+        from biaxbayes.jobs.population_files import export_population
+
+        cards = vars(how) | {"draws": how.draws or NEW_SPECIMENS}
+        cards.pop("at")
+        folder = cards_folder(Path(run), to, how.units) if out is None else Path(out)
+        return export_population(Path(run), population, to, out=folder, anyway=anyway, **cards)
     opened = usable_run(run, anyway=anyway)
     rows, origin = chosen_draws(
         opened.draws,

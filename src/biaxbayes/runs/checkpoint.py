@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,17 @@ from biaxbayes.sampling.proposal import MixtureProposal, TransportedMixture
 from biaxbayes.sampling.sampler import State
 from biaxbayes.text_files import atomic_write_bytes, read_bytes, sync_folder
 
-__all__ = ["FORMAT", "NAME", "PREVIOUS", "DamagedCheckpoint", "load", "save", "unpack"]
+__all__ = [
+    "FORMAT",
+    "NAME",
+    "PREVIOUS",
+    "DamagedCheckpoint",
+    "load",
+    "opened",
+    "save",
+    "sealed",
+    "unpack",
+]
 
 FORMAT = 4
 NAME = "checkpoint.npz"
@@ -35,7 +46,12 @@ class DamagedCheckpoint(Exception):
     """The bytes are not what was written."""
 
 
-def save(folder: Path, state: State, identity: dict[str, Any]) -> None:
+def save(
+    folder: Path,
+    state: Any,
+    identity: dict[str, Any],
+    pack: Callable[[Any, dict[str, Any]], bytes] | None = None,
+) -> None:
     """Write a checkpoint into a folder.
 
     Parameters
@@ -45,6 +61,8 @@ def save(folder: Path, state: State, identity: dict[str, Any]) -> None:
     identity : dict
         What the run is a run of (hashes and settings, JSON values); a checkpoint of anything
         else will be refused.
+    pack : callable, optional
+        State and identity to bytes, for a state of another kind.
 
     Raises
     ------
@@ -53,7 +71,7 @@ def save(folder: Path, state: State, identity: dict[str, Any]) -> None:
     """
     path, following = folder / NAME, folder / FOLLOWING
     try:
-        atomic_write_bytes(following, _pack(state, identity))
+        atomic_write_bytes(following, (pack or _pack)(state, identity))
         # At every moment one of the names holds the newest whole checkpoint.
         if path.exists():
             path.replace(folder / PREVIOUS)
@@ -66,8 +84,19 @@ def save(folder: Path, state: State, identity: dict[str, Any]) -> None:
     sync_folder(folder)
 
 
-def load(folder: Path, identity: dict[str, Any]) -> tuple[State | None, str]:
+def load(
+    folder: Path,
+    identity: dict[str, Any],
+    reader: Callable[[bytes], tuple[Any, dict[str, Any]]] | None = None,
+) -> tuple[Any | None, str]:
     """Read the newest readable checkpoint of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    identity : dict
+    reader : callable, optional
+        Inverse of what :func:`save` was given.
 
     Returns
     -------
@@ -88,7 +117,7 @@ def load(folder: Path, identity: dict[str, Any]) -> tuple[State | None, str]:
         if not path.exists() and not path.is_symlink():
             continue
         try:
-            state, stored = unpack(read_bytes(path, limit=MAX_BYTES))
+            state, stored = (reader or unpack)(read_bytes(path, limit=MAX_BYTES))
         except (InputError, DamagedCheckpoint) as error:
             problem = error.problem if isinstance(error, InputError) else str(error)
             damaged.append(f"{name} {problem}")
@@ -154,11 +183,34 @@ def _pack(state: State, identity: dict[str, Any]) -> bytes:
         },
         default=int,
     )
-    arrays["text"] = np.frombuffer(text.encode(), dtype=np.uint8)
+    return sealed(arrays, text)
+
+
+def sealed(arrays: dict[str, np.ndarray], text: str) -> bytes:
+    """Arrays and a JSON text as one archive, behind its checksum."""
     buffer = io.BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    whole = arrays | {"text": np.frombuffer(text.encode(), dtype=np.uint8)}
+    np.savez(buffer, **whole)  # type: ignore[arg-type]
     data = buffer.getvalue()
     return hashlib.sha256(data).digest() + data
+
+
+def opened(data: bytes) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Inverse of :func:`sealed`: the arrays, and what the text says.
+
+    Raises
+    ------
+    DamagedCheckpoint
+        If the bytes are not what was written.
+    """
+    digest, body = data[:32], data[32:]
+    if hashlib.sha256(body).digest() != digest:
+        raise DamagedCheckpoint("is damaged (its checksum is wrong)")
+    try:
+        arrays = _arrays(body)
+        return arrays, json.loads(arrays["text"].tobytes().decode())
+    except Exception as error:  # three parsers of foreign bytes may raise whatever they like
+        raise DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None
 
 
 def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
@@ -171,12 +223,8 @@ def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
     RunError
         If they were written by another version of the format.
     """
-    digest, body = data[:32], data[32:]
-    if hashlib.sha256(body).digest() != digest:
-        raise DamagedCheckpoint("is damaged (its checksum is wrong)")
+    arrays, stored = opened(data)
     try:
-        arrays = _arrays(body)
-        stored = json.loads(arrays["text"].tobytes().decode())
         if stored["format"] != FORMAT:
             raise RunError(
                 f"has checkpoint format {_short(stored['format'])}, this version reads {FORMAT}; "

@@ -4,6 +4,7 @@ The format is TOML; paths are relative to the file::
 
     name = "aortas of three donors"          # optional, as seed, ess and max_steps
     seed = 1
+    columns = ["disease"]                    # what makes groups of a population; default: layer
 
     [options]                                # for all specimens
     noise = "effective"
@@ -16,6 +17,7 @@ The format is TOML; paths are relative to the file::
     label = "D1 media"                       # default: name of the file without its ending
     donor = "D1"                             # default: from the header of the file
     layer = "media"                          # likewise
+    disease = "aneurysm"                     # of every column that was declared
     mounting_force = [0.015, 0.013]          # for a tared file
     options = { mounting = "zeroed" }        # for this one alone
     priors = { alpha = { distribution = "normal", mean = 41, sd = 3 } }
@@ -44,7 +46,7 @@ DEFAULT_OPTIONS: dict[str, Any] = {
 NUMBERS = ("seed", "ess", "max_steps")
 """Of :class:`~biaxbayes.options.SamplingPlan`; a study may state them."""
 MOST = 2**63 - 1
-STUDY_KEYS = ("name", *NUMBERS, "anyway", "options", "priors", "specimen")
+STUDY_KEYS = ("name", *NUMBERS, "anyway", "columns", "options", "priors", "specimen")
 TEXT_KEYS = ("label", "donor", "layer")
 SPECIMEN_KEYS = ("file", *TEXT_KEYS, "seed", "mounting_force", "anyway", "options", "priors")
 LONGEST = 120
@@ -68,6 +70,8 @@ class StudySpecimen:
         Put back on a tared file, in the file's unit.
     anyway : bool
         Sample it even if its record cannot be a loading curve.
+    columns : mapping of str to str
+        What the specimen states in the columns that the study declares.
     """
 
     file: Path
@@ -78,6 +82,7 @@ class StudySpecimen:
     layer: str | None = None
     mounting_force: tuple[float, float] | None = None
     anyway: bool = False
+    columns: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -91,12 +96,15 @@ class Study:
     ess : float
     max_steps : int
         As in :class:`~biaxbayes.sampling.sampler.Plan`, of every specimen.
+    columns : tuple of str
+        What makes the groups of a population; empty for the layer.
     """
 
     name: str
     specimens: tuple[StudySpecimen, ...]
     ess: float = SamplingPlan.ess
     max_steps: int = SamplingPlan.max_steps
+    columns: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -108,6 +116,12 @@ class _Common:
     options: dict[str, Any]
     priors: dict[str, Prior | float | Tie] = field(default_factory=dict)
     anyway: bool = False
+    columns: tuple[str, ...] = ()
+
+    @property
+    def own_columns(self) -> tuple[str, ...]:
+        """Declared columns that are no keys of every specimen."""
+        return tuple(c for c in self.columns if c not in TEXT_KEYS)
 
 
 def study_of_files(
@@ -173,6 +187,7 @@ def read_study(path: Path) -> Study:
         options,
         _priors(table.get("priors", {}), options["law"], "priors", path),
         _flag(table.get("anyway", False), "anyway", path),
+        _columns(table.get("columns", []), path),
     )
     entries = table.get("specimen")
     if not isinstance(entries, list) or not entries:
@@ -180,14 +195,39 @@ def read_study(path: Path) -> Study:
     specimens = tuple(_specimen(entry, n, common) for n, entry in enumerate(entries, start=1))
     _check_labels(specimens, path)
     name = _text(table, "name", "", path) or path.stem
-    return Study(name, specimens, float(numbers["ess"]), int(numbers["max_steps"]))
+    return Study(name, specimens, float(numbers["ess"]), int(numbers["max_steps"]), common.columns)
+
+
+def _columns(value: object, path: Path) -> tuple[str, ...]:
+    """Names of the columns that make groups."""
+    given = value if isinstance(value, list) else [None]
+    taken = {*SPECIMEN_KEYS} - {"layer", "donor"}
+    for name in given:
+        if not isinstance(name, str) or not name.isidentifier() or name in taken:
+            raise InputError(
+                f"columns: {str(name)[:60]!r} cannot be a column",
+                file=path,
+                remedy='write columns = ["disease"], a word that is no other key of a specimen',
+            )
+    return tuple(dict.fromkeys(given))
+
+
+def _column_value(entry: Mapping[str, object], name: str, where: str, path: Path) -> str:
+    value = _text(entry, name, where, path)
+    if value is None:
+        raise InputError(
+            f"{where}{name} is missing, which columns declares",
+            file=path,
+            remedy=f'state {name} = "..." for every specimen, or take it out of columns',
+        )
+    return value
 
 
 def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
     path, where = common.path, f"specimen {number}: "
     if not isinstance(entry, dict):
         raise InputError(f"{where}is no table", file=path, remedy="write it as [[specimen]]")
-    _check_keys(entry, SPECIMEN_KEYS, f"specimen {number}", path)
+    _check_keys(entry, (*SPECIMEN_KEYS, *common.own_columns), f"specimen {number}", path)
     file = entry.get("file")
     if not isinstance(file, str) or not file.strip() or "\0" in file:
         raise InputError(f"{where}file must be the path of a CSV", file=path)
@@ -205,6 +245,7 @@ def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
         _text(entry, "layer", where, path),
         _force(entry.get("mounting_force"), f"{where}mounting_force", path),
         _flag(entry.get("anyway", common.anyway), f"{where}anyway", path),
+        {name: _column_value(entry, name, where, path) for name in common.own_columns},
     )
 
 

@@ -1,0 +1,380 @@
+"""A population in a folder: finished runs in, a hierarchical posterior over specimens out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
+from biaxbayes.jobs.population_files import (
+    RECORD,
+    PopulationFound,
+    write_population,
+)
+from biaxbayes.jobs.population_state import pack, unpack
+from biaxbayes.options import PopulationOptions
+from biaxbayes.populations.model import (
+    Grouping,
+    PooledValue,
+    PopulationPriors,
+    design_of,
+    pooled_values,
+)
+from biaxbayes.populations.result import Population, judged
+from biaxbayes.populations.sampler import Plan, State, draw
+from biaxbayes.populations.specimens import Source, individual_of, pooled_names
+from biaxbayes.runs import checkpoint
+from biaxbayes.runs.folder import clear_leftovers
+from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.provenance import settings_table, specimen_digest
+from biaxbayes.runs.run import open_run
+from biaxbayes.sampling.sampler import Progress
+
+__all__ = ["Member", "PopulationJob", "members_of_study"]
+
+LOW_WEIGHT = 0.5
+
+
+# --- the specimens of a finished study -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Member:
+    """A specimen of a finished study.
+
+    Attributes
+    ----------
+    label, donor, group : str
+    folder : Path
+        Of its run.
+    state, reason : str
+        As the study has them.
+    """
+
+    label: str
+    donor: str
+    group: str
+    folder: Path
+    state: str
+    reason: str = ""
+
+
+def members_of_study(folder: Path) -> tuple[str, list[Member]]:
+    """Name and specimens of a finished study.
+
+    Raises
+    ------
+    InputError
+        If the folder is no finished study's, or its groups are not stated.
+    """
+    try:
+        record = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+        table = pd.read_csv(folder / "study.csv", dtype=str, keep_default_na=False)
+        rows = table.drop_duplicates("specimen").to_dict("records")
+        names = [str(r["specimen"]) for r in rows]
+        columns = [str(c) for c in record.get("columns", [])]
+        stated: dict[str, dict[str, str]] = record.get("stated", {})
+    except (OSError, ValueError, KeyError, AttributeError, RecursionError):
+        raise InputError(
+            "is not the folder of a finished study",
+            file=folder,
+            remedy="run 'biaxbayes batch' first, or give the study file",
+        ) from None
+    out = []
+    for label, row in zip(names, rows, strict=True):
+        own = {"layer": str(row["layer"]), "donor": str(row["donor"])} | stated.get(label, {})
+        asked = columns or ["layer"]
+        if not columns and not any(str(r["layer"]) for r in rows):
+            group = "all"
+        else:
+            for column in asked:
+                if not own.get(column):
+                    raise InputError(
+                        f"{label} states no {column}, which makes its group",
+                        file=folder,
+                        remedy=f"state {column} in the study file, or name others in columns",
+                    )
+            group = ", ".join(own[column] for column in asked)
+        out.append(
+            Member(
+                label,
+                str(row["donor"]),
+                group,
+                folder / str(row["folder"]),
+                str(row["state"]),
+                str(row["reason"]),
+            )
+        )
+    return str(record.get("name", folder.name)), out
+
+
+# --- the job -------------------------------------------------------------------------------------
+
+
+@dataclass
+class PopulationJob:
+    """A population to sample, and the folder it is kept in.
+
+    Attributes
+    ----------
+    name : str
+    members : list of Member
+    folder : Path
+    options : PopulationOptions
+    priors : PopulationPriors
+    anyway : bool
+        Take specimens that are tentative, too.
+    """
+
+    name: str
+    members: list[Member]
+    folder: Path
+    options: PopulationOptions = field(default_factory=PopulationOptions)
+    priors: PopulationPriors = field(default_factory=PopulationPriors)
+    anyway: bool = False
+
+    def execute(
+        self,
+        *,
+        resume: bool = False,
+        progress: Callable[[Progress], None] = lambda p: None,
+        stop: Callable[[], int] = lambda: 0,
+    ) -> PopulationFound:
+        """Sample the population and write every file.
+
+        Raises
+        ------
+        InputError
+            If the specimens make no population.
+        RunError
+            If the folder is in use or holds something else.
+        Interrupted
+            If stopped; what was done is saved.
+        """
+        progress(Progress("reading runs"))
+        sources, left_out = self._opened()
+        grouping, notes = self._grouped(sources)
+        names = pooled_names(sources)
+        values = self.priors.applied(
+            pooled_values(sources[0].posterior.law, names, mounting=self.options.pool_mounting)
+        )
+        self._make_folder()
+        with folder_lock(self.folder):
+            clear_leftovers(self.folder)
+            plan = Plan(
+                ess=self.options.ess,
+                max_steps=self.options.max_steps,
+                seed=self.options.seed,
+                workers=self.options.threads,
+            )
+            identity = self._identity(sources, grouping, values, plan)
+            state = self._resumed(identity, resume, progress)
+            individuals = [individual_of(s, values, plan.ensembles) for s in sources]
+            design = design_of(individuals, grouping, values, self.options, self.priors)
+            sampled = draw(
+                design,
+                plan,
+                lambda history: judged(grouping, values, history),
+                state=state,
+                on_block=lambda s: checkpoint.save(self.folder, s, identity, pack),
+                progress=progress,
+                stop=stop,
+            )
+            if sampled.interrupted:
+                raise self._interruption(stop())
+            progress(Progress("writing"))
+            population = Population(
+                self.name,
+                tuple(sources),
+                grouping,
+                tuple(values),
+                design,
+                sampled,
+                self.options.seed,
+                left_out,
+                notes,
+            )
+            return write_population(self.folder, population, identity)
+
+    def _opened(self) -> tuple[list[Source], dict[str, str]]:
+        """The runs that can be pooled, and why the others cannot."""
+        usable = ("reliable", "tentative") if self.anyway else ("reliable",)
+        sources, left_out = [], {}
+        for member in self.members:
+            if member.state not in usable:
+                told = {"tentative": "tentative, not converged", "unusable": "did not converge"}
+                reason = told.get(member.state, member.state)
+                left_out[member.label] = f"{reason}: {member.reason}" if member.reason else reason
+                continue
+            try:
+                run = open_run(member.folder)
+                if run.state not in usable:
+                    left_out[member.label] = f"its run is {run.state}"
+                    continue
+                sources.append(Source.of(member.label, run))
+            except BiaxbayesError as error:
+                left_out[member.label] = str(error)
+        if len(sources) < 2:
+            lost = "; ".join(f"{k}: {v}" for k, v in list(left_out.items())[:3])
+            raise InputError(
+                f"{len(sources)} of {len(self.members)} specimens can be pooled, and a population "
+                f"needs two{f' ({lost})' if lost else ''}",
+                remedy="sample longer with a larger max_steps, or add specimens",
+            )
+        return sources, left_out
+
+    def _grouped(self, sources: list[Source]) -> tuple[Grouping, list[str]]:
+        """Groups and donors, and what is to be said of them."""
+        by_label = {m.label: m for m in self.members}
+        kept = [by_label[s.label] for s in sources]
+        donors = [m.donor or f"donor of {m.label}" for m in kept]
+        grouping = Grouping(
+            tuple(m.label for m in kept), tuple(m.group for m in kept), tuple(donors)
+        )
+        return grouping, _notes(kept, grouping, sources)
+
+    def _make_folder(self) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
+        except OSError as error:
+            raise RunError(
+                f"{self.folder}: cannot be used ({error.strerror}); choose another --out"
+            ) from None
+        if names and not names & {RECORD, checkpoint.NAME, checkpoint.PREVIOUS}:
+            raise RunError(
+                f"{self.folder}: is a folder that is not a population's; choose another --out"
+            )
+
+    def _identity(
+        self, sources: list[Source], grouping: Grouping, values: list[PooledValue], plan: Plan
+    ) -> dict[str, Any]:
+        """What the draws depend on."""
+        runs = {}
+        for source, group, donor in zip(sources, grouping.group, grouping.donor, strict=True):
+            settings = json.dumps(settings_table(source.posterior), sort_keys=True, default=str)
+            record = source.run.provenance
+            runs[source.label] = {
+                "group": group,
+                "donor": donor,
+                "specimen": specimen_digest(source.run.specimen)[:16],
+                "settings": hashlib.sha256(settings.encode()).hexdigest()[:16],
+                "beta": source.run.beta,
+                "draws": str(record.get("files", {}).get("posterior.nc", ""))[:16],
+            }
+        options = {k: v for k, v in asdict(self.options).items() if k != "workers"}
+        return {
+            "biaxbayes": biaxbayes.__version__,
+            "options": options,
+            "priors": {v.name: _stated(v) for v in values}
+            | {"eta": [self.priors.eta_donors, self.priors.eta_specimens]},
+            "sampler": {"ensembles": plan.ensembles, "chains": plan.chains},
+            "runs": runs,
+        }
+
+    def _resumed(
+        self, identity: dict[str, Any], resume: bool, tell: Callable[[Progress], None]
+    ) -> State | None:
+        if not resume:
+            return None
+        state, note = checkpoint.load(self.folder, identity, unpack)
+        if note:
+            tell(Progress("resuming", note=note))
+        return state
+
+    def _interruption(self, signal: int) -> Interrupted:
+        error = Interrupted(
+            f"interrupted, all saved in {self.folder}; the same command with --resume continues"
+        )
+        if not isinstance(signal, bool) and signal:
+            error.exit_code = 128 + signal
+        return error
+
+
+def _stated(value: PooledValue) -> dict[str, float]:
+    return {k: v for k, v in vars(value).items() if k != "parameter"}
+
+
+def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> list[str]:
+    """What a reader must know of the specimens before the numbers."""
+    out = []
+    nameless = [m.label for m in members if not m.donor]
+    if nameless:
+        out.append(
+            f"no donor is stated for {_listed(nameless)}: each is taken as a donor of its own"
+        )
+    donors = len(grouping.donors)
+    if donors == 1:
+        out.append(
+            "all specimens are of one donor: sd_donors, new_specimen and new_donor are those of "
+            "the prior, and the groups' means are this donor's"
+        )
+    elif donors == len(members):
+        out.append(
+            "every donor gave one specimen: how the spread splits between donors and specimens is "
+            "that of the prior; new_specimen holds both"
+        )
+    elif donors < 4:
+        out.append(f"there are {donors} donors: sd_donors rests much on its prior")
+    if len(members) < 4:
+        out.append(f"there are {len(members)} specimens: the sds rest much on their priors")
+    for group in grouping.groups:
+        if len(grouping.members(group)) == 1:
+            out.append(
+                f"group {group} has one specimen: its mean is that specimen's within the spread "
+                "that the other groups show"
+                if len(grouping.groups) > 1
+                else f"group {group} has one specimen"
+            )
+    out += _apart(grouping)
+    out += _unlike(sources)
+    weights = np.array([s.run.beta for s in sources])
+    if np.median(weights) < LOW_WEIGHT:
+        out.append(
+            f"the readings of the specimens were weighed by {weights.min():.2g} to "
+            f"{weights.max():.2g} because the law misses smoothly: widths of single specimens hold "
+            "that misfit, so the sd between specimens comes out too small, and an error of the law "
+            "that all specimens share does not average out"
+        )
+    return out
+
+
+def _apart(grouping: Grouping) -> list[str]:
+    """Groups that share no donor."""
+    of = {g: {grouping.donor[i] for i in grouping.members(g)} for g in grouping.groups}
+    names = list(of)
+    pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 :] if not of[a] & of[b]]
+    if not pairs:
+        return []
+    told = "; ".join(f"{a} and {b}" for a, b in pairs[:3])
+    return [f"no donor in common: {told}: their contrasts hold the differences of the donors"]
+
+
+def _unlike(sources: list[Source]) -> list[str]:
+    """Specimens that were tested or sampled differently."""
+    out = []
+    for key in ("mounting", "noise", "mounting_stretch", "noise_growth"):
+        found = {str(getattr(s.posterior.settings, key)) for s in sources}
+        if len(found) > 1:
+            out.append(f"the runs differ in {key}: {', '.join(sorted(found))}")
+    counts = sorted({len(s.run.specimen.protocols) for s in sources})
+    if len(counts) > 1:
+        few = [s.label for s in sources if len(s.run.specimen.protocols) == counts[0]]
+        out.append(
+            f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
+            f"({counts[0]}: {_listed(few)})"
+        )
+    return out
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return ", ".join(names[:4]) + more

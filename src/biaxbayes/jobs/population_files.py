@@ -1,0 +1,370 @@
+"""The files of a population: written, read again, and made material cards of."""
+
+from __future__ import annotations
+
+import io
+import json
+import platform
+from dataclasses import dataclass, field, replace
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.csv_tables import write_csv
+from biaxbayes.errors import InputError, NotConverged, RunError
+from biaxbayes.jobs.opening import draw_figure
+from biaxbayes.laws.law import Law
+from biaxbayes.parameters import mounting_names
+from biaxbayes.populations.result import Population
+from biaxbayes.reports.population import PAGE, population_page
+from biaxbayes.runs.archive import SuspiciousArchive, check_archive
+from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+
+__all__ = [
+    "FIGURES",
+    "PAGE",
+    "RECORD",
+    "PopulationFound",
+    "export_population",
+    "read_population",
+    "write_population",
+]
+
+RECORD = "population.json"
+TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
+BANDS = "new-specimen-bands"
+FIGURES = ("population-forest", "population-pairs", BANDS)
+
+
+# --- what came out -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PopulationFound:
+    """A finished population.
+
+    Attributes
+    ----------
+    name : str
+    folder : Path
+        Holds ``population.csv``, ``specimens.csv``, ``contrasts.csv`` and ``population.nc``.
+    state : str
+        ``reliable``, ``tentative`` or ``unusable``; ``reason`` says why.
+    reason : str
+    groups, specimens, contrasts : DataFrame
+        The tables.
+    notes : list of str
+    left_out : dict of str to str
+        Reasons by specimen.
+    """
+
+    name: str
+    folder: Path
+    state: str
+    reason: str
+    groups: pd.DataFrame = field(repr=False)
+    specimens: pd.DataFrame = field(repr=False)
+    contrasts: pd.DataFrame = field(repr=False)
+    notes: list[str] = field(repr=False)
+    left_out: dict[str, str] = field(repr=False)
+
+    def _repr_html_(self) -> str:
+        """State and groups, for notebooks."""
+        shown = self.groups[[c for c in self.groups if not str(c).startswith("new_")]]
+        table = shown.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+        return f"<p>{escape(self.name)}: {escape(self.state)}</p>{table}"
+
+
+def read_population(folder: Path) -> PopulationFound:
+    """A finished population, opened again.
+
+    Raises
+    ------
+    RunError
+        If the folder is none.
+    """
+    try:
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        tables = {k: pd.read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
+        found = PopulationFound(
+            name=str(record["name"]),
+            folder=folder,
+            state=str(record["convergence"]["state"]),
+            reason=str(record["convergence"]["reason"]),
+            notes=[str(n) for n in record["notes"]],
+            left_out={str(k): str(v) for k, v in record["left_out"].items()},
+            **tables,
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise RunError(
+            f"{folder}: is not the folder of a finished population ({type(error).__name__})"
+        ) from None
+    return found
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def write_population(folder: Path, found: Population, identity: dict[str, Any]) -> PopulationFound:
+    """Every file of a population, its record last."""
+    specimens = found.specimens_table()
+    found = replace(found, notes=[*found.notes, *found.contradictions(specimens)])
+    tables = {
+        "groups": found.groups_table(),
+        "specimens": specimens,
+        "contrasts": found.contrasts_table(),
+    }
+    for key, table in tables.items():
+        write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
+    atomic_write_bytes(folder / "population.nc", archive(found))
+    _draw_figures(folder, found, tables)
+    convergence = found.sampled.convergence
+    record = {
+        "biaxbayes": biaxbayes.__version__,
+        "python": platform.python_version(),
+        "name": found.name,
+        "convergence": {
+            "state": convergence.state,
+            "reason": convergence.reason,
+            "worst_ess": convergence.worst_ess if convergence.names else None,
+            "worst_rhat": convergence.worst_rhat if convergence.names else None,
+            "kept_sweeps": convergence.steps,
+        },
+        "law": found.law.name,
+        "acceptance": {
+            k: [round(float(x), 4) for x in v] for k, v in found.sampled.acceptance.items()
+        },
+        "pooled": {
+            v.name: {
+                "scale": v.scale,
+                "mean": v.mean_in_words(),
+                "sd_donors": f"half-normal({v.donor_scale:.4g})",
+                "sd_specimens": f"half-normal({v.specimen_scale:.4g})",
+            }
+            for v in found.values
+        },
+        "left_out": found.left_out,
+        "notes": found.notes,
+        "identity": identity,
+    }
+    atomic_write_text(folder / PAGE, population_page(folder, tables, record))
+    atomic_write_text(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+    return PopulationFound(
+        found.name,
+        folder,
+        found.state,
+        found.reason,
+        **tables,
+        notes=found.notes,
+        left_out=found.left_out,
+    )
+
+
+def _draw_figures(folder: Path, found: Population, tables: dict[str, pd.DataFrame]) -> None:
+    """Forest, pairs and stress bands; none of draws that are unusable."""
+    from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
+
+    if found.state == "unusable":
+        for stem in FIGURES:
+            for suffix in ("pdf", "png"):
+                (folder / f"{stem}.{suffix}").unlink(missing_ok=True)
+        return
+    specimen = found.sources[0].run.specimen
+    parameters = [v.parameter for v in found.values]
+    bands = found.bands_table()
+    write_csv(folder / f"{BANDS}.csv", bands, digits=8)
+    drawn = (
+        forest_figure(tables["specimens"], tables["groups"], parameters),
+        pairs_figure(found.new_specimens(), tables["specimens"], parameters),
+        band_figure(
+            bands,
+            found.records(),
+            directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
+        ),
+    )
+    for stem, figure in zip(FIGURES, drawn, strict=True):
+        draw_figure(folder, stem, figure)
+
+
+def archive(found: Population) -> bytes:
+    """population.nc: draws of means and spreads by chain and draw, and of the specimens."""
+    import xarray as xr
+
+    history = found.sampled.history
+    names = [v.name for v in found.values]
+    groups = list(found.grouping.groups)
+
+    def flat(values: np.ndarray) -> np.ndarray:
+        # (ensembles, sweeps, chains, ...) to (chain, draw, ...), one chain of an ensemble after
+        # the other, as in posterior.nc
+        moved = np.moveaxis(values, 2, 1)
+        return moved.reshape(moved.shape[0], moved.shape[1] * moved.shape[2], *moved.shape[3:])
+
+    centre = found.design.centre
+    dims = ("chain", "draw")
+    sets = groups if history.sd.shape[3] > 1 else ["all"]
+    common = {
+        "mean": ((*dims, "group", "quantity"), flat(history.mu) + centre),
+        "sd_donors": ((*dims, "quantity"), flat(history.sd_donors)),
+        "sd_specimens": ((*dims, "spread", "quantity"), flat(history.sd)),
+    }
+    for k, partial in enumerate(history.partial):
+        if partial.shape[-1]:
+            common[f"partial_correlations_{k}"] = ((*dims, "of", "pair"), flat(partial))
+    coords = {"group": groups, "quantity": names, "spread": sets, "of": ["donors", "specimens"]}
+    own = {
+        "values": ((*dims, "specimen", "quantity"), flat(history.theta) + centre),
+        "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
+    }
+    new = found.new_specimens()
+    materials = np.array([table.to_numpy() for table in new.values()])
+    law = found.law
+    attributes = {
+        "biaxbayes_version": biaxbayes.__version__,
+        "law": law.name,
+        "fibre_switch": int(law.fibre_switch),
+        "largest_stretch": found.largest_stretch,
+        "convergence": found.state,
+        "scale": json.dumps({v.name: v.scale for v in found.values}),
+        "every": history.every,
+    }
+    tree = xr.DataTree.from_dict(
+        {
+            "/posterior": xr.Dataset(common, coords),
+            "/specimens": xr.Dataset(
+                own,
+                {
+                    "specimen": list(found.grouping.labels),
+                    "group_of": ("specimen", list(found.grouping.group)),
+                    "donor_of": ("specimen", list(found.grouping.donor)),
+                    "donor": list(found.grouping.donors),
+                    "quantity": names,
+                },
+            ),
+            "/new_specimens": xr.Dataset(
+                {"material": (("group", "draw", "parameter"), materials)},
+                {"group": groups, "parameter": list(law.names)},
+            ),
+        }
+    )
+    tree.attrs.update(attributes)
+    whole = io.BytesIO()
+    tree.to_netcdf(whole, engine="h5netcdf")
+    return whole.getvalue()
+
+
+# --- cards of new specimens ----------------------------------------------------------------------
+
+
+MEAN_CURVE = "mean-curve"
+
+
+def export_population(
+    folder: Path,
+    group: str,
+    program: str,
+    *,
+    out: Path,
+    draws: int,
+    units: str,
+    bulk_ratio: float | None,
+    seed: int,
+    overwrite: bool,
+    anyway: bool = False,
+) -> pd.DataFrame:
+    """Cards of new specimens of a group, and in a folder of its own that of the mean curve.
+
+    The mean curve is that of the new specimen whose curves are nearest the median curves: means
+    of parameters one by one are no material of the group.
+
+    Parameters
+    ----------
+    folder : Path
+        Of a finished population.
+    group : str
+    program : {"abaqus", "febio"}
+    out : Path
+    draws : int
+        Number of new specimens.
+    units, bulk_ratio, seed, overwrite
+        As in :func:`biaxbayes.cards.export.export_cards`.
+    anyway : bool
+        Even where the population is unusable.
+
+    Returns
+    -------
+    DataFrame
+        Manifest of the new specimens.
+    """
+    from biaxbayes.cards.export import export_cards
+    from biaxbayes.laws import law_named
+    from biaxbayes.prediction.draws import chosen_draws
+
+    state = read_population(folder).state
+    if state == "unusable" and not anyway:
+        raise NotConverged(
+            f"{folder}: the chains of this population have not converged; sample longer, or add "
+            "--anyway to use them all the same"
+        )
+    table, about = _materials(folder, group)
+    law = law_named(str(about["law"]), fibre_switch=bool(about["fibre_switch"]))
+    specimen = _equibiaxial(group, law, table, float(about["largest_stretch"]))
+    # stretches are total ones: the unloaded state is the reference
+    table = table.assign(**dict.fromkeys(mounting_names("stretch"), 1.0))
+    mean, _ = chosen_draws(table, specimen, law, at="median")
+    rows, _ = chosen_draws(table, specimen, law, count=min(draws, len(table)), seed=seed)
+    kind: dict[str, Any] = {
+        "program": program,
+        "units": units,
+        "bulk_ratio": bulk_ratio,
+        "overwrite": overwrite,
+    }
+    manifest = export_cards(
+        table, specimen, law, rows, out, origin=f"new specimen of {group}", **kind
+    )
+    export_cards(
+        table,
+        specimen,
+        law,
+        mean,
+        out / MEAN_CURVE,
+        origin=f"new specimen of {group} with the curves nearest the median curves",
+        **kind,
+    )
+    return manifest
+
+
+def _materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Materials of new specimens of a group, and what the archive says of them."""
+    import xarray as xr
+
+    path = folder / "population.nc"
+    try:
+        check_archive(path)
+        with xr.open_datatree(path, engine="h5netcdf") as tree:
+            found = tree["new_specimens"]["material"].load()
+            about = {str(k): v for k, v in tree.attrs.items()}
+        groups = [str(g) for g in found["group"].to_numpy()]
+        names = [str(n) for n in found["parameter"].to_numpy()]
+        values = found.to_numpy()
+    except (OSError, KeyError, ValueError, SuspiciousArchive) as error:
+        raise RunError(f"{path}: cannot be read as a population ({type(error).__name__})") from None
+    if group not in groups:
+        raise InputError(
+            f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"
+        )
+    return pd.DataFrame(values[groups.index(group)], columns=names), about
+
+
+def _equibiaxial(group: str, law: Law, table: pd.DataFrame, top: float) -> Specimen:
+    """A record of the group's median curves, whose states the cards are checked at."""
+    stretch = np.linspace(1.0, top, 61)
+    with np.errstate(over="ignore", invalid="ignore"):
+        stress = law.material(table).cauchy(stretch[None], stretch[None])
+    x, y = (np.median(np.nan_to_num(s, nan=np.inf), axis=0) for s in stress)
+    return Specimen(group, (Protocol("equibiaxial", stretch, stretch, x, y),), "cauchy", "unloaded")

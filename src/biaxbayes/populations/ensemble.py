@@ -1,0 +1,427 @@
+"""One ensemble of chains over specimens and what they have in common, and how it moves.
+
+A chain holds the coordinates of every specimen and the means, donor effects and spreads. In a sweep
+
+1. each specimen moves by its own density (differential evolution on an archive of the warm-up);
+2. each specimen is offered draws of its own run (accepted on the ratio of the population's density
+   to the run's prior, without a likelihood: Lunn, Barrett, Sweeting and Thompson, JRSS C 62 (2013)
+   551) and draws of a mixture fitted to the warm-up, whose likelihoods are computed a block ahead;
+3. all specimens move together along leading principal components of the stacked warm-up draws,
+   group means and donor effects integrated out;
+4. spreads, means and donor effects move as in :mod:`.hierarchy`.
+
+Nothing here knows what a specimen is: an :class:`Individual` is a density, a pool and bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
+from biaxbayes.sampling.proposal import TransportedMixture
+
+__all__ = ["Design", "Ensemble", "Individual", "Tuning"]
+
+POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 4, 2, 3
+"""Draws of the run and of the mixture offered to a specimen, and moves of all together, a sweep."""
+
+
+@dataclass(frozen=True, eq=False)
+class Individual:
+    """A specimen as the sampler knows it.
+
+    Attributes
+    ----------
+    name : str
+    density : callable
+        Coordinates (n, d) to the log density without the prior of the pooled values, (n,), and
+        those values, (n, p).
+    log_prior : callable
+        Pooled values (n, p) to the log prior density that the draws of the pool were under, (n,).
+    bounds : ndarray, shape (d, 2)
+    pool : ndarray, shape (ensembles, N, d)
+        Draws of the specimen's own posterior. Each ensemble has its own, so that the error of a
+        finite pool shows as a difference of ensembles.
+    """
+
+    name: str
+    density: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    log_prior: Callable[[np.ndarray], np.ndarray]
+    bounds: np.ndarray
+    pool: np.ndarray
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates."""
+        return int(self.pool.shape[2])
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Specimens, groups and priors.
+
+    Attributes
+    ----------
+    individuals : sequence of Individual
+    blocks : tuple of (tuple of int, Layout)
+        Pooled values that may correlate with one another, by index, and their layout.
+    centre : ndarray, shape (p,)
+        Prior means of the groups.
+    """
+
+    individuals: tuple[Individual, ...]
+    blocks: tuple[tuple[tuple[int, ...], Layout], ...]
+    centre: np.ndarray
+
+    @property
+    def layout(self) -> Layout:
+        """Layout of the first block: who belongs to whom is the same in all."""
+        return self.blocks[0][1]
+
+    @property
+    def groups(self) -> int:
+        """Number of groups."""
+        return int(self.layout.set_of.size)
+
+    def density(self, i: int, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log density and centred values of specimen i."""
+        log, values = self.individuals[i].density(u)
+        return log, values - self.centre
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """What the warm-up found; frozen afterwards.
+
+    Attributes
+    ----------
+    archives : tuple of ndarray, shape (A, d)
+        Coordinates of each specimen, for differential evolution.
+    proposals : tuple of TransportedMixture
+        Empty before the first fit.
+    directions : ndarray, shape (L, n, dmax)
+        Principal components times their sd; none before the first fit.
+    steps : ndarray, shape (L,)
+        How far a joint move goes along each.
+    """
+
+    archives: tuple[np.ndarray, ...]
+    proposals: tuple[TransportedMixture, ...]
+    directions: np.ndarray
+    steps: np.ndarray
+
+
+@njit(cache=True)
+def _distance2(theta, m, precision, p):
+    """(theta - m)' precision (theta - m)."""
+    total = 0.0
+    for k in range(p):
+        for j in range(p):
+            total += (theta[k] - m[k]) * precision[k, j] * (theta[j] - m[j])
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _visit(rng, theta, u, log, weight, m, precision, set_of, group, sizes, pool, offered, fresh):
+    """Offer each specimen proposals whose densities are known, as an independence sampler.
+
+    ``weight`` is the log of target over proposal but for the population's density; ``pool`` holds
+    (u, theta, log, weight) by specimen and draw. ``fresh`` is the first row to offer to the first
+    chain, each row once; or negative to offer random rows.
+    """
+    C, n, p = theta.shape
+    pu, ptheta, plog, pweight = pool
+    N = plog.shape[1]
+    accepted = np.zeros(n)
+    for c in range(C):
+        for i in range(n):
+            inverse = precision[c, set_of[group[i]]]
+            own = weight[c, i] - 0.5 * _distance2(theta[c, i], m[c, i], inverse, p)
+            for k in range(offered):
+                j = fresh + c * offered + k if fresh >= 0 else int(rng.random() * N)
+                new = pweight[i, j] - 0.5 * _distance2(ptheta[i, j], m[c, i], inverse, p)
+                if math.log(1.0 - rng.random()) < new - own:
+                    own = new
+                    accepted[i] += 1.0
+                    weight[c, i] = pweight[i, j]
+                    log[c, i] = plog[i, j]
+                    for q in range(p):
+                        theta[c, i, q] = ptheta[i, j, q]
+                    for q in range(sizes[i]):
+                        u[c, i, q] = pu[i, j, q]
+    return accepted / (C * max(offered, 1))
+
+
+Pool = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+class Ensemble:
+    """Chains that share nothing but what was tuned.
+
+    Parameters
+    ----------
+    design : Design
+    number : int
+        Which of the pools is its own.
+    chains : int
+    seed : numpy.random.SeedSequence
+    """
+
+    def __init__(
+        self, design: Design, number: int, chains: int, seed: np.random.SeedSequence
+    ) -> None:
+        self.design = design
+        self.rng = np.random.default_rng(seed)
+        n, p = len(design.individuals), design.centre.size
+        self.sizes = np.array([member.dimension for member in design.individuals])
+        self.group, self.donor = design.layout.group, design.layout.donor
+        self.pool = self._pool(number)
+        C = chains
+        self.u = np.zeros((C, n, int(self.sizes.max())))
+        self.theta, self.log = np.empty((C, n, p)), np.empty((C, n))
+        sets, groups, donors = design.layout.sets, design.groups, design.layout.donors
+        self.mu, self.effect = np.zeros((C, groups, p)), np.zeros((C, donors, p))
+        self.sd_donors, self.sd = np.empty((C, p)), np.empty((C, sets, p))
+        self.partial = []
+        self.factor = []
+        for columns, layout in design.blocks:
+            b = len(columns)
+            self.partial.append(np.zeros((2, C, b * (b - 1) // 2)))
+            self.factor.append(np.tile(np.eye(b), (2, C, 1, 1)))
+            # over-dispersed: spreads from a wide range around the scale of their prior
+            wide = np.exp(self.rng.uniform(-1.5, 0.5, (C, 1 + sets, b)))
+            self.sd_donors[:, columns] = wide[:, 0] * layout.donor_scale
+            self.sd[:, :, columns] = wide[:, 1:] * layout.specimen_scale
+        chosen = self.rng.integers(self.pool[2].shape[1], size=(C, n))
+        for i in range(n):
+            self.u[:, i] = self.pool[0][i, chosen[:, i]]
+            self.theta[:, i] = self.pool[1][i, chosen[:, i]]
+            self.log[:, i] = self.pool[2][i, chosen[:, i]]
+        self.accepted: dict[str, np.ndarray] = {}
+        for g in range(groups):
+            self.mu[:, g] = self.theta[:, self.group == g].mean(axis=1)
+        self._pull_inside()
+
+    def _pull_inside(self) -> None:
+        """Means moved to where the model allows them, to begin with."""
+        for columns, layout in self.design.blocks:
+            for k, column in enumerate(columns):
+                low, high = layout.low[k], layout.high[k]
+                self.mu[:, :, column] = np.clip(self.mu[:, :, column], low, high)
+
+    def _pool(self, number: int) -> Pool:
+        members = self.design.individuals
+        draws = [member.pool[number] for member in members]
+        N = min(len(d) for d in draws)
+        found = [self.design.density(i, d[:N]) for i, d in enumerate(draws)]
+        weights = [
+            -member.log_prior(values + self.design.centre)
+            for member, (_, values) in zip(members, found, strict=True)
+        ]
+        return self._stacked([d[:N] for d in draws], found, weights)
+
+    def _stacked(
+        self,
+        u: list[np.ndarray],
+        found: list[tuple[np.ndarray, np.ndarray]],
+        weights: list[np.ndarray],
+    ) -> Pool:
+        size = int(self.sizes.max())
+        padded = np.zeros((len(u), len(u[0]), size))
+        for i, own in enumerate(u):
+            padded[i, :, : own.shape[1]] = own
+        log = np.array([f[0] for f in found])
+        theta = np.array([f[1] for f in found])
+        weight = np.where(np.isfinite(log), np.array(weights), -np.inf)
+        return padded, np.where(np.isfinite(theta), theta, 0.0), log, weight
+
+    # --- what the moves need ---
+
+    @property
+    def locations(self) -> np.ndarray:
+        """m_i of every chain and specimen, shape (chains, n, p)."""
+        return self.mu[:, self.group] + self.effect[:, self.donor]
+
+    @property
+    def precision(self) -> np.ndarray:
+        """Inverse covariance of specimens, shape (chains, sets, p, p)."""
+        C, sets, p = self.sd.shape
+        out = np.zeros((C, sets, p, p))
+        for (columns, _), factor in zip(self.design.blocks, self.factor, strict=True):
+            at = np.ix_(range(C), range(sets), columns, columns)
+            if len(columns) == 1:
+                out[at] = (self.sd[:, :, columns] ** -2.0)[..., None]
+                continue
+            inverse = np.linalg.inv(factor[1] @ factor[1].transpose(0, 2, 1))
+            scale = 1.0 / self.sd[:, :, columns]
+            out[at] = scale[..., :, None] * inverse[:, None] * scale[..., None, :]
+        return out
+
+    def _quadratic(self, i: int, theta: np.ndarray, precision: np.ndarray) -> np.ndarray:
+        off = theta - self.mu[:, self.group[i]] - self.effect[:, self.donor[i]]
+        own = precision[:, self.design.layout.set_of[self.group[i]]]
+        return np.einsum("ck,ckj,cj->c", off, own, off)
+
+    def _count(self, what: str, accepted: np.ndarray) -> None:
+        self.accepted[what] = self.accepted.get(what, 0.0) + accepted
+
+    # --- moves ---
+
+    def fresh_pool(self, tuning: Tuning, size: int) -> Pool | None:
+        """Draws of the mixtures, as many as a block of sweeps needs."""
+        if not tuning.proposals:
+            return None
+        drawn = [q.sample(self.rng, size) for q in tuning.proposals]
+        found = [self.design.density(i, d) for i, d in enumerate(drawn)]
+        with np.errstate(invalid="ignore"):
+            weights = [
+                f[0] - q.log_density(d)
+                for q, d, f in zip(tuning.proposals, drawn, found, strict=True)
+            ]
+        return self._stacked(drawn, found, weights)
+
+    def sweep(self, tuning: Tuning, fresh: Pool | None, row: int) -> None:
+        """All moves once; ``row`` is the first row of ``fresh`` that was not offered yet."""
+        precision = self.precision
+        self._evolve(tuning, precision)
+        offered = (self.theta, self.u, self.log)
+        where = (precision, self.design.layout.set_of, self.group, self.sizes)
+        members = self.design.individuals
+        weight = np.empty_like(self.log)
+        for i, member in enumerate(members):
+            weight[:, i] = -member.log_prior(self.theta[:, i] + self.design.centre)
+        m = self.locations
+        args = (self.rng, *offered, weight, m, *where)
+        self._count("pool", _visit(*args, self.pool, POOL_VISITS, -1))
+        if fresh is not None:
+            for i, q in enumerate(tuning.proposals):
+                own = np.ascontiguousarray(self.u[:, i, : self.sizes[i]])
+                weight[:, i] = self.log[:, i] - q.log_density(own)
+            self._count("fresh", _visit(*args, fresh, FRESH_VISITS, row))
+        extra = self._augmented()
+        for _ in range(JOINT_MOVES if len(tuning.directions) else 0):
+            self._move_together(tuning, extra)
+        self._update(extra, 1)
+
+    def _evolve(self, tuning: Tuning, precision: np.ndarray) -> None:
+        C = len(self.u)
+        rng = self.rng
+        accepted = np.zeros(len(self.sizes))
+        for i, d in enumerate(self.sizes):
+            archive = tuning.archives[i]
+            a, b = rng.integers(len(archive), size=(2, C))
+            # ter Braak and Vrugt 2008: differences of the past, of several lengths
+            gamma = 2.38 / math.sqrt(2 * d) * rng.choice([1.0, 0.4, 0.15], size=C)
+            step = gamma[:, None] * (archive[a] - archive[b])
+            own = self.u[:, i, :d]
+            new = own + step
+            log, theta = self.design.density(i, np.ascontiguousarray(new))
+            known = np.isfinite(log)
+            theta[~known] = self.theta[~known, i]
+            gain = log - self.log[:, i]
+            gain -= 0.5 * self._quadratic(i, theta, precision)
+            gain += 0.5 * self._quadratic(i, self.theta[:, i], precision)
+            yes = known & (np.log(1.0 - rng.random(C)) < np.where(known, gain, -np.inf))
+            self.u[yes, i, :d] = new[yes]
+            self.theta[yes, i] = theta[yes]
+            self.log[yes, i] = log[yes]
+            accepted[i] = yes.mean()
+        self._count("own", accepted)
+
+    def _augmented(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Counts, sums and squares of the draws outside of the box, by block."""
+        out = []
+        C, n, _ = self.theta.shape
+        for number, (columns, layout) in enumerate(self.design.blocks):
+            b = len(columns)
+            extra = (np.zeros((C, n)), np.zeros((C, n, b)), np.zeros((C, layout.sets, b, b)))
+            if np.isfinite([layout.low, layout.high]).any():
+                mu, effect, _, sd = self._of_block(columns)
+                augment(self.rng, layout, mu, effect, sd, self.factor[number][1], *extra)
+            out.append(extra)
+        return out
+
+    def _of_block(self, columns: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+        at = list(columns)
+        return tuple(
+            np.ascontiguousarray(a[..., at])
+            for a in (self.mu, self.effect, self.sd_donors, self.sd)
+        )
+
+    def _marginal(
+        self, theta: np.ndarray, extra: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    ) -> np.ndarray:
+        total = np.zeros(len(theta))
+        for number, (columns, layout) in enumerate(self.design.blocks):
+            _, _, sd_donors, sd = self._of_block(columns)
+            of = np.ascontiguousarray(theta[..., list(columns)])
+            donors, specimens = self.factor[number]
+            total += log_marginal(layout, of, *extra[number], sd_donors, donors, sd, specimens)
+        return total
+
+    def _move_together(
+        self, tuning: Tuning, extra: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    ) -> None:
+        rng, C = self.rng, len(self.u)
+        chosen = int(rng.integers(len(tuning.directions)))
+        along = tuning.steps[chosen] * rng.standard_normal(C)
+        new = self.u + along[:, None, None] * tuning.directions[chosen]
+        theta, log = np.empty_like(self.theta), np.empty_like(self.log)
+        for i, d in enumerate(self.sizes):
+            log[:, i], theta[:, i] = self.design.density(i, np.ascontiguousarray(new[:, i, :d]))
+        known = np.isfinite(log).all(axis=1)
+        theta[~known] = self.theta[~known]
+        gain = np.where(known, (log - self.log).sum(axis=1), -np.inf)
+        gain[known] += (self._marginal(theta, extra) - self._marginal(self.theta, extra))[known]
+        yes = np.log(1.0 - rng.random(C)) < gain
+        kept = [a.copy() for a in (self.u, self.theta, self.log, self.mu, self.effect)]
+        for own, moved in ((self.u, new), (self.theta, theta), (self.log, log)):
+            own[yes] = moved[yes]
+        # the means follow; a mean that is not allowed takes the whole move back
+        self._update(extra, 0)
+        back = ~self._allowed()
+        carried = (self.u, self.theta, self.log, self.mu, self.effect)
+        for held, before in zip(carried, kept, strict=True):
+            held[back] = before[back]
+        tried = np.zeros(len(tuning.directions))
+        hits = tried.copy()
+        tried[chosen], hits[chosen] = 1.0, (yes & ~back).mean()
+        self._count("together", hits)
+        self._count("together tried", tried)
+
+    def _allowed(self) -> np.ndarray:
+        return self._last_allowed
+
+    def _update(self, extra: list[tuple[np.ndarray, np.ndarray, np.ndarray]], cycles: int) -> None:
+        refused = np.zeros(len(self.theta), dtype=bool)
+        for number, (columns, layout) in enumerate(self.design.blocks):
+            at = list(columns)
+            mu, effect, sd_donors, sd = self._of_block(columns)
+            before = mu.copy() if cycles == 0 else mu
+            theta = np.ascontiguousarray(self.theta[..., at])
+            (pd, ps), (fd, fs) = self.partial[number], self.factor[number]
+            update(
+                self.rng,
+                layout,
+                theta,
+                *extra[number],
+                mu,
+                effect,
+                sd_donors,
+                pd,
+                fd,
+                sd,
+                ps,
+                fs,
+                cycles,
+            )
+            if cycles == 0:
+                refused |= (mu == before).all(axis=(1, 2))
+            self.mu[..., at], self.effect[..., at] = mu, effect
+            self.sd_donors[..., at], self.sd[..., at] = sd_donors, sd
+        self._last_allowed = ~refused

@@ -1,0 +1,360 @@
+"""What is pooled, on which scale and under which priors; who belongs to which group and donor.
+
+The pooled values are the law's parameters: natural logs of positive scales, angles in degrees,
+bounded ones as they are, cut at their physical edges. The structural coordinates that single runs
+are sampled in are never pooled: an average of them is no material.
+
+A priors file is TOML::
+
+    [mean]                                                    # of a group
+    C1 = { distribution = "lognormal", median = 10, sd_log = 2 }
+    alpha = { distribution = "normal", mean = 45, sd = 22.5 }
+
+    [sd_donors]                                               # scale of a half-normal
+    C1 = 0.5                                                  # of ln C1
+    alpha = 10                                                # degrees
+
+    [sd_specimens]
+    kappa = 0.03
+
+    [correlations]                                            # eta of the LKJ priors
+    donors = 2
+    specimens = 2
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws.law import Law
+from biaxbayes.model.priors import FAMILIES
+from biaxbayes.options import PopulationOptions
+from biaxbayes.parameters import MOUNTED, STRETCH, Parameter
+from biaxbayes.populations.ensemble import Design, Individual
+from biaxbayes.populations.hierarchy import Layout
+from biaxbayes.text_files import read_text
+
+__all__ = ["Grouping", "PooledValue", "PopulationPriors", "design_of", "pooled_values"]
+
+LOG, LINEAR = "log", "linear"
+SD_LOG, SD_SHARE, SD_STRETCH = 0.5, 0.15, 0.02
+"""Scales of the half-normal priors of sds: of a log, a share of a bounded range, of a stretch."""
+ETA = 2.0
+SPECIMENS_A_VALUE = 4
+"""With fewer specimens (or donors) for each pooled value, correlations are left out."""
+
+
+@dataclass(frozen=True)
+class PooledValue:
+    """A parameter that specimens share a distribution of.
+
+    Attributes
+    ----------
+    parameter : Parameter
+    mean, mean_sd : float
+        Normal prior of a group's mean, on the scale.
+    donor_scale, specimen_scale : float
+        Scales of the half-normal priors of the sds between donors and within them.
+    """
+
+    parameter: Parameter
+    mean: float
+    mean_sd: float
+    donor_scale: float
+    specimen_scale: float
+
+    @property
+    def name(self) -> str:
+        """As in ``summary.csv``."""
+        return self.parameter.name
+
+    @property
+    def scale(self) -> str:
+        """``log`` or ``linear``."""
+        return LOG if self.parameter.logarithmic else LINEAR
+
+    @property
+    def edges(self) -> tuple[float, float]:
+        """Range on the scale; infinite where there is no edge."""
+        return (-math.inf, math.inf) if self.parameter.logarithmic else self.parameter.range
+
+    def to_scale(self, natural: np.ndarray) -> np.ndarray:
+        """Natural values on the scale of the model."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.log(natural) if self.parameter.logarithmic else np.asarray(natural)
+
+    def from_scale(self, values: np.ndarray) -> np.ndarray:
+        """Inverse of :meth:`to_scale`."""
+        return np.exp(values) if self.parameter.logarithmic else np.asarray(values)
+
+    def mean_in_words(self) -> str:
+        """The prior of a group's mean."""
+        if self.parameter.logarithmic:
+            return f"LN({math.exp(self.mean):.4g}, {self.mean_sd:.3g})"
+        return f"N({self.mean:.4g}, {self.mean_sd:.3g})"
+
+    @classmethod
+    def of(cls, parameter: Parameter) -> PooledValue:
+        """The value with its default priors."""
+        mean, sd = _default_mean(parameter)
+        low, high = parameter.range
+        if parameter.logarithmic:
+            scale = SD_LOG
+        elif math.isfinite(high - low):
+            scale = SD_SHARE * (high - low)
+        else:
+            scale = SD_STRETCH if parameter.kind == STRETCH else 0.5 * sd
+        return cls(parameter, mean, sd, scale, scale)
+
+
+def _default_mean(parameter: Parameter) -> tuple[float, float]:
+    """Mean and sd of a group's mean: as wide as the prior of a single run."""
+    if parameter.kind == STRETCH:
+        return 1.0, 0.1
+    low, high = parameter.range
+    family, first, second = parameter.prior or ("uniform", low, high)
+    if family in ("uniform", "loguniform"):
+        ends = (math.log(first), math.log(second)) if family == "loguniform" else (first, second)
+        return 0.5 * (ends[0] + ends[1]), 0.25 * (ends[1] - ends[0])
+    return (math.log(first) if family == "lognormal" else first), second
+
+
+def pooled_values(law: Law, free: Sequence[str], *, mounting: bool = False) -> list[PooledValue]:
+    """The pooled values of a law, with default priors.
+
+    Parameters
+    ----------
+    law : Law
+    free : sequence of str
+        Parameters that the runs sampled; fixed and tied ones have no spread.
+    mounting : bool
+        Pool the mounting stretches as well.
+    """
+    chosen = [p for p in law.parameters if p.name in free]
+    if mounting:
+        chosen += [p for p in MOUNTED if p.kind == STRETCH]
+    return [PooledValue.of(p) for p in chosen]
+
+
+@dataclass(frozen=True)
+class PopulationPriors:
+    """Priors that a user states in place of the defaults.
+
+    Attributes
+    ----------
+    mean : mapping of str to (float, float)
+        Mean and sd on the scale, by parameter.
+    sd_donors, sd_specimens : mapping of str to float
+    eta_donors, eta_specimens : float
+    """
+
+    mean: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    sd_donors: Mapping[str, float] = field(default_factory=dict)
+    sd_specimens: Mapping[str, float] = field(default_factory=dict)
+    eta_donors: float = ETA
+    eta_specimens: float = ETA
+
+    def applied(self, values: Sequence[PooledValue]) -> list[PooledValue]:
+        """The values with these priors.
+
+        Raises
+        ------
+        InputError
+            For a prior of what is not pooled.
+        """
+        names = [v.name for v in values]
+        for table, of in (
+            ("mean", self.mean),
+            ("sd_donors", self.sd_donors),
+            ("sd_specimens", self.sd_specimens),
+        ):
+            for name in of:
+                if name not in names:
+                    raise InputError(
+                        f"[{table}] {name[:60]!r} is no pooled parameter of this study",
+                        remedy=f"pooled are {', '.join(names)}",
+                    )
+        out = []
+        for v in values:
+            mean, sd = self.mean.get(v.name, (v.mean, v.mean_sd))
+            out.append(
+                replace(
+                    v,
+                    mean=mean,
+                    mean_sd=sd,
+                    donor_scale=self.sd_donors.get(v.name, v.donor_scale),
+                    specimen_scale=self.sd_specimens.get(v.name, v.specimen_scale),
+                )
+            )
+        return out
+
+    @classmethod
+    def read(cls, path: Path) -> PopulationPriors:
+        """Read a priors file; see the module's docstring.
+
+        Raises
+        ------
+        InputError
+            Naming the key that cannot be used.
+        """
+        try:
+            table = tomllib.loads(read_text(path))
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
+        known = ("mean", "sd_donors", "sd_specimens", "correlations")
+        for key, value in table.items():
+            if key not in known or not isinstance(value, dict):
+                raise InputError(
+                    f"{key[:60]!r} is no table of population priors",
+                    file=path,
+                    remedy=f"tables are {', '.join(f'[{k}]' for k in known)}",
+                )
+        eta = {
+            k: _positive(v, f"[correlations] {k}", path)
+            for k, v in table.get("correlations", {}).items()
+        }
+        for key in eta:
+            if key not in ("donors", "specimens"):
+                raise InputError(f"[correlations] has no {key[:60]!r}", file=path)
+        sds = {
+            t: {k: _positive(v, f"[{t}] {k}", path) for k, v in table.get(t, {}).items()}
+            for t in ("sd_donors", "sd_specimens")
+        }
+        return cls(
+            {k: _stated_mean(k, v, path) for k, v in table.get("mean", {}).items()},
+            sds["sd_donors"],
+            sds["sd_specimens"],
+            eta.get("donors", ETA),
+            eta.get("specimens", ETA),
+        )
+
+
+def _positive(value: Any, where: str, path: Path) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (number and 0.0 < float(value) < math.inf):
+        raise InputError(f"{where} must be a number above zero", file=path)
+    return float(value)
+
+
+def _stated_mean(name: str, value: Any, path: Path) -> tuple[float, float]:
+    where = f"[mean] {name[:60]}"
+    family = value.get("distribution") if isinstance(value, dict) else None
+    if family not in ("normal", "lognormal"):
+        raise InputError(f"{where} must be a normal or a lognormal distribution", file=path)
+    keys = FAMILIES[family]
+    if set(value) != {"distribution", *keys}:
+        raise InputError(f"{where}: a {family} prior has {keys[0]} and {keys[1]}", file=path)
+    sd = _positive(value[keys[1]], f"{where}: {keys[1]}", path)
+    if family == "lognormal":
+        return math.log(_positive(value[keys[0]], f"{where}: {keys[0]}", path)), sd
+    if isinstance(value[keys[0]], bool) or not isinstance(value[keys[0]], int | float):
+        raise InputError(f"{where}: mean must be a number", file=path)
+    return float(value[keys[0]]), sd
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """Who belongs to whom.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        Of the specimens.
+    group, donor : tuple of str
+        Of each specimen.
+    """
+
+    labels: tuple[str, ...]
+    group: tuple[str, ...]
+    donor: tuple[str, ...]
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the groups in their order."""
+        return tuple(dict.fromkeys(self.group))
+
+    @property
+    def donors(self) -> tuple[str, ...]:
+        """Names of the donors in their order."""
+        return tuple(dict.fromkeys(self.donor))
+
+    def members(self, group: str) -> list[int]:
+        """Indices of the specimens of a group."""
+        return [i for i, g in enumerate(self.group) if g == group]
+
+    def donors_of(self, group: str) -> int:
+        """Number of donors of a group."""
+        return len({self.donor[i] for i in self.members(group)})
+
+
+def design_of(
+    individuals: Sequence[Individual],
+    grouping: Grouping,
+    values: Sequence[PooledValue],
+    options: PopulationOptions,
+    priors: PopulationPriors | None = None,
+) -> Design:
+    """Lay a population out for the sampler.
+
+    Parameters
+    ----------
+    individuals : sequence of Individual
+    grouping : Grouping
+    values : sequence of PooledValue
+        With their priors.
+    options : PopulationOptions
+    priors : PopulationPriors, optional
+        For the correlations.
+    """
+    stated = priors or PopulationPriors()
+    donors, groups = grouping.donors, grouping.groups
+    sets = len(groups) if options.spread == "by-group" else 1
+    eta_donors, eta_specimens = (
+        eta if correlated(options.correlations, count, len(values)) else 0.0
+        for eta, count in (
+            (stated.eta_donors, len(donors)),
+            (stated.eta_specimens, len(individuals)),
+        )
+    )
+    together = max(eta_donors, eta_specimens) > 0.0
+    indices = tuple(range(len(values)))
+    blocks = (indices,) if together else tuple((k,) for k in indices)
+    centre = np.array([v.mean for v in values])
+    edges = np.array([v.edges for v in values]) - centre[:, None]
+    group = np.array([groups.index(g) for g in grouping.group])
+    donor = np.array([donors.index(d) for d in grouping.donor])
+    set_of = np.arange(len(groups)) if sets > 1 else np.zeros(len(groups), dtype=np.int64)
+
+    def layout(columns: tuple[int, ...]) -> Layout:
+        at = list(columns)
+        return Layout(
+            group,
+            donor,
+            set_of.astype(np.int64),
+            len(donors),
+            sets,
+            np.ascontiguousarray(edges[at, 0]),
+            np.ascontiguousarray(edges[at, 1]),
+            np.array([values[k].mean_sd for k in at]),
+            np.array([values[k].donor_scale for k in at]),
+            np.array([values[k].specimen_scale for k in at]),
+            float(eta_donors),
+            float(eta_specimens),
+        )
+
+    return Design(tuple(individuals), tuple((c, layout(c)) for c in blocks), centre)
+
+
+def correlated(asked: str, count: int, values: int) -> bool:
+    """Whether correlations are inferred from so many specimens or donors."""
+    if values < 2 or asked == "never":
+        return False
+    return asked == "always" or count >= SPECIMENS_A_VALUE * values

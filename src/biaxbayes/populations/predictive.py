@@ -1,0 +1,223 @@
+"""What a population says of specimens and donors that were not tested."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from biaxbayes.populations.hierarchy import LEAST_INSIDE
+from biaxbayes.populations.model import PooledValue
+from biaxbayes.populations.sampler import History
+
+__all__ = ["Hyper", "cut_median"]
+
+MOST_TRIES = 1000
+
+
+def cut_median(location: np.ndarray, sd: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Median of a normal cut to a range."""
+    if np.isinf(low) and np.isinf(high):
+        return np.asarray(location)
+    below, above = ndtr((low - location) / sd), ndtr((high - location) / sd)
+    return np.clip(location + sd * ndtri(0.5 * (below + above)), low, high)
+
+
+def _factors(partial: np.ndarray, b: int) -> np.ndarray:
+    """Cholesky factors (M, b, b) of correlations from canonical partial ones (M, pairs)."""
+    out = np.zeros((len(partial), b, b))
+    k = 0
+    for i in range(b):
+        rest = np.ones(len(partial))
+        for j in range(i):
+            out[:, i, j] = partial[:, k] * np.sqrt(rest)
+            rest = rest * (1.0 - partial[:, k] ** 2)
+            k += 1
+        out[:, i, i] = np.sqrt(np.maximum(rest, 1e-12))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Hyper:
+    """Draws of means and spreads, on the model's scale; first axis the draw.
+
+    Attributes
+    ----------
+    values : tuple of PooledValue
+    set_of : ndarray, shape (groups,)
+    mu : ndarray, shape (M, groups, p)
+    sd_donors : ndarray, shape (M, p); sd : ndarray, shape (M, sets, p)
+    factor_donors, factor : ndarray, shape (M, p, p)
+        Cholesky factors of the correlations.
+    """
+
+    values: tuple[PooledValue, ...]
+    set_of: np.ndarray
+    mu: np.ndarray
+    sd_donors: np.ndarray
+    sd: np.ndarray
+    factor_donors: np.ndarray
+    factor: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        history: History,
+        values: Sequence[PooledValue],
+        set_of: np.ndarray,
+        blocks: Sequence[tuple[int, ...]],
+        *,
+        every: int = 1,
+        most: int | None = None,
+    ) -> Hyper:
+        """Draws of a history, in the order ensembles, sweeps, chains.
+
+        Parameters
+        ----------
+        history : History
+        values : sequence of PooledValue
+        set_of : ndarray
+        blocks : sequence of tuple of int
+            Values that may correlate.
+        every : int
+            Take every so manieth sweep.
+        most : int, optional
+            At most so many draws, evenly.
+        """
+
+        def flat(a: np.ndarray, axes: int) -> np.ndarray:
+            taken = a[:, ::every]
+            own = taken.shape[taken.ndim - axes :]
+            found = taken.reshape(math.prod(taken.shape[: taken.ndim - axes]), *own)
+            return found[cls.rows(len(found), most)]
+
+        p = len(values)
+        mu, sd_donors, sd = flat(history.mu, 2), flat(history.sd_donors, 1), flat(history.sd, 2)
+        factors = np.zeros((2, len(mu), p, p))
+        for columns, partial in zip(blocks, history.partial, strict=True):
+            pairs = flat(partial, 2)
+            for k in range(2):
+                made = _factors(pairs[:, k], len(columns))
+                factors[k][np.ix_(range(len(mu)), columns, columns)] = made
+        centre = np.array([v.mean for v in values])
+        return cls(tuple(values), set_of, mu + centre, sd_donors, sd, factors[0], factors[1])
+
+    @staticmethod
+    def rows(size: int, most: int | None) -> np.ndarray:
+        """Rows that are taken of so many draws."""
+        if most is None or size <= most:
+            return np.arange(size)
+        return np.linspace(0, size - 1, most).round().astype(int)
+
+    @property
+    def draws(self) -> int:
+        """Number of draws."""
+        return len(self.mu)
+
+    def thinned(self, most: int) -> Hyper:
+        """At most so many of the draws."""
+        at = self.rows(self.draws, most)
+        parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
+        return Hyper(self.values, self.set_of, *(a[at] for a in parts))
+
+    def repeated(self, times: int) -> Hyper:
+        """Each draw so many times, one after the other."""
+        parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
+        return Hyper(self.values, self.set_of, *(np.repeat(a, times, axis=0) for a in parts))
+
+    # --- what follows ---
+
+    def spread(self, group: int) -> np.ndarray:
+        """Sds between specimens of a donor, shape (M, p)."""
+        return self.sd[:, self.set_of[group]]
+
+    def median(self, location: np.ndarray, group: int) -> np.ndarray:
+        """Medians of the specimens at a location, shape (M, p)."""
+        sd = self.spread(group)
+        columns = [
+            cut_median(location[:, k], sd[:, k], *v.edges) for k, v in enumerate(self.values)
+        ]
+        return np.column_stack(columns)
+
+    def typical(self, group: int) -> np.ndarray:
+        """Median of the typical donor's specimens, shape (M, p)."""
+        return self.median(self.mu[:, group], group)
+
+    def _allowed(self, location: np.ndarray, group: int) -> np.ndarray:
+        sd = self.spread(group)
+        ok = np.ones(len(location), dtype=bool)
+        for k, v in enumerate(self.values):
+            low, high = v.edges
+            if np.isfinite([low, high]).any():
+                inside = ndtr((high - location[:, k]) / sd[:, k])
+                inside -= ndtr((low - location[:, k]) / sd[:, k])
+                ok &= inside >= LEAST_INSIDE
+        return ok
+
+    def donors(self, group: int, rng: np.random.Generator) -> np.ndarray:
+        """Locations of new donors, one a draw, shape (M, p)."""
+        out = np.array(self.mu[:, group])
+        left = np.arange(self.draws)
+        for _ in range(MOST_TRIES):
+            z = rng.standard_normal((len(left), len(self.values)))
+            effect = np.einsum("mij,mj->mi", self.factor_donors[left], z) * self.sd_donors[left]
+            out[left] = self.mu[left, group] + effect
+            left = left[~self._allowed(out, group)[left]]
+            if not len(left):
+                break
+        return out
+
+    def specimens(self, location: np.ndarray, group: int, rng: np.random.Generator) -> np.ndarray:
+        """Specimens at locations, one a draw, shape (M, p)."""
+        low, high = np.array([v.edges for v in self.values]).T
+        sd = self.spread(group)
+        out = np.clip(location, low, high)
+        left = np.arange(self.draws)
+        for _ in range(MOST_TRIES):
+            z = rng.standard_normal((len(left), len(self.values)))
+            new = location[left] + np.einsum("mij,mj->mi", self.factor[left], z) * sd[left]
+            inside = ((new >= low) & (new <= high)).all(axis=1)
+            out[left[inside]] = new[inside]
+            left = left[~inside]
+            if not len(left):
+                break
+        return out
+
+    def new_specimens(self, group: int, rng: np.random.Generator) -> np.ndarray:
+        """Specimens of new donors, one a draw, shape (M, p)."""
+        return self.specimens(self.donors(group, rng), group, rng)
+
+    def covariance(self, group: int) -> np.ndarray:
+        """Covariance of a specimen of a new donor around the group's mean, (M, p, p); uncut."""
+        total = np.zeros_like(self.factor)
+        for sd, factor in ((self.sd_donors, self.factor_donors), (self.spread(group), self.factor)):
+            root = sd[:, :, None] * factor
+            total += root @ root.transpose(0, 2, 1)
+        return total
+
+    def conflict(
+        self, theta: np.ndarray, group: int, rng: np.random.Generator
+    ) -> tuple[float, np.ndarray]:
+        """Posterior predictive p of a specimen in its group: jointly, and value by value.
+
+        The squared distance from the group's mean in units of the spread (donors included),
+        beside that of a specimen made anew by the same draw (Gelman, Meng and Stern 1996). A
+        specimen pulls its own group, so that p is rather too large.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (M, p)
+            The specimen's values in the same draws.
+        group : int
+        rng : numpy.random.Generator
+        """
+        covariance = self.covariance(group)
+        inverse = np.linalg.inv(covariance)
+        new = self.new_specimens(group, rng)
+        off = [x - self.mu[:, group] for x in (theta, new)]
+        own, other = (np.einsum("mi,mij,mj->m", x, inverse, x) for x in off)
+        each = (np.abs(off[1]) >= np.abs(off[0])).mean(axis=0)
+        return float((other >= own).mean()), each

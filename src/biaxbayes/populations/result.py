@@ -1,0 +1,416 @@
+"""What a population found, as plain tables: groups, specimens and contrasts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.identifiability.determined import derived_quantities, largest_equibiaxial
+from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.parameters import MATERIAL, STRETCH
+from biaxbayes.populations.ensemble import Design
+from biaxbayes.populations.model import LINEAR, LOG, Grouping, PooledValue
+from biaxbayes.populations.predictive import Hyper
+from biaxbayes.populations.sampler import History, Sampled
+from biaxbayes.populations.specimens import Source
+from biaxbayes.prediction.draws import protocol_mounting
+
+__all__ = [
+    "CONTRAST_COLUMNS",
+    "POPULATION_COLUMNS",
+    "SPECIMEN_COLUMNS",
+    "Population",
+    "judged",
+    "stated_stretches",
+]
+
+QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
+PARTS = ("mean", "sd_donors", "sd_specimens", "new_specimen", "new_donor")
+POPULATION_COLUMNS = (
+    "group",
+    "quantity",
+    "unit",
+    *(f"{part}_{q}" for part in PARTS for q in QUANTILES),
+    "scale",
+    "specimens",
+    "donors",
+)
+SPECIMEN_COLUMNS = (
+    "specimen",
+    "group",
+    "donor",
+    "quantity",
+    "unit",
+    *(f"single_{q}" for q in QUANTILES),
+    *(f"pooled_{q}" for q in QUANTILES),
+    "predictive_p",
+    "specimen_predictive_p",
+    "beta",
+)
+CONTRAST_COLUMNS = (
+    "group_a",
+    "group_b",
+    "quantity",
+    "unit",
+    "scale",
+    *(f"difference_{q}" for q in QUANTILES),
+    "probability_positive",
+)
+NATURAL_DRAWS, CURVE_DRAWS = 2000, 400
+BAND_POINTS, EQUIBIAXIAL = 41, 0.1
+WITHIN, BETWEEN = 60, 30
+"""Specimens of the typical donor, and donors, made for each draw of a quantity that follows."""
+
+
+def judged(
+    grouping: Grouping, values: Sequence[PooledValue], history: History
+) -> list[dict[str, np.ndarray]]:
+    """What the draws are judged by: means, spreads and correlations; then every specimen's values.
+
+    Arrays (ensembles, kept, chains) by name.
+    """
+    names = [v.name for v in values]
+    found: dict[str, np.ndarray] = {}
+    for g, group in enumerate(grouping.groups):
+        for k, name in enumerate(names):
+            found[f"mean {name}, {group}"] = history.mu[..., g, k]
+    for k, name in enumerate(names):
+        found[f"sd_donors {name}"] = history.sd_donors[..., k]
+        for s in range(history.sd.shape[-2]):
+            told = f"sd_specimens {name}"
+            told += f", {grouping.groups[s]}" if history.sd.shape[-2] > 1 else ""
+            found[told] = history.sd[..., s, k]
+    for partial in history.partial:
+        for side, what in enumerate(("donors", "specimens")):
+            for k in range(partial.shape[-1]):
+                found[f"correlation {k + 1} of {what}"] = partial[..., side, k]
+    own = {
+        f"{name} of {label}": history.theta[..., i, k]
+        for i, label in enumerate(grouping.labels)
+        for k, name in enumerate(names)
+    }
+    return [found, own]
+
+
+def stated_stretches(sources: Sequence[Source]) -> list[float]:
+    """Equibiaxial total stretches that every specimen reached: half-way and the largest."""
+    top = min(largest_equibiaxial(s.run.draws, s.run.specimen) for s in sources)
+    return [round(1.0 + share * (top - 1.0), 3) for share in (0.5, 1.0)]
+
+
+def _quantiles(part: str, values: np.ndarray) -> dict[str, float]:
+    found = np.quantile(values, list(QUANTILES.values()))
+    return {f"{part}_{q}": float(v) for q, v in zip(QUANTILES, found, strict=True)}
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """A sampled population.
+
+    Attributes
+    ----------
+    name : str
+    sources : tuple of Source
+    grouping : Grouping
+    values : tuple of PooledValue
+    design : Design
+    sampled : Sampled
+    seed : int
+    left_out : dict of str to str
+        Reasons by specimen.
+    notes : list of str
+        What a reader of the numbers must know.
+    """
+
+    name: str
+    sources: tuple[Source, ...]
+    grouping: Grouping
+    values: tuple[PooledValue, ...]
+    design: Design = field(repr=False)
+    sampled: Sampled = field(repr=False)
+    seed: int
+    left_out: dict[str, str]
+    notes: list[str]
+
+    @property
+    def law(self) -> Law:
+        """The material law."""
+        return self.sources[0].posterior.law
+
+    @property
+    def state(self) -> str:
+        """``reliable``, ``tentative`` or ``unusable``."""
+        return self.sampled.convergence.state
+
+    @property
+    def reason(self) -> str:
+        """Why it is not reliable."""
+        return self.sampled.convergence.reason
+
+    def _rng(self, what: int) -> np.random.Generator:
+        """Random numbers of one table, whichever else were made."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1000 + what,)))
+
+    def hyper(self, most: int | None = None, *, with_specimens: bool = False) -> Hyper:
+        """Draws of means and spreads; those that carry the specimens' values where asked."""
+        history = self.sampled.history
+        blocks = [columns for columns, _ in self.design.blocks]
+        every = history.every if with_specimens else 1
+        return Hyper.of(
+            history, self.values, self.design.layout.set_of, blocks, every=every, most=most
+        )
+
+    def specimen_values(self, most: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values (M, n, p) on the scale and coordinates (M, n, dmax), thinned evenly."""
+        history = self.sampled.history
+        theta = history.theta.reshape(-1, *history.theta.shape[3:])
+        u = history.u.reshape(-1, *history.u.shape[3:])
+        at = Hyper.rows(len(theta), most)
+        return theta[at] + self.design.centre, u[at]
+
+    def natural(self, i: int, most: int = NATURAL_DRAWS) -> dict[str, np.ndarray]:
+        """Natural quantities of a specimen after pooling, by the names of ``summary.csv``."""
+        _, u = self.specimen_values(most)
+        source = self.sources[i]
+        own = np.ascontiguousarray(u[:, i, : source.posterior.dimension])
+        return source.posterior.natural(own)
+
+    def materials(self, theta: np.ndarray) -> pd.DataFrame:
+        """Parameters of the law at values on the scale (M, p); fixed ones as in the runs."""
+        columns = {}
+        priors = self.sources[0].posterior.priors
+        by_name = {v.name: v.from_scale(theta[:, k]) for k, v in enumerate(self.values)}
+        for name in self.law.names:
+            prior = priors[name]
+            if name in by_name:
+                columns[name] = by_name[name]
+            elif isinstance(prior, int | float):
+                columns[name] = np.full(len(theta), float(prior))
+        for name in self.law.names:
+            tie = priors[name]
+            if name not in columns:
+                columns[name] = tie.factor * columns[tie.other]  # type: ignore[union-attr]
+        return pd.DataFrame(columns)[list(self.law.names)]
+
+    # --- tables ---
+
+    def groups_table(self) -> pd.DataFrame:
+        """population.csv."""
+        rows = []
+        many, few = self.hyper(), self.hyper(NATURAL_DRAWS * 2)
+        rng = self._rng(0)
+        for g, group in enumerate(self.grouping.groups):
+            head = {
+                "group": group,
+                "specimens": len(self.grouping.members(group)),
+                "donors": self.grouping.donors_of(group),
+            }
+            typical = many.typical(g)
+            location = few.donors(g, rng)
+            donor, new = few.median(location, g), few.specimens(location, g, rng)
+            for k, v in enumerate(self.values):
+                parts = {
+                    "mean": v.from_scale(typical[:, k]),
+                    "sd_donors": many.sd_donors[:, k],
+                    "sd_specimens": many.spread(g)[:, k],
+                    "new_specimen": v.from_scale(new[:, k]),
+                    "new_donor": v.from_scale(donor[:, k]),
+                }
+                rows.append(
+                    head
+                    | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
+                    | self._numbers(parts)
+                )
+            for key, unit, scale, parts in self._following(g):
+                rows.append(
+                    head | {"quantity": key, "unit": unit, "scale": scale} | self._numbers(parts)
+                )
+        return pd.DataFrame(rows, columns=list(POPULATION_COLUMNS))
+
+    def _numbers(self, parts: dict[str, np.ndarray]) -> dict[str, float]:
+        if self.state == "unusable":
+            return {}
+        return {k: x for part, values in parts.items() for k, x in _quantiles(part, values).items()}
+
+    def _derived(self, theta: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
+        """Quantities that follow from materials: name, unit and values."""
+        stretches = self._stretches
+        found = derived_quantities(self.materials(theta), self.law, stretches, [1.0, stretches[-1]])
+        return [(q.key, q.unit or "1", np.nan_to_num(q.values, nan=np.inf)) for q in found]
+
+    @property
+    def _stretches(self) -> list[float]:
+        return stated_stretches(self.sources)
+
+    def _following(self, g: int) -> Iterator[tuple[str, str, str, dict[str, np.ndarray]]]:
+        """Structure tensor, stiffness and stress of a group, as its parameters are told."""
+        hyper = self.hyper(CURVE_DRAWS)
+        rng = self._rng(1 + g)
+        M = hyper.draws
+        within = hyper.repeated(WITHIN)
+        of_typical = self._derived(within.specimens(within.mu[:, g], g, rng))
+        between = hyper.repeated(BETWEEN)
+        of_donors = self._derived(between.median(between.donors(g, rng), g))
+        wide = hyper.repeated(4)
+        location = wide.donors(g, rng)
+        new = self._derived(wide.specimens(location, g, rng))
+        donor = self._derived(wide.median(location, g))
+        for (key, unit, typical), (_, _, donors), (_, _, specimen), (_, _, one) in zip(
+            of_typical, of_donors, new, donor, strict=True
+        ):
+            scale = LOG if unit != "1" and min(typical.min(), donors.min()) > 0.0 else LINEAR
+
+            def spread(values: np.ndarray, scale: str = scale) -> np.ndarray:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    moved = np.log(values) if scale == LOG else values
+                    return np.asarray(moved.reshape(M, -1).std(axis=1, ddof=1))
+
+            yield (
+                key,
+                unit,
+                scale,
+                {
+                    "mean": np.median(typical.reshape(M, -1), axis=1),
+                    "sd_donors": spread(donors),
+                    "sd_specimens": spread(typical),
+                    "new_specimen": specimen,
+                    "new_donor": one,
+                },
+            )
+
+    def specimens_table(self) -> pd.DataFrame:
+        """specimens.csv."""
+        rows = []
+        theta, _ = self.specimen_values(NATURAL_DRAWS)
+        hyper = self.hyper(NATURAL_DRAWS, with_specimens=True)
+        names = [v.name for v in self.values]
+        for i, source in enumerate(self.sources):
+            g = self.grouping.groups.index(self.grouping.group[i])
+            joint, each = hyper.conflict(theta[:, i], g, self._rng(100 + i))
+            pooled = self.natural(i)
+            kinds = source.posterior.quantities.of_kind(MATERIAL, STRETCH)
+            for q in (q for q in kinds if q.name in pooled and q.name in source.run.draws):
+                numbers = (
+                    _quantiles("single", source.run.draws[q.name].to_numpy())
+                    | _quantiles("pooled", pooled[q.name])
+                    | {"specimen_predictive_p": joint}
+                )
+                if q.name in names:
+                    numbers["predictive_p"] = float(each[names.index(q.name)])
+                rows.append(
+                    {
+                        "specimen": source.label,
+                        "group": self.grouping.group[i],
+                        "donor": self.grouping.donor[i],
+                        "quantity": q.name,
+                        "unit": q.unit,
+                        "beta": source.run.beta,
+                    }
+                    | (numbers if self.state != "unusable" else {})
+                )
+        return pd.DataFrame(rows, columns=list(SPECIMEN_COLUMNS))
+
+    def contrasts_table(self) -> pd.DataFrame:
+        """contrasts.csv: group b less group a, of the typical donors' medians, on the scale."""
+        rows = []
+        many, few = self.hyper(), self.hyper(CURVE_DRAWS)
+        groups = self.grouping.groups
+        for a, b in combinations(range(len(groups)), 2):
+            head = {"group_a": groups[a], "group_b": groups[b]}
+            first, second = many.typical(a), many.typical(b)
+            for k, v in enumerate(self.values):
+                rows.append(
+                    head
+                    | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
+                    | self._difference(second[:, k] - first[:, k])
+                )
+            pair = (self._derived(few.typical(g)) for g in (a, b))
+            for (key, unit, x), (_, _, y) in zip(*pair, strict=True):
+                log = unit != "1" and min(x.min(), y.min()) > 0.0
+                with np.errstate(invalid="ignore", over="ignore"):
+                    difference = np.log(y) - np.log(x) if log else y - x
+                rows.append(
+                    head
+                    | {"quantity": key, "unit": unit, "scale": LOG if log else LINEAR}
+                    | self._difference(difference)
+                )
+        return pd.DataFrame(rows, columns=list(CONTRAST_COLUMNS))
+
+    def _difference(self, values: np.ndarray) -> dict[str, float]:
+        if self.state == "unusable":
+            return {}
+        share = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
+        return _quantiles("difference", values) | {"probability_positive": share}
+
+    def new_specimens(self, most: int = NATURAL_DRAWS) -> dict[str, pd.DataFrame]:
+        """Materials of new specimens of new donors, by group; one a draw."""
+        hyper, rng = self.hyper(most), self._rng(500)
+        return {
+            group: self.materials(hyper.new_specimens(g, rng))
+            for g, group in enumerate(self.grouping.groups)
+        }
+
+    @property
+    def largest_stretch(self) -> float:
+        """Largest equibiaxial total stretch that any specimen reached."""
+        return max(largest_equibiaxial(s.run.draws, s.run.specimen) for s in self.sources)
+
+    def bands_table(self) -> pd.DataFrame:
+        """Equibiaxial Cauchy stress of new specimens, by group and total stretch."""
+        stretches = np.linspace(1.0, self.largest_stretch, BAND_POINTS)
+        parts = []
+        for group, table in self.new_specimens().items():
+            with np.errstate(over="ignore", invalid="ignore"):
+                stress = self.law.material(table).cauchy(stretches[None], stretches[None])
+            part = pd.DataFrame({"group": group, "total_stretch": stretches})
+            for axis, values in zip("xy", stress, strict=True):
+                known = np.nan_to_num(values, nan=np.inf)
+                for q, level in QUANTILES.items():
+                    part[f"cauchy_{axis}_{q}"] = np.quantile(known, level, axis=0)
+            parts.append(part)
+        return pd.concat(parts, ignore_index=True)
+
+    def records(self) -> list[tuple[str, np.ndarray, np.ndarray]]:
+        """Equibiaxial records: group, total stretches and Cauchy stresses, (rows, 2) each.
+
+        At the median mounting stretch of the pooled draws.
+        """
+        out = []
+        for i, source in enumerate(self.sources):
+            specimen = source.run.specimen
+            draws = pd.DataFrame(self.natural(i, 500))
+            for p in specimen.protocols:
+                stretch = np.column_stack([p.stretch_x, p.stretch_y])
+                lm = np.median(protocol_mounting(draws, p), axis=0)
+                off = (stretch * lm)[-1] - 1.0
+                if abs(off[0] - off[1]) > EQUIBIAXIAL * np.abs(off).max():
+                    continue
+                mounted = specimen.geometry == "mounted"
+                stress = specimen.load(p) / load_per_stress(specimen.area, stretch, lm, mounted)
+                out.append((self.grouping.group[i], stretch * lm, stress))
+        return out
+
+    def contradictions(self, table: pd.DataFrame) -> list[str]:
+        """Specimens that contradict their group, in words."""
+        out = []
+        for label, part in table.groupby("specimen", sort=False):
+            joint = float(part["specimen_predictive_p"].iloc[0])
+            each = part.dropna(subset=["predictive_p"])
+            if not np.isfinite(joint) or each.empty:
+                continue
+            worst = each.sort_values("predictive_p").to_dict("records")[0]
+            alone = float(worst["predictive_p"])
+            if joint < JOINT_P or alone < SINGLE_P:
+                out.append(
+                    f"{label} contradicts its group {part['group'].iloc[0]} (posterior predictive "
+                    f"p {joint:.3f}, most by {worst['quantity']}, p {alone:.3f})"
+                )
+        return out
+
+
+JOINT_P, SINGLE_P = 0.05, 0.01

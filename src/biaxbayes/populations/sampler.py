@@ -1,0 +1,393 @@
+"""From individuals and groups to judged draws of a population.
+
+Warm-up in rounds, each fitting archives, mixtures and principal components to the one before; then
+blocks of kept sweeps until R-hat and the effective sample size of all that is reported are good. As
+in :mod:`biaxbayes.sampling` every decision depends on the draws alone, so that a seed determines
+every byte, whatever the number of threads and however often it was interrupted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from biaxbayes.populations.ensemble import FRESH_VISITS, Design, Ensemble, Tuning
+from biaxbayes.sampling.convergence import Convergence, assess
+from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
+from biaxbayes.sampling.sampler import Progress
+
+__all__ = ["History", "Plan", "Sampled", "State", "draw"]
+
+LENGTH_ROUNDS = 2
+ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
+GROWTH = 1.5
+STATES = ("reliable", "tentative", "unusable")
+TOGETHER = 0.3
+"""Acceptance that the joint moves are tuned to."""
+FRESH_AT_ONCE = 32
+"""Sweeps whose mixture draws are made together."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the sampler is asked for.
+
+    Attributes
+    ----------
+    ess : float
+        Effective sample size of the worst quantity.
+    max_steps : int
+        Kept sweeps of each ensemble at which it gives up.
+    seed : int
+    workers : int
+        Threads; the draws do not depend on it.
+    ensembles, chains : int
+        Independent ensembles, and chains of each.
+    rounds, round_sweeps : int
+        Of the warm-up.
+    first_block : int
+        Kept sweeps before the draws are judged for the first time.
+    """
+
+    ess: float = 1000.0
+    max_steps: int = 6000
+    seed: int = 1
+    workers: int = 1
+    ensembles: int = 4
+    chains: int = 64
+    rounds: int = 4
+    round_sweeps: int = 30
+    first_block: int = 100
+
+
+@dataclass(frozen=True)
+class History:
+    """Kept draws; first axes (ensembles, kept, chains).
+
+    Attributes
+    ----------
+    mu : ndarray, shape (..., groups, p)
+        Centred.
+    sd_donors : ndarray, shape (..., p); sd : ndarray, shape (..., sets, p)
+    partial : tuple of ndarray, shape (..., 2, pairs)
+        Canonical partial correlations of donors and specimens, by block.
+    theta : ndarray, shape (..., n, p); u : ndarray, shape (..., n, dmax)
+        Values (centred) and coordinates of the specimens, every ``every``-th sweep.
+    effect : ndarray, shape (..., donors, p)
+        Likewise.
+    every : int
+    """
+
+    mu: np.ndarray
+    sd_donors: np.ndarray
+    sd: np.ndarray
+    partial: tuple[np.ndarray, ...]
+    theta: np.ndarray
+    u: np.ndarray
+    effect: np.ndarray
+    every: int
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """By name, for a checkpoint."""
+        plain = {k: getattr(self, k) for k in ("mu", "sd_donors", "sd", "theta", "u", "effect")}
+        return plain | {f"partial{k}": v for k, v in enumerate(self.partial)}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray], every: int) -> History:
+        """Inverse of :meth:`arrays`."""
+        own = dict(arrays)
+        partial = [own.pop(k) for k in sorted(own) if k.startswith("partial")]
+        return cls(**own, partial=tuple(partial), every=every)
+
+    def followed_by(self, other: History) -> History:
+        """Both, one after the other."""
+        mine, theirs = self.arrays(), other.arrays()
+        joined = {k: np.concatenate([mine[k], theirs[k]], axis=1) for k in mine}
+        return History.from_arrays(joined, self.every)
+
+    def specimens_sweeps(self) -> np.ndarray:
+        """Which kept sweeps carry the specimens' values."""
+        return np.arange(self.theta.shape[1]) * self.every
+
+
+@dataclass
+class State:
+    """A population between two blocks; what a checkpoint holds."""
+
+    tuning: Tuning
+    members: list[dict[str, Any]]
+    history: History | None
+    sweeps: int
+    block: int
+    finished: bool = False
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Judged draws of a population.
+
+    Attributes
+    ----------
+    history : History
+    convergence : Convergence
+    acceptance : dict of ndarray
+        Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together`` by
+        direction.
+    interrupted : bool
+    """
+
+    history: History
+    convergence: Convergence
+    acceptance: dict[str, np.ndarray] = field(repr=False)
+    interrupted: bool = False
+
+
+Quantities = Callable[[History], list[dict[str, np.ndarray]]]
+
+
+def draw(
+    design: Design,
+    plan: Plan,
+    quantities: Quantities,
+    *,
+    state: State | None = None,
+    on_block: Callable[[State], None] = lambda s: None,
+    progress: Callable[[Progress], None] = lambda p: None,
+    stop: Callable[[], object] = lambda: False,
+) -> Sampled:
+    """Draw from a population until the draws are good, or the plan ends.
+
+    Parameters
+    ----------
+    design : Design
+    plan : Plan
+    quantities : callable
+        What is judged of a history: dicts of arrays (ensembles, kept, chains) by name, each of
+        sweeps of its own.
+    state : State, optional
+        Where to go on.
+    on_block : callable
+        Given the state after the warm-up and after every block.
+    progress, stop : callable
+    """
+    seeds = np.random.SeedSequence(plan.seed).spawn(plan.ensembles + 1)
+    ensembles = [Ensemble(design, k, plan.chains, seeds[k]) for k in range(plan.ensembles)]
+    every = max(4, math.ceil(len(design.individuals) / 5))
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(plan.workers) as pool:
+        if state is None:
+            rng = np.random.default_rng(seeds[-1])
+            tuning = _warm_up(design, plan, ensembles, pool, rng, progress)
+            state = State(tuning, [_snapshot(e) for e in ensembles], None, 0, plan.first_block)
+            on_block(state)
+        else:
+            for ensemble, member in zip(ensembles, state.members, strict=True):
+                _restore(ensemble, member)
+        judged: Convergence | None = None
+        while not state.finished and not stop():
+            sweeps = min(state.block, plan.max_steps - state.sweeps)
+            sweeps = -(-sweeps // every) * every
+            _say(progress, state, judged, plan)
+            tuning = state.tuning
+            parts = list(
+                pool.map(partial(_run, tuning=tuning, sweeps=sweeps, every=every), ensembles)
+            )
+            new = _joined(parts, every)
+            history = new if state.history is None else state.history.followed_by(new)
+            done = state.sweeps + sweeps
+            judged = _assessed(quantities(history), plan.ess)
+            finished = judged.state == "reliable" or done >= plan.max_steps
+            state = State(
+                tuning,
+                [_snapshot(e) for e in ensembles],
+                history,
+                done,
+                math.ceil(state.block * GROWTH),
+                finished,
+            )
+            on_block(state)
+        found = state.history
+        if found is None:
+            found = _joined([_run(e, state.tuning, every, every) for e in ensembles], every)
+        convergence = _assessed(quantities(found), plan.ess)
+    return Sampled(found, convergence, _acceptance(ensembles, state.sweeps), not state.finished)
+
+
+def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> Convergence:
+    """All parts judged; the state is the worst of them."""
+    found = [assess(part, target_ess=ess) for part in parts]
+    worst = max(found, key=lambda c: STATES.index(c.state))
+    whole = {
+        what: np.concatenate([getattr(c, what) for c in found])
+        for what in ("ess_bulk", "ess_tail", "rhat", "tau")
+    }
+    names = tuple(name for c in found for name in c.names)
+    state, reason = worst.state, worst.reason
+    return Convergence(names, **whole, steps=found[0].steps, state=state, reason=reason)
+
+
+def _say(
+    progress: Callable[[Progress], None], state: State, judged: Convergence | None, plan: Plan
+) -> None:
+    if judged is None:
+        progress(Progress("sampling the population", 0.0))
+        return
+    share = min(judged.worst_ess / plan.ess, 0.99)
+    told = f"sampling: R-hat {judged.worst_rhat:.3f}, {judged.worst_ess:.0f} effective draws"
+    progress(Progress(told, share))
+
+
+def _run(ensemble: Ensemble, tuning: Tuning, sweeps: int, every: int) -> History:
+    """Kept sweeps of one ensemble, with a first axis of one."""
+    kept: dict[str, list[np.ndarray]] = {k: [] for k in ("mu", "sd_donors", "sd")}
+    parts: list[list[np.ndarray]] = [[] for _ in ensemble.partial]
+    thinned: dict[str, list[np.ndarray]] = {k: [] for k in ("theta", "u", "effect")}
+    for number in _sweeps(ensemble, tuning, sweeps):
+        for name, values in kept.items():
+            values.append(getattr(ensemble, name).copy())
+        for of, own in zip(parts, ensemble.partial, strict=True):
+            of.append(own.transpose(1, 0, 2).copy())
+        if number % every == 0:
+            for name, values in thinned.items():
+                values.append(getattr(ensemble, name).copy())
+    arrays = {k: np.array(v)[None] for k, v in (kept | thinned).items()}
+    return History(**arrays, partial=tuple(np.array(v)[None] for v in parts), every=every)
+
+
+def _sweeps(ensemble: Ensemble, tuning: Tuning, sweeps: int) -> Iterator[int]:
+    """Do sweeps, yielding after each its number."""
+    C = len(ensemble.u)
+    for first in range(0, sweeps, FRESH_AT_ONCE):
+        several = min(FRESH_AT_ONCE, sweeps - first)
+        fresh = ensemble.fresh_pool(tuning, several * C * FRESH_VISITS)
+        for k in range(several):
+            ensemble.sweep(tuning, fresh, k * C * FRESH_VISITS)
+            yield first + k
+
+
+def _joined(parts: list[History], every: int) -> History:
+    names = parts[0].arrays()
+    whole = {k: np.concatenate([p.arrays()[k] for p in parts]) for k in names}
+    return History.from_arrays(whole, every)
+
+
+# --- warm-up -------------------------------------------------------------------------------------
+
+
+def _warm_up(
+    design: Design,
+    plan: Plan,
+    ensembles: list[Ensemble],
+    pool: ThreadPoolExecutor,
+    rng: np.random.Generator,
+    progress: Callable[[Progress], None],
+) -> Tuning:
+    members = design.individuals
+    archives = tuple(_few(m.pool.reshape(-1, m.dimension), rng) for m in members)
+    size = max(m.dimension for m in members)
+    tuning = Tuning(archives, (), np.zeros((0, len(members), size)), np.zeros(0))
+    for number in range(plan.rounds):
+        progress(Progress("warming up", number / plan.rounds))
+        for ensemble in ensembles:
+            ensemble.accepted.clear()
+        held = list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps), ensembles))
+        history = np.concatenate(held, axis=1)  # sweeps, chains of all ensembles
+        last = history[len(history) // 2 :]
+        points = last.reshape(-1, *last.shape[2:])
+        own = tuple(_few(points[:, i, : m.dimension], rng) for i, m in enumerate(members))
+        seeds = [int(s) for s in rng.integers(2**63, size=len(members))]
+        proposals = tuple(pool.map(lambda m, a, s: _fitted(m.bounds, a, s), members, own, seeds))
+        directions = _directions(points, rng)
+        steps = _steps(tuning, ensembles, len(directions))
+        tuning = Tuning(own, proposals, directions, steps)
+    # lengths of the joint moves alone, for the last components
+    for _ in range(LENGTH_ROUNDS):
+        for ensemble in ensembles:
+            ensemble.accepted.clear()
+        list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps // 2), ensembles))
+        steps = _steps(tuning, ensembles, len(tuning.directions))
+        tuning = Tuning(tuning.archives, tuning.proposals, tuning.directions, steps)
+    for ensemble in ensembles:
+        ensemble.accepted.clear()
+    return tuning
+
+
+def _round(ensemble: Ensemble, tuning: Tuning, sweeps: int) -> np.ndarray:
+    return np.array([ensemble.u.copy() for _ in _sweeps(ensemble, tuning, sweeps)])
+
+
+def _few(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    chosen = rng.choice(len(points), min(ARCHIVE, len(points)), replace=False)
+    return np.ascontiguousarray(points[np.sort(chosen)])
+
+
+def _fitted(bounds: np.ndarray, points: np.ndarray, seed: int) -> TransportedMixture:
+    rng = np.random.default_rng(seed)
+    return fit_transported_mixture(points, rng, bounds=bounds, components=COMPONENTS, screen=False)
+
+
+def _directions(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Leading principal components of the stacked coordinates, shape (L, n, dmax)."""
+    few = _few(points.reshape(len(points), -1), rng)
+    centred = few - few.mean(axis=0)
+    sd = centred.std(axis=0)
+    scale = np.where(sd > 0.0, sd, 1.0)
+    _, singular, rows = np.linalg.svd(centred / scale, full_matrices=False)
+    most = min(DIRECTIONS, len(rows))
+    lengths = singular[:most] / math.sqrt(len(few))
+    leading: np.ndarray = (lengths[:, None] * rows[:most] * scale).reshape(most, *points.shape[1:])
+    return leading
+
+
+def _steps(tuning: Tuning, ensembles: list[Ensemble], count: int) -> np.ndarray:
+    """Lengths of the joint moves from the acceptance of the last round."""
+    if len(tuning.steps) != count:
+        return np.full(count, 0.5)
+    hits = np.sum([e.accepted["together"] for e in ensembles], axis=0)
+    tried = np.sum([e.accepted["together tried"] for e in ensembles], axis=0)
+    share = hits / np.maximum(tried, 1.0)
+    change = np.clip((share + 0.02) / (TOGETHER + 0.02), 0.25, 2.0)
+    return np.clip(tuning.steps * change, 1e-3, 3.0)
+
+
+# --- state ---------------------------------------------------------------------------------------
+
+
+CARRIED = ("u", "theta", "log", "mu", "effect", "sd_donors", "sd")
+
+
+def _snapshot(ensemble: Ensemble) -> dict[str, Any]:
+    out: dict[str, Any] = {name: getattr(ensemble, name).copy() for name in CARRIED}
+    for k, own in enumerate(ensemble.partial):
+        out[f"partial{k}"], out[f"factor{k}"] = own.copy(), ensemble.factor[k].copy()
+    out["rng"] = ensemble.rng.bit_generator.state
+    out["accepted"] = {k: np.array(v) for k, v in ensemble.accepted.items()}
+    return out
+
+
+def _restore(ensemble: Ensemble, member: dict[str, Any]) -> None:
+    for name in CARRIED:
+        setattr(ensemble, name, member[name].copy())
+    for k in range(len(ensemble.partial)):
+        ensemble.partial[k], ensemble.factor[k] = member[f"partial{k}"], member[f"factor{k}"]
+    ensemble.rng.bit_generator.state = member["rng"]
+    ensemble.accepted = {k: np.array(v) for k, v in member["accepted"].items()}
+
+
+def _acceptance(ensembles: list[Ensemble], sweeps: int) -> dict[str, np.ndarray]:
+    """Accepted shares of the kept sweeps: by specimen, and of the joint moves by direction."""
+    names = sorted({k for e in ensembles for k in e.accepted})
+    total = {
+        k: np.sum([e.accepted[k] for e in ensembles if k in e.accepted], axis=0) for k in names
+    }
+    tried = total.pop("together tried", None)
+    if tried is not None:
+        together = total.pop("together") / np.maximum(tried, 1.0)
+    out = {k: v / max(len(ensembles) * sweeps, 1) for k, v in total.items()}
+    return out if tried is None else out | {"together": together}

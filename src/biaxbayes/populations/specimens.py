@@ -1,0 +1,194 @@
+"""Specimens of a population from their finished runs: their likelihoods, and their draws.
+
+The likelihood is that of the run: same rows, law, error model and weight n_eff / n, as stored by
+it. The run's prior of the pooled parameters is replaced by a flat one inside of their physical
+range; everything else of the run's density stays, the priors of its mounting stretches and errors
+included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from biaxbayes.errors import InputError, RunError
+from biaxbayes.model import density as kernel
+from biaxbayes.model.density import FIXED, UNIFORM, Problem
+from biaxbayes.model.posterior import Chart, Posterior
+from biaxbayes.model.priors import Prior
+from biaxbayes.parameters import STRETCH
+from biaxbayes.populations.ensemble import Individual
+from biaxbayes.populations.model import PooledValue
+from biaxbayes.runs.run import Run
+
+__all__ = ["Source", "individual_of", "pooled_names"]
+
+MOST_DRAWS = 1500
+"""Of a run for each ensemble."""
+LEAST_DRAWS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A specimen's run as the population takes it.
+
+    Attributes
+    ----------
+    label : str
+    run : Run
+    posterior : Posterior
+        With a chart around the draws.
+    """
+
+    label: str
+    run: Run
+    posterior: Posterior
+
+    @classmethod
+    def of(cls, label: str, run: Run) -> Source:
+        """A finished run under its label."""
+        posterior = run.posterior()
+        law = posterior.law
+        medians = {n: float(np.median(run.draws[n])) for n in law.names}
+        chart = Chart(law.softening(medians), None)
+        return cls(label, run, posterior.replaced(chart=chart))
+
+
+def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
+    """Parameters that all runs sampled.
+
+    Raises
+    ------
+    InputError
+        If the runs differ in their law or in what they sampled.
+    """
+    first = sources[0]
+    for source in sources[1:]:
+        law, other = source.posterior.law, first.posterior.law
+        if (law.name, law.fibre_switch) != (other.name, other.fibre_switch):
+            raise InputError(
+                f"{first.label} and {source.label} were sampled with other laws",
+                remedy="sample all specimens of a population with the same law and fibre switch",
+            )
+    free = {
+        s.label: tuple(n for n in s.posterior.law.names if n in s.posterior.free) for s in sources
+    }
+    common = free[first.label]
+    for label, own in free.items():
+        if own != common:
+            name = next(iter(set(own) ^ set(common)))
+            there = first.label if name in common else label
+            raise InputError(
+                f"{name} was sampled in {there} and fixed or tied in "
+                f"{label if there == first.label else first.label}",
+                remedy="fix the same parameters in all specimens",
+            )
+    if not common:
+        raise InputError("no parameter was sampled: all are fixed or tied")
+    return common
+
+
+@njit(cache=True)
+def _log_priors(kinds, rows, values):
+    """Sum of the log priors of the pooled values, on the scale of the table's units."""
+    out = np.zeros(values.shape[0])
+    for i in range(values.shape[0]):
+        for k in range(kinds.size):
+            out[i] += kernel._log_prior(kinds[k], rows[k], values[i, k])
+    return out
+
+
+def individual_of(source: Source, values: Sequence[PooledValue], ensembles: int) -> Individual:
+    """A specimen for the sampler.
+
+    Parameters
+    ----------
+    source : Source
+    values : sequence of PooledValue
+    ensembles : int
+        Of the population's sampler.
+
+    Raises
+    ------
+    RunError
+        If the run's draws are not those of its density.
+    InputError
+        If mounting stretches are to be pooled and this run has none, or several.
+    """
+    posterior = source.posterior
+    slots = posterior._assembly.slots
+    whole = posterior._assembly.problem
+    for v in values:
+        if v.parameter.kind == STRETCH and (
+            v.name not in slots or not posterior.settings.infers_mounting
+        ):
+            raise InputError(
+                f"{source.label} has no mounting stretch that all of its protocols share",
+                remedy="leave out --pool-mounting",
+            )
+    at = np.array([slots.index(v.name) for v in values])
+    problem = _without_priors(whole, at, values)
+    per_unit = whole.per_unit[at]
+    logs = np.array([v.parameter.logarithmic for v in values])
+    kinds, rows = _priors(posterior, values)
+
+    def density(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        log, _, natural = kernel.evaluate(problem, u)
+        found = natural[:, at] * per_unit
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found[:, logs] = np.log(found[:, logs])
+        log[~np.isfinite(found).all(axis=1)] = -np.inf
+        return log, found
+
+    def log_prior(theta: np.ndarray) -> np.ndarray:
+        found: np.ndarray = _log_priors(kinds, rows, np.ascontiguousarray(theta))
+        return found
+
+    pool = _pools(source, ensembles, density)
+    return Individual(source.label, density, log_prior, posterior.bounds, pool)
+
+
+def _without_priors(whole: Problem, at: np.ndarray, values: Sequence[PooledValue]) -> Problem:
+    """The problem with a flat, unnormalised prior of the pooled values in their physical range."""
+    kinds, rows = whole.prior_kind.copy(), whole.prior.copy()
+    for i, v in zip(at, values, strict=True):
+        kinds[i] = UNIFORM
+        rows[i] = [0.0, 1.0, *v.edges, 0.0]
+    return whole._replace(prior_kind=kinds, prior=rows)
+
+
+def _priors(posterior: Posterior, values: Sequence[PooledValue]) -> tuple[np.ndarray, np.ndarray]:
+    kinds, rows = np.full(len(values), FIXED), np.zeros((len(values), 5))
+    for k, v in enumerate(values):
+        prior = posterior.priors[v.name]
+        if isinstance(prior, Prior):
+            kinds[k], rows[k] = prior.encode(log_scale=v.parameter.logarithmic)
+    return kinds, rows
+
+
+def _pools(source: Source, ensembles: int, density) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Coordinates of the run's draws, a share of its ensembles each; (ensembles, N, d)."""
+    chains = source.run.chains
+    own = len(next(iter(chains.values())))
+    out = []
+    for k in range(ensembles):
+        chosen = [e for e in range(own) if e % ensembles == k] or [k % own]
+        flat = {name: v[chosen].reshape(-1) for name, v in chains.items()}
+        size = len(next(iter(flat.values())))
+        rows = np.linspace(0, size - 1, min(size, MOST_DRAWS)).round().astype(int)
+        if own < ensembles:  # another part of the same ensemble for each
+            rows = (rows + (k // own) * max(1, size // (MOST_DRAWS * ensembles))) % size
+        u = source.posterior.coordinates({name: v[rows] for name, v in flat.items()})
+        with np.errstate(invalid="ignore"):
+            known = np.isfinite(u).all(axis=1)
+        u = u[known]
+        out.append(u[np.isfinite(density(np.ascontiguousarray(u))[0])])
+    least = min(len(u) for u in out)
+    if least < LEAST_DRAWS:
+        raise RunError(
+            f"{source.run.path}: its draws are not those of its density; sample it again"
+        )
+    return np.ascontiguousarray([u[:least] for u in out])

@@ -1,0 +1,256 @@
+"""A population from a study folder: files, words for difficult studies, resume, exit codes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import biaxbayes
+import quick_posteriors
+import shared
+from biaxbayes.cli import main
+from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.jobs import population as job
+from biaxbayes.jobs.batch import Batch
+from biaxbayes.jobs.population import PopulationJob, members_of_study
+from biaxbayes.jobs.population_files import FIGURES, RECORD, read_population
+from biaxbayes.laws.goh import GOH
+from biaxbayes.options import PopulationOptions
+from biaxbayes.populations.model import PopulationPriors
+from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
+from biaxbayes.populations.sampler import Plan
+from biaxbayes.populations.specimens import Source, individual_of, pooled_names
+from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.studies.study_file import read_study
+
+MATERIALS = {
+    "a": GOH(14.0, 60.0, 8.0, 38.0, 0.1),
+    "b": GOH(11.0, 75.0, 7.0, 42.0, 0.1),
+    "c": GOH(6.0, 30.0, 5.0, 55.0, 0.1),
+    "d": GOH(7.0, 24.0, 6.0, 51.0, 0.1),
+}
+STUDY = """
+ess = 60
+max_steps = 600
+columns = ["disease"]
+options = { noise = "independent", mounting = "exact" }
+priors = { kappa = 0.1 }
+"""
+QUICK = {
+    **{"ensembles": 4, "chains": 16, "rounds": 2, "round_sweeps": 16},
+    **{"first_block": 40, "max_steps": 80, "ess": 50.0},
+}
+
+
+def made_study(folder):
+    folder.mkdir()
+    text = STUDY
+    for k, (name, material) in enumerate(MATERIALS.items()):
+        data = quick_posteriors.specimen(material, increments=8, seed=k)
+        write_specimen(replace(data, name=name, layer="media"), folder / f"{name}.csv")
+        disease = "healthy" if name in "ab" else "aneurysm"
+        text += f'\n[[specimen]]\nfile = "{name}.csv"\ndonor = "D{k % 2}"\ndisease = "{disease}"\n'
+    (folder / "study.toml").write_text(text)
+    with quick_posteriors.runs_without_figures():
+        Batch(read_study(folder / "study.toml"), folder / "study").execute()
+
+
+@pytest.fixture(scope="module")
+def study(session_folder):
+    return shared.made_once("population-study", made_study) / "study"
+
+
+def quick_job(study, out, **changes):
+    name, members = members_of_study(study)
+    return PopulationJob(name, changes.pop("members", members), out, anyway=True, **changes)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
+
+
+@pytest.fixture(scope="module")
+def found(study, tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(job, "Plan", lambda **k: Plan(**(k | QUICK)))
+        return quick_job(study, tmp_path_factory.mktemp("population") / "out").execute()
+
+
+def test_likelihood_is_the_runs_without_its_prior_of_the_pooled_values(study):
+    run = biaxbayes.open_run(study / "runs" / "a")
+    source = Source.of("a", run)
+    names = pooled_names([source])
+    assert names == ("C1", "k1", "k2", "alpha")
+    from biaxbayes.populations.model import pooled_values
+
+    own = individual_of(source, pooled_values(run.law, names), 4)
+    u = own.pool[0][:50]
+    log, theta = own.density(u)
+    # flat density times the run's prior is the run's own density, up to one constant
+    gap = source.posterior.log_prob(u) - log - own.log_prior(theta)
+    assert np.ptp(gap) < 1e-8
+    natural = source.posterior.natural(u)
+    assert theta[:, 0] == pytest.approx(np.log(natural["C1"]), rel=1e-9)
+    assert theta[:, 3] == pytest.approx(natural["alpha"], rel=1e-9)
+
+
+def test_tables_have_their_columns_and_hold_together(found):
+    table = found.groups
+    assert tuple(table.columns) == POPULATION_COLUMNS
+    assert tuple(found.specimens.columns) == SPECIMEN_COLUMNS
+    assert tuple(found.contrasts.columns) == CONTRAST_COLUMNS
+    assert list(dict.fromkeys(table["group"])) == ["healthy", "aneurysm"]
+    for part in ("mean", "sd_donors", "sd_specimens", "new_specimen", "new_donor"):
+        q05, q50, q95 = (table[f"{part}_{q}"] for q in ("q05", "q50", "q95"))
+        assert (q05 <= q50).all() and (q50 <= q95).all()
+    C1 = table[table["quantity"] == "C1"].set_index("group")
+    assert C1.loc["healthy", "scale"] == "log" and C1.loc["healthy", "unit"] == "kPa"
+    assert 8.0 < C1.loc["healthy", "mean_q50"] < 20.0
+    assert C1.loc["aneurysm", "mean_q50"] < C1.loc["healthy", "mean_q50"]
+    # a new specimen scatters more than the mean of its group
+    wider = table["new_specimen_q95"] - table["new_specimen_q05"]
+    narrower = table["mean_q95"] - table["mean_q05"]
+    assert (wider >= narrower).all() and (wider > 1.1 * narrower).sum() > 0.9 * len(table) - 2
+    contrast = found.contrasts.set_index("quantity")
+    assert contrast.loc["C1", "probability_positive"] < 0.2
+    alpha = contrast.loc["alpha", "difference_q50"]
+    means = table[table["quantity"] == "alpha"].set_index("group")["mean_q50"]
+    assert alpha == pytest.approx(means["aneurysm"] - means["healthy"], abs=1.0)
+    assert {"Hx", "stiffness_x at 1"} <= set(table["quantity"])
+
+
+def test_files_say_the_same(found):
+    again = read_population(found.folder)
+    for name in ("groups", "specimens", "contrasts"):
+        written, table = getattr(again, name), getattr(found, name)
+        numbers = table.select_dtypes("number")
+        assert np.allclose(written[numbers.columns], numbers, rtol=1e-6, equal_nan=True)
+    tree = xr.open_datatree(found.folder / "population.nc", engine="h5netcdf").load()
+    draws = tree["posterior"]["mean"].sel(group="healthy", quantity="C1").to_numpy()
+    row = found.groups.iloc[0]
+    assert np.exp(np.median(draws)) == pytest.approx(row["mean_q50"], rel=1e-6)
+    for stem in FIGURES:
+        assert (found.folder / f"{stem}.pdf").stat().st_size > 2000
+    page = (found.folder / "population.html").read_text()
+    assert (found.reason or "R-hat") in page
+    assert "data:image/png" in page and "http://" not in page
+    assert f"{row['mean_q50']:.3g}" in page
+    with pytest.raises(RunError, match="not the folder of a finished population"):
+        read_population(found.folder.parent)
+
+
+def test_stopped_and_resumed_writes_the_same_bytes(study, found, tmp_path, quick):
+    asked = []
+
+    def stop():
+        asked.append(1)
+        return 2 if len(asked) > 1 else 0
+
+    whole = quick_job(study, tmp_path / "out")
+    with pytest.raises(Interrupted, match="--resume continues") as error:
+        whole.execute(stop=stop)
+    assert error.value.exit_code == 130
+    whole.execute(resume=True)
+    for name in ("population.csv", "specimens.csv", "contrasts.csv"):
+        assert (tmp_path / "out" / name).read_bytes() == (found.folder / name).read_bytes()
+    other = quick_job(study, tmp_path / "out", options=PopulationOptions(seed=2))
+    with pytest.raises(RunError, match="seed"):
+        other.execute(resume=True)
+
+
+def test_words_for_difficult_studies(study):
+    _, members = members_of_study(study)
+
+    def notes(**changes):
+        changed = [
+            replace(m, **{k: v[i] for k, v in changes.items()}) for i, m in enumerate(members)
+        ]
+        of = PopulationJob("x", changed, study, anyway=True)
+        sources, left_out = of._opened()
+        return " | ".join(of._grouped(sources)[1]), left_out
+
+    assert "one donor" in notes(donor=["D"] * 4)[0]
+    assert "split" in notes(donor=list("pqrs"))[0]
+    assert "no donor is stated" in notes(donor=["", "D", "D", "D"])[0]
+    assert "group x has one specimen" in notes(group=["x", "y", "y", "y"])[0]
+    assert "no donor in common" in notes(donor=["p", "p", "q", "q"])[0]
+    _, left_out = notes(state=["reliable", "unusable", "reliable", "reliable"])
+    assert list(left_out) == ["b"] and "did not converge" in left_out["b"]
+    with pytest.raises(InputError, match="1 of 4 specimens can be pooled"):
+        notes(state=["reliable", "unusable", "unusable", "failed"])
+
+
+def test_columns_of_the_study_file(study, tmp_path, capsys):
+    text = (study.parent / "study.toml").read_text()
+    for name in MATERIALS:
+        shutil.copy(study.parent / f"{name}.csv", tmp_path)
+    bad = tmp_path / "study.toml"
+    for change, said in (
+        ('columns = ["disease"]', "'disease' is no key of specimen 1"),
+        ('disease = "healthy"\n', "disease is missing, which columns declares"),
+    ):
+        bad.write_text(text.replace(change, "", 1))
+        with pytest.raises(SystemExit) as ended:
+            main(["population", str(bad), "--out", str(tmp_path / "out")])
+        assert ended.value.code == 2
+        assert said in capsys.readouterr().err
+
+
+def test_what_cannot_be_pooled_is_said(study, tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["population", str(tmp_path), "--out", str(tmp_path / "out")])
+    assert ended.value.code == 2 and "finished study" in capsys.readouterr().err
+    priors = tmp_path / "priors.toml"
+    priors.write_text("[sd_donors]\nkappa = 0.1\n")
+    with pytest.raises(InputError, match=r"\[sd_donors\] 'kappa' is no pooled parameter"):
+        quick_job(study, tmp_path / "out", priors=PopulationPriors.read(priors)).execute()
+    for text, said in (
+        ("[spread]\nC1 = 1", "no table of population priors"),
+        ("[sd_donors]\nC1 = -1", "above zero"),
+        ('[mean]\nC1 = { distribution = "cauchy" }', "normal or a lognormal"),
+    ):
+        priors.write_text(text)
+        with pytest.raises(InputError, match=said):
+            PopulationPriors.read(priors)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    with pytest.raises(RunError, match="not a population's"):
+        quick_job(study, tmp_path / "mine").execute()
+
+
+def test_a_specimen_apart_is_named(found):
+    """The words, from a table in which one specimen lies apart."""
+    table = found.specimens.copy()
+    of = table["specimen"] == "a"
+    table.loc[of, "specimen_predictive_p"] = 0.01
+    table.loc[of & (table["quantity"] == "k1"), "predictive_p"] = 0.002
+    from biaxbayes.populations.result import Population
+
+    said = Population.contradictions(found, table)
+    assert len(said) == 1 and "a contradicts its group healthy" in said[0] and "k1" in said[0]
+
+
+def test_record_states_priors_and_seed(found):
+    record = json.loads((found.folder / RECORD).read_text())
+    assert record["pooled"]["C1"]["mean"].startswith("LN(10")
+    assert record["identity"]["options"]["seed"] == 1
+    assert set(record["identity"]["runs"]) == set("abcd")
+    assert isinstance(pd.Series(record["acceptance"]["own"]).mean(), float)
+
+
+def test_cards_of_new_specimens_and_of_the_mean_curve(found, tmp_path):
+    made = biaxbayes.export(
+        found.folder, "abaqus", population="healthy", draws=3, out=tmp_path / "cards"
+    )
+    assert len(made) == 3 and made["check_relative_deviation"].max() < 1e-8
+    mean = pd.read_csv(tmp_path / "cards" / "mean-curve" / "manifest.csv")
+    assert len(mean) == 1 and mean["kappa"].iloc[0] == 0.1
+    with pytest.raises(InputError, match="groups are healthy, aneurysm"):
+        biaxbayes.export(found.folder, "abaqus", population="skin", out=tmp_path / "none")
