@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,23 @@ def session_folder(tmp_path_factory):
 def copied(tmp_path) -> Callable[[Path], Path]:
     """A copy of a shared run folder, for a test that writes into it."""
     return lambda run: Path(shutil.copytree(run, tmp_path / f"copy-of-{run.name}"))
+
+
+@pytest.fixture
+def usual_signals() -> Iterator[None]:
+    """Signals as a terminal gives them, though ``nohup`` or a background job ignores some.
+
+    What is ignored would be so in every process that a test starts.
+    """
+    usual = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

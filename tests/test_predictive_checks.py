@@ -83,7 +83,7 @@ def test_a_goh_protocol_is_predicted(mounting):
     table = leave_out(
         data,
         data.protocols[1].name,
-        plan=Plan(ess=100, workers=1, ensembles=2, population=2048),
+        plan=Plan(ess=100, workers=1, ensembles=2, population=2048, walkers=32),
         probability=0.99,  # one mounting reading moves all points of the protocol together
         mounting_stretch=mounting,
         noise="independent",

@@ -24,6 +24,7 @@ from biaxbayes.runs.summary import COLUMNS
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from quick_posteriors import runs_without_figures, without_figures
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -31,7 +32,7 @@ with warnings.catch_warnings():
 
 DATA = Path(__file__).parents[1] / "data"
 THETA = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x", "mounting_stretch_y")
-QUICK = Plan(ess=3000, workers=2)
+QUICK = Plan(ess=3000, workers=2, walkers=32)
 
 
 def specimen(name="donor2-media"):
@@ -103,14 +104,14 @@ def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_deter
 
 @pytest.fixture(scope="module")
 def chain():
-    return draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=1))
+    return draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=1, walkers=32))
 
 
 def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
-    again = draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=2))
+    again = draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=2, walkers=32))
     np.testing.assert_array_equal(chain.chain, again.chain)
     assert again.rejected == chain.rejected
-    other = draw_posterior(prepare(specimen()), Plan(ess=500, seed=5, workers=2))
+    other = draw_posterior(prepare(specimen()), Plan(ess=500, seed=5, workers=2, walkers=32))
     assert not np.array_equal(chain.chain, other.chain)
 
 
@@ -119,7 +120,9 @@ def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
     [("donor2-media", "effective", (2,)), ("donor2-adventitia", "independent", (0,))],
 )
 def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, noise, stops, tmp_path):
-    plan = Plan(ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048)
+    plan = Plan(
+        ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048, walkers=32
+    )
     whole = draw_posterior(prepare(specimen(name), noise=noise), plan)
     assert whole.convergence.state != "reliable"  # the target is out of reach: the budget ended it
     assert whole.chain.shape[1] == 300
@@ -156,7 +159,7 @@ def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
     from biaxbayes.sampling import sampler
 
     posterior = Posterior(specimen("donor2-adventitia"), noise="independent")
-    plan = Plan(ess=1e9, max_steps=300, seed=3, first_block=64, population=2048)
+    plan = Plan(ess=1e9, max_steps=300, seed=3, first_block=64, population=2048, walkers=32)
     whole = draw_posterior(posterior, plan)
     monkeypatch.setattr(sampler, "MAX_KEPT_STEPS", 70)
     thinned = draw_posterior(posterior, plan)
@@ -306,9 +309,10 @@ def test_provenance_says_what_was_run_and_how_long_each_part_took(run):
 
 
 def test_same_seed_same_bytes_whatever_the_workers(run, tmp_path):
-    again = biaxbayes.sample(
-        DATA / "donor2-media.csv", out=tmp_path / "again", seed=11, ess=500, workers=2
-    )
+    with without_figures():
+        again = biaxbayes.sample(
+            DATA / "donor2-media.csv", out=tmp_path / "again", seed=11, ess=500, workers=2
+        )
     for name in ("summary.csv", "fit.json"):
         assert (again.path / name).read_bytes() == (run.path / name).read_bytes()
     np.testing.assert_array_equal(again.draws.to_numpy(), run.draws.to_numpy())
@@ -339,7 +343,10 @@ def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
 
 def test_a_run_that_does_not_converge_ends_with_3_and_shows_nothing_to_trust(tmp_path, capsys):
     out = tmp_path / "short"
-    code = call("sample", DATA / "donor2-media.csv", "--out", out, "--max-steps", 128, "--ess", 1e7)
+    with runs_without_figures():
+        code = call(
+            "sample", DATA / "donor2-media.csv", "--out", out, "--max-steps", 128, "--ess", 1e7
+        )
     text = capsys.readouterr().out
     assert code == 3
     assert "not converged" in text
@@ -373,7 +380,8 @@ def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
     "way", [["--mounting", "zeroed"], ["--mounting-force", "0.013", "0.016"]], ids=lambda w: w[0]
 )
 def test_the_ways_on_lead_on(tmp_path, capsys, way):
-    code = call("sample", tared(tmp_path), "--out", tmp_path / "run", "--ess", 100, *way)
+    with runs_without_figures():
+        code = call("sample", tared(tmp_path), "--out", tmp_path / "run", "--ess", 100, *way)
     assert code == 0, capsys.readouterr()
     names = set(pd.read_csv(tmp_path / "run" / "summary.csv")["parameter"])
     assert ("mounting_stretch_x" in names) == (way[0] == "--mounting-force")
@@ -389,7 +397,7 @@ def test_a_foreign_folder_is_not_written_into(tmp_path, capsys):
 
 def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
     posterior = prepare(specimen())
-    plan = Plan(ess=1e9, max_steps=128, first_block=64)
+    plan = Plan(ess=1e9, max_steps=128, first_block=64, population=2048, walkers=32)
     draw_posterior(
         posterior,
         plan,
