@@ -14,6 +14,19 @@ import quick_posteriors
 import reported
 import shared
 
+LONG = (
+    "test_sampler", "test_resume", "test_calibration", "test_posterior", "test_python_verbs",
+    "test_moves", "test_figures", "test_design", "test_plot_command", "test_evidence", "test_fit",
+    "test_profile", "test_compilation", "test_docs_commands", "test_identifiability", "test_batch",
+)  # fmt: skip
+"""Files that take longest, the longest first: the workers end together if they begin with them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first; ``scripts/test.sh`` has xdist hand files out in this order."""
+    rank = {name: i for i, name in enumerate(LONG)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(LONG)))
+
 
 @pytest.fixture(scope="session", autouse=True)
 def session_folder(tmp_path_factory):
