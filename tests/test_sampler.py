@@ -5,6 +5,7 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,12 @@ def specimen(name="donor2-media"):
     return read_specimen(DATA / f"{name}.csv")
 
 
+@cache
+def prepared(name="donor2-media", noise="effective"):
+    """A posterior is a value: one is enough for all that only draw from it."""
+    return prepare(specimen(name), noise=noise)
+
+
 def departures(first, second, names=THETA, levels=(0.05, 0.5, 0.95)):
     """z-scores of the quantiles of two posteriors, each with its own effective sample size."""
     out = []
@@ -63,7 +70,7 @@ def limit(tests, level=1e-3):
     ("name", "noise"), [("donor2-media", "effective"), ("donor2-adventitia", "independent")]
 )
 def test_free_and_noisy_are_the_same_posterior(name, noise):
-    reference = prepare(specimen(name), mounting="noisy", noise=noise)
+    reference = prepared(name, noise)
     runs = [
         draw_posterior(
             Posterior(specimen(name), mounting=m, noise=noise, beta=reference.beta), QUICK
@@ -104,14 +111,14 @@ def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_deter
 
 @pytest.fixture(scope="module")
 def chain():
-    return draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=1, walkers=32))
+    return draw_posterior(prepared(), Plan(ess=500, seed=4, workers=1, walkers=32))
 
 
 def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
     again = draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=2, walkers=32))
     np.testing.assert_array_equal(chain.chain, again.chain)
     assert again.rejected == chain.rejected
-    other = draw_posterior(prepare(specimen()), Plan(ess=500, seed=5, workers=2, walkers=32))
+    other = draw_posterior(prepared(), Plan(ess=500, seed=5, workers=2, walkers=32))
     assert not np.array_equal(chain.chain, other.chain)
 
 
@@ -123,7 +130,7 @@ def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, nois
     plan = Plan(
         ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048, walkers=32
     )
-    whole = draw_posterior(prepare(specimen(name), noise=noise), plan)
+    whole = draw_posterior(prepared(name, noise), plan)
     assert whole.convergence.state != "reliable"  # the target is out of reach: the budget ended it
     assert whole.chain.shape[1] == 300
     identity = {"test": "interruption"}
@@ -137,7 +144,7 @@ def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, nois
             checkpoint.save(folder, state, identity)
 
         part = draw_posterior(
-            prepare(specimen(name), noise=noise),
+            prepared(name, noise),
             plan,
             on_block=save,
             stop=lambda seen=seen, stop_after=stop_after: len(seen) > stop_after,
@@ -169,7 +176,7 @@ def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
 
 def test_draws_carry_what_they_claim(chain):
     assert chain.convergence.state == "reliable"
-    posterior = prepare(specimen())
+    posterior = prepared()
     ensembles, steps, walkers, d = chain.chain.shape
     assert (ensembles, d) == (4, posterior.dimension)
     for values in chain.quantities.values():
@@ -396,7 +403,7 @@ def test_a_foreign_folder_is_not_written_into(tmp_path, capsys):
 
 
 def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
-    posterior = prepare(specimen())
+    posterior = prepared()
     plan = Plan(ess=1e9, max_steps=128, first_block=64, population=2048, walkers=32)
     draw_posterior(
         posterior,
