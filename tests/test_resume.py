@@ -29,6 +29,7 @@ from biaxbayes.runs import checkpoint
 from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
 from biaxbayes.runs.folder import PROVENANCE
 from biaxbayes.sampling.sampler import Plan, State
+from quick_posteriors import without_figures
 
 pytestmark = pytest.mark.usefixtures("usual_signals")
 ROOT = Path(__file__).parents[1]
@@ -42,9 +43,8 @@ def quick():
 
     Figures and report are the same whatever happened before: they are left out here.
     """
-    with pytest.MonkeyPatch.context() as patch:
+    with without_figures(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(sampling, "Plan", partial(Plan, walkers=32, first_block=16))
-        patch.setattr("biaxbayes.jobs.products.write_products", lambda *a: None)
         patch.setattr("biaxbayes.reports.page.write_report", lambda *a: None)
         yield
 
