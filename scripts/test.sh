@@ -10,4 +10,4 @@ ruff format --check src tests scripts
 ruff check src tests scripts
 mypy
 export OMP_NUM_THREADS=1 MPLBACKEND=Agg
-pytest -n "${BIAXBAYES_TEST_WORKERS:-2}" --dist loadfile "$@"
+pytest -n "${BIAXBAYES_TEST_WORKERS:-2}" --dist loadfile --no-loadscope-reorder "$@"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,19 @@ import pytest
 import quick_posteriors
 import reported
 import shared
+
+LONG = (
+    "test_sampler", "test_resume", "test_calibration", "test_posterior", "test_python_verbs",
+    "test_moves", "test_figures", "test_design", "test_plot_command", "test_evidence", "test_fit",
+    "test_profile", "test_compilation", "test_docs_commands", "test_identifiability", "test_batch",
+)  # fmt: skip
+"""Files that take longest, the longest first: the workers end together if they begin with them."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first; ``scripts/test.sh`` has xdist hand files out in this order."""
+    rank = {name: i for i, name in enumerate(LONG)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(LONG)))
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -26,6 +40,23 @@ def session_folder(tmp_path_factory):
 def copied(tmp_path) -> Callable[[Path], Path]:
     """A copy of a shared run folder, for a test that writes into it."""
     return lambda run: Path(shutil.copytree(run, tmp_path / f"copy-of-{run.name}"))
+
+
+@pytest.fixture
+def usual_signals() -> Iterator[None]:
+    """Signals as a terminal gives them, though ``nohup`` or a background job ignores some.
+
+    What is ignored would be so in every process that a test starts.
+    """
+    usual = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from shared import found_once
 
 THREE_RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 EQUIBIAXIAL = ((1.0, 1.0),)
+FEW_WALKERS = 32
 
 
 class Sampled(NamedTuple):
@@ -68,7 +70,8 @@ def sampled(data: Specimen, *, ess: float = 150.0, seed: int = 1, **options: Any
 
     def find() -> tuple:
         target = Posterior(data, **options)
-        found = draw_posterior(target, Plan(ess=ess, seed=seed, workers=2))
+        plan = Plan(ess=ess, seed=seed, workers=2, walkers=FEW_WALKERS)
+        found = draw_posterior(target, plan)
         return target, found.convergence.state, found.quantities
 
     target, state, chains = found_once((data, ess, seed, sorted(options.items())), find)
@@ -77,8 +80,18 @@ def sampled(data: Specimen, *, ess: float = 150.0, seed: int = 1, **options: Any
 
 
 @contextlib.contextmanager
-def runs_without_figures() -> Iterator[None]:
-    """Run folders whose figures other tests look at: here they would cost most of the time."""
+def runs_of_few_walkers() -> Iterator[None]:
+    """Run folders whose draws are only a means: half of a run's walkers do as well."""
+    from biaxbayes.jobs import sample
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sample, "Plan", functools.partial(Plan, walkers=FEW_WALKERS))
+        yield
+
+
+@contextlib.contextmanager
+def without_figures() -> Iterator[None]:
+    """Run folders with their verdicts, without the figures, which other tests look at."""
     from biaxbayes.identifiability.identify import identify_draws
     from biaxbayes.jobs import products as run_products
     from biaxbayes.reports import page
@@ -93,4 +106,11 @@ def runs_without_figures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(run_products, "write_products", verdicts_alone)
         patched.setattr(page, "_determined", lambda run: [])
+        yield
+
+
+@contextlib.contextmanager
+def runs_without_figures() -> Iterator[None]:
+    """Quick run folders: few walkers, and figures would cost most of the time."""
+    with runs_of_few_walkers(), without_figures():
         yield

@@ -25,11 +25,12 @@ def hostile_run(folder: Path) -> Run:
         replace(p, name=name) for p, name in zip(made.protocols, PROTOCOLS, strict=True)
     )
     made = replace(made, name=NAME, layer=LAYER, protocols=protocols)
-    return biaxbayes.sample(
-        made,
-        out=folder,
-        noise="independent",
-        mounting_stretch="per-protocol",
-        ess=100,
-        workers=2,
-    )
+    with quick.runs_of_few_walkers():
+        return biaxbayes.sample(
+            made,
+            out=folder,
+            noise="independent",
+            mounting_stretch="per-protocol",
+            ess=100,
+            workers=2,
+        )

@@ -320,44 +320,51 @@ def test_several_protocols_and_unknown_dimensions_are_simulated():
 
 
 @pytest.fixture(scope="module")
-def alone():
-    """Two replications, one after the other in this process."""
-    return {r.index: r for r in run_replications(study(), [2, 4])}
+def whole(tmp_path_factory):
+    """A study of two replications, one after the other in this process: outcome and folder."""
+    folder = tmp_path_factory.mktemp("study") / "whole"
+    return CalibrationStudy(study(), folder, 2).execute(), folder
+
+
+@pytest.fixture(scope="module")
+def alone(whole):
+    """Truth and rank of every quantity by replication, as in the study's file."""
+    table = read_ranks(whole[1] / "ranks.csv").set_index("parameter")
+    return {i: t[["truth", "rank"]].to_dict() for i, t in table.groupby("replication")}
 
 
 def test_a_replication_is_determined_by_study_and_index(alone):
-    a, b = replicate(study(), 2), alone[2]
-    assert a.rank == b.rank
-    assert a.truth == b.truth
+    a = replicate(study(), 1)
+    assert a.rank == alone[1]["rank"]
+    assert {name: a.truth[name] for name in a.rank} == alone[1]["truth"]
     assert {"C1", "kappa", "mounting_stretch_y", "noise_sd", "log_likelihood"} <= set(a.rank)
     assert all(0 <= r <= 127 for r in a.rank.values())
 
 
-def test_an_interrupted_study_continues_to_the_same_table(tmp_path):
-    calls = []
+def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
+    calls, (outcome, folder) = [], whole
 
     def stop() -> bool:
         calls.append(1)
         return len(calls) > 1
 
-    whole = CalibrationStudy(study(), tmp_path / "whole", 2).execute()
     with pytest.raises(Interrupted, match="1 of 2"):
         CalibrationStudy(study(), tmp_path / "parts", 2).execute(stop=stop)
     parts = CalibrationStudy(study(), tmp_path / "parts", 2).execute(resume=True)
-    pd.testing.assert_frame_equal(whole.table, parts.table)
+    pd.testing.assert_frame_equal(outcome.table, parts.table)
     a, b = (
-        read_ranks(tmp_path / n / "ranks.csv").drop(columns="seconds") for n in ("whole", "parts")
+        read_ranks(f / "ranks.csv").drop(columns="seconds") for f in (folder, tmp_path / "parts")
     )
     pd.testing.assert_frame_equal(a, b)
     for name in ("calibration.csv", "calibration.pdf", "calibration.png", "priors.toml"):
-        assert (tmp_path / "whole" / name).stat().st_size > 0
+        assert (folder / name).stat().st_size > 0
     with pytest.raises(RunError, match="another study"):
         CalibrationStudy(replace(study(), seed=9), tmp_path / "parts", 2).execute(resume=True)
 
 
 def test_processes_find_what_one_process_finds(alone):
     two = {r.index: r.rank for r in run_replications(study(), list(alone), executor=Workers(2))}
-    assert two == {index: r.rank for index, r in alone.items()}
+    assert two == {index: columns["rank"] for index, columns in alone.items()}
 
 
 def test_command_line(tmp_path, capsys):

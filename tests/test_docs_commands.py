@@ -19,6 +19,7 @@ import pytest
 from biaxbayes.cli import VERBS, main
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from hostile.machine_exports import biotester_export
+from quick_posteriors import runs_of_few_walkers
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("tutorial.md", "how-to.md", "studies.md", "python.md")
@@ -105,7 +106,8 @@ def run_pages(folder: Path, *, slow: bool) -> int:
 
 def test_every_quick_command_of_the_pages_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run_pages(tmp_path, slow=False) >= 14
+    with runs_of_few_walkers():
+        assert run_pages(tmp_path, slow=False) >= 14
     for name in ("media-posterior/report.html", "figure2.svg", "table1.tex", "virtual.csv"):
         assert (tmp_path / name).stat().st_size > 500
 

@@ -22,7 +22,7 @@ from biaxbayes.specimens.specimen_file import read_specimen
 from quick_posteriors import runs_without_figures
 
 DATA = Path(__file__).parents[1] / "data"
-PLAN = Plan(ess=2000, workers=2, population=2048)
+PLAN = Plan(ess=2000, workers=2, population=2048, walkers=32)
 
 
 def media():

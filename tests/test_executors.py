@@ -101,6 +101,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.usefixtures("usual_signals")
 @pytest.mark.parametrize("how", ["finish", "at once", "killed"])
 def test_signals_reach_the_workers_through_us_and_leave_none_behind(tmp_path, how):
     """The terminal sends them to the whole group."""

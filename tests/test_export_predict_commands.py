@@ -16,6 +16,7 @@ from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.runs.run import Run
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from quick_posteriors import runs_without_figures
 
 MEDIA = MATERIALS["weisbecker-media"].material
 
@@ -270,7 +271,8 @@ def test_a_sampled_run_goes_all_the_way(tmp_path):
         0.88,
         load_noise=0.002,
     )
-    sampled = sample(specimen, out=tmp_path / "run", noise="independent", ess=200, workers=1)
+    with runs_without_figures():
+        sampled = sample(specimen, out=tmp_path / "run", noise="independent", ess=200, workers=1)
     assert sampled.state == "reliable"
     assert call("export", sampled.path, "--to", "abaqus", "--at", "map") == 0
     (file,) = (sampled.path / "cards-abaqus-kPa-mm").glob("*.inp")

@@ -26,7 +26,7 @@ def tested():
 
 @pytest.fixture(scope="module")
 def treated(tested):
-    plan = Plan(ess=150, seed=1, workers=2)
+    plan = Plan(ess=150, seed=1, workers=2, walkers=32)
     base = {"noise": "independent"}
     modes = dict(zip(TREATMENTS, ("noisy", "ignored", "zeroed"), strict=True))
     return {name: treat(tested, base | {"mounting": m}, plan) for name, m in modes.items()}

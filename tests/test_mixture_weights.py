@@ -92,7 +92,7 @@ def test_only_the_shares_change_and_walkers_are_held_less(target, parts):
 
 
 @pytest.mark.parametrize("far", [0.0, 0.005])
-def test_a_proposal_is_kept_as_it_is_only_where_it_holds_no_walker_in_the_tails(far, monkeypatch):
+def test_a_proposal_is_kept_as_it_is_only_where_it_holds_no_walker_in_the_tails(far):
     rng = np.random.default_rng(4)
 
     def log_density(x):
@@ -102,13 +102,9 @@ def test_a_proposal_is_kept_as_it_is_only_where_it_holds_no_walker_in_the_tails(
     starts = [1.3 * rng.standard_normal((24, 2)) for _ in range(4)]
     ensembles = Ensembles(log_density, starts, np.random.SeedSequence(5))
     proposal = first_proposal(np.zeros((1, 2)), [1.1 * np.eye(2)], np.ones(1), NO_BOUNDS)
-    fitted = []
-    keep = warmup._final_proposal
-    monkeypatch.setattr(warmup, "_final_proposal", lambda *a: fitted.append(1) or keep(*a))
     spread = 1.5 * rng.standard_normal((1000, 2))
     spread[:100, 0] += 12.0 * (far > 0.0)
     found = warmup.warm_up(ensembles, proposal, spread)
-    assert bool(fitted) == (far > 0.0)
     assert (ensembles.proposal.parts[0] is proposal) == (far == 0.0)
     assert found.acceptance > 0.5 and found.rounds == 2
     with pytest.raises(RuntimeError, match="frozen"):

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import binom, norm
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
@@ -79,18 +80,24 @@ def test_own_mounting_balances_the_reading():
 
 @pytest.mark.parametrize("mounting", ["shared", "per-protocol"])
 def test_a_goh_protocol_is_predicted(mounting):
-    data = specimen(TRUTH, increments=40, noise_N=0.005)
+    noise_N, probability = 0.005, 0.99
+    data = specimen(TRUTH, increments=40, noise_N=noise_N)
     table = leave_out(
         data,
         data.protocols[1].name,
-        plan=Plan(ess=100, workers=1, ensembles=2, population=2048),
-        probability=0.99,  # one mounting reading moves all points of the protocol together
+        plan=Plan(ess=100, workers=1, ensembles=2, population=2048, walkers=32),
+        probability=probability,
         mounting_stretch=mounting,
         noise="independent",
     )
     assert list(table["direction"]) == ["x", "y"]
-    assert (table["inside"] > 0.8).all()
-    assert (table["width"] < 0.2 * table["peak"]).all()
+    outside = ((1.0 - table["inside"]) * table["readings"]).round()
+    # as many as the band's content lets miss it, but for one protocol in a thousand
+    assert (outside <= binom.isf(1e-3, table["readings"], 1.0 - probability)).all()
+    # As wide as the noise, which 160 readings state to 6 %, and one mounting reading explain.
+    alone = 2.0 * norm.isf(0.5 * (1.0 - probability)) * noise_N
+    assert (table["width"] > 0.8 * alone).all()
+    assert (table["width"] < (1.2 if mounting == "shared" else 2.0) * alone).all()
 
 
 def test_nothing_to_leave_out():

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,18 +28,23 @@ from biaxbayes.jobs import sample as sampling
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
 from biaxbayes.runs.folder import PROVENANCE
-from biaxbayes.sampling.sampler import State
+from biaxbayes.sampling.sampler import Plan, State
+from quick_posteriors import without_figures
 
+pytestmark = pytest.mark.usefixtures("usual_signals")
 ROOT = Path(__file__).parents[1]
 SPECIMEN = ROOT / "data" / "donor2-adventitia.csv"
-OPTIONS = ("--ess", "48000", "--seed", "3", "--quiet")
+OPTIONS = ("--ess", "4000", "--seed", "3", "--quiet")
 
 
 @pytest.fixture(scope="module", autouse=True)
-def without_figures():
-    """Figures and report are the same whatever happened before: they are left out here."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("biaxbayes.jobs.products.write_products", lambda *a: None)
+def quick():
+    """Few walkers and short blocks, so that a short run has several checkpoints.
+
+    Figures and report are the same whatever happened before: they are left out here.
+    """
+    with without_figures(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sampling, "Plan", partial(Plan, walkers=32, first_block=16))
         patch.setattr("biaxbayes.reports.page.write_report", lambda *a: None)
         yield
 
@@ -310,7 +316,7 @@ def test_a_damaged_checkpoint_is_reported_and_the_one_before_used(halfway, expec
 def test_a_library_call_warns_of_it(halfway):
     (halfway / NAME).write_bytes(b"")
     with pytest.warns(RuntimeWarning, match=f"{NAME} is empty; continuing from {PREVIOUS}"):
-        biaxbayes.sample(SPECIMEN, out=halfway, seed=3, ess=60000, resume=True)
+        biaxbayes.sample(SPECIMEN, out=halfway, seed=3, ess=4500, resume=True)
 
 
 def test_with_the_newest_missing_the_one_before_is_used(halfway, expected):
@@ -348,11 +354,11 @@ def stored_identity(path):
 
 def test_cut_short_anywhere_or_with_any_bit_flipped(whole):
     raw = (whole / "after-0" / NAME).read_bytes()
-    for size in range(0, len(raw), 1000):
+    for size in range(0, len(raw), 600):
         with pytest.raises(DamagedCheckpoint):
             checkpoint.unpack(raw[:size])
     rng = np.random.default_rng(1)
-    for position in range(0, len(raw), 997):
+    for position in range(0, len(raw), 599):
         flipped = bytearray(raw)
         flipped[position] ^= 1 << rng.integers(8)
         with pytest.raises(DamagedCheckpoint):

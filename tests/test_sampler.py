@@ -5,6 +5,7 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from biaxbayes.runs.summary import COLUMNS
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from quick_posteriors import runs_without_figures, without_figures
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -31,11 +33,17 @@ with warnings.catch_warnings():
 
 DATA = Path(__file__).parents[1] / "data"
 THETA = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x", "mounting_stretch_y")
-QUICK = Plan(ess=3000, workers=2)
+QUICK = Plan(ess=3000, workers=2, walkers=32)
 
 
 def specimen(name="donor2-media"):
     return read_specimen(DATA / f"{name}.csv")
+
+
+@cache
+def prepared(name="donor2-media", noise="effective"):
+    """A posterior is a value: one is enough for all that only draw from it."""
+    return prepare(specimen(name), noise=noise)
 
 
 def departures(first, second, names=THETA, levels=(0.05, 0.5, 0.95)):
@@ -62,7 +70,7 @@ def limit(tests, level=1e-3):
     ("name", "noise"), [("donor2-media", "effective"), ("donor2-adventitia", "independent")]
 )
 def test_free_and_noisy_are_the_same_posterior(name, noise):
-    reference = prepare(specimen(name), mounting="noisy", noise=noise)
+    reference = prepared(name, noise)
     runs = [
         draw_posterior(
             Posterior(specimen(name), mounting=m, noise=noise, beta=reference.beta), QUICK
@@ -103,14 +111,14 @@ def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_deter
 
 @pytest.fixture(scope="module")
 def chain():
-    return draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=1))
+    return draw_posterior(prepared(), Plan(ess=500, seed=4, workers=1, walkers=32))
 
 
 def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
-    again = draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=2))
+    again = draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=2, walkers=32))
     np.testing.assert_array_equal(chain.chain, again.chain)
     assert again.rejected == chain.rejected
-    other = draw_posterior(prepare(specimen()), Plan(ess=500, seed=5, workers=2))
+    other = draw_posterior(prepared(), Plan(ess=500, seed=5, workers=2, walkers=32))
     assert not np.array_equal(chain.chain, other.chain)
 
 
@@ -119,8 +127,10 @@ def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
     [("donor2-media", "effective", (2,)), ("donor2-adventitia", "independent", (0,))],
 )
 def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, noise, stops, tmp_path):
-    plan = Plan(ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048)
-    whole = draw_posterior(prepare(specimen(name), noise=noise), plan)
+    plan = Plan(
+        ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048, walkers=32
+    )
+    whole = draw_posterior(prepared(name, noise), plan)
     assert whole.convergence.state != "reliable"  # the target is out of reach: the budget ended it
     assert whole.chain.shape[1] == 300
     identity = {"test": "interruption"}
@@ -134,7 +144,7 @@ def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, nois
             checkpoint.save(folder, state, identity)
 
         part = draw_posterior(
-            prepare(specimen(name), noise=noise),
+            prepared(name, noise),
             plan,
             on_block=save,
             stop=lambda seen=seen, stop_after=stop_after: len(seen) > stop_after,
@@ -156,7 +166,7 @@ def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
     from biaxbayes.sampling import sampler
 
     posterior = Posterior(specimen("donor2-adventitia"), noise="independent")
-    plan = Plan(ess=1e9, max_steps=300, seed=3, first_block=64, population=2048)
+    plan = Plan(ess=1e9, max_steps=300, seed=3, first_block=64, population=2048, walkers=32)
     whole = draw_posterior(posterior, plan)
     monkeypatch.setattr(sampler, "MAX_KEPT_STEPS", 70)
     thinned = draw_posterior(posterior, plan)
@@ -166,7 +176,7 @@ def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
 
 def test_draws_carry_what_they_claim(chain):
     assert chain.convergence.state == "reliable"
-    posterior = prepare(specimen())
+    posterior = prepared()
     ensembles, steps, walkers, d = chain.chain.shape
     assert (ensembles, d) == (4, posterior.dimension)
     for values in chain.quantities.values():
@@ -306,9 +316,10 @@ def test_provenance_says_what_was_run_and_how_long_each_part_took(run):
 
 
 def test_same_seed_same_bytes_whatever_the_workers(run, tmp_path):
-    again = biaxbayes.sample(
-        DATA / "donor2-media.csv", out=tmp_path / "again", seed=11, ess=500, workers=2
-    )
+    with without_figures():
+        again = biaxbayes.sample(
+            DATA / "donor2-media.csv", out=tmp_path / "again", seed=11, ess=500, workers=2
+        )
     for name in ("summary.csv", "fit.json"):
         assert (again.path / name).read_bytes() == (run.path / name).read_bytes()
     np.testing.assert_array_equal(again.draws.to_numpy(), run.draws.to_numpy())
@@ -339,7 +350,10 @@ def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
 
 def test_a_run_that_does_not_converge_ends_with_3_and_shows_nothing_to_trust(tmp_path, capsys):
     out = tmp_path / "short"
-    code = call("sample", DATA / "donor2-media.csv", "--out", out, "--max-steps", 128, "--ess", 1e7)
+    with runs_without_figures():
+        code = call(
+            "sample", DATA / "donor2-media.csv", "--out", out, "--max-steps", 128, "--ess", 1e7
+        )
     text = capsys.readouterr().out
     assert code == 3
     assert "not converged" in text
@@ -373,7 +387,8 @@ def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
     "way", [["--mounting", "zeroed"], ["--mounting-force", "0.013", "0.016"]], ids=lambda w: w[0]
 )
 def test_the_ways_on_lead_on(tmp_path, capsys, way):
-    code = call("sample", tared(tmp_path), "--out", tmp_path / "run", "--ess", 100, *way)
+    with runs_without_figures():
+        code = call("sample", tared(tmp_path), "--out", tmp_path / "run", "--ess", 100, *way)
     assert code == 0, capsys.readouterr()
     names = set(pd.read_csv(tmp_path / "run" / "summary.csv")["parameter"])
     assert ("mounting_stretch_x" in names) == (way[0] == "--mounting-force")
@@ -388,8 +403,8 @@ def test_a_foreign_folder_is_not_written_into(tmp_path, capsys):
 
 
 def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
-    posterior = prepare(specimen())
-    plan = Plan(ess=1e9, max_steps=128, first_block=64)
+    posterior = prepared()
+    plan = Plan(ess=1e9, max_steps=128, first_block=64, population=2048, walkers=32)
     draw_posterior(
         posterior,
         plan,

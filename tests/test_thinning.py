@@ -169,7 +169,8 @@ def test_real_tissue_thinned_or_not():
         pytest.skip("BIAXBAYES_REAL is not set")
     data = aorta(Path(folder) / "aorta-tbad")
     found = [
-        draw_posterior(prepare(data, thin=t), Plan(ess=4000, workers=1)) for t in ("none", "auto")
+        draw_posterior(prepare(data, thin=t), Plan(ess=4000, workers=1, walkers=32))
+        for t in ("none", "auto")
     ]
     for name, all_rows in found[0].quantities.items():
         if name in ("lp", "log_likelihood"):
