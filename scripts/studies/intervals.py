@@ -20,15 +20,17 @@ import numpy as np
 
 from biaxbayes import read_specimen
 from biaxbayes.errors import BiaxbayesError
+from biaxbayes.laws.goh import GOHLaw
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
+from biaxbayes.parameters import mounting_names
 from biaxbayes.sampling.sampler import Draws, Plan
 from make_specimens import table6_specimen
 from studies.page import DATA, SPECIMENS, put, table
 
 HOOKED = ("hooked-media", "hooked-weisbecker")
 NOISES = ("effective", "independent")
-PARAMETERS = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x", "mounting_stretch_y")
+PARAMETERS = (*GOHLaw().names, *mounting_names("stretch"))
 FIRST_SEED = 1000  # far from the shipped ones
 
 
@@ -138,17 +140,17 @@ def seeds_table(seeds: int, workers: int, record: Path) -> str:
             with record.open("a") as file:
                 file.write(json.dumps([*task, hits]) + "\n")
     for name, noise, seed in tasks:
-        hits = known[name, noise, seed]
-        if hits is None:
+        found = known[name, noise, seed]
+        if found is None:
             lost[name, noise] += 1
             continue
         done[name, noise] += 1
-        for parameter, hit in hits.items():
+        for parameter, hit in found.items():
             counts[name, noise][parameter] += hit
     rows = []
-    for (name, noise), hits in counts.items():
+    for (name, noise), held in counts.items():
         n = max(done[name, noise], 1)
-        shares = [f"{hits[p]}/{n}" for p in PARAMETERS]
+        shares = [f"{held[p]}/{n}" for p in PARAMETERS]
         rows.append([name, noise, *shares, lost[name, noise]])
     return table(["specimen", "noise", *PARAMETERS, "not converged"], rows, left=2)
 
@@ -158,6 +160,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--record", type=Path, default=Path("intervals.jsonl"))
+    parser.add_argument("--page", type=Path, default=DATA / "README.md")
     options = parser.parse_args()
     middle = [
         "90 % intervals of the shipped specimens beside the truth (one-sided where the truth is a",
@@ -174,7 +177,7 @@ def main() -> None:
         "",
         seeds_table(options.seeds, options.workers, options.record),
     ]
-    put(DATA / "README.md", "intervals", "\n".join(middle))
+    put(options.page, "intervals", "\n".join(middle))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from collections import Counter
 import pandas as pd
 
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.laws.goh import GOH, PARAMETERS
+from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
@@ -22,6 +22,7 @@ from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 THREE_RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 FIRST_SEED = 100
+PARAMETERS = GOHLaw().names
 # material, largest total stretch, ratios, noise of the load cell in N
 KINDS = {
     "three ratios to 1.25, 1 mN": (GOH(10, 40, 5, 40, 0.15), 1.25, THREE_RATIOS, 0.001),

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -144,7 +145,7 @@ SPECIMEN_TOKENS = [
 def specimen_file(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) -> None:
     path = folder / "specimen.csv"
     base = SPECIMENS[rng.integers(len(SPECIMENS))]
-    data = rng.bytes(rng.integers(2000)) if rng.random() < REPLACED else base
+    data = rng.bytes(int(rng.integers(2000))) if rng.random() < REPLACED else base
     path.write_bytes(mutated_bytes(rng, data, SPECIMEN_TOKENS))
     code, err = command("check", "--no-fit", path)
     judge(code, err, path, tally)
@@ -174,7 +175,7 @@ def read_as_written(path: Path) -> bool:
 
 # --- priors and study files ---------------------------------------------------------------------
 
-PRIORS = [
+PRIORS: list[dict[str, Any]] = [
     {"kappa": 0.1, "k1": "2 * C1"},
     {
         "alpha": {"distribution": "normal", "mean": 41, "sd": 5},

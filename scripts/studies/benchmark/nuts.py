@@ -21,8 +21,8 @@ def jax_log_density(density: NaturalDensity) -> Any:
     """
     import jax.numpy as jnp
 
-    problem, priors = density.problem, density.posterior.priors
-    squared = [jnp.asarray(v) for v in (problem.ax, problem.ay, problem.az)]
+    problem, priors = density.problem, density.priors
+    squared = [jnp.asarray(v) for v in (problem.X, problem.Y, problem.Z)]
     inverse = [jnp.asarray(v) for v in (problem.ilx, problem.ily)]
     read = [jnp.asarray(v) for v in (problem.fx, problem.fy)]
     rows = np.diff(problem.start)

@@ -24,24 +24,17 @@ from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.reports import page
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import open_run
-from biaxbayes.sampling.sampler import Plan
+from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.text_files import atomic_write_bytes
 from studies.page import DATA
-
-# What a run imports only when it needs it, so that a fork need not.
-group.get_command(click.Context(group), "sample")
-for room in (figures, jobs, reports):
-    for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
-        importlib.import_module(module.name)
 
 SPECIMEN = DATA / "donor2-adventitia.csv"
 SEED = 1
 PLENTY = 600.0  # seconds after which a trial counts as hung
-# Fewer walkers and shorter blocks than usual, so that a short run has several checkpoints.
-sampling.Plan = functools.partial(Plan, walkers=32, first_block=16)  # type: ignore[misc, assignment]
 
 
 @dataclass
@@ -110,11 +103,22 @@ def values(folder: Path) -> dict[str, bytes]:
     return out
 
 
+def import_all() -> None:
+    """What a run imports only when it needs it, so that a fork need not."""
+    group.get_command(click.Context(group), "sample")
+    for room in (figures, jobs, reports):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            importlib.import_module(module.name)
+
+
 class Bench:
     """Runs left alone, against which the others are held, and a place for those."""
 
     def __init__(self, place: Path) -> None:
         self.place = place
+        import_all()
+        # Fewer walkers and shorter blocks than usual, so that a short run has several checkpoints.
+        sampling.Plan = functools.partial(Plan, walkers=32, first_block=16)  # type: ignore[misc, assignment]
         self.whole = place / "whole"
         self.earlier = place / "earlier"
         # In this process: what it imports and compiles need not be so again in a fork.
@@ -140,7 +144,8 @@ class Bench:
         made = ("corner", "stress-bands", "identifiability", "trace")
         products = {n: b for n, b in self.drawn.items() if Path(n).stem in made}
 
-        def write_products(folder: Path, *_: object) -> None:
+        def write_products(folder: Path, posterior: Posterior, draws: Draws) -> None:
+            del posterior, draws
             for name, content in products.items():
                 atomic_write_bytes(folder / name, content)
 
