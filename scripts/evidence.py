@@ -219,7 +219,8 @@ def argv(command: str, work: Path) -> list[str]:
 def remake(name: str, kept: Path) -> bool:
     """Run what a page needs and has not had of this code, and stamp it; whether that went well."""
     page = PAGES[name]
-    commit = git("rev-parse", "--short", "HEAD") or ""
+    # the last commit of the package: what else is in the repository does not make the figures
+    commit, day = (git("log", "-1", "--format=%h %cs", "--", SOURCE) or " ").split(" ")
     state = git("log", "-1", "--format=%h", "--", *page.sources) or commit
     work = kept / f"{name}-{state}"  # what was kept of other code is not gone on with
     record = work / "done.txt"
@@ -247,7 +248,6 @@ def remake(name: str, kept: Path) -> bool:
             return False
         with record.open("a", encoding="utf-8") as file:
             file.write(f"{command}\n")
-    day = git("log", "-1", "--format=%cs") or ""
     made = Stamp(commit, day, date.today().isoformat(), f"python scripts/evidence.py {name}")
     put_stamp(ROOT / page.path, made)
     record.unlink()
