@@ -28,6 +28,7 @@ from biaxbayes.runs import checkpoint
 from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
 from biaxbayes.runs.folder import PROVENANCE
 from biaxbayes.sampling.sampler import State
+from studies.quick_runs import without_products
 
 ROOT = Path(__file__).parents[1]
 SPECIMEN = ROOT / "data" / "donor2-adventitia.csv"
@@ -37,9 +38,7 @@ OPTIONS = ("--ess", "48000", "--seed", "3", "--quiet")
 @pytest.fixture(scope="module", autouse=True)
 def without_figures():
     """Figures and report are the same whatever happened before: they are left out here."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("biaxbayes.jobs.products.write_products", lambda *a: None)
-        patch.setattr("biaxbayes.reports.page.write_report", lambda *a: None)
+    with without_products():
         yield
 
 

@@ -12,13 +12,12 @@ import pandas as pd
 import pytest
 
 from biaxbayes.cli import main
-from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.reports import page
 from biaxbayes.sampling import sampler
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.sampler import Plan
+from studies.quick_runs import without_products
 
 SPECIMEN = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"
 CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
@@ -27,9 +26,9 @@ CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """No figures, few walkers."""
-    monkeypatch.setattr(run_products, "write_products", lambda *a, **k: None)
-    monkeypatch.setattr(page, "write_report", lambda *a: None)
     monkeypatch.setattr(sampling, "Plan", partial(Plan, walkers=32, population=2048))
+    with without_products():
+        yield
 
 
 def sample(out, capsys, most=256) -> tuple[int, dict, pd.DataFrame]:

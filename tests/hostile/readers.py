@@ -39,6 +39,7 @@ from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Plan
 from hostile import machine_exports, priors_files, specimen_files
 from hostile.mutations import TOKENS, as_toml, mutated_bytes, mutated_table
+from studies.quick_runs import without_products
 
 __all__ = ["LONG", "READERS", "Bases", "Tally", "finished_run", "hammer"]
 
@@ -85,8 +86,7 @@ def finished_run(folder: Path) -> Bases:
     """A small run to damage, without figures."""
     specimen = Path(__file__).parents[2] / "data" / "donor2-adventitia.csv"
     with (
-        mock.patch("biaxbayes.jobs.products.write_products", lambda *a: None),
-        mock.patch("biaxbayes.reports.page.write_report", lambda *a: None),
+        without_products(),
         mock.patch("biaxbayes.jobs.sample.Plan", partial(Plan, walkers=32, first_block=16)),
     ):
         biaxbayes.sample(specimen, out=folder / "run", ess=500)

@@ -22,6 +22,7 @@ from biaxbayes import figures, jobs, reports
 from biaxbayes.cli import group
 from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
+from biaxbayes.identifiability.identify import Identifiability, identify
 from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
@@ -130,12 +131,6 @@ class Bench:
         self.drawn = {p.name: p.read_bytes() for p in self.whole.iterdir()}
         self.bytes = sum(p.stat().st_size for p in self.whole.iterdir())
 
-    @staticmethod
-    def leave_out_products() -> None:
-        """No figures, verdicts and report, for a quick look."""
-        run_products.write_products = lambda *_: None
-        page.write_report = lambda *_: None  # type: ignore[assignment]
-
     def copy_products(self) -> None:
         """From here on, figures, verdicts and report are those of the whole run, not drawn again.
 
@@ -144,10 +139,15 @@ class Bench:
         made = ("corner", "stress-bands", "identifiability", "trace")
         products = {n: b for n, b in self.drawn.items() if Path(n).stem in made}
 
-        def write_products(folder: Path, posterior: Posterior, draws: Draws) -> None:
-            del posterior, draws
+        verdicts = identify(open_run(self.whole))
+
+        def write_products(
+            folder: Path, posterior: Posterior, draws: Draws, *, workers: int = 1
+        ) -> Identifiability:
+            del posterior, draws, workers
             for name, content in products.items():
                 atomic_write_bytes(folder / name, content)
+            return verdicts
 
         def write_report(folder: Path, *_: object) -> None:
             atomic_write_bytes(folder / page.NAME, self.drawn.get(page.NAME, b"left out"))
