@@ -120,7 +120,8 @@ PAGES = {
         (
             "biaxbayes convert {real}/aorta-tbad/p*.csv --machine generic --geometry unloaded "
             "--columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa "
-            "--protocol-names 0.5to1,1to1,1to0.75,1to0.5,0.75to1 --out {work}/aorta.csv",
+            "--protocol-names 0.5to1,1to1,1to0.75,1to0.5,0.75to1 --overwrite "
+            "--out {work}/aorta.csv",
             f"{STUDY} leave_out {{work}}/aorta.csv --out {{work}}/leave-out.csv "
             "--page docs/model-error.md",
             f"{STUDY} model_error run --specimens 105 --folder {{work}}/model-error",

@@ -281,6 +281,7 @@ COLUMNS = "stretch_x=F11,stretch_y=F22,piola_x_kPa=Px,piola_y_kPa=Py"
 
 def machine_export(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) -> None:
     path, out = folder / "export.csv", folder / "out.csv"
+    out.unlink(missing_ok=True)
     generic = rng.random() < 0.4
     base = GENERIC if generic else EXPORTS[rng.integers(2)]
     path.write_bytes(mutated_bytes(rng, base, EXPORT_TOKENS))
