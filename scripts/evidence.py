@@ -25,6 +25,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from studies.page import ROOT, Stamp, put_stamp, stamp_of
+from study import studies
 
 SOURCE = "src/biaxbayes"
 REAL = "BIAXBAYES_REAL"
@@ -187,6 +188,13 @@ def check(names: list[str]) -> None:
         print(f"{PAGES[name].path:26}{words}")
     older = [name for name, (old, _) in ages.items() if old]
     print(f"{len(older)} of {len(names)} pages of measured figures are older than their code")
+    print(f"studies that remake no page: {', '.join(sorted(set(studies()) - used_studies()))}")
+
+
+def used_studies() -> set[str]:
+    """The studies that the pages are remade by."""
+    every = [shlex.split(command) for page in PAGES.values() for command in page.commands]
+    return {words[2] for words in every if words[:2] == shlex.split(STUDY)}
 
 
 # --- remaking it ---------------------------------------------------------------------------------
