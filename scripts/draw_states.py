@@ -54,7 +54,8 @@ def specimen(ax: Axes, centre: float, stretch: np.ndarray, force: float, symbol:
             )
         tip = here + out * (half + 0.8 + force)
         place = tip + ([0.0, 2.6] if k == 0 else [2.2, -1.6])
-        ax.text(*place, f"${symbol}{letter}}}$", color=FORCE, ha="center" if k == 0 else "left")
+        side = "center" if k == 0 else "left"
+        ax.text(place[0], place[1], f"${symbol}{letter}}}$", color=FORCE, ha=side)
 
 
 def lengths(ax: Axes, centre: float, stretch: np.ndarray, texts: tuple[str, str]) -> None:
@@ -80,8 +81,9 @@ def angle(ax: Axes, centre: float) -> None:
     way = {"arrowstyle": "-|>", "color": "black", "lw": 0.9, "shrinkA": 0}
     for k, letter in enumerate("xy"):
         tip = here + 12.5 * np.eye(2)[k]
-        ax.annotate("", tip, here, arrowprops=way)
-        ax.text(*(tip + [(0.6, -3.0), (-3.0, -0.6)][k]), f"${letter}$", fontsize=9)
+        ax.annotate("", (tip[0], tip[1]), (here[0], here[1]), arrowprops=way)
+        x, y = tip + [(0.6, -3.0), (-3.0, -0.6)][k]
+        ax.text(x, y, f"${letter}$", fontsize=9)
     along = np.array([np.cos(ALPHA), np.sin(ALPHA)])
     ax.plot(*np.array([here, here + 14.0 * along]).T, color=FIBRE, lw=1.4)
     turn = np.linspace(0.0, ALPHA, 30)

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.published import MATERIALS
+from biaxbayes.laws.published import MATERIALS, PublishedMaterial
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.specimens.virtual_specimen import (
@@ -46,9 +46,11 @@ LAYERS = {
 AXES = {"axis_x": "circumferential", "axis_y": "axial"}
 
 
-def table6_specimen(name: str, seed: int) -> tuple[Specimen, Truth]:
-    """The shipped specimen of this name, with any seed."""
-    published = MATERIALS[name]
+def table6_specimen(
+    name: str, seed: int, published: PublishedMaterial | None = None, misfit: float = MISFIT
+) -> tuple[Specimen, Truth]:
+    """The shipped specimen of this name, with any seed, of this or another material."""
+    published = published or MATERIALS[name]
     assert published.thickness_mm is not None
     return virtual_specimen(
         published.material,
@@ -57,7 +59,7 @@ def table6_specimen(name: str, seed: int) -> tuple[Specimen, Truth]:
         measured_stretch=published.measured_stretch,
         increments=INCREMENTS,
         dimensions=Dimensions(EDGE_MM, EDGE_MM, published.thickness_mm),
-        machine=Machine(noise_N=NOISE_N, misfit=MISFIT),
+        machine=Machine(noise_N=NOISE_N, misfit=misfit),
         seed=seed,
         labels={"layer": LAYERS[name], **AXES},
         source=published.source,

@@ -14,11 +14,10 @@ import pytest
 from biaxbayes.cli import main
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.reports import page
 from biaxbayes.sampling import sampler
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.sampler import Plan
-from quick_posteriors import without_figures
+from studies.quick_runs import without_products
 
 SPECIMEN = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"
 CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
@@ -27,9 +26,8 @@ CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """No figures, few walkers."""
-    monkeypatch.setattr(page, "write_report", lambda *a: None)
     monkeypatch.setattr(sampling, "Plan", partial(Plan, walkers=32, population=2048))
-    with without_figures():
+    with without_products():
         yield
 
 

@@ -73,9 +73,10 @@ class Case:
     def priors(self, specimen: Specimen) -> dict[str, Prior | float | Tie]:
         """The protocol's prior, with a larger noise sd in a loose study."""
         from biaxbayes.calibration.simulated_specimen import protocol_prior
+        from biaxbayes.laws import DEFAULT_LAW, law_named
         from biaxbayes.model.priors import Prior
 
-        priors = protocol_prior(specimen)
+        priors = protocol_prior(specimen, law_named(DEFAULT_LAW))
         if self.loose:
             median = float(f"{0.5 * specimen.peak_load:.2g}")
             priors["noise_sd"] = Prior("lognormal", median, 0.3)
@@ -180,15 +181,15 @@ def write_page(folder: Path, docs: Path) -> None:
     for case, judged in tables.items():
         lines += ["", f"## {title(case)}", "", f"    {case.command}", "", *_rows(judged)]
     for name in FIGURES:
-        case = next((c for c in found if c.name == name), None)
-        if case is None:
+        drawn = next((c for c in found if c.name == name), None)
+        if drawn is None:
             continue
-        ranks = found[case]
+        ranks = found[drawn]
         figure = rank_figure(ranks[ranks["rank"].notna()], RANKED_DRAWS)
         save_figure(figure, docs / "figures" / f"calibration-{name}.png")
-        n = int(tables[case]["replications"].max())
-        lines += ["", f"![{title(case)}](figures/calibration-{name}.png)", ""]
-        lines += [f"*{title(case)}, {n} replications. {CAPTION}*"]
+        n = int(tables[drawn]["replications"].max())
+        lines += ["", f"![{title(drawn)}](figures/calibration-{name}.png)", ""]
+        lines += [f"*{title(drawn)}, {n} replications. {CAPTION}*"]
     atomic_write_text(docs / "calibration.md", "\n".join(lines) + "\n")
 
 

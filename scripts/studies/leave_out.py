@@ -41,7 +41,7 @@ from studies.page import put, table
 __all__ = ["leave_out", "leave_out_each", "with_own_mounting"]
 
 MAX_DRAWS = 1000
-MODELS = {
+MODELS: dict[str, dict[str, Any]] = {
     "effective": {},
     "independent": {"noise": "independent"},
     "effective, growing": {"noise_growth": True},

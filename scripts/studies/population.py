@@ -28,7 +28,7 @@ import biaxbayes
 from biaxbayes.laws.goh import GOH, GOHLaw
 from studies.page import table
 
-RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
+RATIOS: tuple[tuple[float, float], ...] = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 CENTRES = {"media": (14.0, 140.0, 11.9, 38.4, 0.16), "adventitia": (8.0, 60.0, 6.0, 52.0, 0.2)}
 SD_DONORS = np.array([0.2, 0.2, 0.2, 3.5, 0.02])
 SD_SPECIMENS = np.array([0.22, 0.22, 0.22, 3.5, 0.02])
@@ -216,7 +216,7 @@ def _compare(folder: Path, v: np.ndarray, groups: list[str], D: int) -> None:
         of[f"sd_donors {name}"] = (("sd_donors", {}), np.exp(v[..., at]))
         of[f"sd_specimens {name}"] = (("sd_specimens", {"spread": "all"}), np.exp(v[..., at + 5]))
         for label, ((which, where), theirs) in of.items():
-            own = ours[which].sel(quantity=name, **where).to_numpy()
+            own = ours[which].sel({"quantity": name, **where}).to_numpy()
             chains = 64
             shaped = own.reshape(own.shape[0], chains, -1).transpose(0, 2, 1)
             ess = [own.size / autocorrelation_time(shaped), float(array_stats.ess(theirs))]

@@ -2,33 +2,43 @@
 
     python scripts/study.py verdicts [--seeds 12]
 
-Prints, for every kind of specimen, how often each parameter got which verdict: the table at the end
-of docs/identifiability.md.
+Prints, for every kind of specimen, how often each parameter got which verdict; --write puts the
+table into a page between its marks.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections import Counter
+from fractions import Fraction
+from pathlib import Path
 
 import pandas as pd
 
-from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.laws.goh import GOH, PARAMETERS
+from biaxbayes.identifiability.identify import ParameterVerdict, identify_draws
+from biaxbayes.identifiability.verdict import ONE_SIDED, Thresholds
+from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+from studies.page import put, table
 
 THREE_RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
 FIRST_SEED = 100
+PARAMETERS = GOHLaw().names
 # material, largest total stretch, ratios, noise of the load cell in N
 KINDS = {
-    "three ratios to 1.25, 1 mN": (GOH(10, 40, 5, 40, 0.15), 1.25, THREE_RATIOS, 0.001),
+    "three ratios to a stretch of 1.25, sd 1 mN": (
+        GOH(10, 40, 5, 40, 0.15),
+        1.25,
+        THREE_RATIOS,
+        0.001,
+    ),
     "isotropic, three ratios": (GOH(10, 40, 5, 30, 1 / 3), 1.25, THREE_RATIOS, 0.002),
-    "aligned, three ratios": (GOH(10, 20, 5, 40, 0.0), 1.2, THREE_RATIOS, 0.002),
-    "three ratios to 1.05": (GOH(10, 50, 5, 40, 0.2), 1.05, THREE_RATIOS, 0.002),
-    "equibiaxial": (GOH(10, 40, 5, 40, 0.15), 1.2, ((1.0, 1.0),), 0.005),
+    "aligned fibres, three ratios": (GOH(10, 20, 5, 40, 0.0), 1.2, THREE_RATIOS, 0.002),
+    "three ratios to a stretch of 1.05": (GOH(10, 50, 5, 40, 0.2), 1.05, THREE_RATIOS, 0.002),
+    "equibiaxial to 1.2": (GOH(10, 40, 5, 40, 0.15), 1.2, ((1.0, 1.0),), 0.005),
 }
 
 
@@ -49,21 +59,33 @@ def verdicts(kind: str, seed: int) -> dict[str, str]:
     drawn = draw_posterior(posterior, Plan(ess=100.0, seed=1))
     draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
     found = identify_draws(posterior, draws, drawn.convergence.state)
-    return {name: found[name].verdict for name in PARAMETERS}
+    return {name: told(found[name], found.thresholds) for name in PARAMETERS}
+
+
+def told(found: ParameterVerdict, thresholds: Thresholds) -> str:
+    """A verdict, with the end of the range that a one-sided one does not exclude."""
+    if found.verdict != ONE_SIDED or found.evidence is None:
+        return found.verdict
+    end = found.evidence.open_edges(thresholds)[0].value
+    return f"{found.verdict} ({Fraction(end).limit_denominator(3)})"
 
 
 def main() -> None:
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--seeds", type=int, default=12)
-    seeds = range(FIRST_SEED, FIRST_SEED + arguments.parse_args().seeds)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=12)
+    parser.add_argument("--write", type=Path, help="Markdown page whose table is replaced")
+    options = parser.parse_args()
+    seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)
+    rows = []
     for kind in KINDS:
         found = [verdicts(kind, seed) for seed in seeds]
-        told = [
-            f"{name}: "
-            + ", ".join(f"{v} {n}" for v, n in Counter(f[name] for f in found).most_common())
-            for name in PARAMETERS
-        ]
-        print(f"{kind}\n  " + "\n  ".join(told), flush=True)
+        counts = [Counter(f[name] for f in found).most_common() for name in PARAMETERS]
+        rows.append([kind, *(", ".join(f"{v} {n}" for v, n in count) for count in counts)])
+        print(*rows[-1], sep=" | ", flush=True)
+    text = table(["specimen", *PARAMETERS], rows, left=1 + len(PARAMETERS))
+    print(text)
+    if options.write:
+        put(options.write, "verdicts", text)
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def mutated_bytes(
             out[at] = int(rng.integers(256)) if longest > 1 else ord(str(rng.integers(10)))
         elif kind == "token":
             out[at : at + int(rng.integers(min(longest, 8) + 1))] = tokens[
-                rng.integers(len(tokens))
+                int(rng.integers(len(tokens)))
             ]
         elif kind == "cut":
             del out[at : at + int(rng.integers(longest + 1))]

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -38,7 +39,7 @@ from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Plan
 from hostile import machine_exports, priors_files, specimen_files
 from hostile.mutations import TOKENS, as_toml, mutated_bytes, mutated_table
-from quick_posteriors import without_figures
+from studies.quick_runs import without_products
 
 __all__ = ["LONG", "READERS", "Bases", "Tally", "finished_run", "hammer"]
 
@@ -85,8 +86,7 @@ def finished_run(folder: Path) -> Bases:
     """A small run to damage, without figures."""
     specimen = Path(__file__).parents[2] / "data" / "donor2-adventitia.csv"
     with (
-        without_figures(),
-        mock.patch("biaxbayes.reports.page.write_report", lambda *a: None),
+        without_products(),
         mock.patch("biaxbayes.jobs.sample.Plan", partial(Plan, walkers=32, first_block=16)),
     ):
         biaxbayes.sample(specimen, out=folder / "run", ess=500)
@@ -145,7 +145,7 @@ SPECIMEN_TOKENS = [
 def specimen_file(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) -> None:
     path = folder / "specimen.csv"
     base = SPECIMENS[rng.integers(len(SPECIMENS))]
-    data = rng.bytes(rng.integers(2000)) if rng.random() < REPLACED else base
+    data = rng.bytes(int(rng.integers(2000))) if rng.random() < REPLACED else base
     path.write_bytes(mutated_bytes(rng, data, SPECIMEN_TOKENS))
     code, err = command("check", "--no-fit", path)
     judge(code, err, path, tally)
@@ -175,7 +175,7 @@ def read_as_written(path: Path) -> bool:
 
 # --- priors and study files ---------------------------------------------------------------------
 
-PRIORS = [
+PRIORS: list[dict[str, Any]] = [
     {"kappa": 0.1, "k1": "2 * C1"},
     {
         "alpha": {"distribution": "normal", "mean": 41, "sd": 5},
@@ -281,6 +281,7 @@ COLUMNS = "stretch_x=F11,stretch_y=F22,piola_x_kPa=Px,piola_y_kPa=Py"
 
 def machine_export(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) -> None:
     path, out = folder / "export.csv", folder / "out.csv"
+    out.unlink(missing_ok=True)
     generic = rng.random() < 0.4
     base = GENERIC if generic else EXPORTS[rng.integers(2)]
     path.write_bytes(mutated_bytes(rng, base, EXPORT_TOKENS))

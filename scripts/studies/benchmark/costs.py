@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numba import njit
@@ -80,7 +81,7 @@ def growth_with_points() -> dict[int, float]:
         )
         posterior = prepare(specimen, noise="independent")
         points = _walkers(posterior, 1000)
-        found[count] = _best(lambda p=posterior, x=points: p.log_prob(x), 1000)
+        found[count] = _best(partial(posterior.log_prob, points), 1000)
     return found
 
 
@@ -90,5 +91,5 @@ def growth_with_walkers(specimen: Specimen) -> dict[int, float]:
     found = {}
     for count in WALKERS:
         points = _walkers(posterior, count)
-        found[count] = _best(lambda x=points: posterior.log_prob(x), count)
+        found[count] = _best(partial(posterior.log_prob, points), count)
     return found

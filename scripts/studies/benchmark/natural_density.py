@@ -13,11 +13,13 @@ from biaxbayes.laws.goh import GOHLaw
 from biaxbayes.model import density as kernel
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import start_parameters
+from biaxbayes.model.priors import Prior
+from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["NAMES", "NaturalDensity", "summaries"]
 
-NAMES = (*GOHLaw().names, "mounting_stretch_x", "mounting_stretch_y", "noise_sd")
+NAMES = (*GOHLaw().names, *mounting_names("stretch"), "noise_sd")
 LOGS = ("C1", "k1", "k2", "noise_sd")
 
 
@@ -27,15 +29,17 @@ class NaturalDensity:
     Parameters
     ----------
     specimen : Specimen
-    beta : float or ndarray
+    beta : float
         Weight of the log likelihood.
     """
 
-    def __init__(self, specimen: Specimen, beta: float | np.ndarray = 1.0) -> None:
+    def __init__(self, specimen: Specimen, beta: float = 1.0) -> None:
         self.posterior = Posterior(
             specimen, mounting="free", noise="independent", beta=beta, thin="none"
         )
         self.problem = self.posterior._natural.problem
+        stated = self.posterior.priors
+        self.priors = {n: p for n in NAMES if isinstance(p := stated[n], Prior)}
         free = self.posterior.free
         self._columns = [NAMES.index(name) for name in free]
         self._logs = [NAMES.index(name) for name in LOGS]
@@ -47,7 +51,7 @@ class NaturalDensity:
         x = np.atleast_2d(x)
         self.evaluations += len(x)
         u = x[:, self._columns]
-        positive = (x[:, self._logs] > 0.0).all(axis=1)
+        positive = np.all(x[:, self._logs] > 0.0, axis=1)
         if not positive.all():
             u = np.where(positive[:, None], u, 1.0)
         logs = np.log(u[:, self._log_places])
@@ -66,7 +70,7 @@ class NaturalDensity:
         found: list[np.ndarray] = []
         while len(found) < count:
             points = centre * (1.0 + spread * rng.standard_normal((count, len(NAMES))))
-            found.extend(points[np.isfinite(self(points))])
+            found.extend(points[np.asarray(np.isfinite(self(points)))])
         return np.array(found[:count])
 
 

@@ -128,12 +128,12 @@ def _kish(weight: np.ndarray) -> float:
 
 def _prior_cube(density: NaturalDensity) -> tuple[Callable, Callable]:
     """From the unit cube to the prior, and the prior's log density."""
-    priors = density.posterior.priors
+    priors = density.priors
     logs = [NAMES.index(n) for n in ("C1", "k1", "k2", "noise_sd")]
-    centre = np.log([priors[NAMES[i]].location for i in logs])  # type: ignore[union-attr]
-    scale = np.array([priors[NAMES[i]].scale for i in logs])  # type: ignore[union-attr]
+    centre = np.log([priors[NAMES[i]].location for i in logs])
+    scale = np.array([priors[NAMES[i]].scale for i in logs])
     stretch = priors["mounting_stretch_x"]
-    below = float(ndtr((0.0 - stretch.location) / stretch.scale))  # type: ignore[union-attr]
+    below = float(ndtr((0.0 - stretch.location) / stretch.scale))
 
     def transform(cube: np.ndarray) -> np.ndarray:
         x = np.empty_like(cube)
@@ -142,7 +142,7 @@ def _prior_cube(density: NaturalDensity) -> tuple[Callable, Callable]:
         x[:, 4] = cube[:, 4] / 3.0
         for i in (5, 6):
             u = below + (1.0 - below) * cube[:, i]
-            x[:, i] = stretch.location + stretch.scale * ndtri(u)  # type: ignore[union-attr]
+            x[:, i] = stretch.location + stretch.scale * ndtri(u)
         return x
 
     half_log_2pi = 0.5 * np.log(2.0 * np.pi)
@@ -153,8 +153,8 @@ def _prior_cube(density: NaturalDensity) -> tuple[Callable, Callable]:
         out -= np.log(x[:, logs]).sum(axis=1)
         out += np.log(2.0 / np.pi) + np.log(3.0)
         for i in (5, 6):
-            z = (x[:, i] - stretch.location) / stretch.scale  # type: ignore[union-attr]
-            out -= 0.5 * z * z + np.log(stretch.scale) + half_log_2pi + np.log1p(-below)  # type: ignore[union-attr]
+            z = (x[:, i] - stretch.location) / stretch.scale
+            out -= 0.5 * z * z + np.log(stretch.scale) + half_log_2pi + np.log1p(-below)
         return out
 
     return transform, log_prior

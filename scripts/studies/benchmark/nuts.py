@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
 from studies.benchmark.outcome import Outcome, judged
-
-if TYPE_CHECKING:
-    from studies.benchmark.straight import Straight
+from studies.benchmark.straight import Straight
 
 __all__ = ["jax_log_density", "jax_mounting_load", "nuts", "straightened", "straightened_nuts"]
 
@@ -23,7 +21,7 @@ def jax_log_density(density: NaturalDensity) -> Any:
     """
     import jax.numpy as jnp
 
-    problem, priors = density.problem, density.posterior.priors
+    problem, priors = density.problem, density.priors
     squared = [jnp.asarray(v) for v in (problem.X, problem.Y, problem.Z)]
     inverse = [jnp.asarray(v) for v in (problem.ilx, problem.ily)]
     read = [jnp.asarray(v) for v in (problem.fx, problem.fy)]
@@ -124,8 +122,6 @@ def nuts(density: NaturalDensity, *, warmup: int, draws: int, chains: int = 4) -
 def straightened(density: NaturalDensity, draws: np.ndarray) -> Straight:
     """Coordinates fitted to draws of ours, shape (n, 8)."""
     import jax
-
-    from studies.benchmark.straight import Straight
 
     jax.config.update("jax_enable_x64", True)
     return Straight(density, jax_mounting_load(density), draws)

@@ -19,7 +19,7 @@ def lab_script(density: NaturalDensity) -> Callable[[np.ndarray], float]:
     Points hold mounting *forces* in the places of the mounting stretches.
     """
     problem = density.problem
-    stretch_x, stretch_y = np.sqrt(problem.ax), np.sqrt(problem.ay)
+    stretch_x, stretch_y = np.sqrt(problem.X), np.sqrt(problem.Y)
     weight = float(np.mean(problem.beta))
     reading, sd = problem.reading[0], problem.reading_sd[0]
 
@@ -71,7 +71,7 @@ def pymecht_density(density: NaturalDensity) -> Callable[[np.ndarray], float]:
     import pymecht
 
     problem = density.problem
-    measured = np.column_stack([np.sqrt(problem.ax), np.sqrt(problem.ay)])
+    measured = np.column_stack([np.sqrt(problem.X), np.sqrt(problem.Y)])
     readings = np.column_stack([problem.fx, problem.fy])
     weight = float(np.mean(problem.beta))
 

@@ -37,7 +37,7 @@ class Straight:
 
     def __init__(self, density: NaturalDensity, mounted: Any, draws: np.ndarray) -> None:
         problem = density.problem
-        top = float(np.max(problem.ax)), float(np.max(problem.ay))
+        top = float(np.max(problem.X)), float(np.max(problem.Y))
         self.structural = Structural(top, mounted, draws)
         y = self.structural.draws
         self.centre, self.factor = y.mean(axis=0), np.linalg.cholesky(np.cov(y.T))

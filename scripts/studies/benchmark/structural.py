@@ -4,7 +4,7 @@
 
 S and q are the fibre stress and the exponent at one reference stretch, d = ln(Hx / Hy), and
 Phi(w) in (0, 1) is the softened shear of the fibre families from aligned fibres to no dispersion
-(:mod:`biaxbayes.laws.goh` gives the formulas); p0 are the mounting loads. Here every
+(:mod:`biaxbayes.laws.dispersed_fibres` gives the formulas); p0 are the mounting loads. Here every
 coordinate runs over the whole line, and Jacobians come from automatic differentiation.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from biaxbayes.laws.goh import shear_from_angles, softening_of
+from biaxbayes.laws.dispersed_fibres import chart_from_angles, softening_of
 
 __all__ = ["Structural"]
 
@@ -51,7 +51,7 @@ class Structural:
         import jax
         import jax.numpy as jnp
 
-        d, v = shear_from_angles(draws[:, 3], draws[:, 4], self._softening)
+        d, v = chart_from_angles(draws[:, 3], draws[:, 4], self._softening)
         angles, lm = jnp.asarray(draws[:, 3:5]), jnp.asarray(draws[:, 5:7])
         log_E2, log_EG = (np.asarray(a) for a in jax.vmap(self._at_reference)(angles))
         loads = np.asarray(jax.vmap(self._mounted)(jnp.asarray(draws[:, :5]), lm))

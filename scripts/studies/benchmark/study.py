@@ -105,7 +105,8 @@ def one_case(task: tuple[str, str, bool, bool]) -> dict[str, Any]:
     mine = ours(posterior, steps=size["steps"])
     limit = max(PLAIN_LIMIT * mine.extra["to_criterion"], LEAST_LIMIT)
     others = {"emcee": emcee_reseeded(density, limit=0.1 * limit if quick else limit)}
-    found = {"specimen": name, "noise": noise, "ours": _told(mine), "emcee": _told(others["emcee"])}
+    found: dict[str, Any] = {"specimen": name, "noise": noise}
+    found |= {"ours": _told(mine), "emcee": _told(others["emcee"])}
     if plain:
         return found
     others["NUTS"] = nuts(density, warmup=size["warmup"], draws=size["draws"])

@@ -17,35 +17,25 @@ from pathlib import Path
 import click
 import h5py
 import numpy as np
-import pandas as pd
 
 from biaxbayes import figures, jobs, reports
 from biaxbayes.cli import group
 from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.identifiability.identify import Identifiability, identify_draws
+from biaxbayes.identifiability.identify import Identifiability, identify
 from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.reports import page
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.archive import flatten
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.text_files import atomic_write_bytes
 from studies.page import DATA
 
-# What a run imports only when it needs it, so that a fork need not.
-group.get_command(click.Context(group), "sample")
-for room in (figures, jobs, reports):
-    for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
-        importlib.import_module(module.name)
-
 SPECIMEN = DATA / "donor2-adventitia.csv"
 SEED = 1
 PLENTY = 600.0  # seconds after which a trial counts as hung
-# Fewer walkers and shorter blocks than usual, so that a short run has several checkpoints.
-sampling.Plan = functools.partial(Plan, walkers=32, first_block=16)  # type: ignore[misc, assignment]
 
 
 @dataclass
@@ -114,10 +104,12 @@ def values(folder: Path) -> dict[str, bytes]:
     return out
 
 
-def verdicts(_: Path, posterior: Posterior, draws: Draws, **__: object) -> Identifiability:
-    """What a run's summary and provenance say of its draws; no file is written."""
-    table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
-    return identify_draws(posterior, table, draws.convergence.state)
+def import_all() -> None:
+    """What a run imports only when it needs it, so that a fork need not."""
+    group.get_command(click.Context(group), "sample")
+    for room in (figures, jobs, reports):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            importlib.import_module(module.name)
 
 
 class Bench:
@@ -125,6 +117,9 @@ class Bench:
 
     def __init__(self, place: Path) -> None:
         self.place = place
+        import_all()
+        # Fewer walkers and shorter blocks than usual, so that a short run has several checkpoints.
+        sampling.Plan = functools.partial(Plan, walkers=32, first_block=16)  # type: ignore[misc, assignment]
         self.whole = place / "whole"
         self.earlier = place / "earlier"
         # In this process: what it imports and compiles need not be so again in a fork.
@@ -136,12 +131,6 @@ class Bench:
         self.drawn = {p.name: p.read_bytes() for p in self.whole.iterdir()}
         self.bytes = sum(p.stat().st_size for p in self.whole.iterdir())
 
-    @staticmethod
-    def leave_out_products() -> None:
-        """No figures, verdicts and report, for a quick look."""
-        run_products.write_products = verdicts
-        page.write_report = lambda *_: None  # type: ignore[assignment]
-
     def copy_products(self) -> None:
         """From here on, figures, verdicts and report are those of the whole run, not drawn again.
 
@@ -150,22 +139,24 @@ class Bench:
         made = ("corner", "stress-bands", "identifiability", "trace")
         products = {n: b for n, b in self.drawn.items() if Path(n).stem in made}
 
+        verdicts = identify(open_run(self.whole))
+
         def write_products(
-            folder: Path, posterior: Posterior, draws: Draws, **_: object
+            folder: Path, posterior: Posterior, draws: Draws, *, workers: int = 1
         ) -> Identifiability:
+            del posterior, draws, workers
             for name, content in products.items():
                 atomic_write_bytes(folder / name, content)
-            return verdicts(folder, posterior, draws)
+            return verdicts
 
         def write_report(folder: Path, *_: object) -> None:
             atomic_write_bytes(folder / page.NAME, self.drawn.get(page.NAME, b"left out"))
 
         run_products.write_products = write_products
         page.write_report = write_report  # type: ignore[assignment]
-        if products:  # without them a run takes as long as before
-            begun = time.monotonic()
-            assert ended(start(self.place / "again")) == 0, "the third run failed"
-            self.seconds = time.monotonic() - begun
+        begun = time.monotonic()
+        assert ended(start(self.place / "again")) == 0, "the third run failed"
+        self.seconds = time.monotonic() - begun
 
     def fresh(self, folder: Path, *, occupied: bool) -> Path:
         """An empty folder for a trial, or one with a finished run of another seed."""

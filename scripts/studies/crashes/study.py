@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 from studies.crashes.bench import Bench, Tally
@@ -32,6 +33,7 @@ from studies.crashes.trials import (
     random_kills,
 )
 from studies.page import put, table
+from studies.quick_runs import without_products
 
 HEAD = ("what", "trials", "ended early", "resumed to identical values", "problems")
 
@@ -66,7 +68,8 @@ def study(
     drawn = -(-kills // 5) if figures else 0
     if drawn:
         yield random_kills(bench, "SIGKILL at a random moment, figures drawn", drawn, seed)
-    bench.copy_products()
+    if figures:
+        bench.copy_products()
     if kills > drawn:
         yield random_kills(bench, "SIGKILL at a random moment", kills - drawn, seed + 1)
     if disks:
@@ -92,10 +95,9 @@ def main() -> int:
     parser.add_argument("--write", type=Path, help="Markdown page whose table is replaced")
     arguments = parser.parse_args()
     tallies: list[Tally] = []
-    with tempfile.TemporaryDirectory() as place:
+    quick = without_products() if arguments.no_figures else nullcontext()
+    with tempfile.TemporaryDirectory() as place, quick:
         begun = time.monotonic()
-        if arguments.no_figures:
-            Bench.leave_out_products()
         bench = Bench(Path(place))
         counts = {k: getattr(arguments, k) for k in ("kills", "calls", "disks", "seed")}
         for tally in study(bench, **counts, figures=not arguments.no_figures):

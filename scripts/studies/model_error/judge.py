@@ -10,9 +10,9 @@ import pandas as pd
 from biaxbayes.identifiability.determined import MEASURED, determined
 from biaxbayes.identifiability.toe import MountingRefits, mounting_refits
 from biaxbayes.identifiability.verdict import Thresholds
-from biaxbayes.laws.goh import PARAMETERS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
+from biaxbayes.model.priors import Prior
 from biaxbayes.prediction.bands import bands
 from studies.model_error.candidates import Answer
 from studies.model_error.truths import Case, make_case
@@ -54,10 +54,11 @@ def judged(case: Case, seed: int, answer: Answer) -> pd.DataFrame:
 def _stresses(case: Case, seed: int, answer: Answer) -> list[Row]:
     """Stresses as the tool states them: at half-way and the end of every protocol."""
     refits = {n: (low, high) for g, n, _, low, high in _mounting(case, seed, answer) if g == LOST}
-    table = determined(answer.draws, case.specimen, refits=refits)
-    measured = table["quantity"].str.contains(MEASURED, regex=False)
-    table = table[measured | table["quantity"].str.startswith("Cauchy stress")]
-    measured = measured[table.index].to_numpy()
+    law = _refits(seed)[1].law
+    table = determined(answer.draws, case.specimen, law, refits=refits)
+    nominal = table["quantity"].str.contains(MEASURED, regex=False)
+    table = table[nominal | table["quantity"].str.startswith("Cauchy stress")]
+    measured = nominal[table.index].to_numpy(dtype=bool)
     total = table[["stretch_x", "stretch_y"]].to_numpy()
     total = np.where(measured[:, None], total * case.mounting, total)
     truth = case.stress(total)
@@ -92,7 +93,9 @@ def _mounting(case: Case, seed: int, answer: Answer) -> list[Row]:
         out.append(("mounting", name, float(true), low, high))
         wide = (low, high)
         if refits is not None:
-            wide = refits.range(name, (low, high), limits.refit_errors, posterior.priors[name])
+            prior = posterior.priors[name]
+            assert isinstance(prior, Prior)
+            wide = refits.range(name, (low, high), limits.refit_errors, prior)
         stands = high - low >= limits.refit_share * (wide[1] - wide[0])
         out.append(("mounting, range of refits", name, float(true), *wide))
         verdict = "stands" if stands else "not identified"
@@ -107,11 +110,9 @@ def _mounting(case: Case, seed: int, answer: Answer) -> list[Row]:
 def _parameters(case: Case, answer: Answer) -> list[Row]:
     if case.material is None:
         return []
-    m = case.material
-    values = (m.C1_kPa, m.k1_kPa, m.k2, m.alpha_deg, m.kappa)
     return [
         ("parameters", name, float(v), *np.quantile(answer.draws[name], [0.05, 0.95]))
-        for name, v in zip(PARAMETERS, values, strict=True)
+        for name, v in zip(case.material.law.names, case.material.values, strict=True)
     ]
 
 
@@ -119,5 +120,8 @@ def _held_out(case: Case, answer: Answer) -> list[Row]:
     """Readings of a path that was not sampled, against their predictive band."""
     table = bands(case.held_out, answer.draws, max_draws=DRAWS)
     table = table[table["row"] > 0]
-    ends = table[["measured", "predictive_q05", "predictive_q95"]].to_numpy()
-    return [("held-out readings", str(i), *(float(v) for v in row)) for i, row in enumerate(ends)]
+    ends = table[["measured", "predictive_q05", "predictive_q95"]].to_numpy(dtype=float)
+    return [
+        ("held-out readings", str(i), float(true), float(low), float(high))
+        for i, (true, low, high) in enumerate(ends)
+    ]

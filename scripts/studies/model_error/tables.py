@@ -36,8 +36,8 @@ def judge_all(folder: Path, seeds: range, candidates: list[str]) -> pd.DataFrame
             answer = read(folder, seed, candidate)
             table = judged(case, seed, answer)
             far = bool(case.mounting.mean() > FAR)
-            told = {"seed": seed, "truth": case.kind, "far": far, "state": answer.state}
-            tables.append(table.assign(candidate=candidate, cpu_s=answer.cpu_s, **told))
+            told = table.assign(seed=seed, truth=case.kind, far=far, state=answer.state)
+            tables.append(told.assign(candidate=candidate, cpu_s=answer.cpu_s))
     data = pd.concat(tables, ignore_index=True)
     data["inside"] = (data["true"] >= data["low"]) & (data["true"] <= data["high"])
     data["width"] = (data["high"] - data["low"]) / data["true"].abs()

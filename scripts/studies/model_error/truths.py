@@ -70,11 +70,10 @@ def make_case(seed: int) -> Case:
         for name, ratio in RATIOS.items()
     ]
     held = _protocol("held", HELD_OUT, stress, mounting, top, factors["held"], noise, rng)
-    common = {"stress_pair": "piola", "load_noise": noise}
     return Case(
         kind,
-        Specimen(f"{kind} {seed}", tuple(protocols), **common),
-        Specimen(f"{kind} {seed}", (held,), **common),
+        Specimen(f"{kind} {seed}", tuple(protocols), "piola", load_noise=noise),
+        Specimen(f"{kind} {seed}", (held,), "piola", load_noise=noise),
         stress,
         mounting,
         top,

@@ -8,7 +8,6 @@ import numpy as np
 
 from biaxbayes.fitting.fit import FitResult, alternate, fit
 from biaxbayes.fitting.residuals import readings
-from biaxbayes.laws.goh import coordinates_of
 from biaxbayes.laws.published import MATERIALS
 from studies.figure import figure
 from studies.page import image, table
@@ -27,10 +26,11 @@ def alternations(material: str, prestretch: str, tolerance: float) -> int:
     """Alternations from the standard fit until stretches and parameters change by less."""
     lm = float(prestretch)
     specimen = virtual_specimen(MATERIALS[material].material, (lm, lm), total=1.2)
-    start = coordinates_of(fit(specimen, "standard").material)
-    found = alternate(
-        readings(specimen, shared=True), start, np.arange(5), 100.0, tolerance=tolerance
-    )
+    material_found = fit(specimen, "standard").material
+    law = material_found.law
+    start = law.point(material_found.values)
+    data = readings(specimen, shared=True)
+    found = alternate(data, start, np.arange(start.size), 100.0, law, tolerance=tolerance)
     return found.alternations
 
 

@@ -29,8 +29,7 @@ ROWS = 101  # the mounted state and a hundred increments
 
 def theta(material: GOH) -> np.ndarray:
     """(C1 kPa, k1 kPa, k2, alpha deg, kappa)."""
-    m = material
-    return np.array([m.C1_kPa, m.k1_kPa, m.k2, m.alpha_deg, m.kappa])
+    return np.array(material.values)
 
 
 def virtual_specimen(

@@ -25,9 +25,10 @@ class Row:
     r2: str = ""
 
     @property
-    def values(self) -> tuple[float, ...]:
+    def values(self) -> tuple[float, float, float, float, float]:
         """The five parameters as numbers."""
-        return tuple(float(text) for text in self.theta)
+        C1, k1, k2, alpha, kappa = (float(text) for text in self.theta)
+        return C1, k1, k2, alpha, kappa
 
     @property
     def mounting_stretch(self) -> tuple[float, float]:

@@ -22,7 +22,7 @@ def _mean_prestretch() -> tuple[str, bool]:
 def _layers() -> tuple[str, bool]:
     from biaxbayes.laws.published import MATERIALS
 
-    pairs = [(share * 1.69, MATERIALS[name].thickness_mm) for name, share in LAYERS.items()]
+    pairs = [(share * 1.69, MATERIALS[name].thickness_mm or 0.0) for name, share in LAYERS.items()]
     shown = ", ".join(f"{value:.3f} (prints {printed})" for value, printed in pairs)
     return shown + " mm", all(abs(value - printed) < 0.005 for value, printed in pairs)
 

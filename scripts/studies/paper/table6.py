@@ -77,6 +77,7 @@ def implied_force_mN(name: str, *, virtual: bool = False) -> np.ndarray:
     follow it. With ``virtual`` the same from our fits, where the force is known.
     """
     row, specimen = MATERIALS[name], table6_specimen(name)
+    assert row.measured_stretch is not None
     measured = np.linspace(1.0, row.measured_stretch, 101)
     standard, zeroed = (
         np.array(material.piola(measured, measured))

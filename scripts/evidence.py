@@ -1,0 +1,307 @@
+"""Remake the measured pages of the documentation, and say which are older than their code.
+
+    python scripts/evidence.py --check         which pages are older than the code they speak of
+    python scripts/evidence.py --list          the commands behind each page
+    python scripts/evidence.py paper data      remake these; without a name, all that are older
+
+What a page was made of stands under its heading: commit, day and command. A page is remade only
+where the code it speaks of has changed since (--again: in any case). The same command goes on where
+it was interrupted: commands that are done are not run again, and studies keep what they have below
+--folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from datetime import date
+from importlib.util import find_spec
+from pathlib import Path
+
+from studies.page import ROOT, Stamp, put_stamp, stamp_of
+from study import studies
+
+SOURCE = "src/biaxbayes"
+REAL = "BIAXBAYES_REAL"
+POSTERIOR = ("laws", "mechanics", "model", "sampling")
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page of measured figures.
+
+    Attributes
+    ----------
+    path : str
+        Relative to the root of the repository.
+    rooms : tuple of str
+        Folders and modules of the package that its figures speak of.
+    commands : tuple of str
+        What remakes it, in this order. ``{work}`` is a folder that the page's studies keep,
+        ``{real}`` that of measured tissue.
+    needs : tuple of str
+        Packages beyond those of biaxbayes itself.
+    """
+
+    path: str
+    rooms: tuple[str, ...]
+    commands: tuple[str, ...]
+    needs: tuple[str, ...] = ()
+
+    @property
+    def sources(self) -> list[str]:
+        """The folders that the page speaks of, relative to the root."""
+        return [f"{SOURCE}/{room}" for room in self.rooms]
+
+    @property
+    def of_measured_tissue(self) -> bool:
+        """Whether it cannot be remade without measured specimens, which are not shipped."""
+        return any("{real}" in command for command in self.commands)
+
+
+STUDY = "python scripts/study.py"
+PAGES = {
+    "paper": Page(
+        "docs/paper.md",
+        ("laws", "mechanics", "fitting"),
+        ("python scripts/reproduce_paper.py",),
+    ),
+    "finite-elements": Page(
+        "docs/finite-elements.md", ("laws", "fem"), (f"{STUDY} hooks",), ("skfem",)
+    ),
+    "robustness": Page(
+        "docs/robustness.md",
+        ("runs", "jobs", "specimens", "machines", "studies", "text_files.py", "csv_tables.py"),
+        (
+            f"{STUDY} fuzz --write docs/robustness.md",
+            f"{STUDY} crashes --calls 24 --write docs/robustness.md",
+        ),
+    ),
+    "studies": Page(
+        "docs/studies.md",
+        ("jobs", "executors", "sampling", "figures", "reports"),
+        (f"{STUDY} batch --specimens 20 --folder {{work}}/batch --write docs/studies.md",),
+    ),
+    "identifiability": Page(
+        "docs/identifiability.md",
+        (*POSTERIOR, "identifiability", "optimal_design"),
+        (
+            f"{STUDY} identifiability_figures",
+            f"{STUDY} verdicts --write docs/identifiability.md",
+            f"{STUDY} design data/donor2-media.csv --outcomes 30 --write docs/identifiability.md",
+            f"{STUDY} design data/donor2.csv --outcomes 30 --write docs/identifiability.md",
+        ),
+    ),
+    "data": Page(
+        "data/README.md",
+        POSTERIOR,
+        (f"{STUDY} intervals --seeds 50 --workers 2 --record {{work}}/intervals.jsonl",),
+    ),
+    "benchmark": Page(
+        "docs/benchmark.md",
+        POSTERIOR,
+        (
+            f"{STUDY} benchmark --samplers --jobs 2 --json {{work}}/samplers.json",
+            f"{STUDY} benchmark --samplers --plain --jobs 2 --json {{work}}/plain.json",
+            f"{STUDY} benchmark --costs --json {{work}}/costs.json",
+            f"{STUDY} benchmark --from-json {{work}}/samplers.json {{work}}/plain.json "
+            "{work}/costs.json --write docs/benchmark.md",
+        ),
+        ("numpyro", "nautilus", "dynesty", "pymecht", "flowjax", "optax"),
+    ),
+    "model-error": Page(
+        "docs/model-error.md",
+        (*POSTERIOR, "identifiability", "prediction"),
+        (
+            "biaxbayes convert {real}/aorta-tbad/p*.csv --machine generic --geometry unloaded "
+            "--columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa "
+            "--protocol-names 0.5to1,1to1,1to0.75,1to0.5,0.75to1 --overwrite "
+            "--out {work}/aorta.csv",
+            f"{STUDY} leave_out {{work}}/aorta.csv --out {{work}}/leave-out.csv "
+            "--page docs/model-error.md",
+            f"{STUDY} model_error run --specimens 105 --folder {{work}}/model-error",
+            f"{STUDY} model_error table --specimens 105 --folder {{work}}/model-error "
+            "--candidates effective independent --page docs/model-error.md",
+        ),
+    ),
+    "calibration": Page(
+        "docs/calibration.md",
+        (*POSTERIOR, "calibration"),
+        (
+            f"{STUDY} calibration --folder {{work}}/calibration --workers 2",
+            f"{STUDY} calibration --folder {{work}}/calibration --document docs",
+        ),
+    ),
+}
+"""The pages by name, the quickest first."""
+
+
+# --- how old a page is ---------------------------------------------------------------------------
+
+
+def git(*arguments: str) -> str | None:
+    """What git says about this checkout, or None where it has nothing to say."""
+    try:
+        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
+    except OSError:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def commits_since(stamp: Stamp, sources: list[str]) -> int | None:
+    """How many commits have changed the sources since a page was made; None without git."""
+    since = [f"{stamp.commit}..HEAD"]
+    if git("cat-file", "-e", f"{stamp.commit}^{{commit}}") is None:
+        # not a commit of this clone: by its day
+        since = [f"--since={stamp.day} 23:59:59", "HEAD"]
+    elif git("diff", "--quiet", stamp.commit, "HEAD", "--", *sources) is not None:
+        return 0  # changed and changed back, or the same under another commit
+    found = git("rev-list", "--count", *since, "--", *sources)
+    return None if found is None else int(found)
+
+
+def age(page: Page) -> tuple[bool, str]:
+    """(whether the page should be remade, how old it is in words)."""
+    stamp = stamp_of(ROOT / page.path)
+    if stamp is None:
+        return True, "does not say what made it"
+    count = commits_since(stamp, page.sources)
+    of = f"commit {stamp.commit} of {stamp.day}"
+    if count is None:
+        return True, f"{of}; whether the code is newer is not known outside a git checkout"
+    if count == 0:
+        return False, f"{of}: current"
+    changes = "1 commit has" if count == 1 else f"{count} commits have"
+    return True, f"{of}: OLDER, {changes} changed {', '.join(page.rooms)} since"
+
+
+def check(names: list[str]) -> None:
+    """Print how old every page is."""
+    ages = {name: age(PAGES[name]) for name in names}
+    for name, (_, words) in ages.items():
+        print(f"{PAGES[name].path:26}{words}")
+    older = [name for name, (old, _) in ages.items() if old]
+    print(f"{len(older)} of {len(names)} pages of measured figures are older than their code")
+    print(f"studies that remake no page: {', '.join(sorted(set(studies()) - used_studies()))}")
+
+
+def used_studies() -> set[str]:
+    """The studies that the pages are remade by."""
+    every = [shlex.split(command) for page in PAGES.values() for command in page.commands]
+    return {words[2] for words in every if words[:2] == shlex.split(STUDY)}
+
+
+# --- remaking it ---------------------------------------------------------------------------------
+
+
+def why_not(page: Page) -> str:
+    """Why a page cannot be remade here; empty where it can."""
+    missing = [name for name in page.needs if find_spec(name) is None]
+    if missing:
+        return f"{', '.join(missing)} not installed (extras bench and fe)"
+    if page.of_measured_tissue and not os.environ.get(REAL):
+        return f"{REAL} does not name measured tissue"
+    if git("rev-parse", "HEAD") is None:
+        return "not a git checkout: the page could not say which commit it is of"
+    if changed := git("status", "--porcelain", "--", *page.sources):
+        return f"commit first, so that the page can say what it is of: {changed.split()[1]} changed"
+    return ""
+
+
+def argv(command: str, work: Path) -> list[str]:
+    """A command as it is run: by this Python, its folders and patterns filled in."""
+    out: list[str] = []
+    for word in shlex.split(command):
+        filled = word.replace("{work}", str(work)).replace("{real}", os.environ.get(REAL, ""))
+        path = Path(filled)
+        out += sorted(map(str, path.parent.glob(path.name))) if "*" in path.name else [filled]
+    program = {"python": [sys.executable], "biaxbayes": [sys.executable, "-m", "biaxbayes.cli"]}
+    return [*program[out[0]], *out[1:]]
+
+
+def remake(name: str, kept: Path) -> bool:
+    """Run what a page needs and has not had of this code, and stamp it; whether that went well."""
+    page = PAGES[name]
+    # the last commit of the package: what else is in the repository does not make the figures
+    commit, day = (git("log", "-1", "--format=%h %cs", "--", SOURCE) or " ").split(" ")
+    state = git("log", "-1", "--format=%h", "--", *page.sources) or commit
+    work = kept / f"{name}-{state}"  # what was kept of other code is not gone on with
+    record = work / "done.txt"
+    if not record.exists():  # nothing was begun, or all of it ended: measured anew
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir(parents=True)
+        record.touch()
+    done = record.read_text(encoding="utf-8").splitlines()
+    paths = [str(ROOT / "src"), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(p for p in paths if p),
+        "OMP_NUM_THREADS": "1",
+        "MPLBACKEND": "Agg",
+    }
+    for command in page.commands:
+        if command in done:
+            print(f"{name}: done before: {command}", flush=True)
+            continue
+        print(f"{name}: {command}", flush=True)
+        clock = time.monotonic()
+        ended = subprocess.run(argv(command, work), cwd=ROOT, env=environment)
+        print(f"{name}: {(time.monotonic() - clock) / 60:.1f} min", flush=True)
+        if ended.returncode:
+            print(f"{name}: ended with {ended.returncode}; the page keeps its old date")
+            return False
+        with record.open("a", encoding="utf-8") as file:
+            file.write(f"{command}\n")
+    made = Stamp(commit, day, date.today().isoformat(), f"python scripts/evidence.py {name}")
+    put_stamp(ROOT / page.path, made)
+    record.unlink()
+    return True
+
+
+def main() -> int:
+    """Check, list or remake pages; exit code 1 where one could not be made."""
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("pages", nargs="*", metavar="PAGE", help=f"of {', '.join(PAGES)}")
+    parser.add_argument("--check", action="store_true", help="say which are older, and end with 0")
+    parser.add_argument("--list", action="store_true", help="print the commands, and run none")
+    parser.add_argument("--again", action="store_true", help="also pages that are current")
+    parser.add_argument("--folder", type=Path, default=ROOT / "evidence", help="of kept studies")
+    options = parser.parse_args()
+    unknown = [name for name in options.pages if name not in PAGES]
+    if unknown:
+        parser.error(f"no page {unknown[0]}; pages are {', '.join(PAGES)}")
+    names = options.pages or list(PAGES)
+    if options.check:
+        check(names)
+        return 0
+    if options.list:
+        for name in names:
+            print(f"{name}: {PAGES[name].path}", *PAGES[name].commands, sep="\n    ")
+        return 0
+    failed = []
+    for name in names:
+        old, words = age(PAGES[name])
+        if not (old or options.again):
+            print(f"{name}: {words}")
+        elif reason := why_not(PAGES[name]):
+            print(f"{name}: skipped, {reason}")
+            failed.append(name)
+        elif not remake(name, options.folder.resolve()):
+            failed.append(name)
+    if failed:
+        print(f"not remade: {', '.join(failed)}")
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on")
+        sys.exit(130)
