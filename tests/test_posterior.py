@@ -6,12 +6,14 @@ support: at every point both must have a density, or neither.
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import biaxbayes
 from biaxbayes.errors import InputError
 from biaxbayes.model.layout import assemble
 from biaxbayes.model.posterior import Posterior
@@ -578,3 +580,24 @@ def test_mounting_force_of_an_exact_run_is_the_reading_less_the_offset():
     lm = [natural[f"mounting_stretch_{axis}"][0] for axis in "xy"]
     got = mounting_load(theta, np.array(lm), specimen.area, False)
     np.testing.assert_allclose(got, [natural[f"mounting_force_{a}"][0] for a in "xy"], rtol=1e-8)
+
+
+def test_the_width_of_the_mounting_prior_is_an_option():
+    data = Path(__file__).parents[1] / "data"
+    specimen = biaxbayes.read_specimen(data / "donor2-media.csv")
+    wide, usual = (
+        Posterior(specimen, noise="independent", **options)
+        for options in ({"mounting_sd": 0.3}, {})
+    )
+    for name in ("mounting_stretch_x", "mounting_stretch_y"):
+        assert wide.priors[name].scale == 0.3 and usual.priors[name].scale == 0.1
+    assert wide.options()["mounting_sd"] == 0.3
+    stated = Posterior(
+        specimen,
+        noise="independent",
+        mounting_sd=0.3,
+        priors={"mounting_stretch": {"distribution": "normal", "mean": 1.02, "sd": 0.01}},
+    )
+    assert stated.priors["mounting_stretch_x"].scale == 0.01
+    with pytest.raises(InputError, match="mounting-sd"):
+        Posterior(specimen, noise="independent", mounting_sd=0.0)

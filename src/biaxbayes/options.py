@@ -276,6 +276,8 @@ class Settings(Options):
         Name of the material law.
     fibre_switch : bool
         Fibres carry no compression, for laws that leave it open.
+    mounting_sd : float
+        Sd of the prior of the mounting stretches, about 1, where nothing else states one.
     thin : int
         Rows of a protocol that longer records are averaged to; 0 keeps all.
     priors : mapping
@@ -295,6 +297,13 @@ class Settings(Options):
     law: str = _option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
     fibre_switch: bool = _option(
         False, "Fibres carry no compression (Abaqus, FEBio); for laws that leave it open."
+    )
+    mounting_sd: float = _option(
+        0.1,
+        "Sd of the prior of the mounting stretches, about 1.",
+        least=0.0,
+        most=10.0,
+        inside=True,
     )
     thin: int = 0
     priors: Mapping[str, Prior | float | Tie] = field(default_factory=dict)

@@ -30,7 +30,7 @@ NOT_RELIABLE = 3
 @argument("specimen")
 @options(LawsPlan, "laws")
 @file_option("out", "Folder [<stem>-laws].")
-@options(ModelOptions, "mounting", "noise", "noise_growth", "thin")
+@options(ModelOptions, "mounting", "mounting_sd", "noise", "noise_growth", "thin")
 @mounting_force_option()
 @options(LawsPlan, "seed", "ess", "max_steps")
 @executor_options

@@ -152,7 +152,10 @@ def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
 # --- the statistical model and its priors --------------------------------------------------------
 
 
-MODEL = ("law", "mounting", "noise", "mounting_stretch", "noise_growth", "thin", "fibre_switch")
+MODEL = (
+    *("law", "mounting", "noise", "mounting_stretch", "mounting_sd", "noise_growth", "thin"),
+    "fibre_switch",
+)
 
 
 def fix_option(words: str) -> Decorator:

@@ -127,6 +127,7 @@ def distance(a: np.ndarray, b: np.ndarray, *, seed: int = 0) -> Distance:
 
 
 OPTIONS = {
+    "law": "the material law is",
     "mounting": "the mounting force enters as",
     "noise": "the errors are",
     "mounting_stretch": "the mounted state is",

@@ -116,7 +116,7 @@ def _around_posterior(
         raise NotConverged(
             f"the specimen's own posterior is no basis for a study: {drawn.convergence.reason}"
         )
-    wide = {**default_priors(specimen, posterior.law), **stated}
+    wide = {**default_priors(specimen, posterior.law, posterior.settings.mounting_sd), **stated}
     return local_prior(drawn.quantities, wide, posterior.quantities)
 
 

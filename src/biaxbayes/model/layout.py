@@ -243,7 +243,10 @@ def _priors(
     specimen: Specimen, settings: Settings, labels: tuple[str, ...]
 ) -> dict[str, Prior | float | Tie]:
     """Priors by slot name: the defaults, the user's, and those of measured dimensions."""
-    chosen = {**default_priors(specimen, settings.material_law), **settings.priors}
+    chosen = {
+        **default_priors(specimen, settings.material_law, settings.mounting_sd),
+        **settings.priors,
+    }
     growth = chosen.pop("noise_growth")
     if settings.noise_growth:
         chosen["noise_growth"] = growth

@@ -65,7 +65,7 @@ class Posterior:
     Parameters
     ----------
     specimen : Specimen
-    mounting, noise, mounting_stretch, noise_growth, law, fibre_switch
+    mounting, noise, mounting_stretch, noise_growth, law, fibre_switch, mounting_sd
         As in :class:`~biaxbayes.options.Settings`.
     priors : mapping, optional
         Overrides of the default priors, as objects or as in a priors file.
@@ -102,6 +102,7 @@ class Posterior:
         noise_growth: bool = False,
         law: str = ModelOptions.law,
         fibre_switch: bool = False,
+        mounting_sd: float = ModelOptions.mounting_sd,
         priors: Mapping[str, Any] | None = None,
         beta: float | None = None,
         chart: Chart | None = None,
@@ -112,14 +113,15 @@ class Posterior:
     ) -> None:
         self.specimen = specimen
         self.settings = Settings(
-            mounting,
-            noise,
-            mounting_stretch,
-            noise_growth,
-            law,
-            fibre_switch,
-            rows_to_keep(specimen, thin, automatic=noise != "independent"),
-            _objects(priors or {}, law_named(law)),
+            mounting=mounting,
+            noise=noise,
+            mounting_stretch=mounting_stretch,
+            noise_growth=noise_growth,
+            law=law,
+            fibre_switch=fibre_switch,
+            mounting_sd=mounting_sd,
+            thin=rows_to_keep(specimen, thin, automatic=noise != "independent"),
+            priors=_objects(priors or {}, law_named(law)),
         )
         self._check_noise()
         if beta is None and readings is not None:

@@ -50,8 +50,8 @@ def prepare(
         for independent noise.
     **options
         Further arguments of :class:`~biaxbayes.model.posterior.Posterior`: ``mounting``,
-        ``noise``, ``mounting_stretch``, ``noise_growth``, ``law``, ``fibre_switch``, ``priors``,
-        ``thin``.
+        ``noise``, ``mounting_stretch``, ``noise_growth``, ``law``, ``fibre_switch``,
+        ``mounting_sd``, ``priors``, ``thin``.
 
     Returns
     -------

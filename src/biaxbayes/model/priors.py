@@ -27,6 +27,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.laws.law import Law
+from biaxbayes.options import ModelOptions
 from biaxbayes.parameters import (
     MOUNTED,
     NOISE_GROWTH,
@@ -210,12 +211,14 @@ class Tie:
     other: str
 
 
-def default_priors(specimen: Specimen, law: Law) -> dict[str, Prior | float | Tie]:
+def default_priors(
+    specimen: Specimen, law: Law, mounting_sd: float = ModelOptions.mounting_sd
+) -> dict[str, Prior | float | Tie]:
     """The default priors, in the order of the parameters; a number is fixed.
 
-    Those of the law; mounting stretches ~ N(1, 0.1), noise sd ~ LN(0.005 Fmax, 1.5), its growth
-    ~ LN(0.03, 1). A mounting stretch that the specimen file states from an image replaces its
-    prior.
+    Those of the law; mounting stretches ~ N(1, mounting_sd), noise sd ~ LN(0.005 Fmax, 1.5), its
+    growth ~ LN(0.03, 1). A mounting stretch that the specimen file states from an image replaces
+    its prior.
     """
     priors: dict[str, Prior | float | Tie] = {
         p.name: Prior.stated(*p.prior) for p in law.parameters if p.prior is not None
@@ -224,7 +227,7 @@ def default_priors(specimen: Specimen, law: Law) -> dict[str, Prior | float | Ti
     priors[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 1.0)
     for name in mounting_names("stretch"):
         stated = specimen.metadata.get(name)
-        mean, sd = (1.0, 0.1) if stated is None else measured_stretch(str(stated))
+        mean, sd = (1.0, mounting_sd) if stated is None else measured_stretch(str(stated))
         priors[name] = Prior("normal", mean, sd, low=0.0)
     return priors
 

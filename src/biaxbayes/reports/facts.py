@@ -182,6 +182,7 @@ def settings_facts(run: Run) -> list[tuple[str, str]]:
     record = run.provenance
     settings = record["settings"]
     facts = [
+        ("Material law", run.law.title),
         ("Mounting force", cut(settings.get("mounting", ""), 30)),
         ("Mounted states", cut(settings.get("mounting_stretch", ""), 30)),
         ("Errors", cut(settings.get("noise", ""), 30)),
