@@ -58,7 +58,7 @@ def run(tmp_path, monkeypatch):
     folder.mkdir()
     made = SmallRun(folder, specimen, draws)
     monkeypatch.setattr(
-        "biaxbayes.jobs.opening.open_run", lambda path: made if path == folder else None
+        "biaxbayes.runs.run.open_run", lambda path: made if path == folder else None
     )
     return made
 

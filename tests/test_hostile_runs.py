@@ -169,7 +169,7 @@ def test_a_posterior_that_no_run_wrote(run, capsys, damage, says):
 
 
 def test_not_a_folder_of_a_run(tmp_path, capsys):
-    assert "no such file" in refused(tmp_path, capsys)
+    assert "is not a run folder" in refused(tmp_path, capsys)
     (tmp_path / "file").write_text("")
     assert "is not a run folder" in refused(tmp_path / "file", capsys)
     (tmp_path / "loop").symlink_to(tmp_path / "loop")

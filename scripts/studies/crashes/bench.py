@@ -56,7 +56,7 @@ class Tally:
 
 def sampled(folder: Path, *options: str) -> int:
     """Exit code of a run in this process."""
-    settings = ["--ess", "2000", "--quiet", "--seed", str(SEED), *options]
+    settings = ["--ess", "2000", "--quiet", "--overwrite", "--seed", str(SEED), *options]
     try:
         biaxbayes_main(["sample", str(SPECIMEN), "--out", str(folder), *settings])
     except SystemExit as end:

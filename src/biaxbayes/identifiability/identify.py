@@ -47,7 +47,13 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import STRETCH
 
-__all__ = ["Identifiability", "ParameterVerdict", "identify", "identify_draws"]
+__all__ = [
+    "Identifiability",
+    "ParameterVerdict",
+    "fits_of_laws",
+    "identify",
+    "identify_draws",
+]
 
 INTERVAL = (0.05, 0.95)
 MOST_DRAWS = 20_000  # evenly chosen; more change no digit that matters
@@ -207,7 +213,28 @@ def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiabili
     -------
     Identifiability
     """
-    return identify_draws(run.posterior(), run.draws, run.state, thresholds=thresholds)
+    posterior = run.posterior()
+    fits = fits_of_laws(posterior, run.state)
+    return identify_draws(posterior, run.draws, run.state, thresholds=thresholds, fits=fits)
+
+
+def fits_of_laws(posterior: Posterior, state: str) -> LawRange | None:
+    """Least squares of all laws to the record of a posterior; none for draws that are not reliable.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    state : str
+        Of its draws.
+    """
+    if state != "reliable":
+        return None
+    settings = posterior.settings
+    return law_fits(
+        posterior.specimen,
+        reading="exact" if settings.infers_mounting else settings.mounting,
+        mounting_stretch=settings.mounting_stretch,
+    )
 
 
 def identify_draws(
@@ -216,6 +243,7 @@ def identify_draws(
     state: str,
     *,
     thresholds: Thresholds | None = None,
+    fits: LawRange | None = None,
 ) -> Identifiability:
     """Judge the parameters of a posterior by its draws.
 
@@ -229,13 +257,15 @@ def identify_draws(
         Anything but ``reliable`` gives no verdict; the evidence of tentative draws is there all
         the same, unusable ones give none.
     thresholds : Thresholds, optional
+    fits : LawRange, optional
+        From :func:`fits_of_laws`: without them nothing is stated of the tissue.
     """
     chosen = thresholds or Thresholds()
     total, draws = len(draws), draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     scales = judged_scales(posterior.priors, posterior.quantities, draws)
     free = tuple(s for s in scales if isinstance(s.prior, Prior))
     evidence = {} if state == "unusable" else _evidence(posterior, draws, free, chosen)
-    fits, stated = _stated(posterior, evidence, state)
+    stated = _stated(posterior, evidence, fits) if state == "reliable" else {}
     nothing = _meaningless(posterior.law, {n: e for n, (e, _, _) in evidence.items()}, chosen)
     out = []
     for scale in scales:
@@ -262,21 +292,17 @@ def identify_draws(
 
 
 def _stated(
-    posterior: Posterior, evidence: Mapping[str, tuple[Evidence, Density, Density]], state: str
-) -> tuple[LawRange | None, dict[str, Stated]]:
-    """Fits of all laws, and what is stated of the mounting stretches of reliable draws."""
+    posterior: Posterior,
+    evidence: Mapping[str, tuple[Evidence, Density, Density]],
+    fits: LawRange | None,
+) -> dict[str, Stated]:
+    """What is stated of the mounting stretches, by name."""
     intervals = {
         name: (e.low, e.high) for name, (e, _, _) in evidence.items() if e.parameter.kind == STRETCH
     }
-    if state != "reliable":
-        return None, {}
-    settings = posterior.settings
-    fits = law_fits(
-        posterior.specimen,
-        reading="exact" if settings.infers_mounting else settings.mounting,
-        mounting_stretch=settings.mounting_stretch,
-    )
-    return fits, stated_mounting(posterior, intervals, fits) if intervals else {}
+    if fits is None or not intervals:
+        return {}
+    return stated_mounting(posterior, intervals, fits)
 
 
 def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds) -> dict[str, str]:

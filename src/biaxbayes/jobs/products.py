@@ -24,7 +24,12 @@ from biaxbayes.csv_tables import write_csv
 from biaxbayes.executors.beside import Beside
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined, mounting_stated
-from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict, identify_draws
+from biaxbayes.identifiability.identify import (
+    Identifiability,
+    ParameterVerdict,
+    fits_of_laws,
+    identify_draws,
+)
 from biaxbayes.identifiability.marginals import (
     BOUND_TAIL,
     PRIOR_TAIL,
@@ -286,7 +291,7 @@ def identified(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identif
         Natural quantities, ``log_likelihood`` and ``lp``, one row a draw.
     state : {"reliable", "tentative", "unusable"}
     """
-    verdicts = identify_draws(posterior, draws, state)
+    verdicts = identify_draws(posterior, draws, state, fits=fits_of_laws(posterior, state))
     if state != "reliable":
         return Identified(verdicts, None, None)
     table = determined(
@@ -362,7 +367,7 @@ def write_products(
     known = posterior.quantities
     drawn = state != "unusable"
     corner = Beside(lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1)
-    found = identify_draws(posterior, table, state)
+    found = identify_draws(posterior, table, state, fits=fits_of_laws(posterior, state))
     write_identifiability(found, folder / "identifiability.csv")
     write_law_fits(found, posterior, folder)
     if state != "reliable":
