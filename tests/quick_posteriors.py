@@ -64,17 +64,19 @@ def small_specimen() -> Specimen:
     return specimen(GOH(14.0, 60.0, 8.0, 38.0, 0.1), increments=8)
 
 
-def sampled(data: Specimen, *, ess: float = 150.0, seed: int = 1, **options: Any) -> Sampled:
+def sampled(
+    data: Specimen, *, ess: float = 150.0, seed: int = 1, walkers: int = FEW_WALKERS, **options: Any
+) -> Sampled:
     """Sample a specimen once a test session, errors independent unless said otherwise."""
     options = {"noise": "independent", **options}
 
     def find() -> tuple:
         target = Posterior(data, **options)
-        plan = Plan(ess=ess, seed=seed, workers=2, walkers=FEW_WALKERS)
+        plan = Plan(ess=ess, seed=seed, workers=2, walkers=walkers)
         found = draw_posterior(target, plan)
         return target, found.convergence.state, found.quantities
 
-    target, state, chains = found_once((data, ess, seed, sorted(options.items())), find)
+    target, state, chains = found_once((data, ess, seed, walkers, sorted(options.items())), find)
     draws = pd.DataFrame({name: q.ravel() for name, q in chains.items()})
     return Sampled(target, draws, state, chains)
 

@@ -78,7 +78,8 @@ def test_an_outcome_that_leaves_too_few_draws_is_not_trusted():
 
 @pytest.fixture(scope="module")
 def run():
-    return sampled(specimen(MATERIAL, ratios=EQUIBIAXIAL, increments=15), ess=200.0)
+    data = specimen(MATERIAL, ratios=EQUIBIAXIAL, increments=15)
+    return sampled(data, ess=200.0, walkers=Plan.walkers)  # many draws for what is drawn from them
 
 
 def _stretch(run):
