@@ -11,7 +11,7 @@ import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.comparison.law_comparison import only, parts_of, without
 from biaxbayes.comparison.law_weights import STACKED
-from biaxbayes.comparison.stacking import CONCENTRATION, stacking_weights, weighted_density
+from biaxbayes.comparison.stacking import PRIOR_READINGS, stacking_weights, weighted_density
 from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.specimens.specimen_file import write_specimen
 from quick_posteriors import small_specimen
@@ -28,7 +28,7 @@ def test_stacking_weights_are_those_of_an_optimiser():
         def loss(z, density=density, worth=worth):
             w = np.exp(z - np.logaddexp.reduce(z))
             mixed = np.logaddexp.reduce(density + np.log(w)[:, None], axis=0)
-            return -(worth @ mixed) - (CONCENTRATION - 1.0) * np.log(w).sum()
+            return -(worth @ mixed) - PRIOR_READINGS * np.log(w).mean()
 
         z = minimize(loss, np.zeros(models), method="BFGS", options={"gtol": 1e-9}).x
         expected = np.exp(z - np.logaddexp.reduce(z))

@@ -2,7 +2,8 @@
 
 Stacking (Yao, Vehtari, Simpson, Gelman, Bayesian Anal. 13 (2018) 917) chooses the mixture of
 predictive densities that foretells left-out readings best. With p_ki the density that model k gives
-to reading i, b_i what the reading is worth, and a Dirichlet prior towards equal weights,
+to reading i, b_i what the reading is worth, and a Dirichlet prior (a, ..., a) towards equal
+weights,
 
     maximise  sum_i b_i ln sum_k w_k p_ki + (a - 1) sum_k ln w_k     over the simplex of w.
 
@@ -13,10 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["CONCENTRATION", "stacking_weights", "weighted_density"]
+__all__ = ["PRIOR_READINGS", "stacking_weights", "weighted_density"]
 
-CONCENTRATION = 1.5
-"""a of the Dirichlet prior: half a reading for every model."""
+PRIOR_READINGS = 1.0
+"""Readings that the Dirichlet prior is worth in all, a = 1 + 1 / models: further models do not make
+it stronger."""
 _STEPS, _TOLERANCE = 20_000, 1e-10
 
 
@@ -41,12 +43,13 @@ def stacking_weights(log_density: np.ndarray, worth: np.ndarray) -> np.ndarray:
     density = np.exp(log_density[:, known] - top[known])
     worth = worth[known]
     weight = np.full(models, 1.0 / models)
-    total = worth.sum() + models * (CONCENTRATION - 1.0)
+    prior = PRIOR_READINGS / models  # a - 1
+    total = worth.sum() + PRIOR_READINGS
     for _ in range(_STEPS):
         # expectation maximisation: the share of every reading that each model explains
         share = weight[:, None] * density
         mixture = share.sum(axis=0)
-        explained = (share / mixture) @ worth + (CONCENTRATION - 1.0)
+        explained = (share / mixture) @ worth + prior
         new = explained / total
         if np.abs(new - weight).max() < _TOLERANCE:
             return new

@@ -639,6 +639,8 @@ class Law(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Random materials for fits to start from, with one for every amplitude.
 
+        A law states this, or a :meth:`screen` of its own.
+
         Parameters
         ----------
         size : int
@@ -654,7 +656,7 @@ class Law(ABC):
         marks : ndarray, shape (size, k)
             Coordinates in which chosen points are kept apart from one another.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"the law {self.name} states neither shapes nor a screen")
 
     def screen(self, data: Screening, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
         """Many random materials with their best amplitudes.
