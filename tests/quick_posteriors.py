@@ -99,7 +99,7 @@ def without_figures() -> Iterator[None]:
     from biaxbayes.reports import page
     from biaxbayes.runs.archive import flatten
 
-    def verdicts_alone(folder, posterior, draws, *, workers):
+    def verdicts_alone(folder, posterior, draws, laws, *, workers):
         table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})
         found = identify_draws(posterior, table, draws.convergence.state)
         run_products.write_identifiability(found, folder / "identifiability.csv")

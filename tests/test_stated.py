@@ -6,8 +6,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import biaxbayes
 from biaxbayes.fitting.constrained import LawFit, fit_law
 from biaxbayes.identifiability.stated import (
     ALIKE,
@@ -140,3 +142,22 @@ def test_laws_are_fitted_to_a_goh_specimen():
     assert list(table["law"]) == [f.law for f in found.fits]
     assert table["mounting_stretch_x"][0] == found.fits[0].mounting_stretch[0, 0]
     assert better_law(small_specimen()) == ""
+
+
+def test_judging_a_run_again_reads_the_fits_that_it_keeps(media_run, copied, monkeypatch):
+    from biaxbayes.jobs import products
+
+    run = copied(media_run.path)
+    was = (run / "identifiability.csv").read_bytes()
+    fits = (run / "law-fits.csv").read_bytes()
+    with monkeypatch.context() as refused:
+        refused.setattr(products, "fits_of_laws", lambda *_: pytest.fail("fitted again"))
+        biaxbayes.identify(run, out=run, figure=False)
+    assert (run / "identifiability.csv").read_bytes() == was
+    assert (run / "law-fits.csv").read_bytes() == fits
+    # a run of an earlier version, which did not keep all of a fit
+    table = pd.read_csv(run / "law-fits.csv").drop(columns="misses_smoothly")
+    table.to_csv(run / "law-fits.csv", index=False)
+    biaxbayes.identify(run, out=run, figure=False)
+    assert (run / "identifiability.csv").read_bytes() == was
+    assert (run / "law-fits.csv").read_bytes() == fits

@@ -7,7 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest import mock
 
+from biaxbayes.executors.beside import Beside
 from biaxbayes.identifiability.identify import Identifiability
+from biaxbayes.identifiability.stated import LawRange
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Draws
@@ -16,9 +18,14 @@ __all__ = ["without_products"]
 
 
 def _no_verdicts(
-    folder: Path, posterior: Posterior, draws: Draws, *, workers: int = 1
+    folder: Path,
+    posterior: Posterior,
+    draws: Draws,
+    laws: Beside[LawRange | None],
+    *,
+    workers: int = 1,
 ) -> Identifiability:
-    del folder, workers
+    del folder, laws, workers
     return Identifiability((), draws.convergence.state, 0, Thresholds(), posterior.law)
 
 

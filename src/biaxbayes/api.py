@@ -134,8 +134,9 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
     opened = opened_run(run)
     judged = opened.posterior(), opened.draws, opened.state
     if out is None:
-        return identified(*judged)
-    return write_identifiability_products(made_folder(out), *judged, figure=figure)
+        return identified(*judged, kept=opened.path)
+    folder = made_folder(out)
+    return write_identifiability_products(folder, *judged, figure=figure, kept=opened.path)
 
 
 @documented(ProfileOptions)

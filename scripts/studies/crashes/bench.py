@@ -22,7 +22,9 @@ from biaxbayes import figures, jobs, reports
 from biaxbayes.cli import group
 from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
+from biaxbayes.executors.beside import Beside
 from biaxbayes.identifiability.identify import Identifiability, identify
+from biaxbayes.identifiability.stated import LawRange
 from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
@@ -142,9 +144,14 @@ class Bench:
         verdicts = identify(open_run(self.whole))
 
         def write_products(
-            folder: Path, posterior: Posterior, draws: Draws, *, workers: int = 1
+            folder: Path,
+            posterior: Posterior,
+            draws: Draws,
+            laws: Beside[LawRange | None],
+            *,
+            workers: int = 1,
         ) -> Identifiability:
-            del posterior, draws, workers
+            del posterior, draws, laws, workers
             for name, content in products.items():
                 atomic_write_bytes(folder / name, content)
             return verdicts

@@ -7,8 +7,10 @@ and run, the table in the free corner and the size in print.
 
 from __future__ import annotations
 
-import warnings
+import sys
 from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -268,12 +270,22 @@ class _Panel(NamedTuple):
         """Leave the panel where it is."""
 
 
+@cache
 def _corner() -> Any:
-    """The corner package; it imports ArviZ, which takes seconds and announces its changes."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import corner
-    return corner
+    """The corner package, without its way into ArviZ: no figure takes it, the import takes seconds.
+
+    Who imports corner after this gets it whole.
+    """
+    if "corner" in sys.modules or "arviz" in sys.modules:
+        return import_module("corner")
+    sys.modules["arviz"] = None  # type: ignore[assignment]
+    try:
+        found = import_module("corner")
+    finally:
+        del sys.modules["arviz"]
+        for name in [n for n in sys.modules if n.split(".")[0] == "corner"]:
+            del sys.modules[name]
+    return found
 
 
 def _columns(

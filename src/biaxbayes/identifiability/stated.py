@@ -36,6 +36,7 @@ __all__ = [
     "better_law",
     "distinctly_better",
     "law_fits",
+    "law_range",
     "stated_by_laws",
     "stated_mounting",
 ]
@@ -55,6 +56,8 @@ VALUE_ERRORS, VALUE_WIDTH = 2.0, 0.02
 # residuals; the page on the laws has what this rule does on further specimens.
 BETTER = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
+LEAST_SHARE = 2e-3
+"""Of the largest load: about what the calibration of a load cell leaves."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,11 @@ class LawRange:
         most = ALIKE * max(self.fits[0].rms, self.noise)
         return tuple(f for f in self.fits if f.rms <= most)
 
+    @property
+    def least_difference(self) -> float:
+        """Misfits that differ by less than the noise, or by this share of the peak, do not."""
+        return max(self.noise, LEAST_SHARE * self.peak)
+
     def to_frame(self, mounts: Sequence[str] = ("",)) -> pd.DataFrame:
         """One row a law: misfits, mounting stretches by name and their sd.
 
@@ -124,6 +132,8 @@ class LawRange:
                 {
                     "law": f.law,
                     "alike": f in self.alike,
+                    "converged": f.converged,
+                    "misses_smoothly": f.smooth,
                     "rms": f.rms,
                     "rmse_kPa": f.rmse_kPa,
                     **{
@@ -136,6 +146,38 @@ class LawRange:
                 for f in self.fits
             ]
         )
+
+
+def law_range(table: pd.DataFrame, specimen: Specimen, mounts: Sequence[str]) -> LawRange:
+    """Turn the table of a :class:`LawRange` back into it.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From :meth:`LawRange.to_frame`.
+    specimen : Specimen
+    mounts : sequence of str
+        As they were given to it.
+
+    Raises
+    ------
+    KeyError
+        If a column is missing.
+    """
+    names = [mounting_names("stretch", state) for state in mounts]
+    fits = tuple(
+        LawFit(
+            str(row["law"]),
+            float(row["rms"]),
+            float(row["rmse_kPa"]),
+            np.array([[row[name] for name in pair] for pair in names]),
+            np.array([[row[f"{name}_sd"] for name in pair] for pair in names]),
+            bool(row["misses_smoothly"]),
+            bool(row["converged"]),
+        )
+        for row in table.to_dict("records")
+    )
+    return LawRange(fits, specimen.noise_sd, specimen.peak_load)
 
 
 def law_fits(
@@ -190,9 +232,7 @@ def distinctly_better(found: LawRange, law: str) -> str:
     own = next((f for f in found.fits if f.law == law), None)
     if own is None or best.law == law:
         return ""
-    # what differs by less than the noise, or a thousandth of the record, is no difference
-    margin = max(found.noise, 1e-3 * found.peak)
-    if not (best.rms < BETTER * own.rms and own.rms - best.rms > margin):
+    if not (best.rms < BETTER * own.rms and own.rms - best.rms > found.least_difference):
         return ""
     return (
         f"{best.law} misses by {best.rmse_kPa:.2g} kPa where {law} misses by "
@@ -213,8 +253,17 @@ def better_law(specimen: Specimen, law: str = DEFAULT_LAW) -> str:
     law : str
     """
     reading = "ignored" if specimen.is_tared else "exact"
-    found = law_fits(specimen, reading=reading, rows=QUICK_ROWS, starts=QUICK_STARTS)
-    return "" if found is None else distinctly_better(found, law)
+
+    def fitted(laws: Sequence[str]) -> LawRange | None:
+        return law_fits(specimen, laws, reading=reading, rows=QUICK_ROWS, starts=QUICK_STARTS)
+
+    own = fitted((law,))
+    # no law misses by less than the noise
+    if own is None or own.fits[0].rms - own.noise < own.least_difference:
+        return ""
+    others = fitted(tuple(name for name in LAWS if name != law))
+    fits = (*own.fits, *(others.fits if others else ()))
+    return distinctly_better(replace(own, fits=tuple(sorted(fits, key=lambda f: f.rms))), law)
 
 
 def stated_mounting(

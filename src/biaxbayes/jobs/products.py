@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from biaxbayes.csv_tables import write_csv
+from biaxbayes.csv_tables import read_csv, write_csv
+from biaxbayes.errors import InputError
 from biaxbayes.executors.beside import Beside
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined, mounting_stated
@@ -36,6 +37,7 @@ from biaxbayes.identifiability.marginals import (
 )
 from biaxbayes.identifiability.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
+from biaxbayes.identifiability.stated import LawRange, law_range
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten
 from biaxbayes.sampling.sampler import Draws
@@ -62,6 +64,7 @@ __all__ = [
 
 
 DIGITS = 6
+LAW_FITS = "law-fits.csv"
 
 
 def write_identifiability(found: Identifiability, path: Path) -> None:
@@ -100,6 +103,8 @@ def thresholds_record(found: Identifiability) -> dict[str, Any]:
 def write_law_fits(found: Identifiability, posterior: Posterior, folder: Path) -> None:
     """Write ``law-fits.csv``: least squares of every law; nothing where there are none.
 
+    All digits are kept: what is stated is read off them again.
+
     Parameters
     ----------
     found : Identifiability
@@ -107,8 +112,27 @@ def write_law_fits(found: Identifiability, posterior: Posterior, folder: Path) -
     folder : Path
     """
     if found.fits is not None:
-        mounts = posterior.mounts if posterior.settings.infers_mounting else ()
-        write_csv(folder / "law-fits.csv", found.fits.to_frame(mounts), digits=DIGITS)
+        write_csv(folder / LAW_FITS, found.fits.to_frame(_mounts(posterior)))
+
+
+def kept_law_fits(folder: Path, posterior: Posterior) -> LawRange | None:
+    """The fits that ``law-fits.csv`` of a run keeps; None where it does not keep them all.
+
+    Parameters
+    ----------
+    folder : Path
+    posterior : Posterior
+    """
+    try:
+        table = read_csv(folder / LAW_FITS)
+        return law_range(table, posterior.specimen, _mounts(posterior))
+    except (InputError, KeyError):  # of an earlier version
+        return None
+
+
+def _mounts(posterior: Posterior) -> Sequence[str]:
+    """Labels of the mounted states that the laws place."""
+    return posterior.mounts if posterior.settings.infers_mounting else ()
 
 
 def verdicts_as_json(
@@ -281,7 +305,9 @@ class Identified:
         return lines + (self.directions.in_words() if self.directions else [])
 
 
-def identified(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identified:
+def identified(
+    posterior: Posterior, draws: pd.DataFrame, state: str, *, kept: Path | None = None
+) -> Identified:
     """Judge the draws of a run.
 
     Parameters
@@ -290,8 +316,13 @@ def identified(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identif
     draws : DataFrame
         Natural quantities, ``log_likelihood`` and ``lp``, one row a draw.
     state : {"reliable", "tentative", "unusable"}
+    kept : Path, optional
+        Folder of the run, where the fits of laws need not be made again.
     """
-    verdicts = identify_draws(posterior, draws, state, fits=fits_of_laws(posterior, state))
+    fits = kept_law_fits(kept, posterior) if kept is not None else None
+    if fits is None and state == "reliable":
+        fits = fits_of_laws(posterior)
+    verdicts = identify_draws(posterior, draws, state, fits=fits)
     if state != "reliable":
         return Identified(verdicts, None, None)
     table = determined(
@@ -305,7 +336,13 @@ def identified(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identif
 
 
 def write_identifiability_products(
-    folder: Path, posterior: Posterior, draws: pd.DataFrame, state: str, *, figure: bool = True
+    folder: Path,
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    state: str,
+    *,
+    figure: bool = True,
+    kept: Path | None = None,
 ) -> Identified:
     """Judge the draws of a run and write what was found into its folder.
 
@@ -315,7 +352,7 @@ def write_identifiability_products(
     Parameters
     ----------
     folder : Path
-    posterior, draws, state
+    posterior, draws, state, kept
         As in :func:`identified`.
     figure : bool
         Whether to draw the figure, which takes matplotlib.
@@ -329,7 +366,7 @@ def write_identifiability_products(
     InputError
         If a file cannot be written.
     """
-    found = identified(posterior, draws, state)
+    found = identified(posterior, draws, state, kept=kept)
     write_identifiability(found.verdicts, folder / "identifiability.csv")
     write_law_fits(found.verdicts, posterior, folder)
     if found.determined is not None:
@@ -351,12 +388,18 @@ FORMATS = ("pdf", "png")
 
 
 def write_products(
-    folder: Path, posterior: Posterior, draws: Draws, *, workers: int = 1
+    folder: Path,
+    posterior: Posterior,
+    draws: Draws,
+    laws: Beside[LawRange | None],
+    *,
+    workers: int = 1,
 ) -> Identifiability:
     """Write the products of a run into its folder; the verdicts.
 
     Unusable draws get the traces that show why, and no figure of a posterior that is none. With two
-    ``workers`` the corner, which takes as long as the other figures, is drawn beside them.
+    ``workers`` the corner, which takes as long as the other figures, is drawn beside them, and the
+    ``laws`` were fitted beside the sampling.
     """
     from biaxbayes.figures.bands import bands_figure
     from biaxbayes.figures.corner import corner_figure
@@ -367,7 +410,8 @@ def write_products(
     known = posterior.quantities
     drawn = state != "unusable"
     corner = Beside(lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1)
-    found = identify_draws(posterior, table, state, fits=fits_of_laws(posterior, state))
+    fits = laws.result() if state == "reliable" else None
+    found = identify_draws(posterior, table, state, fits=fits)
     write_identifiability(found, folder / "identifiability.csv")
     write_law_fits(found, posterior, folder)
     if state != "reliable":

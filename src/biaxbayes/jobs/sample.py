@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
+from biaxbayes.executors.beside import Beside
+from biaxbayes.identifiability.identify import fits_of_laws
+from biaxbayes.identifiability.stated import LawRange
 from biaxbayes.identifiability.toe import swapped_columns
 from biaxbayes.jobs.opening import opened_specimen, readable_specimen
 from biaxbayes.model.posterior import Posterior
@@ -117,6 +120,7 @@ class Sampling:
                 tell(Progress("fitting", note=str(swapped)))
             fit_seconds = time.perf_counter() - fit_clock
             state = self._resumed(posterior, resume, tell)
+            laws = Beside(lambda: fits_of_laws(posterior), self.plan.workers)
             draws = draw_posterior(
                 posterior,
                 self.plan,
@@ -132,7 +136,7 @@ class Sampling:
             if state is None:
                 draws.seconds["fit"] += fit_seconds
             draws.seconds["before output"] = time.perf_counter() - clock
-            self._write(posterior, draws, clock, tell)
+            self._write(posterior, draws, laws, clock, tell)
         return self.folder
 
     def _interruption(self, draws: Draws, signal: int) -> Interrupted:
@@ -181,7 +185,12 @@ class Sampling:
         return state
 
     def _write(
-        self, posterior: Posterior, draws: Draws, clock: float, tell: Callable[[Progress], None]
+        self,
+        posterior: Posterior,
+        draws: Draws,
+        laws: Beside[LawRange | None],
+        clock: float,
+        tell: Callable[[Progress], None],
     ) -> None:
         """Every file of the run, in place of those of a run before."""
 
@@ -191,9 +200,16 @@ class Sampling:
                 tell(Progress("writing", note=note))
 
         with staged(self.folder, gone) as folder:
-            self._write_files(folder, posterior, draws, clock)
+            self._write_files(folder, posterior, draws, laws, clock)
 
-    def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
+    def _write_files(
+        self,
+        folder: Path,
+        posterior: Posterior,
+        draws: Draws,
+        laws: Beside[LawRange | None],
+        clock: float,
+    ) -> None:
         from biaxbayes.jobs.products import thresholds_record, write_products
         from biaxbayes.reports.page import write_report
 
@@ -214,7 +230,7 @@ class Sampling:
             draws.quantities, posterior.parameter_names, posterior.quantities, draws.convergence
         )
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
-        found = write_products(folder, posterior, draws, workers=self.plan.workers)
+        found = write_products(folder, posterior, draws, laws, workers=self.plan.workers)
         verdicts = {p.name: p.verdict for p in found.parameters}
         write_summary(folder / "summary.csv", with_verdicts(table, verdicts))
         record["identifiability"] = thresholds_record(found)

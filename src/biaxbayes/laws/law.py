@@ -619,16 +619,19 @@ class Law(ABC):
         stretch : ndarray, shape (2, n)
             Total stretches.
         """
-        material = self.at_point(point)
-        by_coordinate = np.empty((2, point.size, stretch.shape[1]))
-        for i in range(point.size):
-            moved = point.astype(complex)
-            moved[i] += 1j * STEP
-            by_coordinate[:, i] = np.imag(self.at_point(moved).cauchy(*stretch)) / STEP
+        (X, Y, Z), g, (A, B, C) = self.at_point(point)._first(*stretch)
+        second = second_derivatives(self.at_point(point).constants, X, Y, Z, g)
+        jacobian = np.broadcast_arrays(*log_stretch_jacobian(X, Y, Z, A, B, C, second))
+        # one row a coordinate, which is moved there: d s / d x_i = Im s(x + i h e_i) / h
+        moved = point + 1j * STEP * np.eye(point.size)
+        stepped = self.at_point(moved.T[:, :, None]).cauchy(*stretch)
+        shape = (2, point.size, stretch.shape[1])
+        by_coordinate = np.imag(np.stack([np.broadcast_to(s, shape[1:]) for s in stepped])) / STEP
+        xx, xy, yy = jacobian
         return StressResponse(
-            np.array(material.cauchy(*stretch)),
+            np.array(cauchy_components(X, Y, Z, A, B, C)),
             by_coordinate,
-            material.cauchy_by_log_stretch(*stretch),
+            np.array([[xx, xy], [xy, yy]]),
         )
 
     amplitudes: ClassVar[tuple[str, ...]] = ()
