@@ -94,6 +94,7 @@ PAGES = {
         (
             f"{STUDY} identifiability_figures",
             f"{STUDY} verdicts --write docs/identifiability.md",
+            f"{STUDY} edges --write docs/identifiability.md",
             f"{STUDY} design data/donor2-media.csv --outcomes 30 --write docs/identifiability.md",
             f"{STUDY} design data/donor2.csv --outcomes 30 --write docs/identifiability.md",
         ),

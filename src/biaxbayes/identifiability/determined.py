@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from biaxbayes.identifiability.marginals import INTERVAL
 from biaxbayes.laws.law import Law, Material
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import mixture_percentiles
@@ -141,7 +142,6 @@ def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
 
 
 MOST_DRAWS = 8000
-INTERVAL = (0.05, 0.95)
 MEASURED = " at the measured stretch"
 """Ending of a nominal stress whose stretches refer to the mounted state."""
 FARTHEST = 1.1

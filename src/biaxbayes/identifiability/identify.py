@@ -14,9 +14,12 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability import power_scaling
+from biaxbayes.identifiability.held_edges import HeldEdge, held_edges
 from biaxbayes.identifiability.marginals import (
+    INTERVAL,
     LEVELS,
     Density,
+    Edge,
     Scale,
     count_modes,
     density,
@@ -45,7 +48,7 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
-from biaxbayes.parameters import STRETCH
+from biaxbayes.parameters import MATERIAL, STRETCH
 
 __all__ = [
     "Identifiability",
@@ -55,7 +58,6 @@ __all__ = [
     "identify_draws",
 ]
 
-INTERVAL = (0.05, 0.95)
 MOST_DRAWS = 20_000  # evenly chosen; more change no digit that matters
 
 
@@ -156,6 +158,8 @@ class Identifiability:
     law : Law
     fits : LawRange or None
         Least squares of all laws under the same mounting constraint, where the draws are reliable.
+    held : tuple of HeldEdge
+        The posterior with a parameter held at an end of its range that the data do not exclude.
     """
 
     parameters: tuple[ParameterVerdict, ...]
@@ -164,6 +168,7 @@ class Identifiability:
     thresholds: Thresholds
     law: Law
     fits: LawRange | None = None
+    held: tuple[HeldEdge, ...] = ()
 
     def __getitem__(self, name: str) -> ParameterVerdict:
         for parameter in self.parameters:
@@ -179,6 +184,25 @@ class Identifiability:
     def better_law(self) -> str:
         """Words on a law that describes the record distinctly better; empty where none does."""
         return "" if self.fits is None else distinctly_better(self.fits, self.law.name)
+
+    def open_edges(self) -> dict[str, tuple[Edge, ...]]:
+        """Physical ends that the data do not exclude, by the parameters of the law."""
+        out = {}
+        for p in self.parameters:
+            if p.evidence is None or p.scale.parameter.kind != MATERIAL or p.verdict == NO_VERDICT:
+                continue
+            ends = p.evidence.open_edges(self.thresholds)
+            out[p.name] = tuple(edge for edge in ends if edge.kind == "physical")
+        return {name: ends for name, ends in out.items() if ends}
+
+    def with_held(self, held: tuple[HeldEdge, ...]) -> Identifiability:
+        """The same verdicts that also say what holds with a parameter at an end of its range."""
+
+        def told(p: ParameterVerdict) -> ParameterVerdict:
+            said = [h.in_words(p.name, p.scale.parameter) for h in held]
+            return replace(p, words="; ".join([p.words, *(words for words in said if words)]))
+
+        return replace(self, held=held, parameters=tuple(told(p) for p in self.parameters))
 
     def refits(self) -> dict[str, tuple[float, float]]:
         """Ranges of the mounting stretches that are not identified, by name."""
@@ -215,7 +239,8 @@ def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiabili
     """
     posterior = run.posterior()
     fits = fits_of_laws(posterior) if run.state == "reliable" else None
-    return identify_draws(posterior, run.draws, run.state, thresholds=thresholds, fits=fits)
+    found = identify_draws(posterior, run.draws, run.state, thresholds=thresholds, fits=fits)
+    return found.with_held(held_edges(posterior, found.open_edges()))
 
 
 def fits_of_laws(posterior: Posterior) -> LawRange | None:

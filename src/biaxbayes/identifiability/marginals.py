@@ -40,6 +40,7 @@ from biaxbayes.prediction.draws import protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [
+    "INTERVAL",
     "LEVELS",
     "Density",
     "Edge",
@@ -56,6 +57,8 @@ __all__ = [
 
 
 LEVELS = (np.arange(4096) + 0.5) / 4096
+INTERVAL = (0.05, 0.95)
+"""Ends of the intervals that verdicts and tables speak of."""
 """Cumulative probabilities whose values stand for a prior."""
 
 

@@ -27,6 +27,7 @@ def closing_message(run: Run) -> str:
     lines += ["", _readings(record)]
     lines += _thinning(record)
     lines += _identifiability(run)
+    lines += _held(run)
     lines += _stated(run)
     lines += _misses(run)
     lines += [_plain(f"note: {note}") for note in record["notes"][:3]]
@@ -140,6 +141,18 @@ def _stated(run: Run) -> list[str]:
             )
     better = run.provenance.get("identifiability", {}).get("better_law", "")
     return [*lines, *([_plain(better)] if better else [])]
+
+
+def _held(run: Run) -> list[str]:
+    """What holds with a parameter at an end of its range that the data do not exclude."""
+    path = run.path / "edges.csv"
+    if not path.is_file():
+        return []
+    from biaxbayes.csv_tables import read_csv
+    from biaxbayes.identifiability.held_edges import held_from
+
+    found = held_from(read_csv(path), run.quantities)
+    return [_plain(held.summary(run.law.names, run.quantities)) for held in found]
 
 
 def _verdicts(run: Run) -> pd.DataFrame | None:

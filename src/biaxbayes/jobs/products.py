@@ -11,6 +11,7 @@ What a run folder holds besides the draws: figures, verdicts, report.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.executors.beside import Beside
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined, mounting_stated
+from biaxbayes.identifiability.held_edges import HeldEdge, held_edges, held_from, held_table
 from biaxbayes.identifiability.identify import (
     Identifiability,
     ParameterVerdict,
@@ -65,6 +67,7 @@ __all__ = [
 
 DIGITS = 6
 LAW_FITS = "law-fits.csv"
+EDGES = "edges.csv"
 
 
 def write_identifiability(found: Identifiability, path: Path) -> None:
@@ -126,8 +129,31 @@ def kept_law_fits(folder: Path, posterior: Posterior) -> LawRange | None:
     try:
         table = read_csv(folder / LAW_FITS)
         return law_range(table, posterior.specimen, _mounts(posterior))
-    except (InputError, KeyError):  # of an earlier version
+    except (OSError, InputError, KeyError):  # of an earlier version
         return None
+
+
+def write_held_edges(found: Identifiability, folder: Path) -> None:
+    """Write ``edges.csv``: intervals with a parameter held at an end; nothing where none is open.
+
+    Parameters
+    ----------
+    found : Identifiability
+    folder : Path
+    """
+    if found.held:
+        write_csv(folder / EDGES, held_table(found.held), digits=10)
+
+
+def _held_edges(
+    found: Identifiability, posterior: Posterior, kept: Path | None
+) -> tuple[HeldEdge, ...]:
+    """Those that a run keeps, or else new ones."""
+    open_edges = found.open_edges()
+    if open_edges and kept is not None:
+        with contextlib.suppress(OSError, InputError, KeyError):
+            return held_from(read_csv(kept / EDGES), posterior.quantities)
+    return held_edges(posterior, open_edges)
 
 
 def _mounts(posterior: Posterior) -> Sequence[str]:
@@ -323,6 +349,7 @@ def identified(
     if fits is None and state == "reliable":
         fits = fits_of_laws(posterior)
     verdicts = identify_draws(posterior, draws, state, fits=fits)
+    verdicts = verdicts.with_held(_held_edges(verdicts, posterior, kept))
     if state != "reliable":
         return Identified(verdicts, None, None)
     table = determined(
@@ -369,6 +396,7 @@ def write_identifiability_products(
     found = identified(posterior, draws, state, kept=kept)
     write_identifiability(found.verdicts, folder / "identifiability.csv")
     write_law_fits(found.verdicts, posterior, folder)
+    write_held_edges(found.verdicts, folder)
     if found.determined is not None:
         write_csv(folder / "determined.csv", found.determined, digits=DIGITS)
     if found.directions is not None:
@@ -412,8 +440,10 @@ def write_products(
     corner = Beside(lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1)
     fits = laws.result() if state == "reliable" else None
     found = identify_draws(posterior, table, state, fits=fits)
+    found = found.with_held(held_edges(posterior, found.open_edges()))
     write_identifiability(found, folder / "identifiability.csv")
     write_law_fits(found, posterior, folder)
+    write_held_edges(found, folder)
     if state != "reliable":
         from biaxbayes.figures.trace import trace_figure
 

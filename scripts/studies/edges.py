@@ -1,0 +1,107 @@
+"""How often intervals hold the truth where it lies on an edge, with and without the edge held.
+
+    OMP_NUM_THREADS=1 python scripts/study.py edges --first 100 --count 50
+
+Virtual specimens of GOH, three protocols, load noise only (0.2 % of the peak or so): kappa = 0, an
+edge, and kappa = 0.1, which is none. Nothing was tuned on any of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.identifiability.held_edges import held_edges
+from biaxbayes.identifiability.identify import identify_draws
+from biaxbayes.laws.goh import GOH, GOHLaw
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+from studies.model_error.truths import RATIOS
+from studies.page import put, table
+
+KAPPAS = (0.0, 0.1)
+MEDIANS, LOG_SD = (8.0, 15.0, 4.0), 0.3  # C1 and k1 in kPa, k2
+MOUNTING = {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
+
+
+def judge(task: tuple[float, int]) -> list[dict[str, object]]:
+    """Every parameter of one specimen: whether its intervals hold the truth."""
+    kappa, seed = task
+    rng = np.random.default_rng([seed, 17])
+    C1, k1, k2 = np.exp(rng.normal(np.log(MEDIANS), LOG_SD))
+    material = GOH(C1, k1, k2, rng.uniform(25.0, 60.0), kappa)
+    specimen, _ = virtual_specimen(
+        material,
+        name="edge",
+        mounting_stretch=(MOUNTING["mounting_stretch_x"], MOUNTING["mounting_stretch_y"]),
+        total_stretch=1.2,
+        ratios=tuple(RATIOS.values()),
+        increments=30,
+        machine=Machine(noise_N=0.002),
+        seed=seed,
+    )
+    posterior = prepare(specimen, noise="independent")
+    drawn = draw_posterior(posterior, Plan(ess=1000.0, seed=seed))
+    draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
+    found = identify_draws(posterior, draws, drawn.convergence.state)
+    held = {h.parameter.name: h for h in held_edges(posterior, found.open_edges())}
+    truth = dict(zip(GOHLaw().names, material.values, strict=True)) | MOUNTING
+    rows: list[dict[str, object]] = []
+    for name, true in truth.items():
+        e = found[name].evidence
+        row: dict[str, object] = {"kappa": kappa, "seed": seed, "parameter": name}
+        row["converged"] = drawn.convergence.state
+        row["verdict"] = found[name].verdict
+        row["told"] = "kappa" in held
+        row["free"] = bool(e is not None and e.low <= true <= e.high)
+        if "kappa" in held and name in held["kappa"].intervals:
+            low, _, high = held["kappa"].intervals[name]
+            row["held"] = float(low <= true <= high)
+        rows.append(row)
+    return rows
+
+
+def summary(found: pd.DataFrame) -> str:
+    """Shares of specimens whose intervals hold the truth."""
+    rows = []
+    for (kappa, name), part in found.groupby(["kappa", "parameter"], sort=False):
+        told, held = part[part["told"]], part["held"].dropna()
+        rows.append(
+            [
+                f"{kappa:g}",
+                str(name),
+                str(len(part)),
+                f"{part['free'].mean():.2f}",
+                f"{len(told)}",
+                f"{held.mean():.2f}" if len(held) else "–",
+            ]
+        )
+    heads = ["kappa", "parameter", "specimens", "free: holds", "edge possible", "held: holds"]
+    return table(heads, rows, left=2)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--first", type=int, default=100)
+    parser.add_argument("--count", type=int, default=50)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--write", type=Path, help="Markdown page whose table is replaced")
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.count)
+    tasks = [(kappa, seed) for kappa in KAPPAS for seed in seeds]
+    with ProcessPoolExecutor(options.workers) as pool:
+        rows = [row for part in pool.map(judge, tasks) for row in part]
+    text = summary(pd.DataFrame(rows))
+    print(text)
+    if options.write:
+        put(options.write, "edges", text)
+
+
+if __name__ == "__main__":
+    main()

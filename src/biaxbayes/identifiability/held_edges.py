@@ -1,0 +1,220 @@
+"""An end of a parameter's range as a hypothesis: the others, with the parameter held there.
+
+Where the truth lies on an end (aligned fibres: kappa = 0), a prior that is spread over the range
+leaves no mass on it, and the ridge leads away from it: no interval of the whole posterior need hold
+the truth. Whether the end is true is for the reader to say. Both readings are given: the parameter
+free, and held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from biaxbayes.errors import BiaxbayesError
+from biaxbayes.identifiability.marginals import INTERVAL, Edge
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.parameters import FORCE, Parameter, Quantities
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["HeldEdge", "held_edge", "held_edges", "held_from", "held_table"]
+
+DRAWS = 8192
+LEAST_ESS = 1000.0
+"""Effective draws from which the ends of an interval are known to a tenth of its sd."""
+LARGEST_SHARE = 0.02
+"""Most that one draw may weigh: a larger share tells of mass that the proposal does not cover."""
+
+
+@dataclass(frozen=True)
+class HeldEdge:
+    """Intervals of a posterior whose parameter is held at an end of its range.
+
+    Attributes
+    ----------
+    parameter : Parameter
+    value : float
+    meaning : str
+        What a material there is, in words; may be empty.
+    intervals : dict of str to (float, float, float)
+        5, 50 and 95 % point of every other quantity, by name.
+    draws : float
+        Effective draws that they were taken from.
+    """
+
+    parameter: Parameter
+    value: float
+    meaning: str
+    intervals: dict[str, tuple[float, float, float]]
+    draws: float
+
+    @property
+    def condition(self) -> str:
+        """The hypothesis in words."""
+        third = abs(self.value - 1.0 / 3.0) < 1e-12
+        value = "1/3" if third else f"{self.value:g}"
+        meaning = f" ({self.meaning})" if self.meaning else ""
+        return f"if {self.parameter.name} is {value}{meaning}"
+
+    def range(self, name: str, parameter: Parameter) -> str:
+        """The 90 % interval of another quantity under the hypothesis; empty where there is none."""
+        if name not in self.intervals:
+            return ""
+        low, _, high = self.intervals[name]
+        return f"{parameter.number(low)} to {parameter.number(high)}{parameter.unit_words()}"
+
+    def in_words(self, name: str, parameter: Parameter) -> str:
+        """What is added to the verdict on another parameter, whose interval is the free one."""
+        found = self.range(name, parameter)
+        free = f"that is with {self.parameter.name} free"
+        return f"{free}; {self.condition}, {found} (90 %)" if found else ""
+
+    def summary(self, names: Sequence[str], quantities: Quantities) -> str:
+        """All of some quantities under the hypothesis, in a line."""
+        found = [(n, self.range(n, quantities[n].parameter)) for n in names]
+        return f"{self.condition}: " + ", ".join(f"{n} {text}" for n, text in found if text)
+
+
+def held_edges(
+    posterior: Posterior, edges: Mapping[str, Sequence[Edge]], seed: int = 0
+) -> tuple[HeldEdge, ...]:
+    """Hold parameters at the ends that the data do not exclude, one at a time.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    edges : mapping of str to sequence of Edge
+        By parameter: physical ends of its range.
+    seed : int
+
+    Returns
+    -------
+    tuple of HeldEdge
+        Without those at which the law has no posterior, or whose draws are too few.
+    """
+    found = [
+        held_edge(posterior, name, edge, seed) for name, ends in edges.items() for edge in ends
+    ]
+    return tuple(held for held in found if held is not None)
+
+
+def held_edge(posterior: Posterior, name: str, edge: Edge, seed: int = 0) -> HeldEdge | None:
+    """Intervals of the posterior with one parameter held at an end of its range.
+
+    Importance sampling with the proposal of the search; the sampler, where that is too poor.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    name : str
+        A parameter of the law.
+    edge : Edge
+    seed : int
+
+    Returns
+    -------
+    HeldEdge or None
+    """
+    from biaxbayes.model.preparation import charted
+
+    parameter = posterior.quantities[name].parameter
+    priors = {**posterior.settings.priors, name: edge.value}
+    try:
+        held = charted(posterior.replaced(priors=priors, fit=None, chart=None))
+        quantities, weight, draws = _drawn(held, seed)
+    except BiaxbayesError:  # no such material, or none that balances the mounting force
+        return None
+    if draws < LEAST_ESS:
+        return None
+    lost = {n for n, causes in posterior.law.meaningless.items() if _lost(causes, name, edge)}
+    forces = {q.name for q in posterior.sampled if q.parameter.kind == FORCE}
+    levels = (INTERVAL[0], 0.5, INTERVAL[1])
+    intervals = {}
+    for other, values in quantities.items():
+        if other == name or other in lost | forces or not np.ptp(values) > 0.0:
+            continue
+        low, median, high = np.quantile(values, levels, weights=weight, method="inverted_cdf")
+        intervals[other] = (float(low), float(median), float(high))
+    return HeldEdge(parameter, edge.value, edge.meaning(parameter), intervals, draws)
+
+
+def _lost(causes: Sequence[tuple[str, int, str]], name: str, edge: Edge) -> bool:
+    """Whether a parameter means nothing at an end of another."""
+    return any((other, side) == (name, edge.side) for other, side, _ in causes)
+
+
+def _drawn(posterior: Posterior, seed: int) -> tuple[dict[str, np.ndarray], np.ndarray, float]:
+    """Draws of every quantity, their weights, and how many they are worth."""
+    from biaxbayes.model.search import draw_posterior, search
+    from biaxbayes.sampling.sampler import Plan
+
+    plan = Plan(ess=LEAST_ESS, seed=seed)
+    target, start = search(posterior, plan.search_rng())
+    x = start.proposal.sample(start.rng, DRAWS)
+    log_prob = target.log_prob(x)
+    x, log_prob = x[np.isfinite(log_prob)], log_prob[np.isfinite(log_prob)]
+    log_weight = log_prob - start.proposal.log_density(x)
+    weight = np.exp(log_weight - log_weight.max(initial=-np.inf))
+    # Kish: (sum w)^2 / sum w^2
+    draws = float(weight.sum() ** 2 / (weight**2).sum()) if weight.size else 0.0
+    if draws >= LEAST_ESS and weight.max() < LARGEST_SHARE * weight.sum():
+        return _judged(target.quantities(x), posterior), weight, draws
+    found = draw_posterior(posterior, plan)
+    ess = found.convergence.worst_ess if found.convergence.state == "reliable" else 0.0
+    flat = {name: values.ravel() for name, values in found.quantities.items()}
+    some = next(iter(flat.values()))
+    return _judged(flat, posterior), np.ones(some.size), ess
+
+
+def _judged(quantities: Mapping[str, Any], posterior: Posterior) -> dict[str, np.ndarray]:
+    """The quantities that a summary has, without the densities."""
+    return {n: np.asarray(v) for n, v in quantities.items() if n in posterior.parameter_names}
+
+
+# --- as a table ----------------------------------------------------------------------------------
+
+
+def held_table(held: Sequence[HeldEdge]) -> pd.DataFrame:
+    """One row for each hypothesis and quantity."""
+    from pandas import DataFrame
+
+    return DataFrame(
+        [
+            (h.parameter.name, h.value, h.meaning, name, *interval, h.draws)
+            for h in held
+            for name, interval in h.intervals.items()
+        ],
+        columns=["held", "at", "meaning", "parameter", "low_90", "median", "high_90", "draws"],
+    )
+
+
+def held_from(table: pd.DataFrame, quantities: Quantities) -> tuple[HeldEdge, ...]:
+    """Turn :func:`held_table` back into what it was made of.
+
+    Parameters
+    ----------
+    table : DataFrame
+    quantities : Quantities
+        What each name is.
+
+    Raises
+    ------
+    KeyError
+        If a column or a quantity is missing.
+    """
+    out: dict[tuple[str, float], HeldEdge] = {}
+    for row in table.to_dict("records"):
+        name, value = str(row["held"]), float(row["at"])
+        meaning = row["meaning"] if isinstance(row["meaning"], str) else ""
+        held = out.setdefault(
+            (name, value),
+            HeldEdge(quantities[name].parameter, value, meaning, {}, float(row["draws"])),
+        )
+        interval = (float(row["low_90"]), float(row["median"]), float(row["high_90"]))
+        held.intervals[str(row["parameter"])] = interval
+    return tuple(out.values())
