@@ -10,10 +10,12 @@ import pytest
 
 from biaxbayes import GOH, Protocol, Specimen, write_specimen
 from biaxbayes.cli import main
-from biaxbayes.identifiability.toe import goh_description, thinned
+from biaxbayes.identifiability.toe import goh_description, mounting_refits, thinned
 from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.model.preparation import prepare
 from biaxbayes.specimens.branches import cycles, progress, relapse
 from biaxbayes.specimens.check import check_specimen
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 # A test of the paper's donor 2 media (Table 6, fip).
 MEDIA = GOH(C1_kPa=14.0, k1_kPa=140.0, k2=11.9, alpha_deg=38.4, kappa=0.21)
@@ -263,6 +265,28 @@ def test_goh_describes_its_own_specimen_and_not_another_law():
     found = goh_description(specimen(*odd))
     assert found.severity == "warning"
     assert found.message.startswith("GOH does not describe this specimen")
+
+
+def test_what_goh_follows_is_contradicted_by_no_run():
+    told = set()
+    for seed in range(12):
+        rng = np.random.default_rng([seed, 77])
+        C1, k1, k2 = np.exp(rng.normal(np.log([8.0, 15.0, 4.0]), 0.5))
+        made, _ = virtual_specimen(
+            GOH(C1, k1, k2, rng.uniform(20.0, 70.0), rng.uniform(0.0, 0.3)),
+            name="m",
+            mounting_stretch=(1.01, 1.02),
+            total_stretch=1.2,
+            ratios=((1.0, 1.0), (1.0, 0.5))[: 1 + seed % 2],
+            increments=(25, 60, 120)[seed % 3],
+            machine=Machine(noise_N=0.003, misfit=(0.0, 0.0, 0.005, 0.02)[seed // 3]),
+            seed=seed,
+        )
+        follows = goh_description(made).message.startswith("GOH follows this specimen: ")
+        contradicted = mounting_refits(prepare(made)) is not None
+        assert not (follows and contradicted), seed
+        told.add((follows, contradicted))
+    assert {(True, False), (False, True)} <= told
 
 
 def test_thinning_keeps_rest_and_end():

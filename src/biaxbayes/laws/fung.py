@@ -210,8 +210,10 @@ class FungLaw(Law):
         if coordinates.structural > 0.0:
             Ex, Ey = coordinates.Ex, coordinates.Ey
             Q = np.exp(log_x) * Ex**2 + np.exp(log_y) * Ey**2 + 2.0 * values["b_xy"] * Ex * Ey
-            out["b_x"], out["b_y"] = np.log(Q), log_x - log_y
-            out["c"] = values["c"] + np.log(Q) + Q
+            with np.errstate(divide="ignore", invalid="ignore"):  # a form that is not positive
+                log_Q = np.log(Q)
+            out["b_x"], out["b_y"] = log_Q, log_x - log_y
+            out["c"] = values["c"] + log_Q + Q
         return out
 
     def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:

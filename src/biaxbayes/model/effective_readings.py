@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 __all__ = [
+    "SMOOTH_RUNS",
     "EffectiveReadings",
     "effective_readings",
     "effective_size",
@@ -28,7 +29,7 @@ __all__ = [
 ]
 
 MINIMUM = 2.0  # a curve is worth at least this many readings, or its sd would be undefined
-SMOOTH_RUNS = -3.0  # standard deviations of the sign changes of independent errors
+SMOOTH_RUNS = 3.0  # standard deviations of the sign changes of independent errors
 BLOCKS = 8  # a misfit is what is common to the readings of an eighth of a curve
 
 
@@ -120,14 +121,15 @@ def effective_readings(
     return EffectiveReadings(count, effective)
 
 
-def misses_smoothly(residuals: Sequence[np.ndarray]) -> bool:
+def misses_smoothly(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) -> bool:
     """Whether the signs of the residuals change too seldom for independent errors.
 
-    Over all curves, by three standard deviations.
+    Over all curves, by so many standard deviations.
 
     Parameters
     ----------
     residuals : sequence of ndarray, shape (n_p, 2)
+    sd : float
     """
     changes = steps = 0
     for part in residuals:
@@ -135,7 +137,7 @@ def misses_smoothly(residuals: Sequence[np.ndarray]) -> bool:
         changes += int(np.count_nonzero(above[1:] != above[:-1]))
         steps += 2 * max(len(part) - 1, 0)
     # Signs of independent errors change at every step with probability 1/2.
-    return changes - 0.5 * steps < SMOOTH_RUNS * 0.5 * np.sqrt(steps)
+    return changes - 0.5 * steps < -sd * 0.5 * np.sqrt(steps)
 
 
 def systematic_readings(

@@ -1,0 +1,92 @@
+"""Verdicts and statements are monotone: worse data and looser priors never tell more.
+
+Over virtual specimens of random materials, protocols, noise and smooth misfit: three of them each
+time, fifty with ``-m slow``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import norm
+
+from biaxbayes.identifiability.identify import Identifiability, fits_of_laws, identify_draws
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+
+MOUNTING = ("mounting_stretch_x", "mounting_stretch_y")
+STRENGTH = {"identified": 3, "one-sided": 2, "only in combination": 1, "prior-dominated": 0}
+ESS = 1500.0
+QUICK, ALL = range(700, 703), range(703, 753)
+
+
+def random_specimen(seed: int) -> Specimen:
+    rng = np.random.default_rng([seed, 23])
+    C1, k1, k2 = np.exp(rng.normal(np.log([8.0, 15.0, 4.0]), 0.5))
+    made, _ = virtual_specimen(
+        GOH(C1, k1, k2, rng.uniform(20.0, 70.0), rng.uniform(0.0, 0.3)),
+        name=f"random {seed}",
+        mounting_stretch=(rng.uniform(1.005, 1.1), rng.uniform(1.005, 1.1)),
+        total_stretch=1.25,
+        ratios=((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))[: rng.integers(1, 4)],
+        increments=30,
+        machine=Machine(
+            noise_N=float(rng.choice([0.001, 0.003, 0.01])),
+            misfit=float(rng.choice([0.0, 0.01, 0.02])),
+        ),
+        seed=seed,
+    )
+    return made
+
+
+def judged(specimen: Specimen, **options: object) -> Identifiability:
+    posterior = prepare(specimen, **options)
+    drawn = draw_posterior(posterior, Plan(ess=ESS, seed=4))
+    draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
+    state = drawn.convergence.state
+    return identify_draws(posterior, draws, state, fits=fits_of_laws(posterior))
+
+
+def end_error(sd: float) -> float:
+    """Monte Carlo error of the 5 % point of normal draws: sqrt(p (1 - p) / ESS) / density there."""
+    z = norm.ppf(0.05)
+    return float(np.sqrt(0.05 * 0.95 / ESS) / norm.pdf(z) * sd)
+
+
+def check_monotone(seed: int) -> None:
+    specimen = random_specimen(seed)
+    base = judged(specimen)
+    worse = judged(replace(specimen, load_noise=2.0 * specimen.noise_sd))
+    loose = judged(specimen, mounting_sd=0.2)
+    for name in MOUNTING:
+        first, second, wide = base[name], worse[name], loose[name]
+        told = (seed, name, first.words, second.words, wide.words)
+        assert STRENGTH.get(second.verdict, -1) <= STRENGTH.get(first.verdict, -1), told
+        assert first.stated is not None and second.stated is not None and wide.stated is not None
+        assert first.stated.is_value or not second.stated.is_value, told
+        assert first.evidence is not None and wide.evidence is not None
+        # four ends, each with its error
+        error = 2.0 * end_error((first.evidence.high - first.evidence.low) / 3.3)
+        width = wide.evidence.high - wide.evidence.low
+        assert width > first.evidence.high - first.evidence.low - 3.0 * error, told
+        if first.stated.is_value and wide.stated.is_value:
+            width = wide.stated.high - wide.stated.low
+            assert width > first.stated.high - first.stated.low - 3.0 * error, told
+
+
+@pytest.mark.parametrize("seed", QUICK)
+def test_worse_data_and_wider_priors_never_tell_more(seed):
+    check_monotone(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", ALL)
+def test_worse_data_and_wider_priors_never_tell_more_of_fifty(seed):
+    check_monotone(seed)
