@@ -9,7 +9,7 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import PROVENANCE, manifest
 from biaxbayes.specimens.specimen_file import write_specimen
-from hostile.machine_exports import biotester_export
+from virtual_biotester import biotester_export
 
 QUICK = {"noise": "independent", "mounting": "exact", "priors": {"kappa": 0.1}, "ess": 60}
 

@@ -28,6 +28,7 @@ from unittest import mock
 import numpy as np
 
 import biaxbayes
+import virtual_biotester
 from biaxbayes import read_specimen, write_specimen
 from biaxbayes.cli import main
 from biaxbayes.cli.progress import open_usable_run
@@ -37,7 +38,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Plan
-from hostile import machine_exports, priors_files, specimen_files
+from hostile import priors_files, specimen_files
 from hostile.mutations import TOKENS, as_toml, mutated_bytes, mutated_table
 from studies.quick_runs import without_products
 
@@ -269,8 +270,8 @@ GENERIC = (
     + "".join(f"{i};{1 + 0.01 * i};{1 + 0.02 * i};{0.5 + i};{0.6 + 2 * i}\n" for i in range(12))
 ).encode()
 EXPORTS = [
-    machine_exports.biotester_export(cycles=1, rows=8).text().encode(),
-    machine_exports.biotester_export(cycles=1, rows=8, tracked=False)
+    virtual_biotester.biotester_export(cycles=1, rows=8).text().encode(),
+    virtual_biotester.biotester_export(cycles=1, rows=8, tracked=False)
     .text(";", ",")
     .encode("cp1252"),
 ]
