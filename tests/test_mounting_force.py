@@ -23,7 +23,9 @@ def run(capsys, *arguments):
     return left.value.code, shown.out, shown.err
 
 
-@pytest.mark.parametrize("force", [(15.8, 12.6), (15800.0, 12600.0)], ids=["mN", "uN"])
+@pytest.mark.parametrize(
+    "force", [(15.8, 12.6), (15800.0, 12600.0), (1.6e-11, 1.3e-11)], ids=["mN", "uN", "GN"]
+)
 def test_a_wrong_unit_is_refused_before_a_folder_is_made(capsys, tmp_path, force):
     path, folder = tmp_path / "tared.csv", tmp_path / "run"
     write_specimen(TARED, path)

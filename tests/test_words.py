@@ -1,4 +1,4 @@
-"""Words of a report that somebody who is no statistician would ask about are explained on its page."""
+"""What somebody who is no statistician would ask about a report is explained on its page."""
 
 import re
 import shutil
