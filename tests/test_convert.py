@@ -23,7 +23,7 @@ from biaxbayes.machines.raw_file import read_raw_tables
 from biaxbayes.machines.recording import Recording, shear_angle_deg
 from biaxbayes.machines.units import stem_of, unit_of_column
 from biaxbayes.specimens.check import check_specimen
-from hostile.machine_exports import COLUMNS, EDGE_MM, THICKNESS_MM, biotester_export
+from virtual_biotester import COLUMNS, EDGE_MM, THICKNESS_MM, biotester_export
 
 DIMENSIONS = [
     "--edge-x-mm", str(EDGE_MM), "--edge-y-mm", str(EDGE_MM),

@@ -17,8 +17,6 @@ from typing import NamedTuple
 import pytest
 
 from biaxbayes.cli import VERBS, main
-from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
-from hostile.machine_exports import biotester_export
 from quick_posteriors import runs_of_few_walkers
 
 ROOT = Path(__file__).parents[1]
@@ -75,11 +73,9 @@ def run_python(text: str) -> None:
 
 
 def prepare(folder: Path) -> None:
-    """What a reader of the pages has: an export of their own, the repository's data."""
-    (folder / "export.csv").write_text(biotester_export(cycles=6).text(), encoding="utf-8")
+    """What a reader of the pages has: a checkout, and the files that a page shows."""
     shutil.copytree(ROOT / "data", folder / "data")
     shutil.copy(ROOT / "data" / "donor2-media.csv", folder / "specimen.csv")
-    write_specimen(read_specimen(folder / "specimen.csv").zeroed(), folder / "tared.csv")
     files = {"how-to.md": ("histology.toml", ""), "studies.md": ("study.toml", "ess = 100\n")}
     for page, (name, before) in files.items():
         for block in blocks(ROOT / "docs" / page):
@@ -107,8 +103,9 @@ def run_pages(folder: Path, *, slow: bool) -> int:
 def test_every_quick_command_of_the_pages_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with runs_of_few_walkers():
-        assert run_pages(tmp_path, slow=False) >= 14
-    for name in ("media-posterior/report.html", "figure2.svg", "table1.tex", "virtual.csv"):
+        assert run_pages(tmp_path, slow=False) >= 20
+    made = ("media-posterior/report.html", "figure2.svg", "table1.tex", "virtual.csv")
+    for name in (*made, "media.csv", "protocols.csv", "tensile.csv"):
         assert (tmp_path / name).stat().st_size > 500
 
 
@@ -120,6 +117,17 @@ def test_every_command_of_the_pages_runs(tmp_path, monkeypatch):
     run_command(["biaxbayes", "report", "media-posterior"])
     page = (tmp_path / "media-posterior" / "report.html").read_text(encoding="utf-8")
     assert "The cost of ignoring the mounting stretch" in page
+
+
+def test_every_example_file_is_used_and_no_other():
+    shipped = {f"data/examples/{p.name}" for p in (ROOT / "data" / "examples").iterdir()}
+    pages = [b for page in ("tutorial.md", "how-to.md") for b in blocks(ROOT / "docs" / page)]
+    lines = [words for b in pages if b.language == "console" for words in commands(b)]
+    used = {word for words in lines for word in words if word.startswith("data/examples/")}
+    assert used == shipped
+    assert all(w[2] in used for w in lines if w[1] == "convert")
+    table = (ROOT / "data" / "README.md").read_text(encoding="utf-8")
+    assert all(f"| `{Path(name).name}` |" in table for name in shipped)
 
 
 def readme_lines() -> list[list[str]]:
@@ -139,11 +147,11 @@ def test_readme_commands_exist():
     assert set(VERBS) <= named
 
 
-def test_readme_check_runs(tmp_path, monkeypatch):
+def test_readme_check_and_convert_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     prepare(tmp_path)
-    quick = [words for words in readme_lines() if words[:2] == ["biaxbayes", "check"]]
-    assert quick
+    quick = [w for w in readme_lines() if w[0] == "biaxbayes" and w[1] in ("check", "convert")]
+    assert {words[1] for words in quick} == {"check", "convert"}
     for words in quick:
         run_command(words)
 

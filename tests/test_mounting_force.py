@@ -1,5 +1,6 @@
 """--mounting-force of a tared file: checked before the work, with the option named."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -7,9 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import biaxbayes
+import quick_posteriors
 from biaxbayes.cli import main
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.jobs.sample import Sampling
+from biaxbayes.runs import checkpoint
+from biaxbayes.runs.folder import manifest
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text, write_specimen
 
 FORCE = (0.0158, 0.0126)
@@ -23,7 +27,9 @@ def run(capsys, *arguments):
     return left.value.code, shown.out, shown.err
 
 
-@pytest.mark.parametrize("force", [(15.8, 12.6), (15800.0, 12600.0)], ids=["mN", "uN"])
+@pytest.mark.parametrize(
+    "force", [(15.8, 12.6), (15800.0, 12600.0), (1.6e-11, 1.3e-11)], ids=["mN", "uN", "GN"]
+)
 def test_a_wrong_unit_is_refused_before_a_folder_is_made(capsys, tmp_path, force):
     path, folder = tmp_path / "tared.csv", tmp_path / "run"
     write_specimen(TARED, path)
@@ -68,3 +74,28 @@ def test_whatever_force_is_stated_the_sampled_specimen_can_be_read_again(force, 
 def test_a_sound_force_is_taken():
     found = prepared(TARED, FORCE, Path("unused")).specimen
     assert tuple(found.mounting_readings(shared=True)[0][0]) == pytest.approx(FORCE, abs=2e-3)
+
+
+def test_the_corrected_command_goes_on_with_resume(capsys, tmp_path):
+    """In a new folder, and in one that holds half a run: the wrong command has spoilt neither."""
+    path, folder = tmp_path / "tared.csv", tmp_path / "run"
+    write_specimen(quick_posteriors.small_specimen().zeroed(), path)
+    options = ("--noise", "independent", "--mounting", "exact", "--fix", "kappa=0.1", "--ess", "60")
+    asked = ("sample", path, "--out", folder, *options, "--resume", "--mounting-force")
+    right = quick_posteriors.small_specimen().mounting_readings(shared=True)[0][0]
+    wrong = 1e3 * right  # in mN
+    with quick_posteriors.runs_without_figures():
+        assert run(capsys, *asked, *wrong)[0] == 2
+        with pytest.raises(Interrupted):
+            biaxbayes.sample(
+                path, out=folder, mounting_force=right, stop=lambda: signal.SIGINT,
+                noise="independent", mounting="exact", priors={"kappa": 0.1}, ess=60.0,
+            )  # fmt: skip
+        before = manifest(folder)
+        assert checkpoint.NAME in before
+        assert run(capsys, *asked, *wrong)[0] == 2
+        assert manifest(folder) == before
+        code, out, err = run(capsys, *asked, *right)
+    assert code in (0, 3) and "mounting_stretch_x" in out, err
+    found = biaxbayes.open_run(folder).specimen
+    assert tuple(found.mounting_readings(shared=True)[0][0]) == pytest.approx(right)

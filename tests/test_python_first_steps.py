@@ -2,6 +2,7 @@
 
 import io
 import sys
+import types
 
 import numpy as np
 import pytest
@@ -81,6 +82,21 @@ class Terminal(io.StringIO):
         return True
 
 
+class Replaced:
+    """A notebook's display: one output, whose text is replaced."""
+
+    def __init__(self):
+        self.texts = []
+
+    def display(self, data, *, raw, display_id):
+        assert raw and display_id
+        self.update(data, raw=raw)
+        return self
+
+    def update(self, data, *, raw):
+        self.texts.append(data["text/plain"])
+
+
 @with_progress
 def verb(*, progress=None) -> bool:
     if progress is not None:
@@ -95,5 +111,11 @@ def test_long_calls_show_their_progress_where_somebody_watches(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
     assert verb() and "half of it" in sys.stderr.getvalue()
     assert not verb(progress=False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)  # no ipywidgets
+    lines, shell = Replaced(), types.SimpleNamespace(kernel=object())
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
+    monkeypatch.setitem(sys.modules, "IPython.display", lines)
+    assert verb()
+    assert lines.texts == ["starting", "sampling 50 %", ""]
     for name in ("sample", "batch", "compare", "ledger", "design", "calibrate"):
         assert getattr(biaxbayes, name).__wrapped__, name

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
+import re
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,7 @@ import biaxbayes
 from biaxbayes import api
 from biaxbayes.cli import VERBS, group, main
 from biaxbayes.errors import InputError
+from biaxbayes.jobs import specimen_files
 from biaxbayes.options import (
     CalibrationPlan,
     CardOptions,
@@ -30,6 +34,7 @@ from biaxbayes.options import (
     stated,
 )
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.specimens.virtual_specimen import Truth
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -50,7 +55,25 @@ def test_every_verb_is_a_function_and_every_name_is_there():
         _ = biaxbayes.nothing
 
 
+def test_every_result_of_a_verb_prints_as_a_line_of_its_own():
+    """A dataclass left to itself prints its tables and draws over hundreds of lines."""
+    found: dict[str, type] = {}
+    for name in (n for n in api.__all__ if inspect.isroutine(getattr(api, n))):
+        verb = getattr(api, name)
+        returned = str(getattr(verb, "__annotations__", {}).get("return", ""))
+        source = inspect.getsource(sys.modules[inspect.unwrap(verb).__module__])
+        for kind in re.findall(r"\b[A-Z]\w+", returned):
+            if home := re.search(rf"from (biaxbayes[\w.]+) import [^\n]*\b{kind}\b", source):
+                found[kind] = getattr(importlib.import_module(home[1]), kind)
+    assert {"Run", "Ledger", "Comparison", "Design", "StudyResult", "Conversion"} <= found.keys()
+    for name, kind in {**found, "Truth": Truth, "Checked": specimen_files.Checked}.items():
+        own = kind.__repr__ is not object.__repr__ and not hasattr(kind.__repr__, "__wrapped__")
+        assert own, f"{name} has no readable line of its own"
+
+
 def shown(thing) -> str:
+    line = repr(thing)
+    assert line.startswith(type(thing).__name__) and "\n" not in line and len(line) < 320, line
     html = thing._repr_html_()
     assert html.count("<table") >= 1 and html.count("<table") == html.count("</table>")
     return html

@@ -301,11 +301,13 @@ def test_priors_in_words():
         "uniform from 0 to 90"
     )
     told = prior_in_words({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0})
-    assert told == "lognormal (median 10, log sd 2)"
+    assert told == "lognormal (median 10, sd of its logarithm 2)"
     assert prior_in_words(5.0) == "fixed at 5"
     assert prior_in_words(5.0, "kPa") == "fixed at 5 kPa"
     told = prior_in_words({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0}, "kPa")
     assert "median 10 kPa" in told and told.count("kPa") == 1
+    told = prior_in_words({"distribution": "normal", "mean": 40, "sd": 3, "low": 0}, "deg")
+    assert told == "normal (mean 40 deg, sd 3 deg, not below 0 deg)"
     assert prior_in_words("2.0 * k1") == "tied: 2.0 * k1"
 
 

@@ -1,11 +1,14 @@
 """The files in ``data/`` are what the script makes, and carry the conditions of the paper."""
 
 import json
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import make_examples
+from biaxbayes.machines.raw_file import ALL_SHEETS, read_raw_tables
 from biaxbayes.specimens.specimen_file import read_specimen
 from make_specimens import make
 
@@ -60,3 +63,32 @@ def test_conditions_of_table2(name, thickness, stretch):
     assert p.stretch_x[-1] == p.stretch_y[-1] == stretch
     assert specimen.load_noise == 0.0006
     assert (specimen.axis_x, specimen.axis_y) == ("circumferential", "axial")
+
+
+EXAMPLES = ("biotester.csv", "tared.csv", "tensile-machine.csv", "workbook.xlsx")
+
+
+def cells(path: Path) -> dict[str, tuple[tuple[str, ...], list[list[str]]]]:
+    sheets = (ALL_SHEETS,) if path.suffix == ".xlsx" else ()
+    tables = read_raw_tables(path, sheets)
+    return {name: (t.names, [list(c) for c in t.columns]) for name, t in tables.items()}
+
+
+def test_examples_are_current_and_the_same_bytes_every_time(tmp_path, monkeypatch):
+    make_examples.make(tmp_path / "a")
+
+    class Tomorrow(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime(2031, 2, 3, tzinfo=tz)
+
+    monkeypatch.setattr("openpyxl.writer.excel.datetime.datetime", Tomorrow)
+    make_examples.make(tmp_path / "b")
+    assert sorted(p.name for p in (ROOT / "data" / "examples").iterdir()) == list(EXAMPLES)
+    for name in EXAMPLES:
+        made = tmp_path / "a" / name
+        assert made.read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+        assert made.stat().st_size < 70_000
+        shipped = cells(ROOT / "data" / "examples" / name)
+        assert shipped == cells(made), f"{name}: run python scripts/make_examples.py"
+        assert all(len(columns[0]) > 30 for _, columns in shipped.values())

@@ -2,10 +2,12 @@
 
 import csv
 import hashlib
+import shutil
 
 import pandas as pd
 
 import biaxbayes
+import quick_posteriors
 from biaxbayes.api import report_text
 from biaxbayes.csv_tables import read_csv
 from biaxbayes.jobs.closing import closing_message
@@ -28,6 +30,28 @@ def test_every_table_of_a_run_and_its_verbs_opens_as_it_is(media_run, tmp_path):
     assert {"determined.csv", "same-curves.csv"} <= {p.name for p in tables}
     for path in tables:
         assert len(plain(path)) > 1
+
+
+def test_every_table_that_a_verb_writes_has_a_plain_header(small_run, tmp_path):
+    one, other, out = (tmp_path / name for name in ("one", "other", "out"))
+    for folder in (one, other):
+        shutil.copytree(small_run.path, folder)
+    specimen = one / "specimen.csv"
+    with quick_posteriors.runs_without_figures():
+        biaxbayes.fit(specimen, "all", starts=1, out=out / "fit")
+        biaxbayes.profile(one, ["k1"], out=out / "profile")
+        biaxbayes.predict(one, stretch=1.1, out=out / "predict", anyway=True)
+        biaxbayes.inflate(one, [5.0], radius_mm=8.0, wall_mm=1.0, out=out / "tube", anyway=True)
+        biaxbayes.export(one, "febio", draws=2, out=out / "cards", anyway=True)
+        biaxbayes.compare([one, other], labels=["a", "b"], anyway=True, out=out / "compare")
+        (tmp_path / "broken.csv").write_text("nothing\n1\n")
+        biaxbayes.batch([tmp_path / "broken.csv"], out=out / "study", workers=1)
+    written = {p.relative_to(out) for p in out.rglob("*.csv")}
+    tables = sorted(p for p in written if p.name != "specimen.csv")
+    stems = {"fits", "profile", "profile-intervals", "manifest", "study", "prediction", "inflation"}
+    assert stems <= {p.stem for p in tables} and len(tables) >= 9
+    for path in tables:
+        assert plain(out / path), path
 
 
 def test_verdicts_stand_in_the_summary_and_thresholds_in_the_provenance(media_run):

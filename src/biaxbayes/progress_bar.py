@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -78,6 +79,43 @@ def shown_progress(console: Console) -> Iterator[Callable[[Any], None]]:
         yield tell
 
 
+@contextlib.contextmanager
+def _notebook_progress() -> Iterator[Callable[[Any], None]]:
+    """The same as one line of text that a notebook replaces; rich needs ipywidgets for that."""
+    from IPython.display import display
+
+    shown = ""
+    line = display({"text/plain": "starting"}, raw=True, display_id=True)
+
+    def tell(progress: Any) -> None:
+        nonlocal shown
+        if progress.note:
+            print(f"biaxbayes: {progress.note}")
+        share = "" if progress.share is None else f" {100 * progress.share:.0f} %"
+        if (text := f"{progress.phase}{share}") != shown:
+            shown = text
+            line.update({"text/plain": text}, raw=True)
+
+    try:
+        yield tell
+    finally:
+        line.update({"text/plain": ""}, raw=True)
+
+
+def _in_notebook() -> bool:
+    """Whether this runs in a kernel, not only beside a module of one."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return getattr(shell, "kernel", None) is not None
+
+
+def _shown() -> contextlib.AbstractContextManager[Callable[[Any], None]]:
+    if _in_notebook() and importlib.util.find_spec("ipywidgets") is None:
+        return _notebook_progress()
+    from rich.console import Console
+
+    return shown_progress(Console(stderr=True))
+
+
 Verb = TypeVar("Verb", bound=Callable[..., Any])
 
 
@@ -92,12 +130,10 @@ def with_progress(verb: Verb) -> Verb:
     def watched(*arguments: Any, progress: Any = None, **options: Any) -> Any:
         if callable(progress):
             return verb(*arguments, progress=progress, **options)
-        somebody = sys.stderr.isatty() or "ipykernel" in sys.modules
+        somebody = sys.stderr.isatty() or _in_notebook()
         if not (somebody if progress is None else progress):
             return verb(*arguments, **options)
-        from rich.console import Console
-
-        with shown_progress(Console(stderr=True)) as tell:
+        with _shown() as tell:
             return verb(*arguments, progress=tell, **options)
 
     return watched  # type: ignore[return-value]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-__all__ = ["TOKENS", "VALUES", "as_toml", "mutated_bytes", "mutated_table"]
+__all__ = ["TOKENS", "VALUES", "as_toml", "mutated_bytes", "mutated_table", "odd_numbers"]
 
 TOKENS = [
     b"", b",", b"\n", b"\r", b'"', b"'", b"#", b":", b";", b"\t", b" ", b"-", b"0", b"=", b"[",
@@ -102,3 +103,24 @@ def _inline(value: Any) -> str:
     if isinstance(value, float):
         return {"nan": "nan", "inf": "inf", "-inf": "-inf"}.get(repr(value), repr(value))
     return json.dumps(value)
+
+
+FACTORS = (1.0, 1.0, -1.0, 0.0, 0.5, 3.0, 1e3, 1e-3, 1e300)
+ADDED = (0.0, 0.0, 0.0, 0.01, -0.01, 1.0, 1e-9)
+
+
+def odd_numbers(rng: np.random.Generator, text: str) -> str:
+    """The same table with a few cells or header values turned into other numbers."""
+    lines = text.rstrip("\n").split("\n")
+    for _ in range(rng.integers(4)):
+        at = int(rng.integers(len(lines)))
+        cells = re.split(r"(,|: )", lines[at])
+        numeric = [i for i, cell in enumerate(cells) if re.fullmatch(r"[-+\d.e]*\d[-+\d.e]*", cell)]
+        if numeric:
+            i = int(rng.choice(numeric))
+            with np.errstate(all="ignore"):
+                cells[i] = repr(
+                    float(np.float64(cells[i]) * rng.choice(FACTORS) + rng.choice(ADDED))
+                )
+            lines[at] = "".join(cells)
+    return "\n".join(lines) + "\n"

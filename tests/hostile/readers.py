@@ -28,6 +28,7 @@ from unittest import mock
 import numpy as np
 
 import biaxbayes
+import virtual_biotester
 from biaxbayes import read_specimen, write_specimen
 from biaxbayes.cli import main
 from biaxbayes.cli.progress import open_usable_run
@@ -37,8 +38,9 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Plan
-from hostile import machine_exports, priors_files, specimen_files
-from hostile.mutations import TOKENS, as_toml, mutated_bytes, mutated_table
+from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
+from hostile import priors_files, specimen_files
+from hostile.mutations import TOKENS, as_toml, mutated_bytes, mutated_table, odd_numbers
 from studies.quick_runs import without_products
 
 __all__ = ["LONG", "READERS", "Bases", "Tally", "finished_run", "hammer"]
@@ -269,8 +271,8 @@ GENERIC = (
     + "".join(f"{i};{1 + 0.01 * i};{1 + 0.02 * i};{0.5 + i};{0.6 + 2 * i}\n" for i in range(12))
 ).encode()
 EXPORTS = [
-    machine_exports.biotester_export(cycles=1, rows=8).text().encode(),
-    machine_exports.biotester_export(cycles=1, rows=8, tracked=False)
+    virtual_biotester.biotester_export(cycles=1, rows=8).text().encode(),
+    virtual_biotester.biotester_export(cycles=1, rows=8, tracked=False)
     .text(";", ",")
     .encode("cp1252"),
 ]
@@ -426,6 +428,34 @@ def options(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) 
     judge(code, named, specimen, tally)
 
 
+TARED = [
+    specimen_text(parse_specimen(x.decode().split("\n"), Path("x")).zeroed()) for x in SPECIMENS
+]
+MOUNTED = (0.02, 0.02, 1.0)
+"""Of the unit of each: N, N, kPa."""
+MAD = (np.nan, np.inf, -1.0, 0.0, 1e-12, 1e3, 1e6, 1e308)
+MOUNTING_WORDS = ("--mounting-stretch", "per-protocol"), ("--mounting", "exact"), ("--thin", "auto")
+
+
+def tared_specimen(rng: np.random.Generator, folder: Path, bases: Bases, tally: Tally) -> None:
+    """A tared file with the force it had when it was mounted: read, put back on, evaluated."""
+    path, which = folder / "tared.csv", int(rng.integers(len(TARED)))
+    text = TARED[which]
+    if rng.random() < 12 * REPLACED:  # a sound table of odd numbers gets further than odd bytes
+        path.write_text(odd_numbers(rng, text))
+    else:
+        path.write_bytes(mutated_bytes(rng, text.encode(), SPECIMEN_TOKENS))
+    scale = 1.0 if rng.random() >= 4 * REPLACED else float(rng.choice(MAD))
+    force = [repr(scale * float(v)) for v in rng.uniform(0.5, 2.0, 2) * MOUNTED[which]]
+    words = [w for pair in MOUNTING_WORDS if rng.random() < 0.3 for w in pair]
+    with mock.patch.object(Sampling, "execute", evaluate_instead):
+        out = folder / "out"
+        code, err = command("sample", path, "--out", out, "--mounting-force", *force, *words)
+    if str(path) not in err:  # a specimen goes by its file's name, the fault of an option by it
+        err = err.replace("tared.csv", str(path)).replace("s: --", f"s: {path} --")
+    judge(code, err, path, tally)
+
+
 READERS: dict[str, Callable[[np.random.Generator, Path, Bases, Tally], None]] = {
     "specimen CSV": specimen_file,
     "priors TOML": priors_file,
@@ -435,6 +465,7 @@ READERS: dict[str, Callable[[np.random.Generator, Path, Bases, Tally], None]] = 
     "checkpoint": saved_checkpoint,
     "path of stretches": stretch_path,
     "options of sample": options,
+    "tared specimen": tared_specimen,
 }
 
 
@@ -447,6 +478,7 @@ LONG = {
     "checkpoint": 1000,
     "path of stretches": 1500,
     "options of sample": 1500,
+    "tared specimen": 1500,
 }
 """Inputs in the long run."""
 

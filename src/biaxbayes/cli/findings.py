@@ -402,11 +402,11 @@ def design(
 
 def _tell_design(found: Design, draws: Any, unit: str) -> None:
     from biaxbayes.optimal_design.candidates import FurtherProtocol
+    from biaxbayes.reports.glossary import NATS
 
     names = [p.name for p in found.known.material if p.name in found.quantities]
     click.echo(
-        "expected reduction of the standard deviation, per cent; information in nats (0.7 halve "
-        "the\nvolume of plausible values, 2.3 leave a tenth)\n"
+        f"expected reduction of the standard deviation, per cent; information in nats:\n{NATS}\n"
     )
     head = "".join(f"{n:>9}" for n in names)
     click.echo(f"{'':<24}{'information':>14}{head}{'draws':>8}{'peak load (' + unit + ')':>18}")

@@ -289,9 +289,9 @@ def fit(
     fixed = fixed_values(fix, law_named(how["law"], fibre_switch=how["fibre_switch"]))
     data = opened_specimen(specimen, mounting_force)
     if method == ALL_FITS:
-        fits = api.fit_all(data, fixed=fixed, **how)
+        fits = api.fit_all(data, fixed=fixed, out=out, **how)
     else:
-        found = api.fit(data, method, fixed=fixed, **how)
+        found = api.fit(data, method, fixed=fixed, out=out, **how)
         fits = found if isinstance(found, list) else [found]
     if as_json:
         import json
@@ -299,12 +299,8 @@ def fit(
         click.echo(json.dumps([found.record() for found in fits], indent=2, allow_nan=False))
     else:
         _print_table(data, fits, fixed)
-    if out is not None:
-        from biaxbayes.jobs.specimen_files import write_fits
-
-        write_fits(data, fits, out)
-        if not as_json:
-            click.echo(f"{out / 'fits.csv'}, {out / 'fits.pdf'}")
+    if out is not None and not as_json:
+        click.echo(f"{out / 'fits.csv'}, {out / 'fits.pdf'}")
     if method == ALL_FITS and data.is_tared:
         click.echo(
             "note: the force at the mounted state is zero (a tared load cell), so fip, linden and "

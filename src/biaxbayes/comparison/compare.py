@@ -329,6 +329,10 @@ class Comparison:
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
 
+    def __repr__(self) -> str:
+        told = ", ".join(f"{m.label!r} {m.state}" for m in self.members)
+        return f"Comparison({told}; stresses at {len(self.stretches)} stretches)"
+
     def _repr_html_(self) -> str:
         """Verdicts, and what differs among the quantities that both runs determine."""
         verdicts = self.matrix().pivot(index="run", columns="parameter", values="verdict")

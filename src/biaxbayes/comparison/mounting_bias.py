@@ -101,6 +101,10 @@ class Ledger:
         """Rows of the stresses."""
         return self.table[self.table["total_stretch"].notna()]
 
+    def __repr__(self) -> str:
+        told = ", ".join(f"{name} {state}" for name, state in self.states.items())
+        return f"Ledger({told}; {len(self.parameters)} parameters, {len(self.stresses)} stresses)"
+
     def _repr_html_(self) -> str:
         """Medians of the three treatments, for notebooks."""
         kept = ["quantity", "unit", "total_stretch", "inferred_median", "ignored_median"]

@@ -81,6 +81,10 @@ class Outcome:
     calibrated: bool
     p: float
 
+    def __repr__(self) -> str:
+        told = ", ".join(f"{n} {state}" for state, n in self.states.items())
+        return f"Outcome(replications {told}; p of uniform ranks {self.p:.3g})"
+
 
 def study_of(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan) -> Study:
     """The study that the options ask for.

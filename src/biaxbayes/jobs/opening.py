@@ -86,7 +86,15 @@ def opened_specimen(
             file=file or specimen.name,
             remedy=f"give it in {specimen.unit}",
         )
-    return readable_specimen(specimen.with_mounting_force(x, y), file or specimen.name)
+    rescued = specimen.with_mounting_force(x, y)
+    if rescued.is_tared:
+        raise InputError(
+            f"--mounting-force {x:g} {y:g} is nothing beside the largest load recorded, "
+            f"{largest:.3g} {specimen.unit}",
+            file=file or specimen.name,
+            remedy=f"give it in {specimen.unit}",
+        )
+    return readable_specimen(rescued, file or specimen.name)
 
 
 FORCE_LIMIT = 3.0

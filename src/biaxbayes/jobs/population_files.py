@@ -73,6 +73,9 @@ class PopulationFound:
     notes: list[str] = field(repr=False)
     left_out: dict[str, str] = field(repr=False)
 
+    def __repr__(self) -> str:
+        return f"PopulationFound({self.name!r}, {self.state}, {len(self.groups)} rows of groups)"
+
     def _repr_html_(self) -> str:
         """State and groups, for notebooks."""
         shown = self.groups[[c for c in self.groups if not str(c).startswith("new_")]]

@@ -477,6 +477,7 @@ def fit(
     method: str = "constrained",
     *,
     mounting_force: Sequence[float] | None = None,
+    out: str | Path | None = None,
     **options: Any,
 ) -> FitResult | list[FitResult]:
     """Fit the material by least squares, and the mounting stretch where the method has one.
@@ -488,6 +489,8 @@ def fit(
         As in :func:`biaxbayes.fitting.fit.fit`; ``all`` gives a list, as :func:`fit_all`.
     mounting_force : (float, float), optional
         For a tared specimen: the force (or stress) at the mounted state, put back on.
+    out : path-like, optional
+        Folder for fits.csv, fits.pdf and fits.png.
     **options
         As in :class:`~biaxbayes.options.FitOptions`.
 
@@ -501,9 +504,13 @@ def fit(
     from biaxbayes.fitting.fit import fit as fitted
 
     if method == ALL_FITS:
-        return fit_all(specimen, mounting_force=mounting_force, **options)
+        return fit_all(specimen, mounting_force=mounting_force, out=out, **options)
     how = FitOptions.of(options)
-    return fitted(opened_specimen(specimen, mounting_force), method, **vars(how))
+    data = opened_specimen(specimen, mounting_force)
+    found = fitted(data, method, **vars(how))
+    if out is not None:
+        write_fits(data, [found], out)
+    return found
 
 
 def write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: str | Path) -> None:
@@ -542,11 +549,19 @@ def write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: str | Path
 
 @documented(FitOptions, without=("initial",))
 def fit_all(
-    specimen: SpecimenLike, *, mounting_force: Sequence[float] | None = None, **options: Any
+    specimen: SpecimenLike,
+    *,
+    mounting_force: Sequence[float] | None = None,
+    out: str | Path | None = None,
+    **options: Any,
 ) -> list[FitResult]:
     """Every method that the specimen allows; arguments as in :func:`fit`."""
     from biaxbayes.fitting.fit import fit_all as fitted
 
     how = dict(vars(FitOptions.of(options)))
     how.pop("initial")
-    return fitted(opened_specimen(specimen, mounting_force), **how)
+    data = opened_specimen(specimen, mounting_force)
+    found = fitted(data, **how)
+    if out is not None:
+        write_fits(data, found, out)
+    return found

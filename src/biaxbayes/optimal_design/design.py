@@ -69,6 +69,10 @@ class Design:
                 )
         return pd.DataFrame(rows)
 
+    def __repr__(self) -> str:
+        best = f"; best {self.expected[0].name!r}" if self.expected else ""
+        return f"Design({len(self.expected)} candidates ranked{best})"
+
     def _repr_html_(self) -> str:
         """Expected reduction of each standard deviation, for notebooks."""
         wide = pd.DataFrame(

@@ -108,16 +108,11 @@ def prior_in_words(prior: Any, unit: str = "") -> str:
         )
     shape = cut(prior.get("distribution", ""), 30)
     numbers = {k: v for k, v in prior.items() if isinstance(v, int | float)}
-    if shape == "uniform" and {"low", "high"} <= set(numbers):
-        return f"uniform from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
-    known = {"median": "median", "sd_log": "log sd", "mean": "mean", "sd": "sd"}
-    natural = {"median", "mean"} | ({"sd"} if "mean" in numbers else set())
-    parts = [
-        f"{known[k]} {v:.4g}{unit if k in natural else ''}"
-        for k, v in numbers.items()
-        if k in known
-    ]
-    parts += [f"{k} {v:.4g}" for k, v in numbers.items() if k not in known]
+    if shape in ("uniform", "loguniform") and {"low", "high"} <= set(numbers):
+        return f"{shape} from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
+    known = {"sd_log": "sd of its logarithm", "low": "not below", "high": "not above"}
+    natural = {"median", "mean", "low", "high"} | ({"sd"} if "mean" in numbers else set())
+    parts = [f"{known.get(k, k)} {v:.4g}{unit if k in natural else ''}" for k, v in numbers.items()]
     return f"{shape} ({', '.join(parts)})" if parts else shape
 
 

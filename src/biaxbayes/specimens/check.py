@@ -62,7 +62,8 @@ def path_findings(specimen: Specimen) -> list[Finding]:
 
 def _unloading(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
     path = progress(stretch, load)
-    if p.rows >= FEW_ROWS and scatter(path) > DISORDER * float(np.ptp(path)):
+    # Loads that are mostly noise scatter as much; shuffled rows shuffle the stretches, too.
+    if p.rows >= FEW_ROWS and _disordered(path) and _disordered(progress(stretch, stretch)):
         return [
             Finding(
                 "shuffled",
@@ -86,6 +87,10 @@ def _unloading(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Findi
             p.name,
         )
     ]
+
+
+def _disordered(path: np.ndarray) -> bool:
+    return scatter(path) > DISORDER * float(np.ptp(path))
 
 
 def _backwards(p: Protocol, stretch: np.ndarray, load: np.ndarray, noise: float) -> list[Finding]:

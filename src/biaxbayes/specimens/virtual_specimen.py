@@ -122,6 +122,11 @@ class Truth:
     source: str
     grips: dict[str, float] | None = None
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{k}={v:.4g}" for k, v in self.material.items() if v is not True)
+        stretch = f"{self.mounting_stretch_x:g}, {self.mounting_stretch_y:g}"
+        return f"Truth({self.specimen!r}: {values}, mounting stretch {stretch})"
+
 
 def record_tests(
     tests: Mapping[str, Curves],

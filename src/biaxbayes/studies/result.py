@@ -404,6 +404,9 @@ class StudyResult:
         bad = self.specimens[self.specimens["state"] == FAILED]
         return dict(zip(bad["specimen"], bad["reason"], strict=True))
 
+    def __repr__(self) -> str:
+        return f"StudyResult({self.name!r}: {_counts(self.states)})"
+
     def _repr_html_(self) -> str:
         """States and medians, for notebooks."""
         parameters = self.table[self.table["kind"] == "parameter"]

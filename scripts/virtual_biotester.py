@@ -27,6 +27,7 @@ class Export:
     force_N: np.ndarray  # (n, 2) noise-free
 
     def text(self, separator: str = ",", decimal: str = ".") -> str:
+        """The export as a file holds it."""
         lines = [separator.join(self.header)]
         lines += [separator.join(cells).replace(".", decimal) for cells in self.rows]
         return "\n".join(lines) + "\n"
