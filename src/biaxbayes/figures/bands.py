@@ -25,7 +25,7 @@ from biaxbayes.figures.style import (
     print_style,
     settle,
 )
-from biaxbayes.options import Settings
+from biaxbayes.options import CONTENT, Settings
 from biaxbayes.prediction.bands import bands, evenly_spaced
 from biaxbayes.specimens.specimen import Specimen
 
@@ -134,7 +134,7 @@ def bands_figure(
     draws: pd.DataFrame,
     *,
     settings: Settings | None = None,
-    probability: float = 0.9,
+    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
@@ -181,7 +181,7 @@ def drawn_bands(
     specimen: Specimen,
     table: pd.DataFrame,
     *,
-    probability: float = 0.9,
+    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:

@@ -28,6 +28,7 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.identifiability.bounded_density import span
 from biaxbayes.model.layout import mounting_names
+from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities, Quantity
 from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.prediction.draws import mounting_labels
@@ -71,7 +72,7 @@ def mounting_figure(
     draws: pd.DataFrame,
     *,
     truth: Mapping[str, float] | None = None,
-    probability: float = 0.9,
+    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:

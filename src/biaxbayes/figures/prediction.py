@@ -19,6 +19,7 @@ from biaxbayes.figures.style import (
     print_style,
 )
 from biaxbayes.mechanics.inflation import MMHG_PER_KPA
+from biaxbayes.options import CONTENT
 from biaxbayes.prediction.stress import INSIDE
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def stress_figure(
     table: pd.DataFrame,
     *,
     reference: str = "total",
-    probability: float = 0.9,
+    probability: float = CONTENT,
     directions: tuple[str, str] = ("x", "y"),
     width_mm: float = COLUMN_MM,
     style: Mapping[str, Any] | None = None,
@@ -93,7 +94,7 @@ def stress_figure(
 def inflation_figure(
     table: pd.DataFrame,
     *,
-    probability: float = 0.9,
+    probability: float = CONTENT,
     width_mm: float = COLUMN_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:

@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from biaxbayes.errors import InputError
 from biaxbayes.model.curves import Curves
 from biaxbayes.model.error_model import errors_of_draws
-from biaxbayes.options import Settings
+from biaxbayes.options import CONTENT, Settings
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.specimens.specimen import Specimen
 
@@ -134,7 +134,7 @@ def bands(
     draws: pd.DataFrame,
     *,
     settings: Settings | None = None,
-    probability: float = 0.9,
+    probability: float = CONTENT,
     max_rows: int | None = None,
     max_draws: int = 1000,
 ) -> pd.DataFrame:
