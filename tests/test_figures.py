@@ -152,6 +152,22 @@ def test_regions_reach_the_edge_and_hold_their_share():
     assert ends.min() == pytest.approx(7.854, abs=0.2)
 
 
+def test_region_of_99_percent_is_whole_and_ends_within_the_panel():
+    # A curved ridge with a long tail: draws that lie alone are no islands of their own.
+    rng = np.random.default_rng(7)
+    C1 = np.exp(0.35 * rng.standard_normal(4000))
+    k1 = 10.0 / C1 * np.exp(0.15 * rng.standard_normal(4000))
+    ax = panel(corner_figure(pd.DataFrame({"C1": C1, "k1": k1})), 1, 0)
+    (drawn,) = [c for c in ax.collections if isinstance(c, QuadContourSet) and c.filled]
+    widest = drawn.get_paths()[1].to_polygons()
+    assert len(widest) == 2  # its outline, and the hole where the region of 90 % lies
+    x, y = np.concatenate(widest).T
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert low < x.min() and x.max() < high and bottom < y.min() and y.max() < top
+    share = inside(ax, 0.99, np.column_stack([C1, k1])).mean()
+    assert share == pytest.approx(0.99, abs=0.008)
+
+
 def test_narrow_ridge_stays_narrow():
     rng = np.random.default_rng(6)
     a = 100.0 + rng.standard_normal(20_000)
@@ -202,6 +218,12 @@ def test_truth_and_comparison_are_drawn_and_named():
     assert_readable(figure, 180.0)
     written = [text for text, _ in in_view(figure)]
     assert "truth" in written and "media" in written
+    # the name of a run stands above its own median and interval
+    at = {text: box for text, box in in_view(figure) if text in ("media", "median", "90 %")}
+    pairs = sorted((box.x1, text) for text, box in in_view(figure) if text in ("median", "90 %"))
+    assert [text for _, text in pairs] == ["median", "90 %"] * 2
+    assert at["media"].x1 == pytest.approx(pairs[1][0], abs=0.5)
+    assert at["media"].y0 > at["median"].y1 - 0.5
     ax = panel(figure, 0, 0)
     assert ax.get_xlim()[0] < 9.0 < ax.get_xlim()[1]
     assert any(np.allclose(line.get_xdata(), 9.0) for line in ax.lines)
