@@ -426,6 +426,7 @@ def test_trace_figure_is_readable(width):
     assert_readable(figure, width)
     assert len(figure.axes) == 2 * 8
     assert any("1.000" in text for text, _ in in_view(figure))
+    assert "median, thin: 5 and 95 %" in figure.legends[0].get_title().get_text()
 
 
 def test_ranks_show_the_ensemble_that_disagrees():
@@ -481,7 +482,10 @@ def test_files_are_reproducible_and_hold_their_fonts():
     box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ", pdf)
     assert float(box.group(1)) == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
     svg = figure_bytes(figure, "svg")
-    assert b"<text" not in svg and b"font-family" not in svg  # letters are outlines
+    written = re.sub(rb"<[^>]*>", b"", b"".join(re.findall(rb"<text.*?</text>", svg, re.S)))
+    assert b"mounting force less its reading" in written  # letters, no outlines
+    outlines = figure_bytes(figure, "svg", {"svg.fonttype": "path"})
+    assert b"<text" not in outlines and b"font-family" not in outlines
 
 
 def test_a_style_file_changes_fonts_and_colours(tmp_path):

@@ -223,7 +223,7 @@ def plot(
     anyway: bool,
     **how: Any,
 ) -> None:
-    r"""Draw a figure of RUN for a paper: fonts embedded, 7 to 8 pt at print size.
+    r"""Draw a figure of RUN for a paper: letters as text, 7 to 8 pt at print size.
 
     \b
     biaxbayes plot media-posterior --figure corner --width-mm 180

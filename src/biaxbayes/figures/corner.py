@@ -275,8 +275,9 @@ def _smooth(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draws of a pair counted in cells and smoothed, the wider the fewer lie about a draw.
 
-    The density in the cells, and at the draws. Width of the kernel (Abramson 1982): h (f90 / f)^(1/2) where the density f is below that at
-    the edge of the region of 90 %. One width for all leaves islands of single draws.
+    The density in the cells, and at the draws. Width of the kernel (Abramson 1982):
+    h (f90 / f)^(1/2) where the density f is below that at the edge of the region of 90 %. One
+    width for all leaves islands of single draws.
     """
     at = [a.forward(d) * n for a, d, n in zip(axes, draws, bins, strict=True)]
     seen = np.all([(u >= 0.0) & (u <= n) for u, n in zip(at, bins, strict=True)], axis=0)

@@ -312,9 +312,12 @@ def _parameters(ax: Axes, table: Any, known: Quantities) -> None:
             shifts = [_shift(row, name, level) for level in ("q05", "median", "q95")]
             largest = max(largest, *(abs(s) for s in shifts if np.isfinite(s)))
             _draw(ax, shifts, i - offset, name, first=i == 0)
-    _shift_axis(ax, (1.6 if largest > LARGEST_LINEAR else 1.1) * largest)
+    broken = _shift_axis(ax, (1.6 if largest > LARGEST_LINEAR else 1.1) * largest)
     labels = [_symbol(known[str(name)]) for name in table["quantity"]]
-    _rows(ax, labels, "shift (standard deviations of the inferred posterior)")
+    title = "shift (standard deviations of the inferred posterior"
+    if broken:
+        title += f";\nlogarithmic beyond the dotted lines at \u00b1{LINEAR:g})"
+    _rows(ax, labels, title if broken else f"{title})")
 
 
 def _symbol(q: Quantity) -> str:
@@ -332,11 +335,12 @@ def _shift(row: Any, name: str, level: str) -> float:
     return float(moved / row["inferred_sd"]) if row["inferred_sd"] > 0.0 else np.nan
 
 
-def _shift_axis(ax: Axes, limit: float) -> None:
-    """To scale where that can be read, else in logs beyond two standard deviations."""
+def _shift_axis(ax: Axes, limit: float) -> bool:
+    """To scale where that can be read, else in logs beyond two standard deviations, as marked."""
     from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-    if limit > LARGEST_LINEAR:
+    broken = limit > LARGEST_LINEAR
+    if broken:
         ax.set_xscale("symlog", linthresh=LINEAR, linscale=1.0)
         positive = [LINEAR, *(10.0**k for k in range(1, 9) if 10.0**k < limit)]
         values = [-v for v in reversed(positive)] + [0.0, *positive]
@@ -344,7 +348,10 @@ def _shift_axis(ax: Axes, limit: float) -> None:
         ax.xaxis.set_major_locator(FixedLocator(values))
         ax.xaxis.set_major_formatter(FixedFormatter(texts))
         ax.xaxis.set_minor_locator(NullLocator())
+        for end in (-LINEAR, LINEAR):
+            ax.axvline(end, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.5)
     ax.set_xlim(-limit, limit)
+    return broken
 
 
 def _stresses(ax: Axes, table: Any) -> None:
