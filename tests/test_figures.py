@@ -349,6 +349,53 @@ def test_bands_figure_is_readable(width, ratios):
     assert top.get_xlim() == res_x.get_xlim() == res_y.get_xlim()
 
 
+def test_every_reading_is_drawn_or_it_is_said():
+    for increments, said in ((150, ""), (450, "one reading in 3 is drawn")):
+        specimen = specimen_of(increments=increments)
+        for width in (85.0, 180.0):
+            figure = bands_figure(specimen, draws_of(20), width_mm=width)
+            assert_readable(figure, width)
+            for ax in figure.axes:
+                points = [ln for ln in ax.lines if ln.get_linestyle() == "None"]
+                drawn = [len(line.get_xdata()) for line in points]
+                assert drawn == [increments + 1 if not said else 151] * len(drawn) and drawn
+            texts = [text for text, _ in in_view(figure)]
+            assert any("reading" in text for text in texts) == bool(said)
+            assert not said or said in texts
+
+
+def test_the_legend_of_bands_fills_a_free_place():
+    figure = bands_figure(specimen_of(RATIOS[:3]), draws_of(50), width_mm=85.0)
+    assert_readable(figure, 85.0)
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    alone, above = figure.axes[6].get_window_extent(), figure.axes[3].get_window_extent()
+    assert box.x0 > alone.x1 and box.x0 == pytest.approx(above.x0, abs=2.0)
+    assert box.y1 == pytest.approx(alone.y1, abs=2.0) and box.x1 < figure.bbox.x1
+
+
+def test_true_loads_stand_on_the_bands():
+    media = MATERIALS["donor2-media"].material
+    truth = {"C1": media.C1_kPa, "k1": media.k1_kPa, "k2": media.k2, "alpha": media.alpha_deg}
+    truth |= {"kappa": media.kappa, "mounting_stretch_x": 1.009, "mounting_stretch_y": 1.010}
+    specimen, draws = specimen_of(RATIOS[:2]), draws_of(50)
+    zeroed = draws.drop(columns=[c for c in draws if c.startswith("mounting")])
+    for table, settings in ((draws, None), (zeroed, Settings(mounting="zeroed"))):
+        figure = bands_figure(specimen, table, truth=truth, settings=settings, width_mm=85.0)
+        assert_readable(figure, 85.0)
+        for k, p in enumerate(specimen.protocols):
+            lines = [ln for ln in figure.axes[3 * k].lines if ln.get_color() == "black"]
+            loads = media.piola(p.stretch_x * 1.009, p.stretch_y * 1.010)
+            for line, load, area in zip(lines, loads, specimen.area, strict=True):
+                force = load * area
+                wanted = force - force[0] if settings else force
+                np.testing.assert_allclose(line.get_ydata(), wanted, rtol=1e-12, atol=1e-15)
+    assert "truth" in [text.get_text() for text in figure.legends[0].get_texts()]
+    with pytest.raises(InputError, match="names no alpha, mounting_stretch_x"):
+        part = {k: v for k, v in truth.items() if k not in ("alpha", "mounting_stretch_x")}
+        bands_figure(specimen, draws, truth=part)
+
+
 def test_bands_of_two_points_and_of_many_protocols():
     p = specimen_of().protocols[0]
     two = Protocol(

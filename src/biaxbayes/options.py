@@ -89,7 +89,7 @@ PLOTS = {
 }
 """Figures of a run and the stems of their files."""
 PLOT_TAKES = {
-    "truth": ("corner", "mounting"),
+    "truth": ("corner", "bands", "mounting"),
     "compare": ("corner",),
     "parameters": ("corner", "profile", "trace"),
 }

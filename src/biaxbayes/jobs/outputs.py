@@ -274,7 +274,7 @@ def plot(
     style : mapping or path-like, optional
         Of matplotlib, or the file to read it from.
     truth : mapping or path-like, optional
-        Known values to draw, or the JSON to read them from: corner and mounting.
+        Known values to draw, or the JSON to read them from: corner, bands and mounting.
     compare : Run, path-like or DataFrame, optional
         Another run, or its draws, to draw over this one: corner.
     parameters : sequence of str
