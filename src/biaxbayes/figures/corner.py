@@ -38,7 +38,7 @@ from biaxbayes.identifiability.bounded_density import (
     span,
 )
 from biaxbayes.options import CONTENT
-from biaxbayes.parameters import Quantities
+from biaxbayes.parameters import Quantities, mounting_names
 from biaxbayes.prediction.bands import evenly_chosen
 
 if TYPE_CHECKING:
@@ -540,7 +540,7 @@ def _legend(figure: Figure, labels: Sequence[str]) -> None:
         [Patch(facecolor=(hue, FILL), edgecolor=hue, linewidth=0.9) for hue in hues],
         [plain(label, 24) for label in labels],
         loc="upper right",
-        title="filled 50 %, outline 90 % of the draws",
+        title="filled 50 %, outline 90 % of the draws, within the law",
         alignment="left",
     )
 
@@ -589,6 +589,8 @@ def _tabulate(
             cells += ["", ""] if one is None else one.cells(log=column.axis.log)
         table.append([*cells, "" if value is None else f"{value:.5g}"][: len(headings) + 1])
     notes = [(f"regions: {', '.join(f'{100 * c:g}' for c in CONTENTS)} % of the draws", "0.3")]
+    if any(c.name in mounting_names("stretch") for c in columns):
+        notes.append(("all within the law", "0.3"))
     if names is not None:
         other = shortened(names[1], MOST_NAME_MM if wide else 18.0, size)
         notes.append((f"outlines: {other}{', 90 %' if wide else ''}", colour(RUNS[1])))

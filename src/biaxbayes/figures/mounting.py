@@ -198,7 +198,7 @@ def _stretches(ax: Axes, states: list[State], truth: Mapping[str, float]) -> Non
         line(1.0, color="0.6", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.5)
     ax.set(xlim=(axes[0].low, axes[0].high), ylim=(axes[1].low, axes[1].high))
     contents = ", ".join(f"{100 * c:g}" for c in CONTENTS) if len(states) == 1 else "90"
-    note = f"regions: {contents} %" + (";  $\\times$ truth" if any(known) else "")
+    note = f"within the law, regions: {contents} %" + (";  $\\times$ truth" if any(known) else "")
     ax.text(0.98, 0.98, note, transform=ax.transAxes, ha="right", va="top", color="0.3", size=NOTE)
 
 
@@ -269,7 +269,11 @@ LEDGER_ROW_MM = 8.5
 OFFSETS = (0.25, 0.0, -0.25)
 LARGEST_LINEAR, LINEAR = 15.0, 2.0
 """Up to the first shift the axis is linear; else up to the second, and logarithmic beyond."""
-LABELS = ("mounting stretch inferred", "ignored", "ignored, forces zeroed (medians, 90 %)")
+LABELS = (
+    "mounting stretch inferred, within the law",
+    "ignored",
+    "ignored, forces zeroed (medians, 90 %)",
+)
 
 
 def ledger_figure(
