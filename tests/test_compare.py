@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pandas as pd
@@ -181,7 +182,10 @@ def test_files_and_a_page_that_needs_nothing_else(found, tmp_path):
     page = (tmp_path / "new" / "compare.html").read_text()
     assert "one &lt;ratio&gt;" in page
     assert "one <ratio>" not in page
-    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+    # the style and the head of the report
+    style = files("biaxbayes.reports").joinpath("style.css").read_text(encoding="utf-8")
+    assert style in page and "Content-Security-Policy" in page and 'class="skip"' in page
     table = pd.read_csv(tmp_path / "new" / "compare-distances.csv")
     assert len(table) == len(found.distances)
 
