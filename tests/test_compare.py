@@ -185,7 +185,7 @@ def test_files_and_a_page_that_needs_nothing_else(found, tmp_path):
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     # the style and the head of the report
     style = files("biaxbayes.reports").joinpath("style.css").read_text(encoding="utf-8")
-    assert style in page and "Content-Security-Policy" in page and 'class="skip"' in page
+    assert style.strip() in page and "Content-Security-Policy" in page and 'class="skip"' in page
     table = pd.read_csv(tmp_path / "new" / "compare-distances.csv")
     assert len(table) == len(found.distances)
 
