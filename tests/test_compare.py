@@ -1,6 +1,8 @@
 """Comparisons and distances, against closed forms and specimens of known material."""
 
 import re
+from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pandas as pd
@@ -10,11 +12,14 @@ from scipy.stats import ks_2samp, mannwhitneyu, norm
 from biaxbayes.cli import main
 from biaxbayes.comparison.compare import Member, compare, differing_settings, distance, labels_of
 from biaxbayes.errors import InputError
+from biaxbayes.figures.compare import forest_figure, matrix_figure
 from biaxbayes.identifiability.determined import derived_quantities
+from biaxbayes.identifiability.stated import Stated
 from biaxbayes.laws.goh import GOH
 from biaxbayes.reports.comparison import write_comparison
 from goh_functions import GOH_LAW
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
+from readable import assert_readable, in_view
 
 SOFT, STIFF = GOH(10.0, 40.0, 8.0, 40.0, 0.1), GOH(25.0, 40.0, 8.0, 40.0, 0.1)
 
@@ -118,6 +123,30 @@ def test_common_stretches_were_reached_by_every_run(members):
     assert found.stretches[-1] == pytest.approx(1.1, abs=2e-3)
 
 
+def test_what_is_stated_of_the_tissue_is_shown(members):
+    name, open_ = "mounting_stretch_x", float("nan")
+    said = (Stated(1.0123, open_, "why"), Stated(1.0101, 1.0202, "agree"))
+    shown = [replace(m, stated={name: s}) for m, s in zip(members, said, strict=False)]
+    found = compare(shown)
+    rows = found.matrix().query("parameter == @name")
+    np.testing.assert_array_equal(rows["stated_low"], [1.0123, 1.0101])
+    np.testing.assert_array_equal(rows["stated_high"], [open_, 1.0202])
+    assert "of the tissue above 1.0123 is stated: why" in found.verdicts[0][name].words
+    cells = [text.get_text() for text in matrix_figure(found).axes[0].texts]
+    assert any(c.endswith("> 1.0123") for c in cells) and any("1.0101–1.0202" in c for c in cells)
+    figure = forest_figure(found)
+    assert_readable(figure, 180.0)
+    (panel,) = [ax for ax in figure.axes if ax.get_xlabel() == r"$\lambda_{\mathrm{m},x}$"]
+    grey = [line.get_xdata() for line in panel.lines if line.get_color() == "0.45"]
+    assert [list(x) for x in grey if len(x) == 2] == [
+        [1.0123, panel.get_xlim()[1]],
+        [1.0101, 1.0202],
+    ]
+    assert any("within the law" in text for text, _ in in_view(figure))
+    plain = compare(members[:2])
+    assert not any("tissue, whatever" in text for text, _ in in_view(forest_figure(plain)))
+
+
 def test_unreliable_runs_determine_nothing(members):
     shaky = Member("shaky", members[0].posterior, members[0].draws, "tentative")
     found = compare([members[0], shaky])
@@ -153,7 +182,10 @@ def test_files_and_a_page_that_needs_nothing_else(found, tmp_path):
     page = (tmp_path / "new" / "compare.html").read_text()
     assert "one &lt;ratio&gt;" in page
     assert "one <ratio>" not in page
-    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+    # the style and the head of the report
+    style = files("biaxbayes.reports").joinpath("style.css").read_text(encoding="utf-8")
+    assert style.strip() in page and "Content-Security-Policy" in page and 'class="skip"' in page
     table = pd.read_csv(tmp_path / "new" / "compare-distances.csv")
     assert len(table) == len(found.distances)
 

@@ -26,6 +26,7 @@ from biaxbayes.optimal_design.information_gain import (
 )
 from biaxbayes.sampling.sampler import Plan
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
+from readable import in_view
 from studies.design import resample
 
 MATERIAL = GOH(15.0, 60.0, 8.0, 42.0, 0.1)
@@ -233,6 +234,31 @@ def test_other_ratios_tell_more_than_a_repeat(run):
     assert len(table) == len(chosen) * len(found.quantities)
     figure = design_figure(found)
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
+
+
+def test_loads_beyond_what_was_tested_come_with_a_caution(run, capsys):
+    """In the table, the figure and the terminal, in the same words."""
+    from biaxbayes.cli.findings import _tell_design
+
+    further, repeat = (f"1:1 to {' × '.join(f'{v:.3g}' for v in _further(run))}", "repeat 1:1")
+    chosen = [c for c in standard_candidates(run.posterior()) if c.name in (further, repeat, "1:0")]
+    chosen.append(Reading("angle", ("alpha",), 5.0))
+    found = design(run.posterior(), run.draws, chosen, outcomes=4)
+    tested = run.posterior().specimen.peak_load
+    assert list(found.cautions()) == [further]
+    words = found.cautions()[further]
+    assert f"where {tested:.3g} N were tested" in words and "rupture" in words
+    table = found.to_frame().groupby("candidate")[["peak_load_q95", "caution"]].first()
+    assert table.loc[further, "caution"] == words
+    assert table.loc[further, "peak_load_q95"] > 1.2 * tested > table.loc[repeat, "peak_load_q95"]
+    assert (table.drop(index=further)["caution"] == "").all()
+    figure = design_figure(found)
+    drawn = " ".join(text for text, _ in in_view(figure))
+    assert " ".join(words.split()) in drawn
+    for text, box in in_view(figure):
+        assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1, text
+    _tell_design(found, "N")
+    assert f"caution: {further} {words}" in capsys.readouterr().out
 
 
 def test_a_design_is_the_same_twice(run):

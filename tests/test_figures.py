@@ -152,6 +152,22 @@ def test_regions_reach_the_edge_and_hold_their_share():
     assert ends.min() == pytest.approx(7.854, abs=0.2)
 
 
+def test_region_of_99_percent_is_whole_and_ends_within_the_panel():
+    # A curved ridge with a long tail: draws that lie alone are no islands of their own.
+    rng = np.random.default_rng(7)
+    C1 = np.exp(0.35 * rng.standard_normal(4000))
+    k1 = 10.0 / C1 * np.exp(0.15 * rng.standard_normal(4000))
+    ax = panel(corner_figure(pd.DataFrame({"C1": C1, "k1": k1})), 1, 0)
+    (drawn,) = [c for c in ax.collections if isinstance(c, QuadContourSet) and c.filled]
+    widest = drawn.get_paths()[1].to_polygons()
+    assert len(widest) == 2  # its outline, and the hole where the region of 90 % lies
+    x, y = np.concatenate(widest).T
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert low < x.min() and x.max() < high and bottom < y.min() and y.max() < top
+    share = inside(ax, 0.99, np.column_stack([C1, k1])).mean()
+    assert share == pytest.approx(0.99, abs=0.008)
+
+
 def test_narrow_ridge_stays_narrow():
     rng = np.random.default_rng(6)
     a = 100.0 + rng.standard_normal(20_000)
@@ -202,6 +218,12 @@ def test_truth_and_comparison_are_drawn_and_named():
     assert_readable(figure, 180.0)
     written = [text for text, _ in in_view(figure)]
     assert "truth" in written and "media" in written
+    # the name of a run stands above its own median and interval
+    at = {text: box for text, box in in_view(figure) if text in ("media", "median", "90 %")}
+    pairs = sorted((box.x1, text) for text, box in in_view(figure) if text in ("median", "90 %"))
+    assert [text for _, text in pairs] == ["median", "90 %"] * 2
+    assert at["media"].x1 == pytest.approx(pairs[1][0], abs=0.5)
+    assert at["media"].y0 > at["median"].y1 - 0.5
     ax = panel(figure, 0, 0)
     assert ax.get_xlim()[0] < 9.0 < ax.get_xlim()[1]
     assert any(np.allclose(line.get_xdata(), 9.0) for line in ax.lines)
@@ -327,6 +349,53 @@ def test_bands_figure_is_readable(width, ratios):
     assert top.get_xlim() == res_x.get_xlim() == res_y.get_xlim()
 
 
+def test_every_reading_is_drawn_or_it_is_said():
+    for increments, said in ((150, ""), (450, "one reading in 3 is drawn")):
+        specimen = specimen_of(increments=increments)
+        for width in (85.0, 180.0):
+            figure = bands_figure(specimen, draws_of(20), width_mm=width)
+            assert_readable(figure, width)
+            for ax in figure.axes:
+                points = [ln for ln in ax.lines if ln.get_linestyle() == "None"]
+                drawn = [len(line.get_xdata()) for line in points]
+                assert drawn == [increments + 1 if not said else 151] * len(drawn) and drawn
+            texts = [text for text, _ in in_view(figure)]
+            assert any("reading" in text for text in texts) == bool(said)
+            assert not said or said in texts
+
+
+def test_the_legend_of_bands_fills_a_free_place():
+    figure = bands_figure(specimen_of(RATIOS[:3]), draws_of(50), width_mm=85.0)
+    assert_readable(figure, 85.0)
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    alone, above = figure.axes[6].get_window_extent(), figure.axes[3].get_window_extent()
+    assert box.x0 > alone.x1 and box.x0 == pytest.approx(above.x0, abs=2.0)
+    assert box.y1 == pytest.approx(alone.y1, abs=2.0) and box.x1 < figure.bbox.x1
+
+
+def test_true_loads_stand_on_the_bands():
+    media = MATERIALS["donor2-media"].material
+    truth = {"C1": media.C1_kPa, "k1": media.k1_kPa, "k2": media.k2, "alpha": media.alpha_deg}
+    truth |= {"kappa": media.kappa, "mounting_stretch_x": 1.009, "mounting_stretch_y": 1.010}
+    specimen, draws = specimen_of(RATIOS[:2]), draws_of(50)
+    zeroed = draws.drop(columns=[c for c in draws if c.startswith("mounting")])
+    for table, settings in ((draws, None), (zeroed, Settings(mounting="zeroed"))):
+        figure = bands_figure(specimen, table, truth=truth, settings=settings, width_mm=85.0)
+        assert_readable(figure, 85.0)
+        for k, p in enumerate(specimen.protocols):
+            lines = [ln for ln in figure.axes[3 * k].lines if ln.get_color() == "black"]
+            loads = media.piola(p.stretch_x * 1.009, p.stretch_y * 1.010)
+            for line, load, area in zip(lines, loads, specimen.area, strict=True):
+                force = load * area
+                wanted = force - force[0] if settings else force
+                np.testing.assert_allclose(line.get_ydata(), wanted, rtol=1e-12, atol=1e-15)
+    assert "truth" in [text.get_text() for text in figure.legends[0].get_texts()]
+    with pytest.raises(InputError, match="names no alpha, mounting_stretch_x"):
+        part = {k: v for k, v in truth.items() if k not in ("alpha", "mounting_stretch_x")}
+        bands_figure(specimen, draws, truth=part)
+
+
 def test_bands_of_two_points_and_of_many_protocols():
     p = specimen_of().protocols[0]
     two = Protocol(
@@ -404,6 +473,7 @@ def test_trace_figure_is_readable(width):
     assert_readable(figure, width)
     assert len(figure.axes) == 2 * 8
     assert any("1.000" in text for text, _ in in_view(figure))
+    assert "median, thin: 5 and 95 %" in figure.legends[0].get_title().get_text()
 
 
 def test_ranks_show_the_ensemble_that_disagrees():
@@ -459,7 +529,10 @@ def test_files_are_reproducible_and_hold_their_fonts():
     box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ", pdf)
     assert float(box.group(1)) == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
     svg = figure_bytes(figure, "svg")
-    assert b"<text" not in svg and b"font-family" not in svg  # letters are outlines
+    written = re.sub(rb"<[^>]*>", b"", b"".join(re.findall(rb"<text.*?</text>", svg, re.S)))
+    assert b"mounting force less its reading" in written  # letters, no outlines
+    outlines = figure_bytes(figure, "svg", {"svg.fonttype": "path"})
+    assert b"<text" not in outlines and b"font-family" not in outlines
 
 
 def test_a_style_file_changes_fonts_and_colours(tmp_path):

@@ -1,5 +1,7 @@
 """The ledger of treatments, against mechanics that states what ignoring a mounting stretch does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -84,6 +86,18 @@ def test_figure_has_its_width(treated):
     figure = ledger_figure(ledger(treated), width_mm=180.0)
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
     assert len(figure.axes) == 2
+
+
+def test_a_logarithmic_part_of_the_axis_is_marked(treated):
+    near = ledger(dict.fromkeys(TREATMENTS, treated["inferred"]))
+    far = near.table.copy()
+    far["ignored_q95"] = np.exp(np.log(far["inferred_median"].clip(1e-9)) + 50.0)
+    for found, broken in ((near, False), (replace(near, table=far), True)):
+        axis = ledger_figure(found).axes[0]
+        assert (axis.get_xscale() == "symlog") == broken
+        assert ("logarithmic beyond" in axis.get_xlabel()) == broken
+        dotted = [line.get_xdata()[0] for line in axis.lines if line.is_dashed()]
+        assert dotted == ([-2.0, 2.0] if broken else [])
 
 
 def test_command_writes_table_and_figure(tested, tmp_path):

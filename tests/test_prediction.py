@@ -18,6 +18,7 @@ from biaxbayes.prediction.stress import (
     INSIDE,
     OFF_PATH,
     covered_stretches,
+    measured_stress,
     predict_stress,
     stretch_path,
 )
@@ -274,3 +275,24 @@ def test_a_noise_that_grows_with_the_load_widens_high_pressures_only():
     assert (
         table["outer_diameter_mm_predictive_high"][2] < around["outer_diameter_mm_median"][1] + 0.1
     )
+
+
+# --- readings along a path ---
+
+
+def test_readings_are_those_of_the_protocols_along_the_path():
+    tested, one = specimen(((1.0, 1.0), (1.0, 0.5))), draws(1, spread=0.0)
+    lm = one[["mounting_stretch_x", "mounting_stretch_y"]].to_numpy()[0]
+    for p in tested.protocols:
+        stretch = np.column_stack([p.stretch_x, p.stretch_y])
+        found = measured_stress(one, tested, GOH_LAW, stretch, reference="measured", stress="piola")
+        assert set(found["protocol"]) == {p.name}
+        np.testing.assert_allclose(found[["stretch_x", "stretch_y"]], stretch)
+        model = MEDIA.piola(*(stretch * lm).T)
+        for axis, name in enumerate("xy"):
+            stress = tested.load(p)[:, axis] / tested.area[axis]
+            np.testing.assert_allclose(found[f"piola_{name}_kPa"], stress, rtol=1e-12)
+            missed = found[f"piola_{name}_kPa_residual"]
+            np.testing.assert_allclose(missed, stress - model[axis], atol=1e-9)
+    aside = 1.0 + np.linspace(0.0, 0.2, 9)[:, None] * np.array([-0.5, 1.0])
+    assert measured_stress(one, tested, GOH_LAW, aside).empty

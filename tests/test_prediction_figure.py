@@ -46,17 +46,19 @@ def drawn(ax, style):
 def test_print_size_fonts_and_units(width):
     figure = stress_figure(stress_table(), width_mm=width, directions=("circumferential", "axial"))
     assert figure.get_size_inches()[0] * 25.4 == pytest.approx(width)
-    assert len(figure.axes) == (1 if width < 120 else 2)
+    assert len(figure.axes) == (3 if width < 120 else 4)
     figure.draw_without_rendering()
     box = figure.bbox
     for ax in figure.axes:
-        texts = [ax.xaxis.label, *ax.get_xticklabels(), *ax.get_legend().get_texts()]
+        legend = ax.get_legend()
+        texts = [ax.xaxis.label, *ax.get_xticklabels(), *(legend.get_texts() if legend else ())]
         assert all(7.0 <= text.get_fontsize() <= 9.0 for text in texts)
         for text in texts:
             extent = text.get_window_extent()
             assert extent.x0 >= box.x0 - 1 and extent.x1 <= box.x1 + 1  # nothing cut off
     assert "kPa" in figure.axes[0].get_ylabel()
-    assert "total stretch" in figure.axes[0].get_xlabel()
+    assert "total stretch" in figure.axes[-1].get_xlabel()
+    assert "less median" in " ".join(ax.get_ylabel() for ax in figure.axes)
 
 
 def test_extrapolation_is_dashed_and_the_rest_is_not():
@@ -74,12 +76,34 @@ def test_extrapolation_is_dashed_and_the_rest_is_not():
 
 def test_a_path_that_turns_back_is_drawn_by_its_rows():
     there_and_back = [1.0, 1.1, 1.2, 1.1, 1.0]
-    ax = stress_figure(stress_table(there_and_back), reference="measured").axes[0]
+    ax = stress_figure(stress_table(there_and_back), reference="measured").axes[-1]
     assert "row" in ax.get_xlabel()
     ax = stress_figure(stress_table([1.0, 1.05, 1.1], [1.0, 1.1, 1.2]), reference="measured").axes[
-        0
+        -1
     ]
     assert ax.get_xlabel() == "measured stretch in y"
+
+
+def test_bands_are_seen_below_and_readings_stand_on_the_path():
+    table = stress_table()
+    at = np.array([1.05, 1.1, 1.2])
+    read = pd.DataFrame({"stretch_x": at, "stretch_y": at})
+    for k, axis in enumerate("xy"):
+        read[f"cauchy_{axis}_kPa"] = 10.0 * (1 + k) * at
+        read[f"cauchy_{axis}_kPa_residual"] = [0.5, -0.5, 1.0 + k]
+    for width, strips in ((85.0, (1, 2)), (180.0, (2, 3))):
+        figure = stress_figure(table, measured=read, width_mm=width)
+        for k, strip in enumerate(strips):
+            ends = [p.get_extents() for c in figure.axes[strip].collections for p in c.get_paths()]
+            tall = [e.height for e in ends]
+            assert tall == pytest.approx([6.0, 2.0])  # predictive and credible band
+            low, high = figure.axes[strip].get_ylim()
+            assert min(tall) > 0.2 * (high - low)
+            points = [ln for ln in figure.axes[strip].lines if ln.get_linestyle() == "None"]
+            np.testing.assert_allclose(points[0].get_xdata(), at)
+            np.testing.assert_allclose(points[0].get_ydata(), [0.5, -0.5, 1.0 + k])
+        labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+        assert "measured" in labels
 
 
 def test_piola_stress_is_named():
@@ -104,8 +128,8 @@ def test_inflation_has_both_units_of_pressure(by):
 @pytest.mark.parametrize("suffix", ["pdf", "svg"])
 def test_fonts_are_in_the_file(suffix):
     data = figure_bytes(stress_figure(stress_table()), suffix)
-    # TrueType in a PDF, outlines in an SVG
-    assert (b"/FontFile2" in data) if suffix == "pdf" else (b"<text" not in data)
+    # TrueType in a PDF, text in an SVG
+    assert (b"/FontFile2" in data) if suffix == "pdf" else (b"Cauchy stress (kPa)</text>" in data)
     assert b"/Type3" not in data
     assert data == figure_bytes(stress_figure(stress_table()), suffix)
 

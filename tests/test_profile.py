@@ -149,7 +149,7 @@ def test_profile_and_flat_prior_posterior_agree():
     assert made.state == "reliable"
     for name in PARAMETERS:
         found = profiled(name)
-        low, high = np.quantile(made.draws[name], [0.025, 0.975])
+        low, high = np.quantile(made.draws[name], [0.05, 0.95])
         width = found.high - found.low
         assert abs(found.low - low) < 0.08 * width
         assert abs(found.high - high) < 0.08 * width
@@ -291,13 +291,16 @@ def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     assert ends["kind"][0] == record["kind"] == "practical"
     assert bool(ends["open_low"][0])
     said = json.loads((out / "profile-provenance.json").read_text())
-    assert said["deviance_of_95_percent"] == pytest.approx(3.84, abs=0.01)
+    assert said["deviance_of_90_percent"] == pytest.approx(2.71, abs=0.01)
     assert (out / "profile.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_the_figure_is_drawn_at_print_size():
     figure = profile_figure([profiled("kappa"), profiled("C1")], titles=["one", "two"])
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
+    said = [text.get_text() for text in figure.axes[0].texts]
+    assert said == ["90 %"]  # the content of every other interval of a run
+    assert "(90 %)" in profiled("kappa").in_words()
     assert figure_bytes(figure, "png")
 
 

@@ -84,6 +84,25 @@ def test_nothing_sticks_out(page, width):
     )
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_figure_that_goes_on_says_so(page, width):
+    page.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=800,
+        deviceScaleFactor=1,
+        mobile=width < 600,
+    )
+    found = page.evaluate(
+        "[...document.querySelectorAll('figure')].map(f => "
+        "[f.querySelector('.scroll').scrollWidth > f.querySelector('.scroll').clientWidth, "
+        "getComputedStyle(f.querySelector('figcaption'), '::before').content])"
+    )
+    assert len(found) >= 3
+    for goes_on, hint in found:
+        assert goes_on == ("goes on to the right" in hint) == (width < 600)
+
+
 def test_dark_where_the_reader_wants_it(page):
     grounds = []
     for scheme in ("light", "dark"):

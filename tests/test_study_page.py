@@ -165,6 +165,18 @@ def test_nothing_sticks_out(shown, width):
     assert shown.evaluate("document.documentElement.scrollWidth") <= width
 
 
+def test_nothing_is_cut_off_on_a_screen(shown):
+    shown.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=1280,
+        height=800,
+        deviceScaleFactor=1,
+        mobile=False,
+    )
+    cut = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth)"
+    assert shown.evaluate(f"{cut}.map(e => e.getAttribute('aria-label'))") == []
+
+
 @pytest.mark.skipif(
     not Path(os.environ.get("BIAXBAYES_AXE", "")).is_file(),
     reason="BIAXBAYES_AXE names no axe.min.js",

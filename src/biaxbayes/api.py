@@ -327,7 +327,7 @@ def compare(
     states = ["tentative" if r.state == "unusable" else r.state for r in opened]
     found = lay_out(
         [
-            Member(name, run.posterior(), run.draws, state)
+            Member(name, run.posterior(), run.draws, state, run.stated)
             for name, run, state in zip(names, opened, states, strict=True)
         ]
     )

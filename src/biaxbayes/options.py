@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from biaxbayes.model.priors import Prior, Tie
 
 __all__ = [
+    "CONTENT",
     "INFERRING",
     "MOUNTING",
     "MOUNTING_STRETCH",
@@ -46,6 +47,8 @@ __all__ = [
     "stated",
 ]
 
+CONTENT = 0.9
+"""Content of every interval and band, where no other is asked for."""
 INFERRING = ("noisy", "exact", "free")
 """Ways in which the mounting force enters where the mounting stretch is an unknown."""
 MOUNTING = (*INFERRING, "ignored", "zeroed")
@@ -86,7 +89,7 @@ PLOTS = {
 }
 """Figures of a run and the stems of their files."""
 PLOT_TAKES = {
-    "truth": ("corner", "mounting"),
+    "truth": ("corner", "bands", "mounting"),
     "compare": ("corner",),
     "parameters": ("corner", "profile", "trace"),
 }
@@ -607,7 +610,7 @@ class PredictionOptions(Options):
 
     points: int = _option(61, least=2, most=100_000, shown=True)
     probability: float = _option(
-        0.9, "Content of the bands.", least=0.0, most=1.0, inside=True, shown=True
+        CONTENT, "Content of the bands.", least=0.0, most=1.0, inside=True, shown=True
     )
     seed: int = _option(0, least=0, shown=True)
 

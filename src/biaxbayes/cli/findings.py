@@ -395,13 +395,12 @@ def design(
         found = api.design(
             opened, out=folder, workers=workers, scheduler=scheduler, progress=tell, **how
         )
-    _tell_design(found, opened.draws, opened.specimen.unit)
+    _tell_design(found, opened.specimen.unit)
     click.echo(f"\n{folder / 'design.csv'}, {folder / 'design.pdf'}")
     return 0 if opened.state == "reliable" else NOT_RELIABLE
 
 
-def _tell_design(found: Design, draws: Any, unit: str) -> None:
-    from biaxbayes.optimal_design.candidates import FurtherProtocol
+def _tell_design(found: Design, unit: str) -> None:
     from biaxbayes.reports.glossary import NATS
 
     names = [p.name for p in found.known.material if p.name in found.quantities]
@@ -410,16 +409,14 @@ def _tell_design(found: Design, draws: Any, unit: str) -> None:
     )
     head = "".join(f"{n:>9}" for n in names)
     click.echo(f"{'':<24}{'information':>14}{head}{'draws':>8}{'peak load (' + unit + ')':>18}")
-    for expected, candidate in zip(found.expected, found.candidates, strict=True):
+    for expected, load in zip(found.expected, found.peaks, strict=True):
         cells = ""
         for name in names:
             i = found.quantities.index(name)
             percent = 100.0 * expected.reduction[i], 100.0 * expected.error[i]
             cells += f"{'{:.0f}±{:.0f}'.format(*percent):>9}"
         gain = f"{expected.gain:.1f} ± {expected.gain_error:.1f}"
-        peak = ""
-        if isinstance(candidate, FurtherProtocol):
-            peak = "{:.3g} to {:.3g}".format(*candidate.peak_load(draws.iloc[::20]))
+        peak = "" if load is None else f"{load.low:.3g} to {load.high:.3g}"
         mark = "" if expected.trusted else "*"
         click.echo(
             f"{expected.name + mark:<24}{gain:>14}{cells}{expected.effective:>8.0f}{peak:>18}"
@@ -429,6 +426,8 @@ def _tell_design(found: Design, draws: Any, unit: str) -> None:
             "\n* too few draws could be had for these outcomes: the true reduction "
             "is at least the column at_least of design.csv"
         )
+    for name, words in found.cautions().items():
+        click.echo(f"caution: {name} {words}")
     for name in found.skipped:
         click.echo(f"note: {name} left out, its loads are beyond any number for some draws")
     click.echo(

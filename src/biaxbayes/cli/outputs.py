@@ -201,7 +201,7 @@ def _tell_predicted(table: pd.DataFrame, *files: Path) -> None:
     help="Width in print: 85 is a column, 180 a page.",
 )
 @file_option("style", "A matplotlib style (.mplstyle) for fonts and colours.", "FILE")
-@file_option("truth", "Known values to draw: corner and mounting.", "JSON")
+@file_option("truth", "Known values to draw: corner, bands and mounting.", "JSON")
 @file_option("compare", "Another run to draw over this one: corner.", "RUN")
 @click.option(
     "--parameter",
@@ -223,7 +223,7 @@ def plot(
     anyway: bool,
     **how: Any,
 ) -> None:
-    r"""Draw a figure of RUN for a paper: fonts embedded, 7 to 8 pt at print size.
+    r"""Draw a figure of RUN for a paper: letters as text, 7 to 8 pt at print size.
 
     \b
     biaxbayes plot media-posterior --figure corner --width-mm 180

@@ -17,8 +17,8 @@ say about it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -34,6 +34,7 @@ from biaxbayes.identifiability.determined import (
 )
 from biaxbayes.identifiability.identify import Identifiability, identify_draws
 from biaxbayes.identifiability.marginals import judged_scales
+from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import IDENTIFIED, ONE_SIDED, Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
@@ -274,12 +275,15 @@ class Member:
     posterior : Posterior
     draws : DataFrame
     state : str
+    stated : mapping of str to Stated
+        What the run states of the mounting stretches of the tissue.
     """
 
     label: str
     posterior: Posterior
     draws: pd.DataFrame
     state: str
+    stated: Mapping[str, Stated] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -364,11 +368,11 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     chosen = thresholds or Thresholds()
     _check(members)
     members = tuple(
-        Member(m.label, m.posterior, m.draws.iloc[:: -(-len(m.draws) // MOST_DRAWS)], m.state)
-        for m in members
+        replace(m, draws=m.draws.iloc[:: -(-len(m.draws) // MOST_DRAWS)]) for m in members
     )
     verdicts = tuple(
-        identify_draws(m.posterior, m.draws, m.state, thresholds=chosen) for m in members
+        identify_draws(m.posterior, m.draws, m.state, thresholds=chosen, stated=m.stated)
+        for m in members
     )
     stretches = common_stretches(members)
     derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)

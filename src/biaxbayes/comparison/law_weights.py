@@ -30,6 +30,7 @@ from biaxbayes.mechanics.load import load_per_stress
 from biaxbayes.model.curves import Curves
 from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles, tails
 from biaxbayes.prediction.draws import protocol_mounting
@@ -111,7 +112,7 @@ def judged_laws(
     found: Mapping[tuple[str, str], Prediction],
     laws: Sequence[str],
     *,
-    probability: float = 0.9,
+    probability: float = CONTENT,
 ) -> LawComparison:
     """Weigh laws by what they predict.
 

@@ -25,8 +25,8 @@ from biaxbayes.figures.style import (
     print_style,
     settle,
 )
-from biaxbayes.options import Settings
-from biaxbayes.prediction.bands import bands, evenly_spaced
+from biaxbayes.options import CONTENT, Settings
+from biaxbayes.prediction.bands import bands, true_loads
 from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
@@ -43,16 +43,19 @@ MAX_ROWS = 3
 """Rows of panels; what does not fit is left out, with a note."""
 LEAST_MM = 32.0
 """Least width of a panel."""
-POINTS_PER_MM, MAX_POINTS = 0.75, 60
-"""Readings of a curve that are drawn."""
+LINE_MM = 4.0
+"""Height of a line of the legend."""
 
 
 class Panels:
-    """For each protocol a panel of the curves and below it the residuals in x and in y."""
+    """For each protocol a panel of the curves and below it the residuals in x and in y.
+
+    The legend, of ``lines`` entries, stands above them, or where the last row leaves a place free.
+    """
 
     LEFT, TITLE, STRIP, GAP, BELOW = 16.0, 5.0, 10.5, 1.6, 10.0
 
-    def __init__(self, protocols: int, width_mm: float) -> None:
+    def __init__(self, protocols: int, width_mm: float, lines: int = 4) -> None:
         self.width_mm, self.protocols = width_mm, protocols
         most = max(1, int((width_mm - self.LEFT) // LEAST_MM))
         most = min(most, 3 if protocols <= 6 else 4)
@@ -60,17 +63,19 @@ class Panels:
         self.down = math.ceil(self.count / most)
         self.across = math.ceil(self.count / self.down)
         self.panel_mm = (width_mm - self.LEFT) / self.across - 3.0
-        self.points = int(np.clip(POINTS_PER_MM * self.panel_mm, 12, MAX_POINTS))
+        self.free = self.count < self.down * self.across
+        self.legend_columns = 1 if self.free else lines if width_mm >= 120.0 else 2
+        self.legend_rows = 0 if self.free else math.ceil(lines / self.legend_columns)
         self.axes: list[dict[str, Axes]] = []
 
-    def draw(self) -> None:
-        """Make the figure and its empty panels."""
+    def draw(self, *, noted: bool) -> None:
+        """Make the figure and its empty panels, with room for a note above them."""
         from matplotlib.figure import Figure
 
         load = min(self.panel_mm, 66.0 if self.across == 1 else 50.0)
         title = self.TITLE if self.protocols > 1 else 1.5
         row = title + load + 2.0 * (self.GAP + self.STRIP) + self.BELOW
-        legend = (9.0 if self.width_mm < 120.0 else 5.5) + 4.0 * (self.count < self.protocols)
+        legend = LINE_MM * (self.legend_rows + noted) + 1.0
         room = layout(across_mm=1.2, down_mm=0.5 * self.GAP)
         height = (legend + self.down * row) * MM
         self.figure: Figure = Figure((self.width_mm * MM, height), layout=room)
@@ -113,8 +118,9 @@ class Panels:
 # --- data with the credible and the predictive band of a run, protocol by protocol ---------------
 
 
-ROWS, DRAWS = 81, 500
-"""States of a curve and draws that the bands are computed from."""
+ROWS, DRAWS = 200, 500
+"""Readings of a curve and draws that the bands are computed from; of longer records every n-th
+reading is drawn, as the figure then says."""
 LOADS = {
     "force": "force (N)",
     "piola": "first Piola-Kirchhoff\nstress (kPa)",
@@ -122,11 +128,10 @@ LOADS = {
 }
 FINER = {"N": "mN", "kPa": "Pa"}
 MARKERS = {"x": "o", "y": "s"}
-_MARKER: dict[str, Any] = {
-    "markersize": 2.4,
-    "markerfacecolor": "white",
-    "markeredgewidth": 0.6,
-}
+TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (3, 2))}
+"""How true loads are drawn."""
+LARGEST_MARKER, LEAST_MARKER, OPEN_MARKER = 2.4, 0.9, 1.8
+"""Sizes of a marker in points, and that from which it is open."""
 
 
 def bands_figure(
@@ -134,7 +139,8 @@ def bands_figure(
     draws: pd.DataFrame,
     *,
     settings: Settings | None = None,
-    probability: float = 0.9,
+    truth: Mapping[str, float] | None = None,
+    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
@@ -147,6 +153,8 @@ def bands_figure(
         One row a draw, columns as in ``summary.csv``.
     settings : Settings, optional
         Those of the run.
+    truth : mapping, optional
+        Known material and mounting stretches, by the names of the draws: their loads are dashed.
     probability : float
         Content of each band.
     width_mm : float
@@ -157,8 +165,13 @@ def bands_figure(
     Returns
     -------
     matplotlib.figure.Figure
-        One panel a protocol (the first 12) with its residuals below. Readings are
-        thinned so that they can be told apart.
+        One panel a protocol (the first 12) with its residuals below. All readings are drawn, of
+        protocols of more than 200 rows every n-th.
+
+    Raises
+    ------
+    InputError
+        If the truth lacks a parameter of the law or a mounting stretch.
     """
     shown = replace(specimen, protocols=specimen.protocols[: shown_protocols(specimen, width_mm)])
     table = bands(
@@ -169,7 +182,10 @@ def bands_figure(
         max_rows=ROWS,
         max_draws=DRAWS,
     )
-    return drawn_bands(specimen, table, probability=probability, width_mm=width_mm, style=style)
+    true = None if truth is None else true_loads(shown, truth, settings=settings, max_rows=ROWS)
+    return drawn_bands(
+        specimen, table, truth=true, probability=probability, width_mm=width_mm, style=style
+    )
 
 
 def shown_protocols(specimen: Specimen, width_mm: float) -> int:
@@ -181,7 +197,8 @@ def drawn_bands(
     specimen: Specimen,
     table: pd.DataFrame,
     *,
-    probability: float = 0.9,
+    truth: np.ndarray | None = None,
+    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
@@ -192,32 +209,41 @@ def drawn_bands(
     specimen : Specimen
     table : DataFrame
         As of :func:`~biaxbayes.prediction.bands.bands`; of the protocols that have panels.
+    truth : ndarray, shape (rows,), optional
+        True loads at the rows of the table.
     probability, width_mm, style
         As in :func:`bands_figure`.
     """
-    panels = Panels(len(specimen.protocols), width_mm)
+    panels = Panels(len(specimen.protocols), width_mm, 4 if truth is None else 5)
     # The quantiles are named after their levels; here they go by their order.
     table = table.set_axis(pd.Index([*table.columns[:5], *QUANTILES]), axis=1)
+    if truth is not None:
+        table["truth"] = truth
+    note = _note(panels, specimen, table)
     tests = [
         {str(axis): part for axis, part in one.groupby("direction")}
         for _, one in table.groupby("protocol", sort=False)
     ]
     scale, unit = _residual_unit(table, specimen.unit)
     with print_style(style):
-        panels.draw()
+        panels.draw(noted=bool(note) and not panels.free)
         size = font_points("axes.titlesize")
         for trio, test in zip(panels.axes, tests, strict=True):
             places, label = _abscissa(test)
             for axis, part in test.items():
-                _curve(trio["load"], part, places[axis], axis, panels.points)
-                _residuals(trio[axis], part, places[axis], axis, scale, panels.points)
+                marker = _marker(axis, len(part), panels.panel_mm)
+                _curve(trio["load"], part, places[axis], axis, marker)
+                _residuals(trio[axis], part, places[axis], axis, scale, marker)
             trio["y"].set_xlabel(label)
             if len(specimen.protocols) > 1:
                 name = shortened(test["x"]["protocol"].iloc[0], panels.panel_mm, size)
                 trio["load"].set_title(name, pad=2.0)
         panels.finish(LOADS[specimen.stress_pair], f"residual ({unit})")
-        _legend(panels, specimen, probability)
+        if not panels.free:
+            _legend(panels, specimen, probability, note, truth is not None)
         settle(panels.figure)
+        if panels.free:
+            _legend(panels, specimen, probability, note, truth is not None)
     return panels.figure
 
 
@@ -267,18 +293,41 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
     return float(np.abs(np.diff(y)).sum()) <= 1.5 * float(np.ptp(y)) + 1e-300
 
 
-def _curve(ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str, points: int) -> None:
+def _marker(axis: str, readings: int, panel_mm: float) -> dict[str, Any]:
+    """Marker of the readings of a curve, small enough to be told apart along the panel."""
+    apart = 0.8 * panel_mm * MM * 72.0 / readings
+    size, hue = float(np.clip(apart, LEAST_MARKER, LARGEST_MARKER)), colour(axis)
+    opened = size >= OPEN_MARKER
+    return {
+        "marker": MARKERS[axis],
+        "markersize": size,
+        "markerfacecolor": "white" if opened else hue,
+        "markeredgecolor": hue,
+        "markeredgewidth": 0.6 if opened else 0.0,
+    }
+
+
+def _curve(
+    ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str, marker: Mapping[str, Any]
+) -> None:
     hue = colour(axis)
     order = np.argsort(x, kind="stable")
     for kind, opacity in KINDS:
         low, high = (part[f"{kind}_{end}"].to_numpy()[order] for end in ("low", "high"))
         ax.fill_between(x[order], low, high, color=hue, alpha=opacity, linewidth=0.0)
     ax.plot(x[order], part["median"].to_numpy()[order], color=hue, linewidth=0.8)
-    _points(ax, x, part["measured"].to_numpy(), axis, points)
+    ax.plot(x, part["measured"], linestyle="none", **marker)
+    if "truth" in part:
+        ax.plot(x[order], part["truth"].to_numpy()[order], **TRUE)
 
 
 def _residuals(
-    ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str, scale: float, points: int
+    ax: Axes,
+    part: pd.DataFrame,
+    x: np.ndarray,
+    axis: str,
+    scale: float,
+    marker: Mapping[str, Any],
 ) -> None:
     hue = colour(axis)
     order = np.argsort(x, kind="stable")
@@ -286,41 +335,57 @@ def _residuals(
     for kind, opacity in KINDS:
         low, high = (about[f"{kind}_{end}"][order] for end in ("low", "high"))
         ax.fill_between(x[order], low, high, color=hue, alpha=opacity, linewidth=0.0)
-    _points(ax, x, scale * (part["measured"] - part["median"]).to_numpy(), axis, points)
+    ax.plot(x, scale * (part["measured"] - part["median"]).to_numpy(), linestyle="none", **marker)
+    if "truth" in part:
+        missed = scale * (part["truth"] - part["median"]).to_numpy()
+        ax.plot(x[order], missed[order], **TRUE)
 
 
-def _points(ax: Axes, x: np.ndarray, y: np.ndarray, axis: str, points: int) -> None:
-    chosen = evenly_spaced(len(x), points)
-    ax.plot(
-        x[chosen],
-        y[chosen],
-        linestyle="none",
-        marker=MARKERS[axis],
-        markeredgecolor=colour(axis),
-        **_MARKER,
-    )
+def _note(panels: Panels, specimen: Specimen, table: pd.DataFrame) -> str:
+    """What is left out of the figure."""
+    out = []
+    if panels.count < panels.protocols:
+        out.append(f"the first {panels.count} of {panels.protocols} protocols")
+    rows = {p.name: p.rows for p in specimen.protocols}
+    drawn = table[table["direction"] == "x"].groupby("protocol", sort=False).size()
+    step = max(-(-(rows[str(name)] - 1) // max(int(n) - 1, 1)) for name, n in drawn.items())
+    if step > 1:
+        out.append(f"one reading in {step} is drawn")
+    return "; ".join(out)
 
 
-def _legend(panels: Panels, specimen: Specimen, probability: float) -> None:
+def _legend(panels: Panels, specimen: Specimen, probability: float, note: str, truth: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     size = font_points("legend.fontsize")
     handles: list[Any] = []
+    room = min(30.0, panels.panel_mm - 10.0)
     for axis, name in (("x", specimen.axis_x), ("y", specimen.axis_y)):
-        line = Line2D([], [], color=colour(axis), marker=MARKERS[axis], **_MARKER)
-        line.set(linewidth=0.8, label=f"{axis}: {shortened(name, 30.0, size)}" if name else axis)
+        line = Line2D([], [], color=colour(axis), **_marker(axis, 1, panels.panel_mm))
+        line.set(linewidth=0.8, label=f"{axis}: {shortened(name, room, size)}" if name else axis)
         handles.append(line)
     for kind, opacity in reversed(KINDS):
         label = f"{kind} band, {100 * probability:g} %"
         handles.append(Patch(facecolor="0.3", alpha=opacity, linewidth=0.0, label=label))
+    if truth:
+        handles.append(Line2D([], [], label="truth", **TRUE))
+    if panels.free:
+        if note:
+            handles.append(Line2D([], [], linestyle="none", label=note))
+        # in the place below the last panel of the row above, beside the last panel
+        above = panels.axes[panels.count - panels.across]["load"].get_position()
+        beside = panels.axes[-1]["load"].get_position()
+        how: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (above.x0, beside.y1)}
+        how |= {"borderpad": 0.0, "handlelength": 1.3, "handletextpad": 0.6}
+    else:
+        how = {"loc": "outside upper left"}
+        if note:
+            panels.figure.suptitle(note, x=0.99, ha="right", fontsize=size)
     panels.figure.legend(
         handles=handles,
-        loc="outside upper left",
-        ncols=4 if panels.width_mm >= 120.0 else 2,
-        borderaxespad=0.2,
+        ncols=panels.legend_columns,
+        borderaxespad=0.0 if panels.free else 0.2,
         columnspacing=1.4,
+        **how,
     )
-    if panels.count < panels.protocols:
-        note = f"the first {panels.count} of {panels.protocols} protocols"
-        panels.figure.suptitle(note, x=0.99, ha="right", fontsize=size)

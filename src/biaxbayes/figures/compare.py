@@ -26,6 +26,7 @@ from biaxbayes.figures.style import (
 from biaxbayes.identifiability.bounded_density import Span, at_edges, curve, interval, span
 from biaxbayes.identifiability.determined import STRESS
 from biaxbayes.identifiability.identify import ParameterVerdict
+from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import COMBINATION, FIXED, IDENTIFIED, NO_VERDICT, PRIOR
 from biaxbayes.parameters import Quantity
 from biaxbayes.studies.groups import KNOWN
@@ -40,6 +41,8 @@ LABEL_MM, ROW_MM, HEAD_MM, FOOT_MM = 27.0, 9.5, 8.0, 7.0
 SHORT = {COMBINATION: "in combination", FIXED: "fixed"}
 FOREST_COLUMNS = 4
 PANEL_MM, GAP_MM = 4.2, 12.0
+STATED_BELOW = 0.3
+"""Rows by which what is stated of the tissue stands below an interval."""
 TAIL_STRETCH = 8.0
 """Ratio of quantiles from which a positive scale gets a logarithmic axis."""
 
@@ -58,7 +61,7 @@ def matrix_figure(
     """
     from matplotlib.figure import Figure
 
-    judged = _judged(found)
+    judged, more = _judged(found), _any_stated(found)
     names = [n for n in judged if any(_verdict(v.parameters, n) for v in found.verdicts)]
     rows = len(found.members)
     height = HEAD_MM + ROW_MM * rows + FOOT_MM
@@ -82,12 +85,17 @@ def matrix_figure(
         ax.text(
             LABEL_MM,
             height - 0.4 * FOOT_MM,
-            "per cent: contraction of the variance from prior to posterior",
+            "per cent: contraction of the variance from prior to posterior"
+            + ("; below: what is stated of the tissue, whatever its law" if more else ""),
             va="center",
             color="0.35",
             fontsize=7.0,
         )
     return figure
+
+
+def _any_stated(found: Comparison) -> bool:
+    return any(m.stated for m in found.members)
 
 
 def _verdict(parameters: tuple[ParameterVerdict, ...], name: str) -> ParameterVerdict | None:
@@ -105,12 +113,16 @@ def _cell(
         Rectangle((x + 0.4, y + 0.4), width - 0.8, height - 0.8, facecolor=face, linewidth=0.0)
     )
     hue = "white" if found.verdict in (IDENTIFIED, PRIOR, NO_VERDICT) else "black"
-    text = SHORT.get(found.verdict, found.verdict)
+    text, stated = SHORT.get(found.verdict, found.verdict), ""
     if found.evidence is not None:
         share = 100.0 * max(found.evidence.contraction, 0.0)
+        if found.stated is not None:
+            said = found.stated.in_words(found.scale.parameter).replace(" to ", "–")
+            stated = "\n" + said.replace("above", ">").replace("nothing", "–")
         text += f"\n{min(share, 99.9):.1f} %" if share > 99.0 else f"\n{share:.0f} %"
     centre = (x + 0.5 * width, y + 0.5 * height)
-    ax.text(*centre, text, ha="center", va="center", color=hue, fontsize=6.5, linespacing=1.15)
+    how: dict[str, Any] = {"ha": "center", "va": "center", "color": hue, "linespacing": 1.1}
+    ax.text(*centre, text + stated, fontsize=6.5, **how)
 
 
 class _Row(NamedTuple):
@@ -121,6 +133,7 @@ class _Row(NamedTuple):
     log: bool
     draws: list[np.ndarray | None]
     determined: list[bool]
+    stated: list[Stated | None]
 
 
 def forest_figure(
@@ -139,6 +152,11 @@ def forest_figure(
     """
     panels = _parameters(found) + _derived(found)
     note = "filled: determined in that run; open: not determined, no difference of tissue"
+    if _any_stated(found):
+        note += (
+            "\nmounting stretches: within the law; below in grey what is stated of the tissue, "
+            "whatever its law (arrow: above)"
+        )
     tall = PANEL_MM * len(found.members) + 1.0
     names = [plain(label, 16) for label in found.labels]
     with print_style(style):
@@ -184,7 +202,8 @@ def _parameters(found: Comparison) -> list[_Row]:
         ]
         if any(d is not None for d in draws):
             known = [d.get(name, False) for d in found.determined]
-            out.append(_Row(q.label, q.edges, q.scale, draws, known))
+            stated = [m.stated.get(name) for m in found.members]
+            out.append(_Row(q.label, q.edges, q.scale, draws, known, stated))
     return out
 
 
@@ -203,7 +222,8 @@ def _derived(found: Comparison) -> list[_Row]:
         edges = (0.0, 1.0) if first.stretch is None else (0.0, np.inf)
         known = [d[first.key] for d in found.determined]
         log = first.stretch is not None
-        out.append(_Row(label, edges, log, [q.values for q in quantities], known))
+        values = [q.values for q in quantities]
+        out.append(_Row(label, edges, log, values, known, [None] * len(values)))
     return out
 
 
@@ -224,6 +244,9 @@ def _panel(ax: Axes, row: _Row) -> None:
         ax.plot(
             median, i, "o", color=hue, markerfacecolor=face, markersize=3.6, markeredgewidth=0.9
         )
+    for i, stated in enumerate(row.stated):
+        if stated is not None and np.isfinite(stated.low):
+            _stated(ax, stated, i + STATED_BELOW, axis.high)
     ax.set_ylim(len(row.draws) - 0.4, -0.6)
     if axis.log:
         ax.set_xscale("log")
@@ -232,11 +255,22 @@ def _panel(ax: Axes, row: _Row) -> None:
     ax.set_xlabel(row.label, labelpad=2.0)
 
 
+def _stated(ax: Axes, stated: Stated, y: float, end: float) -> None:
+    """What is stated of the tissue: both ends, or the low one and an arrow."""
+    grey: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "markersize": 3.0}
+    high = stated.high if stated.is_value else end
+    ax.plot([stated.low, high], [y, y], solid_capstyle="butt", **grey)
+    ax.plot(stated.low, y, "|", **grey)
+    ax.plot(high, y, "|" if stated.is_value else ">", clip_on=stated.is_value, **grey)
+
+
 def _axis(row: _Row) -> Span:
     draws = [d for d in row.draws if d is not None]
     low, high = np.quantile(np.concatenate(draws), [0.005, 0.995])
     log = row.log and low > 0.0 and high > TAIL_STRETCH * low
-    return span(*draws, edges=row.edges, log=bool(log))
+    ends = [v for s in row.stated if s is not None for v in (s.low, s.high)]
+    seen = tuple(v for v in ends if np.isfinite(v))
+    return span(*draws, edges=row.edges, log=bool(log), include=seen)
 
 
 # --- all specimens of a study, quantity by quantity, ordered by layer ----------------------------
@@ -290,7 +324,7 @@ def study_figure(
     row_mm = min(TALLEST_ROW_MM, TALLEST_PANEL_MM / max(len(rows), 1))
     tall = row_mm * len(rows) + 1.0
     names = _names(rows, layers, row_mm)
-    note = "filled: determined; open: not determined; cross: fixed"
+    note = "within the law; filled: determined; open: not determined; cross: fixed"
     with print_style(style):
         figure, axes = panel_rows(len(panels), tall, width_mm, note)
         for k, (ax, name) in enumerate(zip(axes, panels, strict=True)):

@@ -2,11 +2,12 @@
 
 The corner package draws the panels. Ours is what it leaves open: ranges that end at physical edges
 (SciPy's filter reflects there, so no mass leaks over an edge), a width of smoothing for each pair
-and run, the table in the free corner and the size in print.
+and run, wider where few draws lie, the table in the free corner and the size in print.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 from scipy.integrate import trapezoid
+from scipy.ndimage import gaussian_filter
 
 from biaxbayes.errors import InputError
 from biaxbayes.figures.labels import POINT_MM, few_ticks, number, range_text, shortened, text_mm
@@ -37,7 +39,8 @@ from biaxbayes.identifiability.bounded_density import (
     robust_sd,
     span,
 )
-from biaxbayes.parameters import Quantities
+from biaxbayes.options import CONTENT
+from biaxbayes.parameters import Quantities, mounting_names
 from biaxbayes.prediction.bands import evenly_chosen
 
 if TYPE_CHECKING:
@@ -65,8 +68,12 @@ NARROW_MM = 120.0
 CELLS, CELLS_1D = 1.5, 3.0
 """Width (sd) of the smoothing kernel in cells of the histograms."""
 WIDER = 1.25
-"""Widths of the kernel of a pair, relative to Scott's: the region of 99 % has few draws."""
+"""Width of the kernel of a pair, relative to Scott's."""
+WIDEST = 1.5
+"""Times that the kernel of a pair is doubled at most, for draws beyond the region of 90 %."""
 DASHES = (0, (3, 2))
+MOST_NAME_MM = 32.0
+"""Width of the name of a run in the table."""
 
 
 class Column(NamedTuple):
@@ -102,7 +109,7 @@ def corner_figure(
     compare: pd.DataFrame | None = None,
     names: tuple[str, str] = ("this run", "compared"),
     parameters: Sequence[str] | None = None,
-    probability: float = 0.9,
+    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
     known: Quantities | None = None,
@@ -247,15 +254,47 @@ def regions(
     """
     chosen = evenly_chosen(len(draws[0]), VISIBLE_PAIR)
     draws = [d[chosen] for d in draws]
+    bins = _bins(draws, axes)
+    centres = [a.back((np.arange(n) + 0.5) / n) for a, n in zip(axes, bins, strict=True)]
+    density, at_draws = _smooth(draws, axes, bins)
+    look = _look(hue, filled)
+    # corner counts the mass of the density; smoothing has spread that of the draws
+    edges = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
+    look["levels"] = [density[density >= edge].sum() / density.sum() for edge in edges]
     _corner().hist2d(
-        *draws,
+        *(c.ravel() for c in np.meshgrid(*centres, indexing="ij")),
+        weights=density.ravel(),
         ax=ax,
         range=[(a.low, a.high) for a in axes],
         axes_scale=["log" if a.log else "linear" for a in axes],
-        bins=_bins(draws, axes),
-        smooth=CELLS,
-        **_look(hue, filled),
+        bins=bins,
+        **look,
     )
+
+
+def _smooth(
+    draws: Sequence[np.ndarray], axes: Sequence[Span], bins: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draws of a pair counted in cells and smoothed, the wider the fewer lie about a draw.
+
+    The density in the cells, and at the draws. Width of the kernel (Abramson 1982):
+    h (f90 / f)^(1/2) where the density f is below that at the edge of the region of 90 %. One
+    width for all leaves islands of single draws.
+    """
+    at = [a.forward(d) * n for a, d, n in zip(axes, draws, bins, strict=True)]
+    seen = np.all([(u >= 0.0) & (u <= n) for u, n in zip(at, bins, strict=True)], axis=0)
+    cell = [np.minimum(u[seen].astype(int), n - 1) for u, n in zip(at, bins, strict=True)]
+    counts = np.bincount(np.ravel_multi_index(cell, bins), minlength=bins[0] * bins[1])
+    counts = counts.reshape(bins).astype(float)
+    pilot = gaussian_filter(counts, CELLS)
+    edge = np.quantile(pilot[tuple(cell)], 1.0 - CONTENTS[1])
+    # log2 of the width; between two powers of two a cell's draws are shared by both kernels
+    wider = np.clip(0.5 * np.log2(edge / np.maximum(pilot, 1e-300)), 0.0, WIDEST)
+    density = np.zeros_like(counts)
+    for k in range(math.ceil(WIDEST) + 1):
+        share = counts * np.maximum(1.0 - np.abs(wider - k), 0.0)
+        density += gaussian_filter(share, CELLS * 2.0**k)
+    return density, density[tuple(cell)]
 
 
 # --- draws into panels, by corner ----------------------------------------------------------------
@@ -513,7 +552,7 @@ def _legend(figure: Figure, labels: Sequence[str]) -> None:
         [Patch(facecolor=(hue, FILL), edgecolor=hue, linewidth=0.9) for hue in hues],
         [plain(label, 24) for label in labels],
         loc="upper right",
-        title="filled 50 %, outline 90 % of the draws",
+        title="filled 50 %, outline 90 % of the draws, within the law",
         alignment="left",
     )
 
@@ -527,6 +566,7 @@ class _Heading(NamedTuple):
     text: str
     rank: int
     colour: str = "black"
+    run: str = ""
 
 
 def _tabulate(
@@ -544,9 +584,12 @@ def _tabulate(
     headings = []
     for run in range(len(rows[0])):
         hue = colour(RUNS[run])
-        head = f"{content} interval" if wide else content
-        head = head if names is None else shortened(names[run], 32.0, size)
-        headings += [_Heading("median", 3 * run + 1, hue), _Heading(head, 3 * run, hue)]
+        name = "" if names is None else shortened(names[run], MOST_NAME_MM, size)
+        head = f"{content} interval" if wide and names is None else content
+        headings += [
+            _Heading("median", 3 * run + 1, hue, name),
+            _Heading(head, 3 * run, hue, name),
+        ]
     known = any(v is not None for v in truth)
     if known:
         headings.append(_Heading("truth", 2))
@@ -558,10 +601,11 @@ def _tabulate(
             cells += ["", ""] if one is None else one.cells(log=column.axis.log)
         table.append([*cells, "" if value is None else f"{value:.5g}"][: len(headings) + 1])
     notes = [(f"regions: {', '.join(f'{100 * c:g}' for c in CONTENTS)} % of the draws", "0.3")]
+    if any(c.name in mounting_names("stretch") for c in columns):
+        notes.append(("all within the law", "0.3"))
     if names is not None:
-        notes.insert(0, (f"{content} intervals", "0.3"))
-        other = shortened(names[1], 32.0 if wide else 22.0, size)
-        notes.append((f"outlines: {other}, 90 %" if wide else other, colour(RUNS[1])))
+        other = shortened(names[1], MOST_NAME_MM if wide else 18.0, size)
+        notes.append((f"outlines: {other}{', 90 %' if wide else ''}", colour(RUNS[1])))
     if known:
         notes.append(("dashed: truth", "0.3"))
     if any(MEAN in c.quantity.symbol for c in columns):
@@ -576,7 +620,10 @@ def _write(
     notes: list[tuple[str, str]],
     spacing: float,
 ) -> None:
-    """Write as many columns, and below them as many notes, as the free corner holds."""
+    """Write as many columns, and below them as many notes, as the free corner holds.
+
+    Where there are several runs, the name of each stands above its columns, over a rule.
+    """
     size = font_points("legend.fontsize")
     line, gap = spacing * size * POINT_MM, 0.9 * size * POINT_MM
     width, height = (side / MM for side in figure.get_size_inches())
@@ -595,21 +642,53 @@ def _write(
     symbols = max(text_mm(cells[0], size) for cells in table)
     lines = [[h.text for h in headings], *(cells[1:] for cells in table)]
     widths = [max(text_mm(texts[k], size) for texts in lines) for k in range(len(headings))]
-    room = free(margin + line * len(lines))
+    first = 1.2 * line if any(h.run for h in headings) else 0.0  # height of the runs' names
+    room = free(margin + first + line * len(lines))
     order = sorted(range(len(headings)), key=lambda k: headings[k].rank)
-    while order and symbols + sum(widths[k] + gap for k in order) > room:
+    while order and symbols + sum(_spread(headings, widths, order, gap)) > room:
         order.pop()
     if not order:
         return
     right = 0.0
-    for k in sorted(order, reverse=True):
+    for k, across in sorted(
+        zip(order, _spread(headings, widths, order, gap), strict=True), reverse=True
+    ):
+        head = headings[k]
+        if head.run and not any(j > k and headings[j].run == head.run for j in order):
+            own = [j for j in order if headings[j].run == head.run]
+            wide = max(sum(widths[j] + gap for j in own) - gap, text_mm(head.run, size))
+            write(right, 0.8 * line, head.run, color=head.colour, ha="right")
+            _rule(figure, (right + margin, margin + 1.15 * line, wide), head.colour)
         for row, texts in enumerate(lines):
-            write(right, line * (row + 0.8), texts[k], color=headings[k].colour, ha="right")
-        right += widths[k] + gap
+            write(right, first + line * (row + 0.8), texts[k], color=head.colour, ha="right")
+        right += across
     for row, cells in enumerate(table):
-        write(right + symbols, line * (row + 1.8), cells[0])
-    down = line * (len(lines) + 1.4)
+        write(right + symbols, first + line * (row + 1.8), cells[0])
+    down = first + line * (len(lines) + 1.4)
     for note, hue in notes:
         if text_mm(note, size) <= free(margin + down + 0.2 * line):
             write(0.0, down, note, color=hue, ha="right")
             down += line
+
+
+def _spread(
+    headings: Sequence[_Heading], widths: Sequence[float], order: Sequence[int], gap: float
+) -> list[float]:
+    """Width of each chosen column with its gap, mm; the first of a run makes room for its name."""
+    size, out = font_points("legend.fontsize"), []
+    for k in order:
+        own = [j for j in order if headings[j].run and headings[j].run == headings[k].run]
+        taken = sum(widths[j] + gap for j in own)
+        spare = text_mm(headings[k].run, size) + gap - taken if own and k == min(own) else 0.0
+        out.append(widths[k] + gap + max(spare, 0.0))
+    return out
+
+
+def _rule(figure: Figure, place: tuple[float, float, float], hue: str) -> None:
+    """A thin line: distance of its right end from the right edge and from the top, length; mm."""
+    from matplotlib.lines import Line2D
+
+    width, height = (side / MM for side in figure.get_size_inches())
+    right, down, length = place
+    ends = [1.0 - (right + length) / width, 1.0 - right / width]
+    figure.add_artist(Line2D(ends, [1.0 - down / height] * 2, color=hue, linewidth=0.6))

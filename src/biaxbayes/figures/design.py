@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,10 @@ __all__ = ["design_figure"]
 LABEL_MM, BAR_MM, ROW_MM, HEAD_MM, FOOT_MM = 35.0, 32.0, 6.5, 11.0, 11.0
 LARGEST = 0.8
 """Reduction from which a cell has the darkest shade."""
+NOTE_MM, LETTER_MM = 3.6, 1.35
+"""Height of a line of the notes, and mean width of a letter."""
+CAUTION = "\N{DOUBLE DAGGER}"
+"""Marks candidates that come with a caution."""
 
 
 def design_figure(
@@ -38,10 +43,16 @@ def design_figure(
     from matplotlib.figure import Figure
 
     rows = len(found.expected)
-    height = HEAD_MM + ROW_MM * rows + FOOT_MM
+    notes = ["expected reduction of the sd, per cent; below a symbol: total stretch"]
+    if not all(e.trusted for e in found.expected):
+        notes.append("* too few effective draws: a rough number, see at_least in design.csv")
+    cautions = [f"{CAUTION} {name} {words}" for name, words in found.cautions().items()]
+    notes += [line for text in cautions for line in textwrap.wrap(text, int(width_mm / LETTER_MM))]
+    foot = FOOT_MM + NOTE_MM * (len(notes) - 1)
+    height = HEAD_MM + ROW_MM * rows + foot
     with print_style(style):
         figure = Figure((width_mm * MM, height * MM))
-        bottom, share = FOOT_MM / height, ROW_MM * rows / height
+        bottom, share = foot / height, ROW_MM * rows / height
         table = (width_mm - LABEL_MM - BAR_MM - 7.0) / width_mm
         cells = figure.add_axes((LABEL_MM / width_mm, bottom, table, share))
         bars = figure.add_axes(
@@ -49,17 +60,16 @@ def design_figure(
         )
         _cells(cells, found)
         _bars(bars, found.expected)
-        note = "expected reduction of the sd, per cent; below a symbol: total stretch"
-        if not all(e.trusted for e in found.expected):
-            note += "\n* too few effective draws: a rough number, see at_least in design.csv"
-        figure.text(
-            LABEL_MM / width_mm,
-            0.6 * FOOT_MM / height,
-            note,
-            va="center",
-            color="0.35",
-            fontsize=7.0,
-        )
+        for k, note in enumerate(notes):
+            said = note.startswith(CAUTION) or (k and notes[k - 1].startswith(CAUTION))
+            figure.text(
+                (LABEL_MM if k == 0 else 2.0) / width_mm,
+                (foot - 4.5 - NOTE_MM * k) / height,
+                note,
+                va="center",
+                color="black" if said else "0.35",
+                fontsize=7.0,
+            )
     return figure
 
 
@@ -74,7 +84,11 @@ def _cells(ax: Axes, found: Design) -> None:
         hue = "white" if shade[i, j] > 0.75 else "black"
         text = f"{100.0 * max(value, 0.0):.0f}"
         ax.text(j, i, text, ha="center", va="center", fontsize=7.0, color=hue)
-    names = [e.name + ("" if e.trusted else " *") for e in found.expected]
+    marks = {True: f"{CAUTION} ", False: ""}
+    cautions = found.cautions()
+    names = [
+        marks[e.name in cautions] + e.name + ("" if e.trusted else " *") for e in found.expected
+    ]
     ax.set_yticks(range(len(names)), names)
     ax.set_xticks(range(len(shown)), [_symbol(found.quantities[i]) for i in shown])
     ax.xaxis.tick_top()

@@ -155,7 +155,7 @@ def _row(
         bbox={"boxstyle": "round,pad=0.3", "facecolor": colour, "edgecolor": "none"},
     )
     aside = bottom + 0.38 * tall if columns.stacked else middle
-    _text(figure, columns.aside, aside, _aside(row, known))
+    _text(figure, columns.aside, aside, _aside(row, known, short=columns.stacked))
 
 
 def _densities(ax: Axes, row: ParameterVerdict, columns: _Columns) -> None:
@@ -222,7 +222,7 @@ def _contraction(ax: Axes, contraction: float) -> None:
     ax.text(1.06, 0.0, text, va="center", ha="left", fontsize=SMALL, transform=ax.transData)
 
 
-def _aside(row: ParameterVerdict, known: Mapping[str, Quantity]) -> str:
+def _aside(row: ParameterVerdict, known: Mapping[str, Quantity], *, short: bool) -> str:
     """What stands beside the verdict: the number a reader wants, or the partners."""
     e = row.evidence
     if e is None or row.verdict == NO_VERDICT:
@@ -231,6 +231,10 @@ def _aside(row: ParameterVerdict, known: Mapping[str, Quantity]) -> str:
     unit = p.unit_symbol()
     unit = f" {unit}" if unit.isalpha() else unit
     interval = f"{p.number(e.low)} to {p.number(e.high)}{unit}"
+    if row.stated is not None:
+        # what a refit or a verdict says of the law is not said of the tissue
+        head = "law:" if short else "within the law"
+        return f"{head} {interval}\ntissue: {row.stated.in_words(p)}"
     if row.verdict == COMBINATION:
         names = ", ".join(axis_text(known[name]).symbol for name in row.partners)
         return f"with {names}\n(alone {interval})"

@@ -28,6 +28,7 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.identifiability.bounded_density import span
 from biaxbayes.model.layout import mounting_names
+from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities, Quantity
 from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.prediction.draws import mounting_labels
@@ -71,7 +72,7 @@ def mounting_figure(
     draws: pd.DataFrame,
     *,
     truth: Mapping[str, float] | None = None,
-    probability: float = 0.9,
+    probability: float = CONTENT,
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
@@ -197,7 +198,7 @@ def _stretches(ax: Axes, states: list[State], truth: Mapping[str, float]) -> Non
         line(1.0, color="0.6", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.5)
     ax.set(xlim=(axes[0].low, axes[0].high), ylim=(axes[1].low, axes[1].high))
     contents = ", ".join(f"{100 * c:g}" for c in CONTENTS) if len(states) == 1 else "90"
-    note = f"regions: {contents} %" + (";  $\\times$ truth" if any(known) else "")
+    note = f"within the law, regions: {contents} %" + (";  $\\times$ truth" if any(known) else "")
     ax.text(0.98, 0.98, note, transform=ax.transAxes, ha="right", va="top", color="0.3", size=NOTE)
 
 
@@ -268,7 +269,11 @@ LEDGER_ROW_MM = 8.5
 OFFSETS = (0.25, 0.0, -0.25)
 LARGEST_LINEAR, LINEAR = 15.0, 2.0
 """Up to the first shift the axis is linear; else up to the second, and logarithmic beyond."""
-LABELS = ("mounting stretch inferred", "ignored", "ignored, forces zeroed (medians, 90 %)")
+LABELS = (
+    "mounting stretch inferred, within the law",
+    "ignored",
+    "ignored, forces zeroed (medians, 90 %)",
+)
 
 
 def ledger_figure(
@@ -311,9 +316,12 @@ def _parameters(ax: Axes, table: Any, known: Quantities) -> None:
             shifts = [_shift(row, name, level) for level in ("q05", "median", "q95")]
             largest = max(largest, *(abs(s) for s in shifts if np.isfinite(s)))
             _draw(ax, shifts, i - offset, name, first=i == 0)
-    _shift_axis(ax, (1.6 if largest > LARGEST_LINEAR else 1.1) * largest)
+    broken = _shift_axis(ax, (1.6 if largest > LARGEST_LINEAR else 1.1) * largest)
     labels = [_symbol(known[str(name)]) for name in table["quantity"]]
-    _rows(ax, labels, "shift (standard deviations of the inferred posterior)")
+    title = "shift (standard deviations of the inferred posterior"
+    if broken:
+        title += f";\nlogarithmic beyond the dotted lines at \u00b1{LINEAR:g})"
+    _rows(ax, labels, title if broken else f"{title})")
 
 
 def _symbol(q: Quantity) -> str:
@@ -331,11 +339,12 @@ def _shift(row: Any, name: str, level: str) -> float:
     return float(moved / row["inferred_sd"]) if row["inferred_sd"] > 0.0 else np.nan
 
 
-def _shift_axis(ax: Axes, limit: float) -> None:
-    """To scale where that can be read, else in logs beyond two standard deviations."""
+def _shift_axis(ax: Axes, limit: float) -> bool:
+    """To scale where that can be read, else in logs beyond two standard deviations, as marked."""
     from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-    if limit > LARGEST_LINEAR:
+    broken = limit > LARGEST_LINEAR
+    if broken:
         ax.set_xscale("symlog", linthresh=LINEAR, linscale=1.0)
         positive = [LINEAR, *(10.0**k for k in range(1, 9) if 10.0**k < limit)]
         values = [-v for v in reversed(positive)] + [0.0, *positive]
@@ -343,7 +352,10 @@ def _shift_axis(ax: Axes, limit: float) -> None:
         ax.xaxis.set_major_locator(FixedLocator(values))
         ax.xaxis.set_major_formatter(FixedFormatter(texts))
         ax.xaxis.set_minor_locator(NullLocator())
+        for end in (-LINEAR, LINEAR):
+            ax.axvline(end, color="0.4", linewidth=0.6, linestyle=(0, (1, 2)), zorder=0.5)
     ax.set_xlim(-limit, limit)
+    return broken
 
 
 def _stresses(ax: Axes, table: Any) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from biaxbayes.figures.quantities import axis_text
 from biaxbayes.figures.style import MM, PAGE_MM, colour, plain, print_style
 from biaxbayes.identifiability.profile import THRESHOLD, Profile
+from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["profile_figure"]
 
 ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
-CEILING = 6.0
+CEILING = THRESHOLD + 2.0
 """Deviance up to which a curve is drawn."""
 STYLES = (("run", "-"), ("other", "--"), ("third", "-."))
 
@@ -46,7 +47,7 @@ def profile_figure(
     Returns
     -------
     matplotlib.figure.Figure
-        From left to right the deviance with the 95 % threshold and interval, and the values that
+        From left to right the deviance with the threshold and interval, and the values that
         C1, k1 and k2 (relative to the best fit), alpha and kappa, and the mounting stretches take;
         below 120 mm two and two.
     """
@@ -107,7 +108,7 @@ def _deviance(ax: Axes, profile: Profile) -> None:
     ax.plot(shown["value"], shown["deviance"], color=blue, marker="o", markersize=1.6)
     ax.axhline(THRESHOLD, color="0.35", linewidth=0.8, linestyle=(0, (4, 2)))
     ax.annotate(
-        "95 %",
+        f"{100.0 * CONTENT:g} %",
         (0.5, THRESHOLD),
         xycoords=("axes fraction", "data"),
         xytext=(0, 1.5),

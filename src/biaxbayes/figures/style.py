@@ -77,10 +77,11 @@ STYLE: dict[str, Any] = {
     "ytick.major.width": 0.6,
     "ytick.minor.size": 1.5,
     "ytick.minor.width": 0.4,
-    # Fonts go into the file: TrueType in a PDF, outlines in an SVG.
+    # Letters stay letters: TrueType inside a PDF; in an SVG text by the name of its font, which can
+    # be searched and changed (svg.fonttype: path draws outlines instead).
     "pdf.fonttype": 42,
     "ps.fonttype": 42,
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
 }
 """Matplotlib settings of every figure; a style file overrides them one by one."""
 
@@ -234,7 +235,7 @@ def plain(text: object, length: int = 40) -> str:
 
 
 def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = None) -> bytes:
-    """The figure as a file: fonts inside, the same bytes for the same figure.
+    """The figure as a file: letters as text, the same bytes for the same figure.
 
     Parameters
     ----------

@@ -32,8 +32,12 @@ __all__ = ["rank_figure", "trace_figure"]
 
 STEPS = 200
 """Steps that are drawn; more would not be told apart."""
+LEVELS = (0.05, 0.5, 0.95)
+"""Quantiles of the walkers of an ensemble that are drawn, step by step."""
+MIDDLE, ENDS = 0.8, 0.3
+"""Widths of their lines, points."""
 RANK_BINS = 20
-ROW_MM, GAP_MM, HEAD_MM, FOOT_MM = 15.0, 2.2, 5.5, 9.0
+ROW_MM, GAP_MM, HEAD_MM, FOOT_MM = 15.0, 2.2, 9.0, 9.0
 NARROW_MM = 120.0
 WIDE_SPREAD = 20.0
 
@@ -131,12 +135,12 @@ def _rows(
 
 def _trace(ax: Axes, values: np.ndarray, q: AxisText) -> None:
     steps = np.unique(np.linspace(0, values.shape[1] - 1, STEPS).round().astype(int))
-    low, middle, high = np.quantile(values[:, steps], [0.05, 0.5, 0.95], axis=2)
+    low, middle, high = np.quantile(values[:, steps], LEVELS, axis=2)
     for i in range(len(values)):
         hue = colour(RUNS[i % len(RUNS)])
-        ax.plot(steps + 1, middle[i], color=hue, linewidth=0.7)
+        ax.plot(steps + 1, middle[i], color=hue, linewidth=MIDDLE)
         for edge in (low[i], high[i]):
-            ax.plot(steps + 1, edge, color=hue, linewidth=0.35)
+            ax.plot(steps + 1, edge, color=hue, linewidth=ENDS)
     first, final = float(low.min()), float(high.max())
     log = q.scale and first > 0.0 and final > WIDE_SPREAD * first
     if log:
@@ -175,8 +179,11 @@ def _legend(figure: Figure, ensembles: int) -> None:
     handles = [
         Line2D([], [], color=colour(RUNS[i]), linewidth=1.2, label=f"{i + 1}") for i in range(shown)
     ]
+    first, last = (f"{100.0 * q:g}" for q in (LEVELS[0], LEVELS[-1]))
     figure.legend(
         handles=[Line2D([], [], linestyle="none", label="ensemble"), *handles],
+        title=f"thick: median, thin: {first} and {last} % of the walkers of an ensemble",
+        alignment="left",
         loc="outside upper left",
         ncols=shown + 1,
         borderaxespad=0.2,

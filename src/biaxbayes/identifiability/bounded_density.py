@@ -11,10 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from biaxbayes.options import CONTENT
+
 __all__ = ["Span", "at_edges", "curve", "interval", "robust_sd", "span"]
 
 BINS = 256
-MARGIN = 0.12
+TAIL = 0.0005
+"""Share of the draws on each side that a range may leave out."""
+MARGIN = 0.08
 """Share of the range of the draws that is left free beside them."""
 TOUCHING = 0.5
 """A density at an edge above this share of its maximum is piled up there."""
@@ -75,8 +79,8 @@ def span(
     log = log and all(float(c.min()) > 0.0 for c in columns) and all(v > 0 for v in include)
     moved = [np.log(c) if log else c for c in columns]
     seen = [float(np.log(v)) if log else v for v in include]
-    low = min([float(np.quantile(c, 0.002)) for c in moved] + seen)
-    high = max([float(np.quantile(c, 0.998)) for c in moved] + seen)
+    low = min([float(np.quantile(c, TAIL)) for c in moved] + seen)
+    high = max([float(np.quantile(c, 1.0 - TAIL)) for c in moved] + seen)
     margin = MARGIN * (high - low)
     if margin <= 1e-9 * max(abs(low), abs(high)):
         margin = 0.05 * max(abs(low), 1e-6)
@@ -133,7 +137,7 @@ def at_edges(density: np.ndarray, axis: Span) -> tuple[bool, bool]:
 
 
 def interval(
-    values: np.ndarray, piled: tuple[bool, bool], probability: float = 0.9
+    values: np.ndarray, piled: tuple[bool, bool], probability: float = CONTENT
 ) -> tuple[float, float]:
     """Central interval, or one-sided where the draws pile up at one physical edge.
 

@@ -265,6 +265,7 @@ def identify_draws(
     *,
     thresholds: Thresholds | None = None,
     fits: LawRange | None = None,
+    stated: Mapping[str, Stated] | None = None,
 ) -> Identifiability:
     """Judge the parameters of a posterior by its draws.
 
@@ -281,6 +282,8 @@ def identify_draws(
     fits : LawRange, optional
         From :func:`fits_of_laws`: without them, or without a verdict, nothing is stated of the
         tissue.
+    stated : mapping of str to Stated, optional
+        What is stated already of the mounting stretches of the tissue.
     """
     chosen = thresholds or Thresholds()
     total, draws = len(draws), draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
@@ -288,7 +291,8 @@ def identify_draws(
     free = tuple(s for s in scales if isinstance(s.prior, Prior))
     evidence = {} if state == "unusable" else _evidence(posterior, draws, free, chosen)
     fits = fits if state == "reliable" else None
-    stated = _stated(posterior, evidence, fits)
+    if stated is None or state != "reliable":
+        stated = _stated(posterior, evidence, fits)
     nothing = _meaningless(posterior.law, {n: e for n, (e, _, _) in evidence.items()}, chosen)
     out = []
     for scale in scales:

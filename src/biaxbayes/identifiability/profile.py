@@ -1,7 +1,7 @@
 """Profile likelihood of one parameter: everything else re-optimised along the way.
 
 The curve is D(value) - min D, with the deviance of
-:mod:`biaxbayes.identifiability.conditional_fit`; values where it stays below 3.84 (95 % of
+:mod:`biaxbayes.identifiability.conditional_fit`; values where it stays below 2.71 (90 % of
 chi-square with one degree of freedom) make the interval. No prior has a part in it. In words:
 
 - ``finite``: the curve crosses the threshold on both sides;
@@ -27,6 +27,7 @@ from biaxbayes.identifiability.profile_walk import THRESHOLD, Walk, axis_of
 from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, fitted
+from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities, Quantity, unit_words
 
 __all__ = ["FLAT", "THRESHOLD", "Profile", "profile_likelihood", "profiles"]
@@ -49,7 +50,7 @@ class Profile:
         values that all parameters and mounting stretches took.
     estimate : float
     low, high : float
-        Ends of the 95 % interval; the end of the range on a side that is open.
+        Ends of the interval; the end of the range on a side that is open.
     open_low, open_high : bool
         Whether the curve stays below the threshold all the way.
     kind : {"finite", "practical", "structural"}
@@ -85,18 +86,21 @@ class Profile:
         """One sentence."""
         unit = unit_words(self.unit)
         low, high, best = (f"{v:.4g}" for v in (self.low, self.high, self.estimate))
+        level = f"{100.0 * CONTENT:g} %"
         if self.kind == "structural":
             return (
                 f"{self.parameter}: structurally not identifiable, the likelihood is flat from "
                 f"{low} to {high}{unit}"
             )
         if self.kind == "finite":
-            return f"{self.parameter}: {low} to {high}{unit} (95 %), best {best}"
+            return f"{self.parameter}: {low} to {high}{unit} ({level}), best {best}"
         if self.open_low and self.open_high:
             return f"{self.parameter}: open on both sides, {low} to {high}{unit} all fit"
         if self.open_low:
-            return f"{self.parameter}: below {high}{unit} (95 %), open towards {low}; best {best}"
-        return f"{self.parameter}: above {low}{unit} (95 %), open towards {high}; best {best}"
+            return (
+                f"{self.parameter}: below {high}{unit} ({level}), open towards {low}; best {best}"
+            )
+        return f"{self.parameter}: above {low}{unit} ({level}), open towards {high}; best {best}"
 
 
 def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 1) -> list[Profile]:

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from biaxbayes.identifiability.conditional_fit import HeldFit, Target
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, Parameter
 
 __all__ = ["THRESHOLD", "Axis", "Walk", "axis_of"]
@@ -119,7 +120,8 @@ def axis_of(parameter: Parameter, index: int, law: Law) -> Axis:
 # --- walking along a profile: outwards in steps that suit the curve, and back over it ------------
 
 
-THRESHOLD = float(chi2.ppf(0.95, 1))
+THRESHOLD = float(chi2.ppf(CONTENT, 1))
+"""Deviance below which a value lies in the interval."""
 BEYOND = 2.0  # deviance beyond the threshold at which a walk ends
 RISE = (0.3, 1.2)  # of the deviance wanted from one step to the next
 MOST_STEPS = 80

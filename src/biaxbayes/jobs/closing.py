@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from biaxbayes.identifiability.stated import Stated
 from biaxbayes.runs.run import Run
 
 if TYPE_CHECKING:
@@ -129,16 +128,10 @@ def _identifiability(run: Run) -> list[str]:
 
 def _stated(run: Run) -> list[str]:
     """What is stated of the mounting stretch of the tissue, and a law that fits better."""
-    table = _verdicts(run)
     lines = []
-    if table is not None and "stated_reason" in table:
-        for row in table[table["stated_reason"].notna()].to_dict("records"):
-            low, high = (float(row[f"stated_{end}"]) for end in ("low", "high"))
-            p = run.quantities[str(row["parameter"])].parameter
-            said = Stated(low, high, str(row["stated_reason"])).in_words(p)
-            lines.append(
-                _plain(f"{row['parameter']} of the tissue: {said}; {row['stated_reason']}")
-            )
+    for name, stated in run.stated.items():
+        said = stated.in_words(run.quantities[name].parameter)
+        lines.append(_plain(f"{name} of the tissue: {said}; {stated.reason}"))
     better = run.provenance.get("identifiability", {}).get("better_law", "")
     return [*lines, *([_plain(better)] if better else [])]
 

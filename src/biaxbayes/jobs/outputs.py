@@ -106,7 +106,7 @@ def predict(
         :class:`~biaxbayes.options.FigureOptions`.
     """
     from biaxbayes.figures.prediction import stress_figure
-    from biaxbayes.prediction.stress import predict_stress
+    from biaxbayes.prediction.stress import measured_stress, predict_stress
 
     how, rest = PredictionOptions.taken(options)
     drawn = FigureOptions.of(rest)
@@ -117,22 +117,34 @@ def predict(
         raise InputError("--stretches is a whole path", remedy="leave --stretch and --ratio out")
     opened = usable_run(run, anyway=anyway)
     specimen = opened.specimen
+    states = _states(opened, path, stretch, ratio, how.points, protocol, reference)
     table = predict_stress(
         opened.draws,
         specimen,
         opened.law,
-        _states(opened, path, stretch, ratio, how.points, protocol, reference),
+        states,
         reference=reference,
         protocol=protocol,
         stress=stress,
         probability=how.probability,
     )
     if out is not None:
+        zeroed = opened.posterior().settings.mounting == "zeroed"
+        measured = measured_stress(
+            opened.draws,
+            specimen.zeroed() if zeroed else specimen,
+            opened.law,
+            states,
+            reference=reference,
+            protocol=protocol,
+            stress=stress,
+        )
         figure = stress_figure(
             table,
             reference=reference,
             probability=how.probability,
             directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
+            measured=measured,
             width_mm=drawn.width_mm,
             style=style,
         )
@@ -274,7 +286,7 @@ def plot(
     style : mapping or path-like, optional
         Of matplotlib, or the file to read it from.
     truth : mapping or path-like, optional
-        Known values to draw, or the JSON to read them from: corner and mounting.
+        Known values to draw, or the JSON to read them from: corner, bands and mounting.
     compare : Run, path-like or DataFrame, optional
         Another run, or its draws, to draw over this one: corner.
     parameters : sequence of str

@@ -217,8 +217,8 @@ def interval_table(profiles: Sequence[Profile]) -> pd.DataFrame:
                 "parameter": p.parameter,
                 "unit": p.unit,
                 "estimate": p.estimate,
-                "low_95": p.low,
-                "high_95": p.high,
+                "low_90": p.low,
+                "high_90": p.high,
                 "open_low": p.open_low,
                 "open_high": p.open_high,
                 "kind": p.kind,
@@ -249,7 +249,7 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
         "deviance": "n_eff ln RSS plus squared errors of the mounting readings, above its minimum; "
         "error sd profiled out, no prior",
         "n_eff_share": profiles[0].beta,
-        "deviance_of_95_percent": THRESHOLD,
+        "deviance_of_90_percent": THRESHOLD,
         "deviance_of_flat": FLAT,
         "kinds": "structural: flat; practical: open on a side; finite: crossed on both sides (an "
         "angle of 0 or 90 degrees is a mirror and counts as closed)",

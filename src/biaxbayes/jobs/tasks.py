@@ -174,7 +174,7 @@ def compare_layers(task: LayerTask) -> LayersFound:
             runs = [open_run(folder) for folder in task.folders]
             found = compare(
                 [
-                    Member(label, run.posterior(), run.draws, run.state)
+                    Member(label, run.posterior(), run.draws, run.state, run.stated)
                     for label, run in zip(task.labels, runs, strict=True)
                 ]
             )

@@ -14,12 +14,47 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted
-from biaxbayes.optimal_design.candidates import Candidate, standard_candidates
+from biaxbayes.optimal_design.candidates import Candidate, FurtherProtocol, standard_candidates
 from biaxbayes.optimal_design.information_gain import OUTCOMES, Expected, expect, targets
 from biaxbayes.parameters import Quantities
+from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.sampling.sampler import Progress
+from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["Design", "design"]
+__all__ = ["BEYOND_TESTED", "Design", "PeakLoad", "design"]
+
+BEYOND_TESTED = 1.2
+"""Planned loads above so many times the largest tested one come with a caution."""
+
+
+@dataclass(frozen=True)
+class PeakLoad:
+    """Largest load of a planned protocol beside the largest that the specimen has borne.
+
+    Attributes
+    ----------
+    low, high : float
+        5 and 95 % of it over the draws.
+    tested : float
+        Largest load of the record.
+    unit : str
+        N or kPa.
+    """
+
+    low: float
+    high: float
+    tested: float
+    unit: str
+
+    @property
+    def caution(self) -> str:
+        """Words where it lies beyond what was tested; else empty."""
+        if not self.high > BEYOND_TESTED * self.tested:
+            return ""
+        return (
+            f"needs up to {self.high:.3g} {self.unit} where {self.tested:.3g} {self.unit} were "
+            "tested: the tissue may be damaged or rupture before"
+        )
 
 
 @dataclass(frozen=True)
@@ -36,6 +71,8 @@ class Design:
         In the order of ``expected``.
     known : Quantities
         What the parameters of the run are.
+    peaks : tuple of (PeakLoad or None)
+        Of the candidates that load the specimen, in the order of ``expected``.
     """
 
     quantities: tuple[str, ...]
@@ -43,11 +80,17 @@ class Design:
     skipped: tuple[str, ...]
     candidates: tuple[Any, ...]
     known: Quantities
+    peaks: tuple[PeakLoad | None, ...]
+
+    def cautions(self) -> dict[str, str]:
+        """Words on candidates that load the specimen beyond what was tested, by their names."""
+        pairs = zip(self.expected, self.peaks, strict=True)
+        return {e.name: p.caution for e, p in pairs if p is not None and p.caution}
 
     def to_frame(self) -> pd.DataFrame:
         """One row a candidate and quantity."""
         rows = []
-        for rank, e in enumerate(self.expected, start=1):
+        for rank, (e, p) in enumerate(zip(self.expected, self.peaks, strict=True), start=1):
             head = {
                 "rank": rank,
                 "candidate": e.name,
@@ -65,6 +108,11 @@ class Design:
                         "expected_reduction_of_sd": e.reduction[i],
                         "error": e.error[i],
                         "at_least": e.at_least[i],
+                        "peak_load_q05": np.nan if p is None else p.low,
+                        "peak_load_q95": np.nan if p is None else p.high,
+                        "largest_tested_load": np.nan if p is None else p.tested,
+                        "load_unit": "" if p is None else p.unit,
+                        "caution": "" if p is None else p.caution,
                     }
                 )
         return pd.DataFrame(rows)
@@ -149,7 +197,19 @@ def design(
         tuple(skipped),
         tuple(c for _, c in found),
         posterior.quantities,
+        tuple(_peak(c, posterior.specimen, draws) for _, c in found),
     )
+
+
+PEAK_DRAWS = 4000
+"""Draws that the largest load is taken over."""
+
+
+def _peak(candidate: Any, specimen: Specimen, draws: pd.DataFrame) -> PeakLoad | None:
+    if not isinstance(candidate, FurtherProtocol):
+        return None
+    chosen = draws.iloc[evenly_chosen(len(draws), PEAK_DRAWS)]
+    return PeakLoad(*candidate.peak_load(chosen), specimen.peak_load, specimen.unit)
 
 
 def _each(

@@ -7,14 +7,19 @@ Credible and predictive bands of a run at the states that were measured.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from biaxbayes.errors import InputError
+from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.model.curves import Curves
 from biaxbayes.model.error_model import errors_of_draws
-from biaxbayes.options import Settings
+from biaxbayes.options import CONTENT, Settings
+from biaxbayes.parameters import NOISE_SD, mounting_names
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.specimens.specimen import Specimen
 
@@ -28,6 +33,7 @@ __all__ = [
     "known_percentiles",
     "mixture_percentiles",
     "tails",
+    "true_loads",
 ]
 
 
@@ -38,7 +44,6 @@ BANDS = ("median", "credible_low", "credible_high", "predictive_low", "predictiv
 """Endings of the columns of a predicted quantity."""
 
 MIXTURE_DRAWS = 4000  # draws that carry a predictive percentile
-MIXTURE_STEPS = 45
 
 
 def tails(probability: float) -> tuple[float, float]:
@@ -84,7 +89,7 @@ def band_columns(
 def mixture_percentiles(
     model: np.ndarray, noise: np.ndarray, levels: tuple[float, ...]
 ) -> list[np.ndarray]:
-    """Percentiles of the equal mixture of N(model, noise) over the draws, by bisection.
+    """Percentiles of the equal mixture of N(model, noise) over the draws, by root finding.
 
     No random numbers are drawn, so the band has no Monte Carlo error of its own.
 
@@ -98,18 +103,24 @@ def mixture_percentiles(
     -------
     list of ndarray, shape (m,)
     """
+    from scipy.optimize.elementwise import find_root
+
     step = -(-len(model) // MIXTURE_DRAWS)
-    mean = model[::step]
-    sd = np.maximum(np.broadcast_to(noise, model.shape)[::step], 1e-300)
+    mean = np.ascontiguousarray(model[::step].T)
+    sd = np.maximum(np.broadcast_to(noise, model.shape)[::step].T, 1e-300)
     out = []
     for level in levels:
-        low, high = (mean - 9.0 * sd).min(axis=0), (mean + 9.0 * sd).max(axis=0)
-        for _ in range(MIXTURE_STEPS):
-            middle = 0.5 * (low + high)
+
+        def above(q: np.ndarray, j: np.ndarray, level: float = level) -> np.ndarray:
             # F(q) = mean over draws of Phi((q - m) / sd)
-            below = ndtr((middle - mean) / sd).mean(axis=0) < level
-            low, high = np.where(below, middle, low), np.where(below, high, middle)
-        out.append(0.5 * (low + high))
+            return ndtr((q[:, None] - mean[j]) / sd[j]).mean(axis=1) - level
+
+        ends = mean + ndtri(level) * sd  # of the single draws: the mixture's lies between them
+        low, high = ends.min(axis=1), ends.max(axis=1)
+        slack = 1e-6 * sd.max(axis=1) + 1e-12 * np.maximum(abs(low), abs(high))
+        found = find_root(above, (low - slack, high + slack), args=(np.arange(len(mean)),))
+        # where two draws lie far apart the level is met between them, anywhere
+        out.append(np.where(np.isfinite(found.x), found.x, 0.5 * (low + high)))
     return out
 
 
@@ -134,7 +145,7 @@ def bands(
     draws: pd.DataFrame,
     *,
     settings: Settings | None = None,
-    probability: float = 0.9,
+    probability: float = CONTENT,
     max_rows: int | None = None,
     max_draws: int = 1000,
 ) -> pd.DataFrame:
@@ -205,6 +216,58 @@ def bands(
             loads = quantiles[:, :, axis] * scale[:, axis]
             tables.append(pd.DataFrame(table | dict(zip(names, loads, strict=True))))
     return pd.concat(tables, ignore_index=True)
+
+
+def true_loads(
+    specimen: Specimen,
+    truth: Mapping[str, float],
+    *,
+    settings: Settings | None = None,
+    max_rows: int | None = None,
+) -> np.ndarray:
+    """Loads of a known material and mounted state, at the rows of :func:`bands`.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    truth : mapping of str to float
+        Material parameters and mounting stretches by the names of ``summary.csv``. Of the law of
+        the run, or else of the default one.
+    settings : Settings, optional
+        Those of the run.
+    max_rows : int, optional
+        As in :func:`bands`.
+
+    Returns
+    -------
+    ndarray, shape (rows,)
+        In the unit of the file, without noise.
+
+    Raises
+    ------
+    InputError
+        If the truth lacks a parameter of the law or a mounting stretch.
+    """
+    settings = settings or Settings()
+    if not set(settings.material_law.names) <= set(truth):
+        settings = replace(settings, law=DEFAULT_LAW, fibre_switch=False)
+    shared = mounting_names("stretch")
+    own = [mounting_names("stretch", p.name) for p in specimen.protocols]
+    states = [shared] if set(shared) <= set(truth) else own
+    needed = (*settings.material_law.names, *(name for pair in states for name in pair))
+    missing = [name for name in needed if name not in truth]
+    if missing:
+        raise InputError(
+            f"the truth names no {', '.join(missing)[:200]}",
+            remedy="bands need the whole material and its mounting stretches",
+        )
+    row = pd.DataFrame([{name: float(truth[name]) for name in needed} | {NOISE_SD.name: 1.0}])
+    table = bands(specimen, row, settings=settings, max_rows=max_rows)
+    loads = table[_name("credible", 0.5)].to_numpy()
+    if settings.mounting == "zeroed":
+        groups = table.assign(load=loads).groupby(["protocol", "direction"], sort=False)["load"]
+        loads = loads - groups.transform("first").to_numpy()
+    return loads
 
 
 def evenly_chosen(count: int, limit: int | None) -> np.ndarray:

@@ -30,6 +30,7 @@ __all__ = [
     "piola_noise",
     "protocol_mounting",
     "random_draws",
+    "unloaded_area",
 ]
 
 
@@ -77,17 +78,29 @@ def piola_noise(
     ndarray, shape (n, 1) or (n, m)
         kPa.
     """
+    area = unloaded_area(draws, specimen, axis, mounting)
+    errors = errors_of_draws(draws)
+    values = {p.name: draws[[p.name]].to_numpy(dtype=float) for p in errors.parameters}
+    return errors.sd(values, piola * area) / area
+
+
+def unloaded_area(
+    draws: pd.DataFrame, specimen: Specimen, axis: int, mounting: np.ndarray
+) -> np.ndarray:
+    """Load per first Piola-Kirchhoff stress of each draw in x (0) or y (1), shape (n, 1).
+
+    Parameters
+    ----------
+    draws, specimen, axis, mounting
+        As in :func:`piola_noise`.
+    """
     one = np.ones((len(draws), 1))
     edge_x, edge_y, thickness = (
         draws[[name]].to_numpy(dtype=float) if name in draws else one
         for name in ("edge_x", "edge_y", "thickness")
     )
     section = sections(specimen.area, edge_x, edge_y, thickness)[axis]
-    mounted = specimen.geometry == "mounted"
-    area = unloaded_section(section, mounting[:, axis : axis + 1], mounted)
-    errors = errors_of_draws(draws)
-    values = {p.name: draws[[p.name]].to_numpy(dtype=float) for p in errors.parameters}
-    return errors.sd(values, piola * area) / area
+    return unloaded_section(section, mounting[:, axis : axis + 1], specimen.geometry == "mounted")
 
 
 # --- single draws that stand for a posterior: the median draw, the most probable one, a sample ---

@@ -19,12 +19,13 @@ import pandas as pd
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
 from biaxbayes.options import PredictionOptions
-from biaxbayes.prediction.bands import band_columns, evenly_chosen, tails
+from biaxbayes.prediction.bands import band_columns, evenly_chosen, evenly_spaced, tails
 from biaxbayes.prediction.draws import (
     mounting_labels,
     mounting_stretch,
     piola_noise,
     protocol_mounting,
+    unloaded_area,
 )
 from biaxbayes.specimens.specimen import Specimen
 
@@ -36,6 +37,7 @@ __all__ = [
     "OFF_PATH",
     "CoveredStretches",
     "covered_stretches",
+    "measured_stress",
     "predict_stress",
     "stretch_path",
 ]
@@ -73,6 +75,12 @@ class CoveredStretches:
     high: np.ndarray
     shift: float = 0.0
 
+    @property
+    def slack(self) -> float:
+        """Distance within which a path counts as one that was tested."""
+        reach = float((self.high - self.low).max())
+        return RELATIVE_TOLERANCE * reach + self.shift + ABSOLUTE_TOLERANCE
+
     def extrapolation(self, stretch_x, stretch_y) -> np.ndarray:
         """Where each state lies.
 
@@ -87,9 +95,8 @@ class CoveredStretches:
             or :data:`OFF_PATH`: each stretch was tested, but not together.
         """
         state = np.column_stack([np.ravel(stretch_x), np.ravel(stretch_y)]).astype(float)
-        slack = RELATIVE_TOLERANCE * (self.high - self.low).max() + self.shift + ABSOLUTE_TOLERANCE
         label = np.full(len(state), INSIDE, dtype=object)
-        label[_distance(self.hull, state) > slack] = OFF_PATH
+        label[_distance(self.hull, state) > self.slack] = OFF_PATH
         # A range's own ends count as tested to the rounding of the file only.
         label[(state < self.low - ABSOLUTE_TOLERANCE).any(axis=1)] = BELOW
         # Not a number is no tested state either.
@@ -144,15 +151,17 @@ def _convex_hull(points: np.ndarray) -> np.ndarray:
     return np.array(chain(ordered)[:-1] + chain(reversed(ordered))[:-1])
 
 
-def _distance(hull: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Distance of points from a convex polygon; zero inside it."""
+def _distance(hull: np.ndarray, points: np.ndarray, *, closed: bool = True) -> np.ndarray:
+    """Distance of points from a convex polygon, zero inside it; or from an open line."""
     start, end = hull, np.roll(hull, -1, axis=0)
+    if not closed and len(hull) > 1:
+        start, end = hull[:-1], hull[1:]
     edge = end - start
     offset = points[:, None, :] - start[None, :, :]
     length = np.maximum((edge**2).sum(axis=1), 1e-300)
     along = np.clip((offset * edge).sum(axis=2) / length, 0.0, 1.0)
     nearest = np.linalg.norm(offset - along[:, :, None] * edge, axis=2).min(axis=1)
-    if len(hull) < 3:
+    if len(hull) < 3 or not closed:
         return nearest
     cross = edge[:, 0] * offset[:, :, 1] - edge[:, 1] * offset[:, :, 0]
     return np.where((cross >= 0.0).all(axis=1), 0.0, nearest)
@@ -265,6 +274,71 @@ def predict_stress(
     where = prediction_range(draws, specimen, protocol, reference).extrapolation(*path.T)
     table = pd.concat(blocks, ignore_index=True)
     return pd.concat([pd.DataFrame(head), table, pd.DataFrame({"extrapolation": where})], axis=1)
+
+
+MEASURED_ROWS, MEASURED_DRAWS = 200, 200
+"""Readings of a protocol, and draws that their stresses are the medians of."""
+
+
+def measured_stress(
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    law: Law,
+    path: np.ndarray,
+    *,
+    reference: str = "total",
+    protocol: str | None = None,
+    stress: str = "cauchy",
+) -> pd.DataFrame:
+    """What was measured along a path of stretches, as stresses.
+
+    Parameters
+    ----------
+    draws, specimen, law, path, reference, protocol, stress
+        As in :func:`predict_stress`.
+
+    Returns
+    -------
+    DataFrame
+        One row a reading of a protocol that runs along the path, at most 200 of each:
+        ``protocol``, ``stretch_x`` and ``stretch_y`` in the reference asked for, and of each
+        direction medians over the draws such as ``cauchy_x_kPa`` and ``cauchy_x_kPa_residual``,
+        the reading less the model at the state it was taken at. A file's sections and the mounting
+        stretch, which make a stress of a reading, are those of each draw.
+    """
+    draws = draws.iloc[evenly_chosen(len(draws), MEASURED_DRAWS)]
+    own = np.ones(2)
+    if reference == "measured":
+        own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
+    covered = prediction_range(draws, specimen, protocol, reference)
+    tables = []
+    for p in specimen.protocols:
+        rows = evenly_spaced(p.rows, MEASURED_ROWS)
+        stretch = np.column_stack([p.stretch_x, p.stretch_y])[rows]
+        lm = protocol_mounting(draws, p)
+        state = stretch * np.median(lm, axis=0) / own
+        near = _distance(path, state, closed=False) <= covered.slack
+        reached = _distance(state, path[-1:], closed=False)[0] <= covered.slack
+        if not (near[-1] or reached):
+            continue  # all protocols begin near a path; one that runs along it ends there, too
+        stretch, state, rows = stretch[near], state[near], rows[near]
+        total = stretch[None] * lm[:, None, :]
+        model = law.material(draws).piola(total[..., 0], total[..., 1])
+        table = {"protocol": p.name, "stretch_x": state[:, 0], "stretch_y": state[:, 1]}
+        for axis, name in enumerate("xy"):
+            load = specimen.load(p)[rows, axis] - _offset(draws, name)
+            scale = total[..., axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
+            found = load / unloaded_area(draws, specimen, axis, lm) * scale
+            table[f"{stress}_{name}_kPa"] = np.median(found, axis=0)
+            missed = np.median(found - model[axis] * scale, axis=0)
+            table[f"{stress}_{name}_kPa_residual"] = missed
+        tables.append(pd.DataFrame(table))
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def _offset(draws: pd.DataFrame, axis: str) -> np.ndarray:
+    name = f"load_offset_{axis}"
+    return draws[[name]].to_numpy(dtype=float) if name in draws else np.zeros((len(draws), 1))
 
 
 def prediction_mounting(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError
 from biaxbayes.figures.style import figure_bytes
+from biaxbayes.reports.page import embedded, page_template
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
 
 if TYPE_CHECKING:
@@ -68,18 +68,9 @@ def write_comparison(found: Comparison, folder: Path) -> list[Path]:
 
 
 def _page(found: Comparison, figures: dict[str, Figure]) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("biaxbayes.reports", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
-    images: dict[str, Any] = dict.fromkeys(("matrix", "forest", "overlay"))
-    images |= {name: _embedded(figure) for name, figure in figures.items()}
-    return environment.get_template("compare.html").render(
+    return page_template("compare.html.jinja").render(
         labels=found.labels,
+        laws=list(dict.fromkeys(m.posterior.law.name for m in found.members)),
         members=found.members,
         reliable=found.reliable,
         notes=found.notes,
@@ -90,14 +81,8 @@ def _page(found: Comparison, figures: dict[str, Figure]) -> str:
         warning=WARNING,
         pairs=_pairs(found.distances),
         version=biaxbayes.__version__,
-        **images,
+        figures={name: embedded(figure_bytes(figure, "png")) for name, figure in figures.items()},
     )
-
-
-def _embedded(figure: Figure) -> str:
-    """A figure inside of a page, as a data address."""
-    data = base64.b64encode(figure_bytes(figure, "png")).decode("ascii")
-    return f"data:image/png;base64,{data}"
 
 
 def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:

@@ -35,7 +35,15 @@ from biaxbayes.text_files import atomic_write_text
 if TYPE_CHECKING:
     from jinja2 import Template
 
-__all__ = ["NAME", "Picture", "page_template", "pictures", "report_page", "write_report"]
+__all__ = [
+    "NAME",
+    "Picture",
+    "embedded",
+    "page_template",
+    "pictures",
+    "report_page",
+    "write_report",
+]
 
 
 # --- the templates of the pages; text that is put into them is escaped ---------------------------
@@ -95,10 +103,15 @@ def pictures(folder: Path, stems: tuple[str, ...]) -> dict[str, Picture]:
         if data[:8] != MAGIC or data[12:16] != b"IHDR" or len(data) > left:
             continue
         left -= len(data)
-        width, height = struct.unpack(">II", data[16:24])
-        uri = "data:image/png;base64," + base64.b64encode(data).decode("ascii")
-        out[stem] = Picture(uri, width, height)
+        out[stem] = embedded(data)
     return out
+
+
+def embedded(data: bytes) -> Picture:
+    """A PNG as a part of a page."""
+    width, height = struct.unpack(">II", data[16:24])
+    uri = "data:image/png;base64," + base64.b64encode(data).decode("ascii")
+    return Picture(uri, width, height)
 
 
 # --- report.html: a run on one page, for somebody who has two minutes ----------------------------

@@ -47,6 +47,9 @@ class Row:
     refits : bool
         Whether the ends are those of fits to parts of the record, in place of an interval that
         the data contradict.
+    stated : str
+        Of a mounting stretch: what is stated of the tissue, whatever its law; empty where nothing
+        was asked.
     """
 
     quantity: Quantity
@@ -58,6 +61,7 @@ class Row:
     verdict: str = ""
     words: str = ""
     refits: bool = False
+    stated: str = ""
 
     @property
     def name(self) -> str:
@@ -114,6 +118,7 @@ def parameter_rows(run: Run) -> list[Row]:
                 verdict,
                 words,
                 refits,
+                run.stated[name].in_words(p) if name in run.stated else "",
             )
         )
     return rows
@@ -147,7 +152,10 @@ def percent_stretch(rows: list[Row], run: Run) -> list[tuple[Quantity, str]]:
         digits = 1 if q95 - q05 > 0.2 else 2
         low, middle, high = (f"{v:.{digits}f}".replace("-", MINUS) for v in (q05, q50, q95))
         what = "stretched" if q50 >= 0.0 else "changed in length"
-        out.append((row.quantity, f"{what} by {middle} % when mounted (90 %: {low} to {high} %)"))
+        text = f"{what} by {middle} % when mounted (90 %{{}}: {low} to {high} %)"
+        if row.stated:
+            text += f"; stated of the tissue: {row.stated}"
+        out.append((row.quantity, text.format(" within the law" if row.stated else "")))
     return out
 
 

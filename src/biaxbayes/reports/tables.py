@@ -8,23 +8,28 @@ from biaxbayes.reports.names import as_latex, as_markdown, latex_text, markdown_
 from biaxbayes.reports.parameters import Row, parameter_rows
 from biaxbayes.runs.run import Run
 
-__all__ = ["latex_table", "markdown_table"]
+__all__ = ["STATED", "latex_table", "markdown_table"]
+
+STATED = "stated of the tissue"
+"""Head of what is stated of a mounting stretch."""
 
 
 def markdown_table(run: Run) -> str:
     """Table, paths that the model misses, verdicts and methods paragraph as Markdown."""
     rows = parameter_rows(run)
+    more = any(row.stated for row in rows)
     lines = [
         f"# {markdown_text(run.specimen.name)}",
         "",
         markdown_text(" ".join(state_words(run)).strip(), 500),
         "",
         *_missed_markdown(run),
-        "| parameter | unit | median | 90 % interval | verdict |",
-        "|---|---|--:|--:|---|",
+        f"| parameter | unit | median | 90 % interval |{f' {STATED} |' if more else ''} verdict |",
+        f"|---|---|--:|--:|{'---|' if more else ''}---|",
     ]
     for row in rows:
-        cells = (as_markdown(row.name), row.unit, row.median, row.interval, row.verdict)
+        stated = (row.stated,) if more else ()
+        cells = (as_markdown(row.name), row.unit, row.median, row.interval, *stated, row.verdict)
         lines.append(f"| {' | '.join(cells)} |")
     words = [f"- {as_markdown(r.name)}: {markdown_text(r.words, 500)}" for r in rows if r.words]
     if words:
@@ -40,10 +45,12 @@ def latex_table(run: Run) -> str:
     """
     rows = parameter_rows(run)
     name = latex_text(run.specimen.name)
-    caption = f"{name}: posterior median and central 90\\,\\% interval."
+    more = any(row.stated for row in rows)
+    within = f" within the law; {STATED}: whatever its law" if more else ""
+    caption = f"{name}: posterior median and central 90\\,\\% interval{within}."
     if run.state != "reliable":
         caption += f" {latex_text(state_words(run)[0])}"
-    body = [_latex_row(row) for row in rows]
+    body = [_latex_row(row, stated=more) for row in rows]
     text = methods(run, rows)
     return "\n".join(
         [
@@ -52,9 +59,10 @@ def latex_table(run: Run) -> str:
             "\\begin{table}",
             "  \\centering",
             f"  \\caption{{{caption}}}",
-            "  \\begin{tabular}{llrll}",
+            f"  \\begin{{tabular}}{{llrl{'l' if more else ''}l}}",
             "    \\toprule",
-            "    Parameter & Unit & Median & 90\\,\\% interval & Verdict \\\\",
+            "    Parameter & Unit & Median & 90\\,\\% interval & "
+            f"{f'{STATED.capitalize()} & ' if more else ''}Verdict \\\\",
             "    \\midrule",
             *body,
             "    \\bottomrule",
@@ -78,8 +86,9 @@ def _missed_markdown(run: Run) -> list[str]:
     ]
 
 
-def _latex_row(row: Row) -> str:
+def _latex_row(row: Row, *, stated: bool) -> str:
     interval = row.interval.replace(" to ", "--") if row.interval[:1] != "f" else row.interval
     cells = (as_latex(row.quantity), latex_text(row.unit), latex_text(row.median))
-    rest = (latex_text(interval).replace("–", "--"), latex_text(row.verdict))
+    of_tissue = (latex_text(row.stated.replace(" to ", "--")),) if stated else ()
+    rest = (latex_text(interval).replace("–", "--"), *of_tissue, latex_text(row.verdict))
     return f"    {' & '.join((*cells, *rest))} \\\\"

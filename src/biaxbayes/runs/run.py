@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
+from biaxbayes.csv_tables import read_csv
 from biaxbayes.errors import RunError
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
@@ -30,6 +31,9 @@ from biaxbayes.runs.provenance import parse_options, stored_law
 from biaxbayes.runs.summary import read_summary
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
+
+if TYPE_CHECKING:
+    from biaxbayes.identifiability.stated import Stated
 
 __all__ = ["Run", "open_run"]
 
@@ -120,6 +124,28 @@ class Run:
         shared = settings.get("mounting_stretch") != "per-protocol"
         states = ("",) if shared else tuple(p.name for p in self.specimen.protocols)
         return Quantities(self.law.parameters, states, self.specimen.unit)
+
+    @cached_property
+    def stated(self) -> dict[str, Stated]:
+        """What identifiability.csv states of the mounting stretches of the tissue, by name.
+
+        Empty where there is no such file, or it states nothing of them.
+        """
+        from biaxbayes.identifiability.stated import Stated
+
+        path, out = self.path / "identifiability.csv", {}
+        if path.is_symlink() or not path.is_file():
+            return {}
+        try:
+            table = read_csv(path, dtype=str, keep_default_na=False)
+            for row in table.to_dict("records"):
+                reason = str(row["stated_reason"])
+                if reason:
+                    low, high = (float(row[f"stated_{end}"] or "nan") for end in ("low", "high"))
+                    out[str(row["parameter"])] = Stated(low, high, reason)
+        except (OSError, ValueError, KeyError, MemoryError):
+            return {}
+        return out
 
     def posterior(self) -> Posterior:
         """The posterior that was sampled, rebuilt from the stored settings."""
