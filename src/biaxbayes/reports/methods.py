@@ -9,7 +9,7 @@ from biaxbayes.reports.names import cut
 from biaxbayes.reports.parameters import Row
 from biaxbayes.runs.run import Run
 
-__all__ = ["methods", "prior_in_words", "unit_of"]
+__all__ = ["PRIOR_NUMBERS", "methods", "prior_in_words", "unit_of"]
 
 LOADS = {
     "force": "the forces",
@@ -99,6 +99,10 @@ def _noise(run: Run) -> str:
     )
 
 
+PRIOR_NUMBERS = {"median": "median", "sd_log": "log sd", "mean": "mean", "sd": "sd"}
+"""What the numbers of a prior are called."""
+
+
 def prior_in_words(prior: Any, unit: str = "") -> str:
     """A prior of provenance.json as a phrase, with its unit where it has one."""
     unit = f" {unit}" if unit not in ("", "1") else ""
@@ -110,7 +114,7 @@ def prior_in_words(prior: Any, unit: str = "") -> str:
     numbers = {k: v for k, v in prior.items() if isinstance(v, int | float)}
     if shape == "uniform" and {"low", "high"} <= set(numbers):
         return f"uniform from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
-    known = {"median": "median", "sd_log": "log sd", "mean": "mean", "sd": "sd"}
+    known = PRIOR_NUMBERS
     natural = {"median", "mean"} | ({"sd"} if "mean" in numbers else set())
     parts = [
         f"{known[k]} {v:.4g}{unit if k in natural else ''}"
