@@ -33,11 +33,17 @@ from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
 from biaxbayes.reports.methods import PRIOR_NUMBERS, prior_in_words
 from biaxbayes.reports.names import as_html, cut
-from biaxbayes.reports.page import page_template
+from biaxbayes.reports.page import EXPLORE, NAME, page_template
+from biaxbayes.text_files import atomic_write_text
 
-__all__ = ["LEAST_EFFECTIVE", "NAME", "can_be_explored", "explore_page", "thinned_draws"]
+__all__ = [
+    "LEAST_EFFECTIVE",
+    "can_be_explored",
+    "explore_page",
+    "thinned_draws",
+    "write_explore",
+]
 
-NAME = "explore.html"
 LEAST_EFFECTIVE = 200
 """Effective draws (Kish) below which other priors are refused: few draws carry all the weight."""
 PROBABILITY = 0.9
@@ -93,16 +99,16 @@ class PriorControl:
     numbers: list[str]
 
 
-def can_be_explored(posterior: Posterior, draws: pd.DataFrame, state: str) -> bool:
-    """Whether there is a posterior to explore: usable chains, and quantities that vary.
+def can_be_explored(known: Quantities, draws: pd.DataFrame) -> bool:
+    """Whether something of a run varies that the page has panels for.
 
     Parameters
     ----------
-    posterior : Posterior
+    known : Quantities
+        What each column of the draws is.
     draws : DataFrame
-    state : {"reliable", "tentative", "unusable"}
     """
-    return state != "unusable" and len(corner_columns(draws, posterior.quantities)) > 0
+    return len(corner_columns(draws, known)) > 0
 
 
 def thinned_draws(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
@@ -119,7 +125,21 @@ def thinned_draws(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
     return draws.iloc[evenly_chosen(len(draws), count)].reset_index(drop=True)
 
 
-def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str) -> str:
+def write_explore(folder: Path, posterior: Posterior, draws: pd.DataFrame, state: str) -> Path:
+    """Write the page into a run folder, where it points to the report; the path of the page.
+
+    Parameters
+    ----------
+    folder : Path
+    posterior, draws, state
+        As in :func:`explore_page`.
+    """
+    path = folder / EXPLORE
+    atomic_write_text(path, explore_page(posterior, draws, state, report=NAME))
+    return path
+
+
+def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, report: str = "") -> str:
     """The page as HTML: its scripts and its data inside, no network.
 
     Parameters
@@ -129,14 +149,19 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str) -> str:
         All draws of the run, one row each, columns as in ``summary.csv``.
     state : {"reliable", "tentative"}
         Of the run.
+    report : str
+        The report to point to, where it stands beside the page.
 
     Raises
     ------
     InputError
         If there is no posterior to explore.
     """
-    if not can_be_explored(posterior, draws, state):
-        raise InputError("there is no posterior to explore in this run: its chains say nothing yet")
+    if state == "unusable" or not can_be_explored(posterior.quantities, draws):
+        raise InputError(
+            "this run holds no posterior to explore",
+            remedy="sample until it converges, with something free",
+        )
     few = thinned_draws(posterior, draws)
     axes, axis_data = _axes(posterior, few)
     controls, prior_data = _priors(posterior, few)
@@ -159,6 +184,7 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str) -> str:
     return page_template("explore.html.jinja").render(
         name=cut(specimen.name),
         law=posterior.law.title,
+        report=report,
         state=state,
         draws=len(few),
         total=len(draws),
@@ -238,14 +264,15 @@ def _priors(
             mounted = q.parameter.kind == STRETCH
             groups.setdefault((prior, "" if mounted else name), []).append(q)
     controls, data = [], []
-    for (prior, _), members in groups.items():
+    ranked = sorted(groups.items(), key=lambda g: g[1][0].parameter.kind != STRETCH)
+    for (prior, _), members in ranked:  # the mounting stretches first: they are what one asks about
         symbols = list(dict.fromkeys(as_html(Quantity(q.parameter)) for q in members))
         words = list(dict.fromkeys(q.parameter.words for q in members))
         first = members[0].parameter
         controls.append(
             PriorControl(
                 Markup(", ").join(symbols),
-                words[0] if len(words) == 1 else ", ".join(words),
+                " and ".join(words),
                 prior_in_words(prior.as_table(), members[0].unit),
                 [PRIOR_NUMBERS.get(k, k) for k in FAMILIES[prior.family]],
             )
@@ -301,7 +328,9 @@ def _curves(posterior: Posterior, draws: pd.DataFrame) -> dict[str, Any]:
                         "stretch": curves.stretch[order[a], k].tolist(),
                         "measured": curves.measured[order[a], k].tolist(),
                         "kPa_per_load": _packed(curves.kPa_per_load[:, k], "<f8"),
-                        "offset": _packed(curves.offset[:, k], "<f8") if curves.offset.any() else "",
+                        "offset": _packed(curves.offset[:, k], "<f8")
+                        if curves.offset.any()
+                        else "",
                     }
                     for k, a in enumerate("xy")
                 ],
@@ -368,7 +397,9 @@ def _read(path: Path) -> str:
 def _inline(text: str) -> str:
     """A script that a page can hold: nothing in it may end the element."""
     if "</script" in text.lower() or "<!--" in text:
-        raise InputError("this version of bokeh cannot be put into a page", remedy="install another")
+        raise InputError(
+            "this version of bokeh cannot be put into a page", remedy="install another"
+        )
     return f"\n{text}"
 
 
