@@ -18,6 +18,14 @@ function written(x, width) {
   return signed(Math.abs(x) >= 1e5 || digits > 6 ? x.toPrecision(3) : x.toFixed(clip(digits, 0, 6)));
 }
 
+/** Leave out of the order of Tab what BokehJS puts into it without a name. */
+function passedOver(node) {
+  for (const child of node.querySelectorAll("*")) {
+    if (child.tabIndex >= 0) child.tabIndex = -1;
+    if (child.shadowRoot) passedOver(child.shadowRoot);
+  }
+}
+
 class Page {
   constructor(data) {
     this.data = data;
@@ -40,10 +48,12 @@ class Page {
     for (const cell of document.querySelectorAll(".pair[data-up]")) this.pairs.push(this.pair(cell));
     for (const cell of document.querySelectorAll(".pair[data-alone]")) this.alone.push(this.marginal(cell));
     for (const cell of document.querySelectorAll(".curve")) this.curve(cell, Number(cell.dataset.protocol));
+    this.watch();
     this.listen();
     this.colours();
     this.show();
     await Bokeh.embed.add_document_standalone(this.document, document.body, this.targets);
+    this.targets.forEach(passedOver);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { this.colours(); this.show(); });
     return this;
   }
@@ -83,7 +93,8 @@ class Page {
     });
     cell.addEventListener("keydown", (event) => this.key(event, across, up));
     const pixels = clip(Math.round((cell.clientWidth || 120) * devicePixelRatio), 60, 260);
-    return { across, up, source, box, pixels };
+    const pair = { cell, across, up, source, box, pixels };
+    return Object.assign(pair, { update: (weights) => this.drawPair(pair, weights) });
   }
 
   /** Histograms of one quantity: all draws, and those shown. */
@@ -105,7 +116,7 @@ class Page {
     const high = (h) => h.map((v) => Math.min(v / top, 0.99));
     all.data = { x: edges.slice(0, -1).flatMap((e, k) => [e, edges[k + 1]]), y: high(whole).flatMap((v) => [v, v]) };
     this.plots.push({ soft: [line.glyph], shown: [bars.glyph] });
-    return { shown, update: (w, size) => { shown.data = { left: edges.slice(0, -1), right: edges.slice(1), top: high(heights(w, size)) }; } };
+    return { cell, update: (w, size) => { shown.data = { left: edges.slice(0, -1), right: edges.slice(1), top: high(heights(w, size)) }; } };
   }
 
   /** The curves of one protocol, and below what is left of them over the median of all draws. */
@@ -155,6 +166,27 @@ class Page {
     for (const { box } of this.pairs) { box.fill_color = text; box.line_color = text; }
     const grey = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
     this.ink = { other: grey(soft), shown: grey(this.data.hues.shown) };
+  }
+
+  /** Panels are drawn while they can be seen, the others when they come into view or are printed. */
+  watch() {
+    const panels = [...this.pairs, ...this.alone], of = new Map(panels.map((panel) => [panel.cell, panel]));
+    const seen = new IntersectionObserver((entries) => {
+      for (const { target, isIntersecting } of entries) {
+        const panel = of.get(target);
+        panel.hidden = !isIntersecting;
+        this.drawPanel(panel);
+      }
+    }, { rootMargin: "100px" });
+    for (const cell of of.keys()) seen.observe(cell);
+    addEventListener("beforeprint", () => { for (const panel of panels) { panel.hidden = false; this.drawPanel(panel); } });
+    this.panels = panels;
+  }
+
+  drawPanel(panel) {
+    if (panel.hidden || panel.of === this.shown) return;
+    panel.of = this.shown;
+    panel.update(this.shown.weights, this.shown.size);
   }
 
   // --- choices -----------------------------------------------------------------------------------
@@ -289,8 +321,7 @@ class Page {
     this.shown = { weights, size, empty };
     document.body.classList.toggle("chosen", this.chosen !== null);
     this.drawCurves(weights, size);
-    for (const pair of this.pairs) this.drawPair(pair, weights);
-    for (const marginal of this.alone) marginal.update(weights, size);
+    for (const panel of this.panels) this.drawPanel(panel);
     this.tell(weights, size, empty);
     this.took = performance.now() - started;
   }

@@ -54,8 +54,8 @@ NUMBERS = 220_000
 """Loads on the page, over draws, protocols, directions and states: 1.2 MB."""
 STATES, MOST_STATES = 130, 41
 """States of all protocols together, and of one."""
-PANEL_MM = 24.0
-"""Width of a panel, for the labels of its axis."""
+PANELS_MM = 155.0
+"""Width of all panels side by side, for the labels of their axes."""
 
 
 @dataclass(frozen=True)
@@ -222,11 +222,13 @@ def _axes(posterior: Posterior, draws: pd.DataFrame) -> tuple[list[Axis], list[d
     """Quantities of the corner: what the template and what the script need of each."""
     known: Quantities = posterior.quantities
     shown, data = [], []
-    for name, (text, values) in corner_columns(draws, known).items():
+    columns = corner_columns(draws, known)
+    for name, (text, values) in columns.items():
         states = [q for q in known.of_parameter(name) if q.name in draws]
         parameter = states[0].parameter
         axis = axis_span(text, values)
-        ticks, labels = round_values(axis.low, axis.high, log=axis.log, length_mm=PANEL_MM)
+        width = PANELS_MM / len(columns)
+        ticks, labels = round_values(axis.low, axis.high, log=axis.log, length_mm=width)
         places = 100.0 * axis.forward(ticks)
         plain = [t if "$" not in t else f"{v:g}" for v, t in zip(ticks, labels, strict=True)]
         symbol = as_html(Quantity(parameter))
