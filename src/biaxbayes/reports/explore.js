@@ -283,7 +283,7 @@ class Page {
   priors() {
     const weights = this.draws.reweighted(this.settings());
     const found = effective(weights).draws;
-    const refused = found < this.data.least;
+    const refused = found < this.data.least && weights.some((w) => w !== 1);
     this.prior = refused ? this.draws.all : weights;
     this.effective = found;
     const box = element("refused");
