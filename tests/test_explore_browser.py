@@ -210,9 +210,9 @@ def test_held_near_a_value_the_others_move_and_the_curves_do_not(media, media_ru
     by = (moved[chosen].median() - moved.median()) / moved.std(ddof=0)
     assert by.abs().max() > 0.5
     cells = media.evaluate(
-        "[...element('moved').rows].map(r => [r.cells[0].textContent, r.cells[5].textContent])"
+        "[...element('moved').rows].map(r => [r.cells[0], r.cells[2]].map(c => c.textContent))"
     )
-    told = {name: float(text.replace("\N{MINUS SIGN}", "-")) for name, text in cells}
+    told = {name.split(" (")[0]: float(text.replace("\N{MINUS SIGN}", "-")) for name, text in cells}
     for name in ("C1", "k1", "k2"):
         assert told[name] == pytest.approx(by[name], abs=0.006)
     assert float(media.evaluate("explore.change()")) < 3.0  # percent
@@ -340,11 +340,13 @@ def test_a_brush_is_painted_in_time(media):
         out.push([handled, last - start, painted]);
       } return out; })()"""
     handled, painted = [], []
-    for _ in range(3):  # other work on the machine only adds
+    for _ in range(6):  # other work on the machine only adds
         times = media.evaluate(script)
         assert min(t[2] for t in times) >= media.evaluate("explore.panels.length")
         handled.append(statistics.median(t[0] for t in times))
         painted.append(statistics.median(t[1] for t in times))
+        if painted[-1] < BRUSH_MS:
+            break
     print(f"handled {handled}, painted {painted} ms")
     assert min(handled) < min(painted) < BRUSH_MS
 

@@ -12,9 +12,9 @@ const css = (name) => getComputedStyle(document.documentElement).getPropertyValu
 const signed = (text) => text.replace("-", MINUS);
 const clip = (x, low, high) => Math.min(Math.max(x, low), high);
 
-/** A number with three digits of the width of what it lies in. */
+/** A number with two digits of the width of what it lies in. */
 function written(x, width) {
-  const digits = width > 0 ? 2 - Math.floor(Math.log10(width)) : 3;
+  const digits = width > 0 ? 1 - Math.floor(Math.log10(width)) : 3;
   return signed(Math.abs(x) >= 1e5 || digits > 6 ? x.toPrecision(3) : x.toFixed(clip(digits, 0, 6)));
 }
 
@@ -408,11 +408,11 @@ class Page {
       const by = axis.sd > 0 ? (scale(now[k][0]) - scale(all[k][0])) / axis.sd : 0;
       const width = all[k][2] - all[k][1];
       const text = ([m, l, h]) => `${written(m, width)} (${written(l, width)} ${DASH} ${written(h, width)})`;
-      row[2].textContent = text(all[k]);
-      row[3].textContent = text(now[k]);
-      row[5].textContent = (by >= 0 ? "+" : "") + signed(by.toFixed(2));
+      row[3].textContent = text(all[k]);
+      row[4].textContent = text(now[k]);
+      row[2].textContent = (by >= 0 ? "+" : "") + signed(by.toFixed(2));
       const part = clip(by / 3, -1, 1) * 50;
-      Object.assign(row[4].querySelector("i").style, { left: `${50 + Math.min(part, 0)}%`, width: `${Math.abs(part)}%` });
+      Object.assign(row[1].querySelector("i").style, { left: `${50 + Math.min(part, 0)}%`, width: `${Math.abs(part)}%` });
       moves.push({ name: axis.name, by, k });
     });
     this.summary = now;
