@@ -12,6 +12,7 @@ import pytest
 
 import biaxbayes
 import quick_posteriors as quick
+from biaxbayes.api import report_text
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS
 from biaxbayes.model.posterior import Posterior
@@ -175,7 +176,7 @@ def test_a_run_without_a_posterior_has_no_page(small_run):
 def test_the_report_points_to_it_where_it_is(copied, small_run):
     folder = copied(small_run.path)
     link = '<a href="explore.html">'
-    assert link not in biaxbayes.report_text(folder)
+    assert link not in report_text(folder)
     (folder / "explore.html").write_text("of another run", encoding="utf-8")
     report = biaxbayes.report(folder)
     assert link in report.read_text(encoding="utf-8")
@@ -187,7 +188,7 @@ def test_the_report_points_to_it_where_it_is(copied, small_run):
 def test_elsewhere_it_points_to_nothing(small_run, tmp_path):
     path = biaxbayes.report(small_run, "explore", out=tmp_path / "page.html")
     assert "report.html" not in path.read_text(encoding="utf-8")
-    assert path.read_text(encoding="utf-8") == biaxbayes.report_text(small_run, "explore")
+    assert path.read_text(encoding="utf-8") == report_text(small_run, "explore")
 
 
 def test_it_goes_with_the_run_that_it_was_made_of():

@@ -374,6 +374,38 @@ def test_hostile_names_stay_text(hostile):
     assert hostile.evaluate("document.querySelectorAll('b[onclick], img[onerror]').length") == 0
 
 
+def swipe(page, across: float, down: float) -> None:
+    """A finger on the first panel, from its middle."""
+    x, y = page.evaluate(
+        "(() => { const panel = document.querySelector('.pair[data-up] .canvas');"
+        "panel.scrollIntoView({block: 'center'}); const b = panel.getBoundingClientRect();"
+        "return [b.left + 0.3 * b.width, b.top + 0.5 * b.height]; })()"
+    )
+    page.call("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
+    for part in np.linspace(0.125, 1.0, 8):
+        moved = {"x": x + part * across, "y": y + part * down}
+        page.call("Input.dispatchTouchEvent", type="touchMove", touchPoints=[moved])
+        time.sleep(0.02)
+    page.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
+
+def test_a_finger_brushes_sideways_and_scrolls_up_and_down(hostile):
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+    hostile.call("Emulation.setDeviceMetricsOverride", **size)
+    hostile.call("Emulation.setTouchEmulationEnabled", enabled=True)
+    time.sleep(0.5)  # the panels take their new places
+    try:
+        swipe(hostile, 60.0, -15.0)
+        box = hostile.evaluate("explore.box")
+        assert box["x"][1] - box["x"][0] > 0.2
+        hostile.evaluate("explore.clear()")
+        swipe(hostile, 0.0, -80.0)
+        time.sleep(0.5)
+        assert hostile.evaluate("explore.box") is None
+    finally:
+        hostile.call("Emulation.setTouchEmulationEnabled", enabled=False)
+
+
 @pytest.mark.parametrize("width", [320, 390, 768, 1280])
 def test_nothing_sticks_out(hostile, width):
     hostile.call(

@@ -18,10 +18,12 @@ function written(x, width) {
   return signed(Math.abs(x) >= 1e5 || digits > 6 ? x.toPrecision(3) : x.toFixed(clip(digits, 0, 6)));
 }
 
-/** Leave out of the order of Tab what BokehJS puts into it without a name. */
+/** Leave out of the order of Tab what BokehJS puts into it without a name; let a finger that goes up
+ * or down scroll the page: one that starts sideways brushes. */
 function passedOver(node) {
   for (const child of node.querySelectorAll("*")) {
     if (child.tabIndex >= 0) child.tabIndex = -1;
+    if (child.matches(".bk-events")) child.style.touchAction = "pan-y";
     if (child.shadowRoot) passedOver(child.shadowRoot);
   }
 }
@@ -92,6 +94,8 @@ class Page {
       this.brush(across, up, [Math.min(g.x0, g.x1), Math.max(g.x0, g.x1)], [Math.min(g.y0, g.y1), Math.max(g.y0, g.y1)]);
     });
     cell.addEventListener("keydown", (event) => this.key(event, across, up));
+    // What began as a brush has become a scroll of the page; BokehJS lets no event of it pass.
+    cell.addEventListener("pointercancel", () => setTimeout(() => this.clear()), { capture: true });
     const pixels = clip(Math.round((cell.clientWidth || 120) * devicePixelRatio), 60, 260);
     const pair = { cell, across, up, source, box, pixels };
     return Object.assign(pair, { update: (weights) => this.drawPair(pair, weights) });
