@@ -374,6 +374,16 @@ def test_hostile_names_stay_text(hostile):
     assert hostile.evaluate("document.querySelectorAll('b[onclick], img[onerror]').length") == 0
 
 
+def test_labels_stand_beside_the_panels_that_they_are_of(media):
+    away = media.evaluate(
+        "[...document.querySelectorAll('.pair.left')].map(cell => {"
+        "const [t, f] = ['.ticks.up', '.frame'].map(s => cell.querySelector(s)"
+        ".getBoundingClientRect()); return [t.top - f.top, t.bottom - f.bottom]; })"
+    )
+    assert len(away) == media.evaluate("explore.data.axes.length") - 1
+    assert np.abs(away).max() <= 2.0
+
+
 def swipe(page, across: float, down: float) -> None:
     """A finger on the first panel, from its middle."""
     x, y = page.evaluate(

@@ -130,9 +130,9 @@ class Page {
     const [first, last] = [Math.min(...places), Math.max(...places)];
     const margin = 0.03 * (last - first);
     const x_range = () => new Bokeh.Range1d({ start: first - margin, end: last + margin });
-    const main = this.figure(load, { x_range: x_range(), min_border_left: 52 });
+    const main = this.figure(load, { x_range: x_range(), min_border_left: 60 });
     const parts = this.draws.tests.map((test, t) => ({ test, t })).filter(({ test }) => test.p === p);
-    const below = strips.map((target) => this.figure(target, { x_range: x_range(), min_border_left: 52 }));
+    const below = strips.map((target) => this.figure(target, { x_range: x_range(), min_border_left: 60 }));
     for (const figure of [main, below[0]]) figure.xaxes[0].visible = false;
     below[1].xaxes[0].axis_label = this.data.protocols[p].label;
     const figures = [main, ...below];
