@@ -94,8 +94,13 @@ PLOT_TAKES = {
     "parameters": ("corner", "profile", "trace"),
 }
 """Options that go with some figures only."""
-REPORTS = {"html": "html", "md": "md", "latex": "tex"}
-"""Kinds of report and the endings of their files."""
+REPORTS = {
+    "html": "report.html",
+    "md": "report.md",
+    "latex": "report.tex",
+    "explore": "explore.html",
+}
+"""Kinds of report and their files in a run."""
 ALL_ROWS, AUTOMATIC = "none", "auto"
 MOST_WHOLE = 2**63 - 1
 MOST = 9e18

@@ -255,13 +255,18 @@ def plot(
     type=click.Choice(list(REPORTS)),
     default="html",
     show_default=True,
-    help="A page, or the tables as Markdown or LaTeX.",
+    help="A page, the tables as Markdown or LaTeX, or the page to explore.",
 )
 @file_option(
-    "out", "The file to write; - prints  [default: report.html, .md or .tex in RUN]", "FILE"
+    "out",
+    "The file to write; - prints  [default: report.html, .md, .tex or explore.html in RUN]",
+    "FILE",
 )
 def report(run: Path, kind: str, out: Path | None) -> int:
-    r"""Report RUN: one self-contained HTML page, or tables for a paper.
+    r"""Report RUN: one self-contained HTML page, tables for a paper, or a page to explore.
+
+    explore.html, beside the report, holds draws to brush in any pair of parameters, with their
+    curves, and sliders for other priors; it needs no network.
 
     \b
     biaxbayes report media-run

@@ -33,7 +33,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Panels", "bands_figure", "drawn_bands", "shown_protocols"]
+__all__ = [
+    "LOADS",
+    "Panels",
+    "abscissa",
+    "bands_figure",
+    "drawn_bands",
+    "residual_unit",
+    "shown_protocols",
+]
 
 
 # --- where the panels of a bands figure stand ----------------------------------------------------
@@ -224,12 +232,12 @@ def drawn_bands(
         {str(axis): part for axis, part in one.groupby("direction")}
         for _, one in table.groupby("protocol", sort=False)
     ]
-    scale, unit = _residual_unit(table, specimen.unit)
+    scale, unit = residual_unit(table, specimen.unit)
     with print_style(style):
         panels.draw(noted=bool(note) and not panels.free)
         size = font_points("axes.titlesize")
         for trio, test in zip(panels.axes, tests, strict=True):
-            places, label = _abscissa(test)
+            places, label = abscissa(test)
             for axis, part in test.items():
                 marker = _marker(axis, len(part), panels.panel_mm)
                 _curve(trio["load"], part, places[axis], axis, marker)
@@ -258,17 +266,29 @@ QUANTILES = (
 KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
 
 
-def _residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
-    """Factor and unit that spare the residuals leading zeros."""
+def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
+    """Factor and unit that spare the residuals leading zeros.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With ``measured`` and ``median``.
+    unit : {"N", "kPa"}
+    """
     largest = float((table["measured"] - table["median"]).abs().max())
     return (1000.0, FINER[unit]) if largest < 0.05 else (1.0, unit)
 
 
-def _abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]:
+def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]:
     """What to draw the curves of a test against, and its name.
 
     Each direction's own stretch, if the model is a curve over it; else (a direction that is held,
     or a path that turns back) the stretch of the leading direction; else the number of the row.
+
+    Parameters
+    ----------
+    test : dict of DataFrame
+        Of ``x`` and ``y``, each with ``stretch``, ``row`` and ``median``.
     """
     own = {axis: part["stretch"].to_numpy() for axis, part in test.items()}
     leading = max(own, key=lambda axis: float(np.ptp(own[axis])))

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["CONTENTS", "corner_figure", "overlay_figure", "regions"]
+__all__ = ["CONTENTS", "axis_span", "corner_figure", "overlay_figure", "regions"]
 
 CONTENTS = (0.5, 0.9, 0.99)
 """Shares of the draws that the regions hold."""
@@ -349,13 +349,27 @@ def _columns(
         q = next(columns[name][0] for columns in picked if name in columns)
         draws = [columns[name][1] if name in columns else None for columns in picked]
         present = [d for d in draws if d is not None]
-        low, high = np.quantile(np.concatenate(present), [0.005, 0.995])
-        log = bool(q.scale and low > 0.0 and high > WIDE_SPREAD * low)
         include = tuple(values[name] for values in seen if name in values)
-        axis = span(*present, edges=q.edges, log=log, include=include)
+        axis = axis_span(q, *present, include=include)
         own = [None if d is None else span(d, edges=q.edges, log=axis.log) for d in draws]
         out.append(Column(name, q, axis, draws, own))
     return out
+
+
+def axis_span(q: AxisText, *draws: np.ndarray, include: tuple[float, ...] = ()) -> Span:
+    """Axis of a quantity: logarithmic where a scale spreads widely.
+
+    Parameters
+    ----------
+    q : AxisText
+    *draws : ndarray, shape (n,)
+        Of one or more runs.
+    include : tuple of float
+        Values that must be visible.
+    """
+    low, high = np.quantile(np.concatenate(draws), [0.005, 0.995])
+    log = bool(q.scale and low > 0.0 and high > WIDE_SPREAD * low)
+    return span(*draws, edges=q.edges, log=log, include=include)
 
 
 def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | None) -> None:

@@ -18,7 +18,7 @@ from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
 from biaxbayes.figures.style import MM, font_points, plain
 
-__all__ = ["few_ticks", "number", "range_text", "shortened", "text_mm"]
+__all__ = ["few_ticks", "number", "range_text", "round_values", "shortened", "text_mm"]
 
 POINT_MM = 1.0 / 72.0 / MM
 
@@ -202,6 +202,27 @@ class PlainNumbers(Formatter):
     def format_ticks(self, values: list[float]) -> list[str]:
         """All values of an axis, with the same digits."""
         return plain_numbers(np.asarray(values, float), log=self.axis.get_scale() == "log")
+
+
+def round_values(
+    low: float, high: float, *, log: bool, length_mm: float, most: int = 3, points: float = 8.0
+) -> tuple[np.ndarray, list[str]]:
+    """Round values of an axis whose labels keep apart, and the labels.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends of the axis.
+    log : bool
+        Whether it is logarithmic.
+    length_mm : float
+    most : int
+        Largest number of values.
+    points : float
+        Font size of the labels.
+    """
+    values = _choose((low, high, log), length_mm, most, points, 0.0, False)
+    return values, plain_numbers(values, log=log)
 
 
 def _round(low: float, high: float) -> Iterator[np.ndarray]:

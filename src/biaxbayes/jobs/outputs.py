@@ -384,20 +384,32 @@ def _told_apart(run: Run, other: Run) -> tuple[str, str]:
 
 
 def report_text(run: RunLike, kind: str = "html") -> str:
-    """The report of a run: a self-contained HTML page, or its tables for a paper.
+    """The report of a run: a page that holds everything, tables for a paper, or a page to explore.
 
     Parameters
     ----------
     run : Run or path-like
-    kind : {"html", "md", "latex"}
+    kind : {"html", "md", "latex", "explore"}
     """
     from biaxbayes.reports.page import report_page
     from biaxbayes.reports.tables import latex_table, markdown_table
 
     if kind not in REPORTS:
         raise InputError(f"no report {str(kind)[:40]!r}", remedy=f"choose {', '.join(REPORTS)}")
-    write = {"html": report_page, "md": markdown_table, "latex": latex_table}[kind]
+    write = {
+        "html": report_page,
+        "md": markdown_table,
+        "latex": latex_table,
+        "explore": _exploration,
+    }[kind]
     return write(opened_run(run))
+
+
+def _exploration(run: Run) -> str:
+    """The page to explore of a run."""
+    from biaxbayes.reports.explore import explore_page
+
+    return explore_page(run.posterior(), run.draws, run.state)
 
 
 def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> Path:
@@ -406,17 +418,36 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
     Parameters
     ----------
     run : Run or path-like
-    kind : {"html", "md", "latex"}
+    kind : {"html", "md", "latex", "explore"}
+        ``html`` in the run itself renews the page to explore beside it, too.
     out : path-like, optional
-        Default report.html, .md or .tex in the run.
+        Default report.html, .md, .tex or explore.html in the run.
     """
     opened = opened_run(run)
+    if kind in PAGES and out is None:
+        return _own_page(opened, kind)
     text = report_text(opened, kind)
-    path = opened.path / f"report.{REPORTS[kind]}" if out is None else Path(out)
+    path = opened.path / REPORTS[kind] if out is None else Path(out)
     if path.is_dir():
         raise InputError("is a folder", file=path, remedy="give a file name with --out")
     atomic_write_text(path, text)
     return path
+
+
+PAGES = ("html", "explore")
+"""Reports that point to each other where both stand in a run."""
+
+
+def _own_page(run: Run, kind: str) -> Path:
+    """A page in the folder of its run; with the report, the page to explore."""
+    from biaxbayes.reports.explore import can_be_explored, write_explore
+    from biaxbayes.reports.page import write_report
+
+    if kind == "explore" or (
+        run.state != "unusable" and can_be_explored(run.quantities, run.draws)
+    ):
+        path = write_explore(run.path, run.posterior(), run.draws, run.state)
+    return path if kind == "explore" else write_report(run.path, run)
 
 
 @documented(CardOptions)

@@ -432,6 +432,7 @@ def write_products(
     from biaxbayes.figures.bands import bands_figure
     from biaxbayes.figures.corner import corner_figure
     from biaxbayes.figures.identifiability import identifiability_figure
+    from biaxbayes.reports.explore import can_be_explored, write_explore
 
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
@@ -457,6 +458,8 @@ def write_products(
     bands = bands_figure(posterior.specimen, table, settings=posterior.settings)
     _save(folder, "stress-bands", _pictures(bands))
     _save(folder, "identifiability", _pictures(identifiability_figure(found)))
+    if can_be_explored(known, table):
+        write_explore(folder, posterior, table, state)
     _save(folder, "corner", corner.result())
     return found
 

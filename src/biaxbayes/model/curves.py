@@ -99,13 +99,15 @@ class Curves:
         draws : mapping of str to ndarray, shape (draws,)
             Natural quantities by the names of ``summary.csv``.
         """
-        lm = self.mounting_stretch(draws)
-        total = self.stretch[None] * lm
+        total = self.stretch[None] * self.mounting_stretch(draws)
         stress = self.law.material(draws).cauchy(total[..., 0], total[..., 1])
+        return self.load_per_stress(draws) * np.stack(stress, axis=-1) + self.offset(draws)
+
+    def load_per_stress(self, draws: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Load per Cauchy stress of each draw at each row, shape (draws, rows, 2)."""
         mounted = self.specimen.geometry == "mounted"
-        section = self._section(draws)
-        factor = load_per_stress(section, self.stretch[None], lm, mounted)
-        return factor * np.stack(stress, axis=-1) + self._offset(draws)
+        lm = self.mounting_stretch(draws)
+        return load_per_stress(self._section(draws), self.stretch[None], lm, mounted)
 
     def _section(self, draws: Mapping[str, np.ndarray]) -> np.ndarray:
         """Load per kPa of each draw, shape (draws, 1, 2)."""
@@ -113,7 +115,8 @@ class Curves:
         factors = (np.asarray(draws.get(name, one)) for name in ("edge_x", "edge_y", "thickness"))
         return np.column_stack(sections(self.specimen.area, *factors))[:, None, :]
 
-    def _offset(self, draws: Mapping[str, np.ndarray]) -> np.ndarray:
+    def offset(self, draws: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Zero of the load cell in each draw, shape (draws, 1, 2)."""
         zero = np.zeros(len(draws["noise_sd"]))
         pair = [draws.get(f"load_offset_{axis}", zero) for axis in "xy"]
         return np.column_stack(pair)[:, None, :]

@@ -8,7 +8,7 @@ Credible and predictive bands of a run at the states that were measured.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -25,9 +25,11 @@ from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [
     "BANDS",
+    "DrawnCurves",
     "band_columns",
     "bands",
     "credible_columns",
+    "curves_of_draws",
     "evenly_chosen",
     "evenly_spaced",
     "known_percentiles",
@@ -179,32 +181,20 @@ def bands(
     """
     settings = settings or Settings()
     low, high = tails(probability)
-    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
     chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
-    columns = {str(name): chosen[name].to_numpy(dtype=float) for name in chosen.columns}
+    columns = _arrays(chosen)
     names = [_name(kind, q) for kind in ("credible", "predictive") for q in (low, 0.5, high)]
     tables = []
-    for number, protocol in enumerate(data.protocols):
+    for number, protocol in enumerate(specimen.protocols):
         rows = evenly_spaced(protocol.rows, max_rows)
-        stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[rows]
-        measured = data.load(protocol)[rows]
+        whole = _curves(specimen, chosen, settings, number, rows)
+        stretch, measured, scale = whole.stretch, whole.measured, _scale(whole)
         quantiles = np.empty((6, len(rows), 2))
         step = max(1, BLOCK // (2 * len(chosen)))
         for first in range(0, len(rows), step):
             part = slice(first, first + step)
-            curves = Curves(
-                specimen,
-                stretch[part],
-                measured[part],
-                np.full(len(stretch[part]), number),
-                mounting_labels(draws, specimen),
-                *specimen.mounting_readings(shared=settings.mounting_stretch == "shared"),
-                settings.material_law,
-                errors_of_draws(columns),
-            )
+            curves = _curves(specimen, chosen, settings, number, rows[part])
             quantiles[:, part] = _quantiles(curves, columns, (low, 0.5, high))
-        # A Cauchy stress is the nominal one times the measured stretch.
-        scale = stretch if specimen.stress_pair == "cauchy" else np.ones_like(stretch)
         for axis, direction in enumerate("xy"):
             table = {
                 "protocol": protocol.name,
@@ -268,6 +258,102 @@ def true_loads(
         groups = table.assign(load=loads).groupby(["protocol", "direction"], sort=False)["load"]
         loads = loads - groups.transform("first").to_numpy()
     return loads
+
+
+@dataclass(frozen=True)
+class DrawnCurves:
+    """Curves of one protocol, a draw each, at states that were measured.
+
+    Attributes
+    ----------
+    protocol : str
+    rows : ndarray of int, shape (rows,)
+        Of the protocol, from 0.
+    stretch, measured : ndarray, shape (rows, 2)
+        Measured stretches and loads.
+    load : ndarray, shape (draws, rows, 2)
+        Loads in the unit of the file, a Cauchy file's as Cauchy stress, like those measured.
+    kPa_per_load, offset : ndarray, shape (draws, 2)
+        The Cauchy stress is this times the measured stretch times the nominal load (that of a
+        Cauchy file over the measured stretch) less the offset of the load cell.
+    """
+
+    protocol: str
+    rows: np.ndarray
+    stretch: np.ndarray
+    measured: np.ndarray
+    load: np.ndarray
+    kPa_per_load: np.ndarray
+    offset: np.ndarray
+
+
+def curves_of_draws(
+    specimen: Specimen,
+    draws: pd.DataFrame,
+    *,
+    settings: Settings | None = None,
+    max_rows: int | None = None,
+) -> list[DrawnCurves]:
+    """The curves whose percentiles :func:`bands` gives, one for each draw.
+
+    Parameters
+    ----------
+    specimen, draws, settings, max_rows
+        As in :func:`bands`.
+
+    Returns
+    -------
+    list of DrawnCurves
+        One a protocol.
+    """
+    settings, columns = settings or Settings(), _arrays(draws)
+    out = []
+    for number, protocol in enumerate(specimen.protocols):
+        rows = evenly_spaced(protocol.rows, max_rows)
+        curves = _curves(specimen, draws, settings, number, rows)
+        with np.errstate(over="ignore", invalid="ignore"):
+            model = curves.model(columns)
+        first = curves.load_per_stress(columns)[:, 0] * curves.stretch[0]
+        out.append(
+            DrawnCurves(
+                protocol.name,
+                rows,
+                curves.stretch,
+                curves.measured * _scale(curves),
+                model * _scale(curves),
+                1.0 / first,
+                np.broadcast_to(curves.offset(columns)[:, 0], first.shape),
+            )
+        )
+    return out
+
+
+def _arrays(draws: pd.DataFrame) -> dict[str, np.ndarray]:
+    return {str(name): draws[name].to_numpy(dtype=float) for name in draws.columns}
+
+
+def _curves(
+    specimen: Specimen, draws: pd.DataFrame, settings: Settings, number: int, rows: np.ndarray
+) -> Curves:
+    """Rows of a protocol, and the model of them."""
+    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
+    protocol = data.protocols[number]
+    return Curves(
+        specimen,
+        np.column_stack([protocol.stretch_x, protocol.stretch_y])[rows],
+        data.load(protocol)[rows],
+        np.full(len(rows), number),
+        mounting_labels(draws, specimen),
+        *specimen.mounting_readings(shared=settings.mounting_stretch == "shared"),
+        settings.material_law,
+        errors_of_draws(draws),
+    )
+
+
+def _scale(curves: Curves) -> np.ndarray:
+    """What a nominal load is shown times: the measured stretch, for a file of Cauchy stresses."""
+    cauchy = curves.specimen.stress_pair == "cauchy"
+    return curves.stretch if cauchy else np.ones_like(curves.stretch)
 
 
 def evenly_chosen(count: int, limit: int | None) -> np.ndarray:

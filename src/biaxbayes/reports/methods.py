@@ -9,7 +9,7 @@ from biaxbayes.reports.names import cut
 from biaxbayes.reports.parameters import Row
 from biaxbayes.runs.run import Run
 
-__all__ = ["methods", "prior_in_words", "unit_of"]
+__all__ = ["PRIOR_NUMBERS", "methods", "prior_in_words", "unit_of"]
 
 LOADS = {
     "force": "the forces",
@@ -99,6 +99,10 @@ def _noise(run: Run) -> str:
     )
 
 
+PRIOR_NUMBERS = {"sd_log": "sd of its logarithm", "low": "not below", "high": "not above"}
+"""What the numbers of a prior are called, where that is not their name."""
+
+
 def prior_in_words(prior: Any, unit: str = "") -> str:
     """A prior of provenance.json as a phrase, with its unit where it has one."""
     unit = f" {unit}" if unit not in ("", "1") else ""
@@ -110,9 +114,11 @@ def prior_in_words(prior: Any, unit: str = "") -> str:
     numbers = {k: v for k, v in prior.items() if isinstance(v, int | float)}
     if shape in ("uniform", "loguniform") and {"low", "high"} <= set(numbers):
         return f"{shape} from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
-    known = {"sd_log": "sd of its logarithm", "low": "not below", "high": "not above"}
     natural = {"median", "mean", "low", "high"} | ({"sd"} if "mean" in numbers else set())
-    parts = [f"{known.get(k, k)} {v:.4g}{unit if k in natural else ''}" for k, v in numbers.items()]
+    parts = [
+        f"{PRIOR_NUMBERS.get(k, k)} {v:.4g}{unit if k in natural else ''}"
+        for k, v in numbers.items()
+    ]
     return f"{shape} ({', '.join(parts)})" if parts else shape
 
 

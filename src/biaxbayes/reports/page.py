@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from biaxbayes.options import REPORTS
 from biaxbayes.reports.facts import (
     citations,
     record_findings,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 __all__ = [
+    "EXPLORE",
     "NAME",
     "Picture",
     "embedded",
@@ -117,7 +119,7 @@ def embedded(data: bytes) -> Picture:
 # --- report.html: a run on one page, for somebody who has two minutes ----------------------------
 
 
-NAME = "report.html"
+NAME, EXPLORE = REPORTS["html"], REPORTS["explore"]
 FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger")
 
 
@@ -141,18 +143,20 @@ def write_report(folder: Path | str, run: Run | None = None) -> Path:
         If the folder is not a run.
     """
     folder = Path(folder)
-    page = report_page(run or open_run(folder))
+    page = report_page(run or open_run(folder), explore=(folder / EXPLORE).is_file())
     path = folder / NAME
     atomic_write_text(path, page)
     return path
 
 
-def report_page(run: Run) -> str:
+def report_page(run: Run, *, explore: bool = False) -> str:
     """The page as HTML: no scripts, no network, figures of the folder inside.
 
     Parameters
     ----------
     run : Run
+    explore : bool
+        Whether explore.html stands beside it, to point to.
     """
     rows = parameter_rows(run)
     verdict, reason = state_words(run)
@@ -160,6 +164,7 @@ def report_page(run: Run) -> str:
     return page_template("template.html.jinja").render(
         name=cut(run.specimen.name),
         state=run.state,
+        explore=EXPLORE if explore else "",
         verdict=verdict,
         reason=reason,
         findings=record_findings(run),

@@ -59,7 +59,7 @@ CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD
 PICTURE = r"\.(pdf|png|svg)"
 DERIVED = re.compile(
     rf"(prediction|inflation|ledger|design|profile)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
-    rf"|(identifiability|determined|same-curves)\.csv|report\.(html|md|tex)"
+    rf"|(identifiability|determined|same-curves)\.csv|report\.(html|md|tex)|explore\.html"
     rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
 )
 """Files that verbs make of a run's draws in its folder: worth nothing beside other draws."""
