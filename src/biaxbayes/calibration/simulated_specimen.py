@@ -105,10 +105,11 @@ def _rebuild(fields: dict[str, Any]) -> SimulatedSpecimen:
 def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float], int]:
     """True values from the prior, cut to the support of the posterior.
 
-    The posterior is zero where no stable mounted state exists inside the bracket, and, where
-    the mounting force is sampled, where the state that balances it is not the one that
-    Newton's method finds from the unloaded state. Such draws are rejected whole, so that the
-    true values follow the prior times that indicator, which is the prior that the posterior uses.
+    The posterior is zero where the law has no such material (Fung's with an indefinite form), where
+    no stable mounted state exists inside the bracket, and, where the mounting force is sampled,
+    where the state that balances it is not the one that Newton's method finds from the unloaded
+    state. Such draws are rejected whole, so that the true values follow the prior times that
+    indicator, which is the prior that the posterior uses.
 
     Parameters
     ----------
@@ -129,7 +130,7 @@ def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float]
     """
     for rejected in range(1000):
         truth = _from_prior(rules.priors, rules.quantities, rng)
-        if _add_mounting_forces(rules, truth):
+        if rules.settings.material_law.holds(truth) and _add_mounting_forces(rules, truth):
             return truth, rejected
     raise ValueError("the prior has next to no mass where a stable mounted state exists")
 
