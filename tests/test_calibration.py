@@ -286,7 +286,7 @@ def test_true_values_lie_in_the_support_of_the_posterior(mounting):
 
 @pytest.mark.parametrize("law", [name for name in LAWS if name != "goh"])
 def test_true_values_of_every_law_lie_in_the_support_of_its_posterior(law):
-    """Priors of single parameters allow what a law does not: a form of Fung's that is indefinite."""
+    """Priors of single parameters allow what a law does not: Fung's with an indefinite form."""
     the_study = study(law=law)
     rules, rng = the_study.rules(), np.random.default_rng(8)
     for _ in range(40):
