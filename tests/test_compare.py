@@ -150,7 +150,7 @@ def test_what_is_stated_of_the_tissue_is_shown(members):
 def test_unreliable_runs_determine_nothing(members):
     shaky = Member("shaky", members[0].posterior, members[0].draws, "tentative")
     found = compare([members[0], shaky])
-    assert not found.reliable
+    assert not found.converged
     assert not found.distances["determined_in_b"].any()
     assert any("same measurements" in note for note in found.notes)
     bad = Member("bad", members[0].posterior, members[0].draws, "unusable")

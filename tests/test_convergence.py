@@ -89,7 +89,7 @@ def test_rhat_is_the_published_one_of_ensembles(shift, stretch):
 def test_rhat_sees_a_drift_within_every_ensemble():
     x = ar1(0.3) + np.linspace(0, 0.6, SHAPE[1])[:, None]
     assert split_rhat(x) > 1.01
-    assert assess({"a": x}, target_ess=100).state != "reliable"
+    assert assess({"a": x}, target_ess=100).state != "converged"
 
 
 def test_rank_normalisation_is_a_normal_score_with_ties():
@@ -114,7 +114,7 @@ def test_coverage_of_intervals_of_the_mean_is_what_the_effective_size_promises()
 def test_independent_draws_are_reliable():
     x = np.random.default_rng(1).standard_normal(SHAPE)
     c = assess({"a": x, "fixed": np.full(SHAPE, 3.0)}, target_ess=2000)
-    assert (c.state, c.reason) == ("reliable", "")
+    assert (c.state, c.reason) == ("converged", "")
     assert c.names == ("a",)
     assert c.worst_ess > 2000 and c.worst_rhat < 1.01
 
@@ -129,7 +129,7 @@ def test_too_few_draws_are_tentative_and_say_so():
 def test_short_chains_are_not_reliable_however_many_walkers():
     x = ar1(0.97, (4, 200, 200))
     c = assess({"a": x}, target_ess=100)
-    assert c.state != "reliable"
+    assert c.state != "converged"
     assert "only 3 autocorrelation times of a" in c.reason
 
 
@@ -148,7 +148,7 @@ def test_two_basins_that_no_walker_crosses_are_not_reliable():
     x[:, :, ::4] += 6.0
     c = assess({"a": x}, target_ess=100)
     assert c.worst_rhat < 1.01
-    assert c.state != "reliable"
+    assert c.state != "converged"
     assert "autocorrelation times" in c.reason
 
 
@@ -157,14 +157,14 @@ def test_two_basins_that_no_walker_crosses_are_not_reliable():
 def test_walkers_stuck_in_a_tail_are_noticed(steps, stuck):
     x = np.random.default_rng(4).standard_normal((4, steps, 64))
     x[0, :, :stuck] = 3.0 + 0.1 * np.arange(stuck)
-    assert assess({"a": x}, target_ess=2000).state != "reliable"
+    assert assess({"a": x}, target_ess=2000).state != "converged"
 
 
 def test_scale_differences_between_ensembles_are_seen():
     x = np.random.default_rng(5).standard_normal(SHAPE)
     x[1] *= 1.6
     c = assess({"a": x}, target_ess=100)
-    assert c.state != "reliable" and c.reason.startswith("R-hat")
+    assert c.state != "converged" and c.reason.startswith("R-hat")
 
 
 def test_nothing_moving_or_nothing_there_is_unusable():
@@ -184,4 +184,4 @@ def test_one_still_walker_in_the_middle_is_noticed(monkeypatch):
     assert found.state == "tentative"
     assert found.reason == "a walker stood still for 150 of 300 kept steps"
     monkeypatch.setattr("biaxbayes.sampling.convergence.LONGEST_HOLD", 1.0)
-    assert assess({"k2": draws}, target_ess=1000.0).state == "reliable"
+    assert assess({"k2": draws}, target_ess=1000.0).state == "converged"

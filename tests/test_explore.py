@@ -159,7 +159,7 @@ def test_priors_are_those_of_the_run(media_run):
 
 
 def test_what_is_fixed_has_neither_panels_nor_a_prior(small_run):
-    page = explore.explore_page(small_run.posterior(), small_run.draws, "reliable")
+    page = explore.explore_page(small_run.posterior(), small_run.draws, "converged")
     data = held(page)
     assert "kappa" not in [a["name"] for a in data["axes"]]
     assert "kappa" not in [name for p in data["priors"] for name in p["columns"]]
@@ -170,7 +170,7 @@ def test_a_run_without_a_posterior_has_no_page(small_run):
         explore.explore_page(small_run.posterior(), small_run.draws, "unusable")
     constant = pd.concat([small_run.draws.iloc[:1]] * 3, ignore_index=True)
     with pytest.raises(InputError, match="no posterior to explore"):
-        explore.explore_page(small_run.posterior(), constant, "reliable")
+        explore.explore_page(small_run.posterior(), constant, "converged")
 
 
 def test_the_report_points_to_it_where_it_is(copied, small_run):

@@ -26,7 +26,7 @@ class SmallRun:
     path: Path
     specimen: Specimen
     draws: pd.DataFrame
-    state: str = "reliable"
+    state: str = "converged"
     provenance: dict = field(default_factory=lambda: {"settings": {"fibre_switch": False}})
     law = Run.law
     quantities = Run.quantities
@@ -273,7 +273,7 @@ def test_a_sampled_run_goes_all_the_way(tmp_path):
     )
     with runs_without_figures():
         sampled = sample(specimen, out=tmp_path / "run", noise="independent", ess=200, workers=1)
-    assert sampled.state == "reliable"
+    assert sampled.state == "converged"
     assert call("export", sampled.path, "--to", "abaqus", "--at", "map") == 0
     (file,) = (sampled.path / "cards-abaqus-kPa-mm").glob("*.inp")
     card = read_abaqus(file.read_text())

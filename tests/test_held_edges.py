@@ -10,9 +10,11 @@ import biaxbayes
 from biaxbayes.identifiability import held_edges as module
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edge, held_from, held_table
 from biaxbayes.identifiability.marginals import Edge
+from biaxbayes.jobs.closing import closing_message
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
+from biaxbayes.reports.page import report_page
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
@@ -102,3 +104,26 @@ def test_a_run_says_both_readings_and_keeps_them(media_run, copied):
     biaxbayes.identify(run, out=run, figure=False)
     assert (run / "identifiability.csv").read_bytes() == verdicts
     assert (run / "edges.csv").read_bytes() == kept
+
+
+def test_report_and_closing_message_say_both_readings_other_laws_and_the_cure(media_run):
+    page = (media_run.path / "report.html").read_text()
+    table = pd.read_csv(media_run.path / "edges.csv").set_index("parameter")
+    k1 = media_run.quantities["k1"].parameter
+    interval = f"{k1.number(table.low_90['k1'])} to {k1.number(table.high_90['k1'])}"
+    assert "With a parameter at an edge of its range" in page and f">{interval}<" in page
+    laws = pd.read_csv(media_run.path / "law-fits.csv")
+    assert "<h3>Other laws</h3>" in page
+    assert all(f'class="name">{law}<' in page for law in laws.law)
+    told = closing_message(media_run)
+    assert "if kappa is 0 (aligned fibres): C1 " in told and f"k1 {interval} kPa" in told
+    assert "# mounting_stretch_x: VALUE +- SD" in told and "VALUE +- SD" in page
+
+
+def test_a_run_of_an_earlier_version_has_no_such_sections(media_run, copied):
+    run = copied(media_run.path)
+    for name in ("edges.csv", "law-fits.csv"):
+        (run / name).unlink()
+    page = report_page(biaxbayes.open_run(run))
+    assert "Other laws" not in page and "at an edge of its range" not in page
+    assert "if kappa is 0" not in closing_message(biaxbayes.open_run(run))

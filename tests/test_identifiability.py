@@ -122,7 +122,7 @@ def test_a_stuck_chain_gives_no_verdict():
     found = identify_draws(good.posterior(), draws, state)
     assert {p.verdict for p in found.parameters} == {NO_VERDICT}
     assert all(p.evidence is None for p in found.parameters)  # no number to be misread either
-    assert "not reliable" in found["kappa"].words
+    assert "not converged" in found["kappa"].words
 
 
 def test_tentative_draws_give_evidence_but_no_verdict():
@@ -151,7 +151,7 @@ def made_up(priors=None, **columns: np.ndarray) -> Sampled:
     for k, axis in enumerate("xy"):
         draws[f"mounting_force_{axis}"] = rng.normal(reading[0, k], sd[0, k], n)
     draws |= {"noise_sd": np.full(n, 0.002), "log_likelihood": np.zeros(n)}
-    return Sampled(target, pd.DataFrame(draws | columns), "reliable", {})
+    return Sampled(target, pd.DataFrame(draws | columns), "converged", {})
 
 
 def test_draws_from_the_prior_are_prior_dominated():
@@ -325,7 +325,7 @@ def test_the_protocols_name_may_hold_anything(tmp_path):
     data = replace(made.target.specimen, protocols=(protocol,))
     options = {**made.target.options(), "mounting_stretch": "per-protocol"}
     relabelled = Posterior(data, **options, beta=made.target.beta)
-    found = identify_draws(relabelled, draws, "reliable")
+    found = identify_draws(relabelled, draws, "converged")
     write_identifiability(found, tmp_path / "i.csv")
     back = pd.read_csv(tmp_path / "i.csv")
     assert "mounting_stretch_x[a#1, b]" in set(back["parameter"])
@@ -346,7 +346,7 @@ def test_verdicts_are_quick():
     made = made_up()
     many = pd.concat([made.draws] * 4, ignore_index=True)  # 32,000 draws
     before = time.process_time()
-    identify_draws(made.target, many, "reliable")
+    identify_draws(made.target, many, "converged")
     assert time.process_time() - before < 1.0
 
 
@@ -451,7 +451,7 @@ def test_the_stiff_direction_is_the_known_one():
 
 def test_identify_writes_its_products_into_the_run(tmp_path):
     made = case("aligned")
-    found = write_identifiability_products(tmp_path, made.target, made.draws, "reliable")
+    found = write_identifiability_products(tmp_path, made.target, made.draws, "converged")
     for name in ("identifiability.csv", "determined.csv", "same-curves.csv"):
         assert len(pd.read_csv(tmp_path / name)) > 4
     assert (tmp_path / "identifiability.pdf").stat().st_size > 5000
@@ -468,7 +468,7 @@ def test_ties_and_fixed_materials_have_no_sloppy_direction(tmp_path):
     mild = np.random.default_rng(12).uniform(1.0, 3.0, 8000)
     tied = made_up(priors={"k1": "2.0 * C1"}, k2=mild)
     draws = tied.draws.assign(k1=2.0 * tied.draws["C1"])
-    found = write_identifiability_products(tmp_path, tied.target, draws, "reliable", figure=False)
+    found = write_identifiability_products(tmp_path, tied.target, draws, "converged", figure=False)
     assert found.directions is None and found.determined is not None
     assert "tied, 2 times C1" in found.verdicts["k1"].words
     fixed = dict(zip(PARAMETERS, (10.0, 20.0, 5.0, 40.0, 0.15), strict=True))

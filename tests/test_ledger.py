@@ -74,8 +74,8 @@ def test_default_stretches_end_at_the_largest_tested_one(treated):
 
 def test_one_unreliable_treatment_makes_the_ledger_so(treated):
     bad = {**treated, "zeroed": Treated(*_parts(treated["zeroed"]), "tentative")}
-    assert ledger(treated).reliable
-    assert not ledger(bad).reliable
+    assert ledger(treated).converged
+    assert not ledger(bad).converged
 
 
 def _parts(found: Treated) -> tuple[Posterior, pd.DataFrame]:

@@ -72,7 +72,7 @@ def test_a_described_specimen_is_not_refitted(seed):
 
 def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
     posterior = prepare(missed())
-    found = identify_draws(posterior, narrow_draws(posterior), "reliable")
+    found = identify_draws(posterior, narrow_draws(posterior), "converged")
     for name, true in zip(NAMES, MOUNTING, strict=True):
         row = found[name]
         assert row.verdict == NOT_IDENTIFIED
@@ -86,10 +86,10 @@ def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
 
 def test_an_interval_as_wide_as_the_refits_stands():
     posterior = prepare(missed())
-    low, high = identify_draws(posterior, narrow_draws(posterior), "reliable")[
+    low, high = identify_draws(posterior, narrow_draws(posterior), "converged")[
         NAMES[0]
     ].evidence.refits
-    wide = identify_draws(posterior, narrow_draws(posterior, sd=0.25 * (high - low)), "reliable")
+    wide = identify_draws(posterior, narrow_draws(posterior, sd=0.25 * (high - low)), "converged")
     assert wide[NAMES[0]].verdict != NOT_IDENTIFIED
 
 
@@ -102,13 +102,13 @@ def test_a_stretch_known_from_an_image_stands():
     draws = narrow_draws(posterior)
     for name, m in zip(NAMES, MOUNTING, strict=True):
         draws[name] += m - draws[name].mean()
-    found = identify_draws(posterior, draws, "reliable")
+    found = identify_draws(posterior, draws, "converged")
     assert {found[name].verdict for name in NAMES} & {NOT_IDENTIFIED} == set()
 
 
 def test_every_mounted_state_has_its_own_refits(tmp_path):
     posterior = prepare(missed(), mounting_stretch="per-protocol")
-    found = identify_draws(posterior, narrow_draws(posterior), "reliable")
+    found = identify_draws(posterior, narrow_draws(posterior), "converged")
     names = [f"{name}[{p.name}]" for p in missed().protocols for name in NAMES]
     assert {found[name].verdict for name in names} == {NOT_IDENTIFIED}
     write_identifiability(found, tmp_path / "i.csv")

@@ -181,10 +181,10 @@ def test_words_for_difficult_studies(study):
     assert "no donor is stated" in notes(donor=["", "D", "D", "D"])[0]
     assert "group x has one specimen" in notes(group=["x", "y", "y", "y"])[0]
     assert "no donor in common" in notes(donor=["p", "p", "q", "q"])[0]
-    _, left_out = notes(state=["reliable", "unusable", "reliable", "reliable"])
+    _, left_out = notes(state=["converged", "unusable", "converged", "converged"])
     assert list(left_out) == ["b"] and "did not converge" in left_out["b"]
     with pytest.raises(InputError, match="1 of 4 specimens can be pooled"):
-        notes(state=["reliable", "unusable", "unusable", "failed"])
+        notes(state=["converged", "unusable", "unusable", "failed"])
 
 
 def test_columns_of_the_study_file(study, tmp_path, capsys):

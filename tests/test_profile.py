@@ -146,7 +146,7 @@ def test_profile_and_flat_prior_posterior_agree():
         for name, low, high in (("C1", 5.0, 20.0), ("k1", 10.0, 90.0), ("k2", 1.0, 12.0))
     }
     made = sampled(determined().specimen, ess=400.0, priors=flat)
-    assert made.state == "reliable"
+    assert made.state == "converged"
     for name in PARAMETERS:
         found = profiled(name)
         low, high = np.quantile(made.draws[name], [0.05, 0.95])

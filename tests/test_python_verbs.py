@@ -355,3 +355,13 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
 def test_what_a_run_cannot_be_asked(run, verb, arguments, message):
     with pytest.raises(InputError, match=message):
         getattr(biaxbayes, verb)(run, **arguments)
+
+
+def test_a_run_of_an_earlier_version_opens_with_the_new_name_of_its_state(small_run, copied):
+    run = copied(small_run.path)
+    record = run / "provenance.json"
+    text = record.read_text()
+    assert '"state": "converged"' in text
+    record.write_text(text.replace('"state": "converged"', '"state": "reliable"'))
+    opened = biaxbayes.open_run(run)
+    assert opened.state == "converged" and opened.provenance["convergence"]["state"] == "converged"

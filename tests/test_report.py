@@ -237,7 +237,7 @@ def test_page_without_figures_and_verdicts(run, tmp_path):
 
 def test_report_is_the_same_twice(run, html, copied):
     assert write_report(copied(run.path)).read_text(encoding="utf-8") == html
-    assert open_run(run.path).state == "reliable"
+    assert open_run(run.path).state == "converged"
 
 
 def luminance(colour: str) -> float:

@@ -77,7 +77,7 @@ def test_free_and_noisy_are_the_same_posterior(name, noise):
         )
         for m in ("noisy", "free")
     ]
-    assert [r.convergence.state for r in runs] == ["reliable"] * 2
+    assert [r.convergence.state for r in runs] == ["converged"] * 2
     z = departures(*runs)
     assert z.size == 21
     assert z.max() < limit(z.size)
@@ -98,11 +98,11 @@ def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_deter
     exact = draw_posterior(Posterior(media, mounting="exact", **options), QUICK)
     still = replace(media, load_noise=1e-7)
     noisy = draw_posterior(Posterior(still, mounting="noisy", **options), QUICK)
-    assert exact.convergence.state == noisy.convergence.state == "reliable"
+    assert exact.convergence.state == noisy.convergence.state == "converged"
     z = departures(exact, noisy)
     assert z.max() < limit(z.size)
     wrong = draw_posterior(Posterior(still, mounting="noisy", determinant=False, **options), QUICK)
-    assert wrong.convergence.state == "reliable"
+    assert wrong.convergence.state == "converged"
     assert departures(exact, wrong).max() > 3 * limit(z.size)
 
 
@@ -131,7 +131,7 @@ def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, nois
         ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048, walkers=32
     )
     whole = draw_posterior(prepared(name, noise), plan)
-    assert whole.convergence.state != "reliable"  # the target is out of reach: the budget ended it
+    assert whole.convergence.state != "converged"  # the target is out of reach: the budget ended it
     assert whole.chain.shape[1] == 300
     identity = {"test": "interruption"}
     for stop_after in stops:
@@ -175,7 +175,7 @@ def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
 
 
 def test_draws_carry_what_they_claim(chain):
-    assert chain.convergence.state == "reliable"
+    assert chain.convergence.state == "converged"
     posterior = prepared()
     ensembles, steps, walkers, d = chain.chain.shape
     assert (ensembles, d) == (4, posterior.dimension)
@@ -220,7 +220,7 @@ def run(media_run):
 
 def test_run_folder_holds_every_file_and_reopens(run):
     assert {p.name for p in run.path.iterdir()} >= FILES
-    assert run.state == "reliable"
+    assert run.state == "converged"
     again = biaxbayes.open_run(run.path)
     assert again.specimen == read_specimen(DATA / "donor2-media.csv")
     assert len(again.draws) == again.chains["C1"].size
@@ -344,7 +344,7 @@ def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
     assert code == 0
     assert {p.name for p in out.iterdir()} >= FILES
     assert len(text.splitlines()) <= 40
-    for word in ("C1", "kappa", "mounting_stretch_x", "reliable", "R-hat", str(out)):
+    for word in ("C1", "kappa", "mounting_stretch_x", "converged", "R-hat", str(out)):
         assert word in text
 
 
@@ -358,7 +358,7 @@ def test_a_run_that_does_not_converge_ends_with_3_and_shows_nothing_to_trust(tmp
     assert code == 3
     assert "not converged" in text
     record = json.loads((out / "provenance.json").read_text())
-    assert record["convergence"]["state"] != "reliable"
+    assert record["convergence"]["state"] != "converged"
     assert record["convergence"]["reason"]
     table = pd.read_csv(out / "summary.csv")
     assert table["ess_bulk"].isna().all() and table["ess_tail"].isna().all()

@@ -39,7 +39,7 @@ def within_error(draws, expected):
 
 
 def test_moments_of_a_bent_density_that_ends_at_a_bound(banana):
-    assert banana.convergence.state == "reliable"
+    assert banana.convergence.state == "converged"
     assert banana.convergence.worst_ess >= QUICK.ess
     x, y = banana.quantities["x0"], banana.quantities["x1"]
     assert x.min() >= 0.0
@@ -64,7 +64,7 @@ def test_both_modes_are_found_from_starts_near_each_and_weigh_what_they_should(s
     starts = np.zeros((2, 6))
     starts[start, 0], starts[1 - start, 0] = -4.0, 4.0
     found = sampled(Target(target.log_density, target.bounds), starts, np.ones(6))
-    assert found.convergence.state == "reliable"
+    assert found.convergence.state == "converged"
     low = (found.quantities["x0"] < 0.0).astype(float)
     assert within_error(low, 0.3)
     assert (low.mean(axis=(1, 2)) > 0.1).all()  # in every ensemble

@@ -51,3 +51,10 @@ def test_a_corner_is_drawn_without_arviz_which_who_imports_corner_later_gets():
     assert "matplotlib" in found and not found & {"arviz", "corner"}
     whole = imported(code + "import corner\nassert corner.corner is not _corner().corner")
     assert "corner" in whole and "corner.arviz_corner" in whole
+
+
+def test_the_package_runs_as_a_module():
+    done = subprocess.run(
+        [sys.executable, "-m", "biaxbayes", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("biaxbayes")

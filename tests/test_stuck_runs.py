@@ -85,7 +85,7 @@ def with_a_wall(monkeypatch):
 def test_two_modes_are_sampled_where_a_move_crosses(tmp_path, capsys, monkeypatch):
     with_a_wall(monkeypatch)
     code, convergence, _ = sample(tmp_path / "run", capsys, most=2048)
-    assert code == 0 and convergence["state"] == "reliable", convergence
+    assert code == 0 and convergence["state"] == "converged", convergence
 
 
 def test_ensembles_that_stay_at_their_modes_make_a_run_unusable(tmp_path, capsys, monkeypatch):
@@ -118,5 +118,5 @@ def test_a_walker_that_never_moves_is_noticed(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr(Ensembles, "run", run)
     code, convergence, table = sample(tmp_path / "run", capsys)
-    assert code == 3 and convergence["state"] != "reliable"
+    assert code == 3 and convergence["state"] != "converged"
     assert table[["ess_bulk", "ess_tail"]].isna().all(axis=None)

@@ -16,7 +16,7 @@ def rows(*cells):
     return pd.DataFrame(cells, columns=list(names))
 
 
-def specimen(label, donor, layer, C1, sd, *, state="reliable", verdict="identified"):
+def specimen(label, donor, layer, C1, sd, *, state="converged", verdict="identified"):
     return (label, donor, layer, state, "parameter", "C1", "kPa", verdict, C1, "log", sd)
 
 
@@ -33,7 +33,7 @@ TABLE = rows(
 def test_only_specimens_that_determine_a_quantity_give_numbers():
     found = group_summaries(TABLE).set_index(["group_by", "group"])
     media = found.loc[("layer", "media")]
-    assert (media.specimens, media.reliable, media.determined) == (4, 3, 2)
+    assert (media.specimens, media.converged, media.determined) == (4, 3, 2)
     # geometric mean of 10 and 40
     assert media.centre == pytest.approx(20.0)
     assert (media.lowest, media.highest) == (10.0, 40.0)

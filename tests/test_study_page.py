@@ -43,7 +43,7 @@ def table(count: int) -> pd.DataFrame:
             "layer": LAYERS[n % 3],
             "file": f"s{n}.csv",
             "folder": f"runs/s{n}",
-            "state": "tentative" if n == 4 else "reliable",
+            "state": "tentative" if n == 4 else "converged",
             "reason": "",
         }
         if n == 2:
@@ -119,7 +119,7 @@ def test_the_figure_fits_a_page_and_nothing_overlaps(result):
 def test_the_page_counts_what_is_reliable(result):
     page = (result.folder / "study.html").read_text(encoding="utf-8")
     total = len(result.specimens)
-    assert f"{total - 2} of {total} specimens are reliable" in page
+    assert f"{total - 2} of {total} specimens have converged" in page
     assert "is no table &amp; &lt;worse&gt;" in page
     assert "<script" not in page and "<img src=x" not in page
     assert len(page) < 5_000_000

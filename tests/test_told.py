@@ -43,8 +43,8 @@ def test_intervals_of_a_ledger_are_not_rounded_to_nothing():
 def test_few_replications_conclude_nothing(tmp_path, replications, p):
     row = {"parameter": "C1", "uniformity_p": p, "inside_band": "yes"}
     row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}
-    outcome = Outcome(pd.DataFrame([row]), {"reliable": replications}, p >= 0.05, p)
-    assert f"{replications} reliable" in repr(outcome) and "\n" not in repr(outcome)
+    outcome = Outcome(pd.DataFrame([row]), {"converged": replications}, p >= 0.05, p)
+    assert f"{replications} converged" in repr(outcome) and "\n" not in repr(outcome)
     said = _calibration_closing(tmp_path, outcome, True)
     assert ("nothing follows" in said) == (replications < 50 and p >= 0.05)
     assert ("are uniform" in said) == (replications >= 50 and p >= 0.05)

@@ -220,10 +220,10 @@ def _summary(found: dict, tables: dict) -> list[str]:
         loose = ", loose" if case.loose else ""
         rows.append(
             [case.specimen, case.mounting + own, case.noise + loose, case.broken or "-"]
-            + [len(states), int((states != "reliable").sum()), f"{outside} of {len(judged)}"]
+            + [len(states), int((states != "converged").sum()), f"{outside} of {len(judged)}"]
             + [f"{p:.2g}", said]
         )
-    header = ["specimen", "mounting", "noise", "broken on purpose", "replications", "not reliable"]
+    header = ["specimen", "mounting", "noise", "broken on purpose", "replications", "not converged"]
     header += ["quantities outside their band", "p, all together", ""]
     lines = table(header, rows, left=4).splitlines()
     missing = "; ".join(title(case) for case in CASES if case not in found)

@@ -93,7 +93,7 @@ def resample(
         specimen, options = candidate.added_to(posterior, outcome)
         again = prepare(specimen, **options, beta=posterior.beta, seed=plan.seed)
         found = draw_posterior(again, plan)
-        if found.convergence.state != "reliable":
+        if found.convergence.state != "converged":
             continue
         table = pd.DataFrame({name: q.ravel() for name, q in found.quantities.items()})
         after = targets(again, table, top)

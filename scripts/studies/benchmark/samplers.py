@@ -54,7 +54,7 @@ def ours(posterior: Posterior, *, steps: int) -> Outcome:
         warmup,
         rhat,
         draws,
-        "" if first.convergence.state == "reliable" else first.convergence.reason,
+        "" if first.convergence.state == "converged" else first.convergence.reason,
         told,
         {
             "to_criterion": float(np.median(times)),

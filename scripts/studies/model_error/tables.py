@@ -73,7 +73,7 @@ def coverage_table(data: pd.DataFrame) -> str:
     rows += _verdict_rows(data, names)
     runs = data.drop_duplicates(["seed", "candidate"])
     of_each = [runs[runs["candidate"] == c] for c in names]
-    bad = [str(int((r["state"] != "reliable").sum())) for r in of_each]
+    bad = [str(int((r["state"] != "converged").sum())) for r in of_each]
     rows.append(["runs short of their target", *bad])
     cpu = [f"{r['cpu_s'].median():.1f} s" for r in of_each]
     rows.append(["median processor time", *cpu])

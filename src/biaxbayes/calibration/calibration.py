@@ -133,7 +133,7 @@ class Replication:
     state : str
         Of the draws; ``failed`` when there are none.
     reason : str
-        Why the state is not ``reliable``.
+        Why the state is not ``converged``.
     truth : dict of str to float
         True values by the names of ``summary.csv``, and ``log_likelihood`` at them.
     rank : dict of str to int

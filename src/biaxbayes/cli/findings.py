@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["compare", "design", "identify", "ledger", "profile"]
 
-NOT_RELIABLE = 3
+NOT_CONVERGED = 3
 
 
 # --- identify: which parameters the data determine -----------------------------------------------
@@ -52,7 +52,7 @@ def identify(run: Path, as_json: bool, no_figure: bool) -> int:
     """Say which parameters of RUN the data determine, alone or only in combination.
 
     Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder.
-    Exit code 3 where the chains are not reliable: there is no verdict then.
+    Exit code 3 where the chains have not converged: there is no verdict then.
     """
     from biaxbayes import api
     from biaxbayes.jobs.products import verdicts_as_json
@@ -62,7 +62,7 @@ def identify(run: Path, as_json: bool, no_figure: bool) -> int:
         click.echo(verdicts_as_json(found.verdicts, found.determined, found.directions))
     else:
         _tell_identified(found, run)
-    return 0 if found.state == "reliable" else NOT_RELIABLE
+    return 0 if found.state == "converged" else NOT_CONVERGED
 
 
 def _tell_identified(found: Identified, run: Path) -> None:
@@ -218,9 +218,9 @@ def compare(
         )
     if not quiet:
         _tell_compared(found, out)
-    if not found.reliable:
-        click.echo("biaxbayes: not every run is reliable, see compare.html", err=True)
-    return 0 if found.reliable else NOT_RELIABLE
+    if not found.converged:
+        click.echo("biaxbayes: not every run has converged, see compare.html", err=True)
+    return 0 if found.converged else NOT_CONVERGED
 
 
 def _tell_compared(found: Comparison, out: Path) -> None:
@@ -286,7 +286,7 @@ def ledger(
 
     Writes ledger.csv, ledger.pdf and ledger.png. A RUN folder serves as the inferred posterior,
     with its own model options; a specimen CSV is sampled. Exit code 3 when one of the three is
-    not reliable.
+    not converged.
     """
     chosen: dict[str, Any] = {}
     begun: Any = source
@@ -318,10 +318,10 @@ def ledger(
         )
     if not quiet:
         _tell_ledger(found, folder)
-    unreliable = [name for name, state in found.states.items() if state != "reliable"]
-    if unreliable:
-        click.echo(f"biaxbayes: not reliable: {', '.join(unreliable)}; ask for more", err=True)
-    return NOT_RELIABLE if unreliable else 0
+    not_converged = [name for name, state in found.states.items() if state != "converged"]
+    if not_converged:
+        click.echo(f"biaxbayes: not converged: {', '.join(not_converged)}; ask for more", err=True)
+    return NOT_CONVERGED if not_converged else 0
 
 
 def _tell_ledger(found: Ledger, folder: Path) -> None:
@@ -385,7 +385,7 @@ def design(
 
     Outcomes of each candidate are simulated from the draws of the run, which are then reweighted;
     where an outcome leaves too few of them, new ones are drawn.
-    Writes design.csv, design.pdf and design.png. Exit code 3 where the run is not reliable.
+    Writes design.csv, design.pdf and design.png. Exit code 3 where the run has not converged.
     """
     from biaxbayes import api
 
@@ -397,7 +397,7 @@ def design(
         )
     _tell_design(found, opened.specimen.unit)
     click.echo(f"\n{folder / 'design.csv'}, {folder / 'design.pdf'}")
-    return 0 if opened.state == "reliable" else NOT_RELIABLE
+    return 0 if opened.state == "converged" else NOT_CONVERGED
 
 
 def _tell_design(found: Design, unit: str) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["laws"]
 
-NOT_RELIABLE = 3
+NOT_CONVERGED = 3
 
 
 @click.command("laws")
@@ -74,7 +74,7 @@ def laws(
         _tell(found, folder)
     for law, why in found.left_out.items():
         click.echo(f"biaxbayes: {law} is left out: {why}", err=True)
-    return 0 if found.reliable else NOT_RELIABLE
+    return 0 if found.converged else NOT_CONVERGED
 
 
 def _tell(found: LawComparison, folder: Path) -> None:

@@ -124,7 +124,7 @@ def file_option(name: str, words: str, metavar: str | None = None, **more: Any) 
 
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
-anyway_option = click.option("--anyway", is_flag=True, help="Even if the run is not reliable.")
+anyway_option = click.option("--anyway", is_flag=True, help="Even if the run has not converged.")
 overwrite_run_option = click.option(
     "--overwrite", is_flag=True, help="Replace a finished run, with all that was made of it."
 )

@@ -236,7 +236,7 @@ def plot(
     api.check_figure(figure, compare=compare, **{n: how[n] for n in ("truth", "parameters")})
     shown = {"compare": compare, "parameters": how["parameters"], "suffix": suffix}
     target = api.picture(out or run / api.picture_name(figure, how["width_mm"], **shown), suffix)
-    # Traces are there to see why a run is not reliable; a profile rests on no draws.
+    # Traces are there to see why a run has not converged; a profile rests on no draws.
     judged = figure not in api.WITHOUT_JUDGEMENT
     opened: Any = open_usable_run(run, anyway=anyway) if judged else run
     other = None if compare is None else open_usable_run(compare, anyway=anyway)
@@ -281,7 +281,7 @@ def report(run: Path, kind: str, out: Path | None) -> int:
         click.echo(api.report_text(opened, kind), nl=False)
     else:
         click.echo(str(api.report(opened, kind, out=out)))
-    return 0 if opened.state == "reliable" else 3
+    return 0 if opened.state == "converged" else 3
 
 
 # --- export: material cards of a run for Abaqus and FEBio ----------------------------------------

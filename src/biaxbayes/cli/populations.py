@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["population"]
 
-NOT_RELIABLE = 3
+NOT_CONVERGED = 3
 
 
 @click.command("population")
@@ -51,7 +51,7 @@ def population(
     where that has not been done. Groups are the layers, or what the study file names in columns.
     Writes population.csv (means, spreads of donors and of specimens, new specimens and donors),
     specimens.csv (each specimen before and after pooling), contrasts.csv and population.nc. Exit
-    code 0 when the posterior is reliable, 3 when the chains did not converge, 2 when the input
+    code 0 when the posterior has converged, 3 when the chains did not converge, 2 when the input
     cannot be used.
 
     \b
@@ -78,14 +78,14 @@ def population(
         click.echo(f"biaxbayes: left out: {plain(label)}: {plain(reason)}", err=True)
     if not quiet:
         click.echo(_closing(found))
-    elif found.state != "reliable":
+    elif found.state != "converged":
         click.echo(f"biaxbayes: {found.reason}", err=True)
-    return 0 if found.state == "reliable" else NOT_RELIABLE
+    return 0 if found.state == "converged" else NOT_CONVERGED
 
 
 def _closing(found: PopulationFound) -> str:
     """One screen that says what was found."""
-    said = found.state if found.state == "reliable" else f"{found.state.upper()}: {found.reason}"
+    said = found.state if found.state == "converged" else f"{found.state.upper()}: {found.reason}"
     lines = [f"{plain(found.name)}: {said}"]
     for group, part in found.groups.groupby("group", sort=False):
         first = part.iloc[0]

@@ -95,7 +95,7 @@ def graceful_stop() -> Iterator[Callable[[], int]]:
                 signal.signal(number, handler)
 
 
-# --- opening a run for what builds on it: unreliable draws are refused, or used with a word ------
+# --- opening a run for what builds on it: draws that have not converged are refused, or used ------
 
 
 def open_usable_run(path: Path, *, anyway: bool) -> Run:

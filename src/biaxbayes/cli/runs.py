@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 __all__ = ["batch", "calibrate", "fit", "sample"]
 
-NOT_RELIABLE = 3
+NOT_CONVERGED = 3
 
 
 # --- sample: the main job ------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def sample(
     """Joint posterior of the GOH parameters and the mounting stretches of SPECIMEN (a CSV).
 
     Writes a run folder with the draws, tables, figures and verdicts. Exit code 0 when the
-    posterior is reliable, 3 when the chains did not converge, 2 when the input cannot be used.
+    posterior has converged, 3 when the chains did not converge, 2 when the input cannot be used.
     """
     chosen = read_model_options(**model)
     from biaxbayes import api
@@ -105,9 +105,9 @@ def sample(
         from biaxbayes.jobs.closing import closing_message
 
         click.echo(closing_message(run))
-    elif run.state != "reliable":
+    elif run.state != "converged":
         click.echo(f"biaxbayes: {run.provenance['convergence']['reason']}", err=True)
-    return 0 if run.state == "reliable" else NOT_RELIABLE
+    return 0 if run.state == "converged" else NOT_CONVERGED
 
 
 # --- batch: a whole study ------------------------------------------------------------------------
@@ -152,7 +152,7 @@ def batch(
     layers and donors, study.html with the layers compared, and in runs/ a run folder of each
     specimen. The same command again does what is missing: a finished specimen is not sampled
     again, an interrupted one continues. A specimen that fails does not stop the others. Exit
-    code 0 when every specimen is reliable, 3 when one is not, 2 when the input cannot be used.
+    code 0 when every specimen has converged, 3 when one has not, 2 when the input cannot be used.
 
     \b
     biaxbayes batch study.toml --workers 4
@@ -192,7 +192,7 @@ def batch(
         click.echo(_study_closing(result))
     for label, reason in result.failures.items():
         click.echo(f"biaxbayes: {plain(label)}: {plain(reason)}", err=True)
-    return 0 if result.reliable else NOT_RELIABLE
+    return 0 if result.converged else NOT_CONVERGED
 
 
 def _is_study(path: Path) -> bool:
@@ -312,7 +312,7 @@ def fit(
     missed = [found.method for found in fits if not found.converged]
     if missed:
         click.echo(f"not converged: {', '.join(missed)}", err=True)
-    return NOT_RELIABLE if missed else 0
+    return NOT_CONVERGED if missed else 0
 
 
 def _print_table(specimen: Specimen, fits: list[FitResult], fixed: dict[str, float]) -> None:
@@ -429,7 +429,7 @@ def calibrate(
     tested = chosen["noise"] == "independent"
     if not quiet:
         click.echo(_calibration_closing(folder, outcome, tested))
-    return NOT_RELIABLE if tested and not outcome.calibrated else 0
+    return NOT_CONVERGED if tested and not outcome.calibrated else 0
 
 
 def _calibration_closing(folder: Path, outcome: Outcome, tested: bool) -> str:
@@ -442,10 +442,10 @@ def _calibration_closing(folder: Path, outcome: Outcome, tested: bool) -> str:
         lines.append(
             f"{row['parameter']:18s} {row['uniformity_p']:9.3f} {row['inside_band']:>8s}   {shares}"
         )
-    doubtful = {k: v for k, v in outcome.states.items() if k != "reliable"}
+    doubtful = {k: v for k, v in outcome.states.items() if k != "converged"}
     lines.append(
         f"{total} replications, "
-        + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all reliable")
+        + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all converged")
     )
     if total < FEWEST and (outcome.calibrated or not tested):
         lines.append(

@@ -320,9 +320,9 @@ class Comparison:
         return [m.label for m in self.members]
 
     @property
-    def reliable(self) -> bool:
+    def converged(self) -> bool:
         """Whether all runs are."""
-        return all(m.state == "reliable" for m in self.members)
+        return all(m.state == "converged" for m in self.members)
 
     def matrix(self) -> pd.DataFrame:
         """Verdicts and contractions, one row a run and parameter."""
@@ -442,7 +442,7 @@ def _determined(
     member: Member, found: Identifiability, derived: list[Derived], thresholds: Thresholds
 ) -> dict[str, bool]:
     """Whether the data determine each quantity of a run."""
-    reliable = member.state == "reliable"
+    converged = member.state == "converged"
     out = {p.name: p.verdict in (IDENTIFIED, ONE_SIDED) for p in found.parameters}
     stretches = [d.stretch for d in derived if d.kind == STRESS and d.name == "cauchy_x"]
     prior = _derived(
@@ -452,7 +452,7 @@ def _determined(
     )
     shrunk = contractions(prior, derived)
     for quantity, share in zip(derived, shrunk, strict=True):
-        out[quantity.key] = reliable and share >= thresholds.contraction
+        out[quantity.key] = converged and share >= thresholds.contraction
     return out
 
 

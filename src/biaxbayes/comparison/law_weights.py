@@ -71,10 +71,10 @@ class LawComparison:
     left_out: dict[str, str]
 
     @property
-    def reliable(self) -> bool:
+    def converged(self) -> bool:
         """Whether every law has converged on every record."""
         states = self.table["state"][self.table["law"] != STACKED]
-        return not self.left_out and bool((states == "reliable").all())
+        return not self.left_out and bool((states == "converged").all())
 
     def __repr__(self) -> str:
         laws = self.table[self.table["law"] != STACKED].sort_values("weight", ascending=False)

@@ -54,7 +54,7 @@ class Treated:
     draws : DataFrame
         Natural quantities, one row a draw.
     state : str
-        ``reliable``, ``tentative`` or ``unusable``.
+        ``converged``, ``tentative`` or ``unusable``.
     """
 
     posterior: Posterior
@@ -87,9 +87,9 @@ class Ledger:
     known: Quantities
 
     @property
-    def reliable(self) -> bool:
+    def converged(self) -> bool:
         """Whether all three are."""
-        return set(self.states.values()) == {"reliable"}
+        return set(self.states.values()) == {"converged"}
 
     @property
     def parameters(self) -> pd.DataFrame:

@@ -357,7 +357,7 @@ def _specimens(ax: Axes, part: pd.DataFrame, name: str, rows: list[_Specimen]) -
         if record is None:
             continue
         hue = colour(RUNS[row.layer % len(RUNS)])
-        known = record["state"] == "reliable" and record["verdict"] in KNOWN
+        known = record["state"] == "converged" and record["verdict"] in KNOWN
         if record["verdict"] == FIXED:
             ax.plot(record["q50"], i, "x", color="0.35", markersize=3.4, markeredgewidth=0.8)
             continue

@@ -226,7 +226,7 @@ def _aside(row: ParameterVerdict, known: Mapping[str, Quantity], *, short: bool)
     """What stands beside the verdict: the number a reader wants, or the partners."""
     e = row.evidence
     if e is None or row.verdict == NO_VERDICT:
-        return "" if e is None else "the chains are not reliable"
+        return "" if e is None else "the chains have not converged"
     p = row.scale.parameter
     unit = p.unit_symbol()
     unit = f" {unit}" if unit.isalpha() else unit

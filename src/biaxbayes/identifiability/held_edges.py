@@ -165,7 +165,7 @@ def _drawn(posterior: Posterior, seed: int) -> tuple[dict[str, np.ndarray], np.n
     if draws >= LEAST_ESS and weight.max() < LARGEST_SHARE * weight.sum():
         return _judged(target.quantities(x), posterior), weight, draws
     found = draw_posterior(posterior, plan)
-    ess = found.convergence.worst_ess if found.convergence.state == "reliable" else 0.0
+    ess = found.convergence.worst_ess if found.convergence.state == "converged" else 0.0
     flat = {name: values.ravel() for name, values in found.quantities.items()}
     some = next(iter(flat.values()))
     return _judged(flat, posterior), np.ones(some.size), ess

@@ -157,7 +157,7 @@ class Identifiability:
     thresholds : Thresholds
     law : Law
     fits : LawRange or None
-        Least squares of all laws under the same mounting constraint, where the draws are reliable.
+        Least squares of all laws under the same mounting constraint, of converged draws.
     held : tuple of HeldEdge
         The posterior with a parameter held at an end of its range that the data do not exclude.
     """
@@ -238,7 +238,7 @@ def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiabili
     Identifiability
     """
     posterior = run.posterior()
-    fits = fits_of_laws(posterior) if run.state == "reliable" else None
+    fits = fits_of_laws(posterior) if run.state == "converged" else None
     found = identify_draws(posterior, run.draws, run.state, thresholds=thresholds, fits=fits)
     return found.with_held(held_edges(posterior, found.open_edges()))
 
@@ -275,8 +275,8 @@ def identify_draws(
         For the priors and the mounting readings.
     draws : DataFrame
         Natural quantities by the names of ``summary.csv``, with ``log_likelihood``.
-    state : {"reliable", "tentative", "unusable"}
-        Anything but ``reliable`` gives no verdict; the evidence of tentative draws is there all
+    state : {"converged", "tentative", "unusable"}
+        Anything but ``converged`` gives no verdict; the evidence of tentative draws is there all
         the same, unusable ones give none.
     thresholds : Thresholds, optional
     fits : LawRange, optional
@@ -290,8 +290,8 @@ def identify_draws(
     scales = judged_scales(posterior.priors, posterior.quantities, draws)
     free = tuple(s for s in scales if isinstance(s.prior, Prior))
     evidence = {} if state == "unusable" else _evidence(posterior, draws, free, chosen)
-    fits = fits if state == "reliable" else None
-    if stated is None or state != "reliable":
+    fits = fits if state == "converged" else None
+    if stated is None or state != "converged":
         stated = _stated(posterior, evidence, fits)
     nothing = _meaningless(posterior.law, {n: e for n, (e, _, _) in evidence.items()}, chosen)
     out = []
@@ -307,7 +307,7 @@ def identify_draws(
             # laws that describe the record agree: parts of it contradict nothing
             found = replace(found, refits=None)
         verdict = NO_VERDICT
-        if state == "reliable":
+        if state == "converged":
             verdict = decide(found, chosen, meaningless=scale.name in nothing)
         told = nothing.get(scale.name, "")
         words = in_words(scale, verdict, found, chosen, state, meaningless=told)

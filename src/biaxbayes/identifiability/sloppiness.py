@@ -192,7 +192,7 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     ----------
     posterior : Posterior
     draws : DataFrame
-        Of reliable chains.
+        Of converged chains.
 
     Returns
     -------

@@ -34,6 +34,7 @@ __all__ = [
     "LawRange",
     "Stated",
     "better_law",
+    "cure",
     "distinctly_better",
     "law_fits",
     "law_range",
@@ -264,6 +265,21 @@ def better_law(specimen: Specimen, law: str = DEFAULT_LAW) -> str:
     others = fitted(tuple(name for name in LAWS if name != law))
     fits = (*own.fits, *(others.fits if others else ()))
     return distinctly_better(replace(own, fits=tuple(sorted(fits, key=lambda f: f.rms))), law)
+
+
+def cure(names: Sequence[str]) -> str:
+    """What to measure where mounting stretches cannot be stated as values, with lines to paste.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the mounting stretches.
+    """
+    lines = "; ".join(f"# {name}: VALUE +- SD" for name in names)
+    return (
+        "to know it, measure it: photograph two marks an axis before and after mounting; the ratio "
+        f"of their distances, with its sd, goes into the header of the specimen: {lines}"
+    )
 
 
 def stated_mounting(

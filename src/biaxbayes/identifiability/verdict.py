@@ -70,7 +70,7 @@ def in_words(
     """
     name = scale.name
     if verdict == NO_VERDICT:
-        return f"{name}: no verdict, the chains are not reliable ({state})"
+        return f"{name}: no verdict, the chains have not converged ({state})"
     if verdict == FIXED or evidence is None:
         held = scale.prior
         if isinstance(held, Tie):
@@ -259,7 +259,7 @@ class Evidence:
 
 
 def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = False) -> str:
-    """The verdict on a sampled parameter of reliable draws.
+    """The verdict on a sampled parameter of converged draws.
 
     A mounting stretch that the data contradict is not identified, whatever else. Else traded with
     others comes first, unless the interval is sharp: then it is known in practice.

@@ -32,6 +32,7 @@ from biaxbayes.model.priors import default_priors
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import CalibrationPlan, ModelOptions
 from biaxbayes.parameters import Quantities
+from biaxbayes.runs.folder import EARLIER
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Plan, Progress
@@ -309,6 +310,7 @@ def read_ranks(path: Path) -> pd.DataFrame:
             if name not in TEXT:
                 # By Python's own parser, which returns what was written to the last bit.
                 table[name] = [float(v) if v else math.nan for v in table[name]]
+        table["state"] = table["state"].replace(EARLIER)
         return table.astype({"replication": int, "rejected_draws": int})
     except (OSError, ValueError):
         raise RunError(

@@ -45,9 +45,9 @@ def _found(run: Run) -> list[str]:
 
 def _verdict(record: dict[str, Any]) -> str:
     convergence = record["convergence"]
-    if convergence["state"] == "reliable":
+    if convergence["state"] == "converged":
         return (
-            f"reliable (R-hat {convergence['worst_rhat']:.4f}, at least "
+            f"converged (R-hat {convergence['worst_rhat']:.4f}, at least "
             f"{convergence['worst_ess']:.0f} effective draws of every quantity)"
         )
     if convergence["state"] == "tentative":
@@ -128,24 +128,23 @@ def _identifiability(run: Run) -> list[str]:
 
 def _stated(run: Run) -> list[str]:
     """What is stated of the mounting stretch of the tissue, and a law that fits better."""
+    from biaxbayes.reports.other_fits import mounting_cure
+
     lines = []
     for name, stated in run.stated.items():
         said = stated.in_words(run.quantities[name].parameter)
         lines.append(_plain(f"{name} of the tissue: {said}; {stated.reason}"))
+    cure = mounting_cure(run)
+    lines += [_plain(cure)] if cure else []
     better = run.provenance.get("identifiability", {}).get("better_law", "")
     return [*lines, *([_plain(better)] if better else [])]
 
 
 def _held(run: Run) -> list[str]:
     """What holds with a parameter at an end of its range that the data do not exclude."""
-    path = run.path / "edges.csv"
-    if not path.is_file():
-        return []
-    from biaxbayes.csv_tables import read_csv
-    from biaxbayes.identifiability.held_edges import held_from
+    from biaxbayes.reports.other_fits import kept_edges
 
-    found = held_from(read_csv(path), run.quantities)
-    return [_plain(held.summary(run.law.names, run.quantities)) for held in found]
+    return [_plain(held.summary(run.law.names, run.quantities)) for held in kept_edges(run)]
 
 
 def _verdicts(run: Run) -> pd.DataFrame | None:

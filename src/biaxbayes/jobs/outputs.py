@@ -323,7 +323,7 @@ def plot(
 
 
 WITHOUT_JUDGEMENT = ("trace", "profile")
-"""Traces are there to see why a run is not reliable; a profile rests on no draws."""
+"""Traces are there to see why a run has not converged; a profile rests on no draws."""
 
 
 def check_figure(figure: str, **given: Any) -> None:

@@ -206,7 +206,7 @@ class PopulationJob:
 
     def _opened(self) -> tuple[list[Source], dict[str, str]]:
         """The runs that can be pooled, and why the others cannot."""
-        usable = ("reliable", "tentative") if self.anyway else ("reliable",)
+        usable = ("converged", "tentative") if self.anyway else ("converged",)
         sources, left_out = [], {}
         for member in self.members:
             if member.state not in usable:

@@ -54,7 +54,7 @@ class PopulationFound:
     folder : Path
         Holds ``population.csv``, ``specimens.csv``, ``contrasts.csv`` and ``population.nc``.
     state : str
-        ``reliable``, ``tentative`` or ``unusable``; ``reason`` says why.
+        ``converged``, ``tentative`` or ``unusable``; ``reason`` says why.
     reason : str
     groups, specimens, contrasts : DataFrame
         The tables.

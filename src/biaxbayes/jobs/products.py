@@ -290,7 +290,7 @@ class Identified:
     ----------
     verdicts : Identifiability
     determined : DataFrame or None
-        None where the chains are not reliable.
+        None where the chains have not converged.
     directions : Sloppiness or None
         None there too, and where no material parameter is free or some are tied.
     """
@@ -341,16 +341,16 @@ def identified(
     posterior : Posterior
     draws : DataFrame
         Natural quantities, ``log_likelihood`` and ``lp``, one row a draw.
-    state : {"reliable", "tentative", "unusable"}
+    state : {"converged", "tentative", "unusable"}
     kept : Path, optional
         Folder of the run, where the fits of laws need not be made again.
     """
     fits = kept_law_fits(kept, posterior) if kept is not None else None
-    if fits is None and state == "reliable":
+    if fits is None and state == "converged":
         fits = fits_of_laws(posterior)
     verdicts = identify_draws(posterior, draws, state, fits=fits)
     verdicts = verdicts.with_held(_held_edges(verdicts, posterior, kept))
-    if state != "reliable":
+    if state != "converged":
         return Identified(verdicts, None, None)
     table = determined(
         draws,
@@ -373,7 +373,7 @@ def write_identifiability_products(
 ) -> Identified:
     """Judge the draws of a run and write what was found into its folder.
 
-    Writes ``identifiability.csv``, with reliable draws ``determined.csv`` and
+    Writes ``identifiability.csv``, with converged draws ``determined.csv`` and
     ``same-curves.csv``, and ``identifiability.pdf``.
 
     Parameters
@@ -439,13 +439,13 @@ def write_products(
     known = posterior.quantities
     drawn = state != "unusable"
     corner = Beside(lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1)
-    fits = laws.result() if state == "reliable" else None
+    fits = laws.result() if state == "converged" else None
     found = identify_draws(posterior, table, state, fits=fits)
     found = found.with_held(held_edges(posterior, found.open_edges()))
     write_identifiability(found, folder / "identifiability.csv")
     write_law_fits(found, posterior, folder)
     write_held_edges(found, folder)
-    if state != "reliable":
+    if state != "converged":
         from biaxbayes.figures.trace import trace_figure
 
         _save(

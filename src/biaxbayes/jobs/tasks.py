@@ -142,7 +142,7 @@ def _run(task: SpecimenTask, notes: list[str]) -> Run:
 
 
 def _reason(run: Run) -> str:
-    return "" if run.state == "reliable" else str(run.provenance["convergence"]["reason"])
+    return "" if run.state == "converged" else str(run.provenance["convergence"]["reason"])
 
 
 @dataclass(frozen=True)

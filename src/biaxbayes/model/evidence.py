@@ -66,8 +66,8 @@ def evidence(posterior: Posterior, draws: Draws, *, seed: int = 0) -> Evidence:
 def evidence_record(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Any]:
     """The evidence as JSON values, or the reason why there is none."""
     problem = _without(posterior)
-    if not problem and draws.convergence.state != "reliable":
-        problem = "the draws are not reliable"
+    if not problem and draws.convergence.state != "converged":
+        problem = "the draws have not converged"
     if problem:
         return {"log_evidence": None, "reason": problem}
     found = evidence(posterior, draws, seed=seed)

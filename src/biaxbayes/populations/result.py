@@ -144,12 +144,12 @@ class Population:
 
     @property
     def state(self) -> str:
-        """``reliable``, ``tentative`` or ``unusable``."""
+        """``converged``, ``tentative`` or ``unusable``."""
         return self.sampled.convergence.state
 
     @property
     def reason(self) -> str:
-        """Why it is not reliable."""
+        """Why it has not converged."""
         return self.sampled.convergence.reason
 
     def _rng(self, what: int) -> np.random.Generator:

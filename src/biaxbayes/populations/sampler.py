@@ -28,7 +28,7 @@ __all__ = ["History", "Plan", "Sampled", "State", "draw"]
 LENGTH_ROUNDS = 2
 ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
 GROWTH = 1.5
-STATES = ("reliable", "tentative", "unusable")
+STATES = ("converged", "tentative", "unusable")
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
 FRESH_AT_ONCE = 32
@@ -202,7 +202,7 @@ def draw(
             history = new if state.history is None else state.history.followed_by(new)
             done = state.sweeps + sweeps
             judged = _assessed(quantities(history), plan.ess)
-            finished = judged.state == "reliable" or done >= plan.max_steps
+            finished = judged.state == "converged" or done >= plan.max_steps
             state = State(
                 tuning,
                 [_snapshot(e) for e in ensembles],

@@ -72,7 +72,7 @@ def _page(found: Comparison, figures: dict[str, Figure]) -> str:
         labels=found.labels,
         laws=list(dict.fromkeys(m.posterior.law.name for m in found.members)),
         members=found.members,
-        reliable=found.reliable,
+        converged=found.converged,
         notes=found.notes,
         verdicts=[
             {"label": label, "words": verdicts.in_words()}

@@ -296,7 +296,7 @@ class Page {
     if (refused) {
       const strong = document.createElement("strong");
       strong.textContent = "Refused. ";
-      box.append(strong, `These priors leave ${found.toFixed(0)} effective draws of ${this.draws.count}; fewer than ${this.data.least} say nothing reliable. The page shows the priors of the run.`);
+      box.append(strong, `These priors leave ${found.toFixed(0)} effective draws of ${this.draws.count}; fewer than ${this.data.least} say nothing converged. The page shows the priors of the run.`);
     }
     this.count();
     this.show();

@@ -147,7 +147,7 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, repor
     posterior : Posterior
     draws : DataFrame
         All draws of the run, one row each, columns as in ``summary.csv``.
-    state : {"reliable", "tentative"}
+    state : {"converged", "tentative"}
         Of the run.
     report : str
         The report to point to, where it stands beside the page.

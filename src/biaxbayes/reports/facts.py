@@ -123,7 +123,7 @@ MEASURED = {
     "cauchy": "Cauchy stress (kPa)",
 }
 STATES = {
-    "reliable": "Reliable chains: the ensembles agree and hold enough independent draws.",
+    "converged": "Converged chains: the ensembles agree and hold enough independent draws.",
     "tentative": "Tentative: not converged. Do not publish these numbers; sample longer.",
     "unusable": "Not usable: the ensembles disagree, so the draws say nothing.",
 }

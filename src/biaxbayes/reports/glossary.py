@@ -54,7 +54,7 @@ GLOSSARY = {
     "effective draws (ESS), bulk and tail": "how many independent draws the chains are worth, in "
     "the middle and at the ends; 400 make an interval steady",
     "R-hat": "spread between ensembles over that within them; above 1.01 they have not agreed",
-    "reliable, tentative, unusable": "the chains agree and are long enough; agree but are short; "
+    "converged, tentative, unusable": "the chains agree and are long enough; agree but are short; "
     "disagree, so that the draws say nothing",
     "nats": f"unit of information: {NATS}",
 }

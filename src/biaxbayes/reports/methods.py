@@ -151,7 +151,7 @@ def _sampling(run: Run) -> str:
         f"{sampler.get('walkers', 0)} walkers for {sampler.get('steps', 0):,} steps after an "
         f"adaptive warm-up (seed {record['seed']})"
     )
-    if run.state == "reliable" and found.get("worst_rhat"):
+    if run.state == "converged" and found.get("worst_rhat"):
         return (
             f"{text}; the largest split R-hat across ensembles was {found['worst_rhat']:.4f}, the "
             f"smallest effective sample size {found['worst_ess']:,.0f}."

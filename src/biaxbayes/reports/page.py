@@ -29,6 +29,7 @@ from biaxbayes.reports.facts import (
 from biaxbayes.reports.glossary import GLOSSARY
 from biaxbayes.reports.methods import methods
 from biaxbayes.reports.names import as_html, cut
+from biaxbayes.reports.other_fits import held_rows, law_rows, mounting_cure
 from biaxbayes.reports.parameters import parameter_rows, percent_stretch
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
@@ -188,6 +189,10 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         version_facts=version_facts(run),
         citations=citations(run),
         methods=methods(run, rows),
+        held=held_rows(run),
+        laws=law_rows(run),
+        better_law=run.provenance.get("identifiability", {}).get("better_law", ""),
+        cure=mounting_cure(run),
         glossary=list(GLOSSARY.items()),
     )
 

@@ -52,13 +52,13 @@ def population_page(
     there = pictures(folder, tuple(FIGURES))
     own = tables["specimens"].drop_duplicates("specimen")
     convergence = record["convergence"]
-    reliable = convergence["state"] == "reliable"
+    converged = convergence["state"] == "converged"
     return page_template("population.html.jinja").render(
         name=cut(record["name"]),
         specimens=len(own),
         donors=int(own["donor"].nunique()),
         state=convergence["state"],
-        told="reliable" if reliable else f"{convergence['state']}: {convergence['reason']}",
+        told="converged" if converged else f"{convergence['state']}: {convergence['reason']}",
         left_out=[(cut(k), cut(v, 300)) for k, v in record["left_out"].items()],
         notes=[cut(n, 500) for n in record["notes"]],
         figures=[(*FIGURES[stem], picture) for stem, picture in there.items()],
@@ -150,7 +150,7 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
     judged = (
         f"R-hat was at most {convergence['worst_rhat']:.3f} and the effective sample size of "
         f"every reported quantity at least {convergence['worst_ess']:.0f}."
-        if convergence["state"] == "reliable"
+        if convergence["state"] == "converged"
         else f"The chains did not converge ({convergence['reason']})."
     )
     left = f" Left out: {_and(list(record['left_out']))}." if record["left_out"] else ""

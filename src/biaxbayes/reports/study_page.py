@@ -51,8 +51,8 @@ def study_page(result: StudyResult) -> str:
     return page_template("study.html.jinja").render(
         name=cut(result.name),
         total=total,
-        reliable=states.get("reliable", 0),
-        states=[(k, v) for k, v in states.items() if k != "reliable"],
+        converged=states.get("converged", 0),
+        states=[(k, v) for k, v in states.items() if k != "converged"],
         failures=[(cut(k), cut(v, 300)) for k, v in result.failures.items()],
         columns=[(KNOWN_QUANTITIES[n], _unit(KNOWN_QUANTITIES[n].unit)) for n in names],
         specimens=_specimens(result, names),
@@ -102,7 +102,7 @@ def _cell(row: dict[Any, Any] | None) -> dict[str, Any]:
     told = [number(v, low, high, log=log) for v in (median, low, high)]
     fixed = row["verdict"] == FIXED or low == high
     interval = "fixed" if fixed else f"{told[1]} to {told[2]}"
-    known = fixed or (row["state"] == "reliable" and row["verdict"] in KNOWN)
+    known = fixed or (row["state"] == "converged" and row["verdict"] in KNOWN)
     return {"median": told[0], "interval": interval, "known": known}
 
 
@@ -120,7 +120,7 @@ def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
             {
                 "name": cut(group, 60),
                 "specimens": int(first["specimens"]),
-                "reliable": int(first["reliable"]),
+                "converged": int(first["converged"]),
                 "rows": rows,
             }
         )
@@ -141,7 +141,7 @@ def _group_row(r: dict[Any, Any]) -> dict[str, Any]:
     return {
         "quantity": _named(r["quantity"]),
         "unit": _unit(r["unit"]),
-        "determined": f"{r['determined']} of {r['reliable']}",
+        "determined": f"{r['determined']} of {r['converged']}",
         "centre": numbers[0],
         "range": f"{numbers[1]} to {numbers[2]}" if low < high else DASH,
         "between": told,

@@ -48,7 +48,7 @@ def latex_table(run: Run) -> str:
     more = any(row.stated for row in rows)
     within = f" within the law; {STATED}: whatever its law" if more else ""
     caption = f"{name}: posterior median and central 90\\,\\% interval{within}."
-    if run.state != "reliable":
+    if run.state != "converged":
         caption += f" {latex_text(state_words(run)[0])}"
     body = [_latex_row(row, stated=more) for row in rows]
     text = methods(run, rows)

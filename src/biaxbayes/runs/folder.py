@@ -212,7 +212,9 @@ def _sync(path: Path) -> None:
 # --- the record of a run folder, and its files, read as if a stranger had made them --------------
 
 
-STATES = ("reliable", "tentative", "unusable")
+STATES = ("converged", "tentative", "unusable")
+EARLIER = {"reliable": "converged"}
+"""What earlier versions called a state."""
 MAX_BYTES = 50_000_000
 NUMBER = (int, float)
 NEEDED: dict[str, Any] = {
@@ -251,15 +253,18 @@ def read_record(folder: Path) -> dict[str, Any]:
     """
     record = read_json(folder, PROVENANCE)
     missing = _misfit(record, NEEDED) or _misfit(record, ALLOWED, optional=True)
+    if not missing:
+        state = record["convergence"]["state"]
+        record["convergence"]["state"] = EARLIER.get(state, state)
     if not missing and record["convergence"]["state"] not in STATES:
         missing = "convergence: state"
     if not missing and not 0.0 < record["noise"]["beta"] < math.inf:
         missing = "noise: beta"
     if not missing:
-        # A reliable run states them, and whatever run does states both.
+        # A converged run states them, and whatever run does states both.
         stated = [record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat")]
         if stated[0] != stated[1] or not (
-            stated[0] or record["convergence"]["state"] != "reliable"
+            stated[0] or record["convergence"]["state"] != "converged"
         ):
             missing = "convergence: worst_ess, worst_rhat"
     if missing:

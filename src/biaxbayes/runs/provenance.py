@@ -100,7 +100,7 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
     """Everything about a run that is not in its draws."""
     specimen, convergence = posterior.specimen, draws.convergence
     readings = posterior.readings
-    reliable = bool(convergence.names)
+    converged = bool(convergence.names)
     return {
         "biaxbayes": biaxbayes.__version__,
         "specimen": specimen.name,
@@ -137,8 +137,8 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
         "convergence": {
             "state": convergence.state,
             "reason": convergence.reason,
-            "worst_ess": convergence.worst_ess if reliable else None,
-            "worst_rhat": convergence.worst_rhat if reliable else None,
+            "worst_ess": convergence.worst_ess if converged else None,
+            "worst_rhat": convergence.worst_rhat if converged else None,
             "interrupted": draws.interrupted,
         },
         "evidence": evidence_record(posterior, draws, plan.seed),

@@ -104,7 +104,7 @@ class Run:
 
     @property
     def state(self) -> str:
-        """``reliable``, ``tentative`` or ``unusable``."""
+        """``converged``, ``tentative`` or ``unusable``."""
         return str(self.provenance["convergence"]["state"])
 
     @property

@@ -64,7 +64,7 @@ def summarise(
             row |= {"mean": draws.mean(), "sd": sd, "q05": q05, "q50": q50, "q95": q95}
         if i is not None:
             row["rhat"] = convergence.rhat[i]
-            if convergence.state == "reliable":
+            if convergence.state == "converged":
                 row["ess_bulk"] = np.floor(convergence.ess_bulk[i])
                 row["ess_tail"] = np.floor(convergence.ess_tail[i])
         rows.append(row)

@@ -13,7 +13,7 @@ A banana whose first coordinate ends at zero:
     plan = Plan(ess=2000, seed=1)
     start = search(target, np.array([[1.0, 0.0]]), np.ones(2), plan.search_rng())
     draws = draw(target, start, plan)
-    print(draws.convergence.state, draws.quantities["x0"].mean())  # reliable, near 0.798
+    print(draws.convergence.state, draws.quantities["x0"].mean())  # converged, near 0.798
 
 ``search`` is given points of positive density to start from, and how far around them to look. It
 climbs from each to a mode (:mod:`.modes`), puts a Student t with the local curvature there

@@ -113,9 +113,9 @@ class Convergence:
         ``tau`` is the autocorrelation time in kept steps, of the rank-normalised draws.
     steps : int
         Kept steps of each ensemble.
-    state : {"reliable", "tentative", "unusable"}
+    state : {"converged", "tentative", "unusable"}
     reason : str
-        Why the state is not reliable; empty when it is.
+        Why the state has not converged; empty when it is.
     """
 
     names: tuple[str, ...]
@@ -151,7 +151,7 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     Returns
     -------
     Convergence
-        ``reliable``: R-hat below 1.01, ESS on target, chains longer than 25 autocorrelation
+        ``converged``: R-hat below 1.01, ESS on target, chains longer than 25 autocorrelation
         times and no walker that stood still for a third of them. ``tentative``: R-hat below 1.05
         and ESS above 100. ``unusable`` otherwise.
     """
@@ -179,7 +179,7 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
         names, ess_bulk, ess_tail, np.array(rhat), np.array(tau), steps, target_ess
     )
     held = longest_hold(quantities) if names else 0
-    if state == "reliable" and held > LONGEST_HOLD * steps:
+    if state == "converged" and held > LONGEST_HOLD * steps:
         state, reason = "tentative", f"a walker stood still for {held} of {steps} kept steps"
     return Convergence(
         tuple(names), ess_bulk, ess_tail, np.array(rhat), np.array(tau), steps, state, reason
@@ -201,7 +201,7 @@ def _state(
     worst, slow, least = int(np.argmax(rhat)), int(np.argmax(tau)), int(np.argmin(ess))
     short = steps < MIN_STEPS_PER_TAU * tau[slow]
     if rhat[worst] < RHAT_LIMIT and ess[least] >= target and not short:
-        return "reliable", ""
+        return "converged", ""
     if not rhat[worst] < RHAT_LIMIT:
         reason = f"R-hat of {names[worst]} is {rhat[worst]:.3f} (limit {RHAT_LIMIT})"
     elif short:

@@ -214,7 +214,9 @@ def draw(
     if state.steps >= due:
         convergence, quantities = _judge(target, state, plan)
     interrupted = False
-    while convergence is None or (convergence.state != "reliable" and state.steps < plan.max_steps):
+    while convergence is None or (
+        convergence.state != "converged" and state.steps < plan.max_steps
+    ):
         if stop():
             interrupted = True
             break
@@ -223,7 +225,7 @@ def draw(
         state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
         if state.steps == due:
             convergence, quantities = _judge(target, state, plan)
-            state.finished = convergence.state == "reliable"
+            state.finished = convergence.state == "converged"
             a_step = convergence.worst_ess / state.steps
         progress(Progress("sampling", min(a_step * state.steps / plan.ess, 0.99)))
         if on_block:

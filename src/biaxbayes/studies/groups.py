@@ -33,7 +33,7 @@ GROUP_COLUMNS = (
     "quantity",
     "unit",
     "specimens",
-    "reliable",
+    "converged",
     "determined",
     "centre",
     "lowest",
@@ -73,7 +73,7 @@ def group_summaries(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row a group and quantity. ``determined`` specimens are reliable and their verdict is
+        One row a group and quantity. ``determined`` specimens have converged and their verdict is
         one of :data:`KNOWN`; the numbers are theirs. ``centre`` is the mean of their medians
         (the geometric one where the scale is ``log``), ``lowest`` and ``highest`` the extreme
         medians. ``sd_of_medians``, ``sd_within`` (root mean square of the posterior sd) and
@@ -99,16 +99,16 @@ def group_summaries(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _summary(part: pd.DataFrame) -> dict[str, Any]:
-    reliable = part[part["state"] == "reliable"]
+    converged = part[part["state"] == "converged"]
     # What is no property of the tissue has no verdict, only a number.
-    judged = reliable["verdict"].isin(KNOWN) | (reliable["verdict"].fillna("") == "")
-    known = reliable[judged & np.isfinite(reliable["q50"].astype(float))]
+    judged = converged["verdict"].isin(KNOWN) | (converged["verdict"].fillna("") == "")
+    known = converged[judged & np.isfinite(converged["q50"].astype(float))]
     units = [u for u in part["unit"] if isinstance(u, str)]
     scales = [s for s in part["scale"] if isinstance(s, str)]
     out: dict[str, Any] = {
         "unit": units[0] if units else "",
         "scale": scales[0] if scales else "",
-        "reliable": int(reliable["specimen"].nunique()),
+        "converged": int(converged["specimen"].nunique()),
         "determined": len(known),
     }
     if known.empty:

@@ -234,7 +234,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
     noise, convergence = run.provenance["noise"], run.provenance["convergence"]
     common = {
         "state": run.state,
-        "reason": convergence["reason"] if run.state != "reliable" else "",
+        "reason": convergence["reason"] if run.state != "converged" else "",
         "readings": noise["readings"],
         "effective_readings": noise["effective_readings"] or noise["readings"],
         "beta": noise["beta"],
@@ -280,7 +280,7 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     rows = []
     for quantity, share in zip(found, contractions(before, found), strict=True):
         scale = LOG if quantity.unit else LINEAR
-        known = run.state == "reliable" and share >= Thresholds().contraction
+        known = run.state == "converged" and share >= Thresholds().contraction
         q05, q50, q95 = np.quantile(quantity.values, [0.05, 0.5, 0.95])
         rows.append(
             {
@@ -328,7 +328,7 @@ def _verdicts(run: Run) -> dict[str, dict[str, Any]]:
 
 MOST_WITHOUT_DONOR = 6
 """Specimens that are compared with one another where no donor is named."""
-USABLE = ("reliable", "tentative")
+USABLE = ("converged", "tentative")
 
 
 @dataclass(frozen=True)
@@ -394,9 +394,9 @@ class StudyResult:
         return {str(k): int(v) for k, v in self.specimens["state"].value_counts().items()}
 
     @property
-    def reliable(self) -> bool:
+    def converged(self) -> bool:
         """Whether every specimen is."""
-        return set(self.states) == {"reliable"}
+        return set(self.states) == {"converged"}
 
     @property
     def failures(self) -> dict[str, str]:
