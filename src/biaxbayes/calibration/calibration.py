@@ -4,8 +4,6 @@ True values are drawn from a prior, readings are simulated, and the posterior of
 sampled with the same prior and the procedure that a measured specimen gets. The rank of a true
 value among its posterior draws is then uniform (Talts et al., arXiv:1804.06788), whatever the
 prior, if and only if density and sampler are right for what was ranked.
-
-Many replications of a calibration study, on any executor.
 """
 
 from __future__ import annotations

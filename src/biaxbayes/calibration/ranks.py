@@ -1,7 +1,5 @@
 """What the ranks of a study say: uniformity, and coverage.
 
-Simultaneous bands of the distribution function of uniform ranks, exactly.
-
 With N replications and ranks 0 ... L, the number of ranks up to r is binomial with probability
 z_r = (r + 1) / (L + 1). A pointwise tail probability
 
@@ -11,10 +9,6 @@ is small where the count is far off. The smallest p_r over all r decides. Its di
 uniformity is computed exactly, since the counts form a Markov chain:
 count_r - count_(r-1) ~ Bin(N - count_(r-1), 1 / (L + 2 - r - 1)).
 Saeilynoja, Buerkner and Vehtari, Statistics and Computing 32 (2022) 32, section 2.
-
-Whether intervals hold the truth as often as they say.
-
-What the ranks of a study say, parameter by parameter.
 """
 
 from __future__ import annotations

@@ -1,9 +1,5 @@
 """A specimen drawn from the statistical model, and the priors its truth is drawn from.
 
-A specimen drawn from the statistical model: true values from the prior, readings from them.
-
-Priors that a calibration study draws its true values from, and samples with.
-
 The default priors of a posterior are wide on purpose: most of their draws are no tissue (10 MPa,
 or pushed together at mounting) on the protocol at hand. A study needs true values that could be
 a specimen on this machine, and it must sample with the prior that it draws from.
@@ -38,7 +34,7 @@ __all__ = [
 ]
 
 
-# --- A specimen drawn from the statistical model: true values from the prior, readings from them--
+# --- A specimen drawn from the statistical model: true values from the prior ----------------------
 
 
 SAME_ROOT = 1e-6

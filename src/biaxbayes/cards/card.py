@@ -1,7 +1,4 @@
-"""A material card: one draw, in one unit system, with what a reader of the file must know.
-
-Consistent unit systems of finite-element input.
-"""
+"""A material card: one draw, in one unit system, with what a reader of the file must know."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """Posterior draws to a folder of material cards, each checked after it was written.
 
-The check that a written card gives the stress of the draw it was made from.
-
 The card is read back from its text and the program's own strain energy is evaluated in three
 dimensions, differentiated by complex steps, with the pressure from plane stress: a route that
 shares nothing with :mod:`biaxbayes.laws.goh`.

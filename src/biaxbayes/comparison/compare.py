@@ -1,11 +1,5 @@
 """Several runs side by side: what each determines, and how far apart they are.
 
-How far two posteriors of one quantity lie apart.
-
-Whether runs can be compared at all: what else than the tissue differs between them.
-
-Materials drawn from the priors of a run, and how much less its posterior spreads.
-
 A quantity that follows from the parameters has no prior of its own; its prior is what the
 parameters' priors make of it.
 

@@ -1,7 +1,4 @@
-"""Data with the credible and the predictive band of a run, protocol by protocol.
-
-Where the panels of a bands figure stand.
-"""
+"""Data with the credible and the predictive band of a run, protocol by protocol."""
 
 from __future__ import annotations
 

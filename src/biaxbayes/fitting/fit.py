@@ -1,7 +1,5 @@
 """Deterministic fits of a specimen: three that neglect nothing, two that many labs use.
 
-The method paper's own fit: root-find the mounting stretch, update the data, refit; repeat.
-
 Math. Comput. Appl. 2024, 29(4), 55, Section 2.2.2 and Figure 2. Its fixed point is not a
 minimum of one objective: with noise it differs from the least-squares solutions.
 """

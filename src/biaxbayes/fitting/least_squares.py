@@ -1,14 +1,10 @@
 """Bounded nonlinear least squares, from several starting points.
 
-Bounded nonlinear least squares with parameters that end exactly on their bounds.
-
 A trust-region reflective method keeps strictly inside the box and creeps towards a bound;
 several printed optima lie on one (k2 = 0, kappa = 0, alpha = 90 degrees). This is
 Levenberg-Marquardt with Nielsen's damping on the free set of a projected step: an unknown on a
 bound whose gradient points outward is held there, the others move, and a step that leaves the
 box is cut back to it.
-
-Descents from several starting points, carried on only where they lead somewhere.
 """
 
 from __future__ import annotations

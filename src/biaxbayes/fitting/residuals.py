@@ -1,9 +1,5 @@
 r"""Rows of a specimen in flat arrays, and the residuals of the deterministic fits on them.
 
-All rows of a specimen in flat arrays, as a fit needs them.
-
-Residuals of the deterministic fits and their analytic Jacobians.
-
 What is compared (``quantity``):
 
     "cauchy"   s_k(theta, l lm)  with the data updated to the mounting stretch,

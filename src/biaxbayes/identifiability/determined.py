@@ -1,7 +1,5 @@
 """What the data do determine: the structure tensor, stiffness, stress and energy.
 
-What a material does, draw by draw: structure tensor, stiffness and stress at stated stretches.
-
 These are what a biaxial test sees. Draws that disagree in every parameter may agree in all of
 them.
 
@@ -43,7 +41,7 @@ __all__ = [
 ]
 
 
-# --- what a material does, draw by draw: structure tensor, stiffness and stress at stated stretc--
+# --- what a material does, draw by draw: structure tensor -----------------------------------------
 
 
 STRESS, STIFFNESS, TENSOR = "stress", "stiffness", "structure tensor"

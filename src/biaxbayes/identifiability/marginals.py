@@ -1,19 +1,13 @@
 """One parameter at a time: its scale, the shape of its draws, the bounds of its range.
 
-The scale on which a parameter's prior and posterior are compared.
-
 Stiffnesses and the exponent are compared in natural logs, the angle in degrees, the dispersion
 and the mounting stretches as they are: the scales on which the default priors are normal or
 flat.
-
-Shape of a one-dimensional sample: its density, its peaks, and where it stays open.
 
 The likelihood of a parameter with everything else averaged out is posterior over prior density.
 In the variable v = cumulative prior probability the prior is flat, so that the density of v is
 that likelihood, whatever the prior: its value at v = 0 and 1, relative to its maximum, says
 whether the data close the parameter's range on that side.
-
-Where a parameter's range ends, and whether the data keep it away from there.
 
 Physical edges are those of the law, such as kappa at 0 (aligned fibres) and at 1/3 (isotropic), and
 stiffnesses and exponents towards 0 (no matrix, no fibres, no stiffening). At an edge the draws are

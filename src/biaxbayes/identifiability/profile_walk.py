@@ -1,7 +1,4 @@
-"""Walking along a profile: outwards in steps that suit the curve, and back over it.
-
-The axis that a profile is walked along: which scale, how far, in which steps.
-"""
+"""Walking along a profile: outwards in steps that suit the curve, and back over it."""
 
 from __future__ import annotations
 

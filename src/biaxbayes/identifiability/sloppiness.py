@@ -1,13 +1,9 @@
 """Stiff and sloppy directions, and what a parameter trades with.
 
-What a parameter trades with: how narrow it would be if others were known.
-
 The conditional spread is the residual spread of a polynomial regression of the parameter on the
 others (all on their sampling scales): cubic in each, with all products of two. Partners are those
 that alone tell much about the parameter (or it about them), since on a ridge all move together,
 and those that are needed besides to explain its spread.
-
-Stiff and sloppy directions: what combination of parameters is known, and which moves freely.
 
 Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
 in units of its prior standard deviation. The eigenvector is straight, the ridge of a posterior is
@@ -126,7 +122,7 @@ def _spread_given(z: np.ndarray, target: int, given: list[int]) -> float:
     return float(min(np.sqrt((residual @ residual) / freedom) / y.std(), 1.0))
 
 
-# --- stiff and sloppy directions: what combination of parameters is known, and which moves freel--
+# --- stiff and sloppy directions: what combination of parameters is known -------------------------
 
 
 MOST_DRAWS = 4000

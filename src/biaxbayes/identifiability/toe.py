@@ -1,9 +1,5 @@
 """Whether the law can follow a specimen, and whether the data tell its mounting stretch.
 
-Whether GOH can follow a specimen at all: the misfit of its best least-squares fit.
-
-Whether the data tell the mounting stretch, or the shape that the model gives the toe.
-
 The way from the unloaded to the mounted state is not measured. The model extrapolates it from the
 curves beyond, so a model that misses those curves gives a mounting stretch that is no more certain
 than the miss. Fits to other parts of the same record show how far it moves.

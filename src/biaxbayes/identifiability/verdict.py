@@ -1,9 +1,4 @@
-"""From evidence to a verdict, and verdicts as sentences.
-
-Verdicts as sentences.
-
-From evidence to a verdict, with every threshold in one place.
-"""
+"""From evidence to a verdict, and verdicts as sentences."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A study in a folder: every specimen sampled once, whatever comes between.
-
-The files of a study: tables, figure and page.
-"""
+"""A study in a folder: every specimen sampled once, whatever comes between."""
 
 from __future__ import annotations
 

@@ -1,13 +1,4 @@
-"""What a run folder holds besides the draws: figures, verdicts, profiles, report.
-
-identifiability.csv: verdicts with their evidence; the thresholds they depend on.
-
-profile.csv and profile-intervals.csv: profile likelihoods as tables.
-
-What a run folder says about what its data determine: tables, a figure, sentences.
-
-What a run folder holds besides the draws: figures, verdicts, report.
-"""
+"""What a run folder holds besides the draws: figures, verdicts, profiles, report."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The figures of a run, by name, and the known values drawn beside them.
-
-Known values of a virtual specimen, read to be drawn beside what was inferred.
-
-The figures of a run, by name.
-"""
+"""The figures of a run, by name, and the known values drawn beside them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 """What one candidate measurement is expected to bring.
 
-Quantities whose spread a further measurement is to shrink.
-
-The posterior that one outcome of a candidate would lead to, where a run's draws are too few.
-
 A precise measurement leaves hardly any of the draws of a run with weight. Its posterior,
 
     p(x | data, y) = p(x | data) L(y | x) / Z(y),
@@ -76,7 +72,7 @@ def targets(
     return {name: v for name, v in out.items() if np.ptp(v) > 0.0}
 
 
-# --- the posterior that one outcome of a candidate would lead to, where a run's draws are too fe--
+# --- the posterior that one outcome of a candidate would lead to ----------------------------------
 
 
 POPULATION = 2048

@@ -1,9 +1,4 @@
-"""Percentile bands over posterior draws, and those of a run at the states that were measured.
-
-Percentile bands over posterior draws: of the model, and of a new measurement.
-
-Credible and predictive bands of a run at the states that were measured.
-"""
+"""Percentile bands over posterior draws, and those of a run at the states that were measured."""
 
 from __future__ import annotations
 

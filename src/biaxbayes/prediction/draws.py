@@ -1,9 +1,5 @@
 """Posterior draws as arrays, and the single draws that stand for them.
 
-Posterior draws as arrays: materials, mounted states, and the noise of a new reading.
-
-Single draws that stand for a posterior: the median draw, the most probable one, a sample.
-
 A vector of parameter-wise medians is no material of the posterior: where parameters trade with
 each other its curves may lie outside every band. A draw is one.
 """

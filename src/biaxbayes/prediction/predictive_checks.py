@@ -1,9 +1,4 @@
-"""Posterior predictive checks: what the model misses, and for which tested paths.
-
-What the model misses: its errors beside the load cell's noise, and whether they are random.
-
-Posterior predictive checks in words: for which tested paths the model must not be used.
-"""
+"""Posterior predictive checks: what the model misses, and for which tested paths."""
 
 from __future__ import annotations
 
@@ -21,7 +16,7 @@ from biaxbayes.specimens.specimen import Specimen
 __all__ = ["checks_in_words", "misfit", "misfit_in_words", "path_warnings", "predictive_checks"]
 
 
-# --- what the model misses: its errors beside the load cell's noise, and whether they are random--
+# --- what the model misses: its errors beside the load cell's noise -------------------------------
 
 
 BLOCK = 500_000

@@ -1,9 +1,5 @@
 """Stress that the posterior predicts on any path of stretches, and which paths a test covered.
 
-What a test covered: the convex hull of its states of stretch, and what lies outside it.
-
-Stress that the posterior predicts on any path of stretches.
-
 Two bands, always both. The credible band holds the model's own value; the predictive band holds
 a new measurement, the model's value plus the residual that the run inferred. Each is a
 percentile range over the draws, row by row.

@@ -1,11 +1,4 @@
-"""What the page says beside its tables: specimen, test, convergence, settings, citations.
-
-The posterior predictive checks of a run, for everything that is written about it.
-
-What to cite for a run.
-
-What the page says beside its tables: specimen, test, convergence, settings, versions.
-"""
+"""What the page says beside its tables: specimen, test, convergence, settings, citations."""
 
 from __future__ import annotations
 

@@ -1,11 +1,4 @@
-"""The report of a run: one page that opens anywhere.
-
-The templates of the pages; text that is put into them is escaped.
-
-Figures of a run folder as data URIs, so that the page needs nothing beside itself.
-
-report.html: a run on one page, for somebody who has two minutes.
-"""
+"""The report of a run: one page that opens anywhere."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The parameters and what the data determine, as rows of the page.
-
-The rows of the parameter table: number, interval and verdict of every quantity.
-
-What the data determine, as rows of the page.
-"""
+"""The parameters and what the data determine, as rows of the page."""
 
 from __future__ import annotations
 

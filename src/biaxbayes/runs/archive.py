@@ -1,11 +1,7 @@
 """posterior.nc: the draws as an xarray DataTree that ArviZ reads, looked at before it is opened.
 
-Looking at an HDF5 file before its data are read.
-
 HDF5 can point to other files, keep data in them, loop, and claim more numbers than it holds.
 No run of this program does any of that.
-
-posterior.nc: the draws as an xarray DataTree that ArviZ reads.
 
 Chains are ensembles; within a chain the draws run walker after walker, each walker's steps in
 order, so that the autocorrelation that ArviZ sees is that of a walker. The file is written and its

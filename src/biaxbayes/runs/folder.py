@@ -1,12 +1,8 @@
 """The files of a run folder: written together, recorded, read as if a stranger had made them.
 
-The files of a run appear together: written aside, then moved into place.
-
 Until the last file is written, what was in the folder before stays as it was. The folder with the
 new files is then renamed to a fixed name; from there on they are the run, and whoever comes
 next finishes moving them if a crash got in between.
-
-The record of a run folder, and its files, read as if a stranger had made them.
 
 A run folder may come from a colleague or a download. Its provenance is data: types are checked,
 nothing in it is executed, and no name in it leads outside the folder.

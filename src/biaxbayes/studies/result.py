@@ -1,11 +1,4 @@
-"""A study as plain tables: who its specimens are, what their runs say, what it found.
-
-The specimens of a study as they were read: who they are, and what their runs depend on.
-
-Rows of the study table: what one run says, and what is known of a specimen that has no run.
-
-What a study found, as plain tables.
-"""
+"""A study as plain tables: who its specimens are, what their runs say, what it found."""
 
 from __future__ import annotations
 
@@ -187,7 +180,7 @@ def study_table(entries: list[Entry], tried: Mapping[str, Tried]) -> pd.DataFram
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-# --- rows of the study table: what one run says, and what is known of a specimen that has no run--
+# --- rows of the study table: what one run says ---------------------------------------------------
 
 
 PARAMETER, CURVE = "parameter", "curve"
