@@ -214,3 +214,18 @@ def test_an_aorta_is_not_refused_nor_are_its_columns_exchanged():
     aorta = Specimen("aorta", tuple(protocols), "piola")
     assert not errors_of(aorta)
     assert not called_swapped(aorta)
+
+
+def test_one_protocol_is_told_that_it_cannot_carry_four_families():
+    from biaxbayes.jobs.sample import Sampling
+
+    def findings(protocols: int, law: str) -> list[str]:
+        made = replace(GOOD, protocols=GOOD.protocols[:protocols])
+        options = {"law": law}
+        plan = {"seed": 0, "ess": 100.0, "max_steps": 128, "workers": 1}
+        found = Sampling.prepare(made, out="unused", options=options, **plan).findings
+        return [str(f) for f in found]
+
+    assert any("1 protocol cannot carry the law four-fibre" in f for f in findings(1, "four-fibre"))
+    assert not any("cannot carry" in f for f in findings(2, "four-fibre"))
+    assert not any("cannot carry" in f for f in findings(1, "goh"))

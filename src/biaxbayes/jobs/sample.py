@@ -16,6 +16,7 @@ from biaxbayes.identifiability.identify import fits_of_laws
 from biaxbayes.identifiability.stated import LawRange
 from biaxbayes.identifiability.toe import swapped_columns
 from biaxbayes.jobs.opening import opened_specimen, readable_specimen
+from biaxbayes.laws import law_named
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
@@ -83,6 +84,7 @@ class Sampling:
         options = ModelOptions.of(options).keywords()
         chosen = SamplingPlan(seed, ess, max_steps, workers)
         findings = refuse_no_loading_curve(specimen, None if anyway else source)
+        findings = (*findings, *_too_few_protocols(specimen, options["law"]))
         specimen, options = _fitting_options(specimen, options, source)
         Posterior(specimen, **options, beta=1.0)  # refuses what cannot be sampled, before a folder
         plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.threads)
@@ -253,6 +255,21 @@ def _json(value: Any) -> str:
 def _safe_stem(name: str) -> str:
     kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".-")
     return kept[:60] or "specimen"
+
+
+def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
+    """A warning where the protocols of a record cannot carry a law."""
+    count, needed = len(specimen.protocols), law_named(law).least_protocols
+    if count >= needed:
+        return []
+    return [
+        Finding(
+            "few-protocols",
+            "warning",
+            f"{count} protocol cannot carry the law {law}: its posterior has several near-equal "
+            "regions, and the chains may not converge. Test another ratio, or choose another law",
+        )
+    ]
 
 
 def _fitting_options(

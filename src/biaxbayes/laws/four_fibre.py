@@ -257,6 +257,7 @@ class FourFibreLaw(Law):
         fibre_angle("alpha", r"\alpha", "angle of the diagonals from x"),
     )
     amplitudes = ("c", "k1_x", "k1_y", "k1_d")
+    least_protocols = 2  # one leaves five or six regions along alpha
     meaningless: ClassVar = {"alpha": (("k1_d", 0, "k1_d = 0"),)}
 
     @property

@@ -390,6 +390,8 @@ class Law(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     ties: ClassVar[tuple[tuple[str, str], ...]] = ()
     """Pairs of parameters of which the first can be tied to the second."""
+    least_protocols: ClassVar[int] = 1
+    """Protocols below which its posterior has several regions that are near-equal."""
     meaningless: ClassVar[Mapping[str, tuple[tuple[str, int, str], ...]]] = {}
     """Parameters that mean nothing where another is at an end of its range: its name, the side (0
     low, 1 high), and what the material is there; one for every such end."""
