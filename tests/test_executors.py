@@ -213,3 +213,50 @@ def test_work_is_not_forked_from_among_threads():
     finally:
         done.set()
         other.join()
+
+
+def begun(code: str) -> tuple[subprocess.Popen, int]:
+    """A process of its own, with no other threads, and the first number that it prints."""
+    started = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert started.stdout is not None
+    return started, int(started.stdout.readline())
+
+
+def gone(pid: int) -> bool:
+    """Whether a process ends within ten seconds."""
+    for _ in range(200):
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+        except OSError:
+            return True
+        if state == "Z":
+            return True
+        time.sleep(0.05)
+    return False
+
+
+SLEEP_BESIDE = """
+import time
+from biaxbayes.executors.beside import Beside
+with Beside(lambda: time.sleep(600), 2) as beside:
+    print(beside._process.pid, flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="work is done beside on Linux alone")
+def test_work_that_nobody_waits_for_ends():
+    process, pid = begun(SLEEP_BESIDE + "time.sleep(600)\n")
+    try:
+        assert gone(pid) and process.poll() is None
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="work is done beside on Linux alone")
+def test_work_ends_with_a_process_that_is_killed():
+    """Else it would hold the lock of a run folder that a resumed run waits for."""
+    process, pid = begun(SLEEP_BESIDE + "    time.sleep(600)\n")
+    process.kill()
+    process.wait()
+    assert gone(pid)

@@ -2,13 +2,17 @@
 
 The process is forked, so that nothing has to be sent to it or imported again. Where that is not
 safe (other threads may hold locks, and not all systems fork well) the work is done here, when its
-result is asked for. The result is the same either way.
+result is asked for. The result is the same either way. It never outlives whoever began it: it holds
+what it was forked with, the lock of a run folder too.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import multiprocessing
+import os
+import signal
 import sys
 import threading
 from collections.abc import Callable
@@ -21,7 +25,7 @@ Result = TypeVar("Result")
 
 
 class Beside(Generic[Result]):
-    """Work that is begun now and whose result is taken later.
+    """Work that is begun now and whose result is taken later, within a ``with`` statement.
 
     Parameters
     ----------
@@ -38,7 +42,8 @@ class Beside(Generic[Result]):
             return
         context = multiprocessing.get_context("fork")
         self._answer, answer = context.Pipe(duplex=False)
-        self._process = context.Process(target=_send, args=(work, answer), daemon=True)
+        arguments = (work, answer, os.getpid())
+        self._process = context.Process(target=_send, args=arguments, daemon=True)
         with answer, contextlib.suppress(OSError):  # no memory, no more processes
             self._process.start()
 
@@ -52,6 +57,15 @@ class Beside(Generic[Result]):
             self._process.join()
         return self._work()  # it failed there: why is best seen here
 
+    def __enter__(self) -> Beside[Result]:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the work, if it is still going on: nobody will ask for its result."""
+        if self._process is not None and self._process.pid is not None:
+            self._process.kill()  # its handlers of gentler signals are those of a run
+            self._process.join()
+
 
 def _alone() -> bool:
     """Whether no other thread runs that may hold a lock, which a forked process waits for forever.
@@ -62,6 +76,13 @@ def _alone() -> bool:
     return all(type(thread).__module__.startswith("rich.") for thread in others)
 
 
-def _send(work: Callable[[], Any], answer: Connection) -> None:
+PR_SET_PDEATHSIG = 1  # of prctl(2)
+
+
+def _send(work: Callable[[], Any], answer: Connection, parent: int) -> None:
+    with contextlib.suppress(OSError, AttributeError):  # where it is not to be had
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        return
     with contextlib.suppress(BaseException):
         answer.send(work())

@@ -429,29 +429,30 @@ def write_products(
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
     known = posterior.quantities
     drawn = state != "unusable"
-    corner = Beside(lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1)
-    fits = laws.result() if state == "converged" else None
-    found = identify_draws(posterior, table, state, fits=fits)
-    found = found.with_held(held_edges(posterior, found.open_edges()))
-    write_identifiability(found, folder / "identifiability.csv")
-    write_law_fits(found, posterior, folder)
-    write_held_edges(found, folder)
-    if state != "converged":
-        from biaxbayes.figures.trace import trace_figure
+    with Beside(
+        lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1
+    ) as corner:
+        fits = laws.result() if state == "converged" else None
+        found = identify_draws(posterior, table, state, fits=fits)
+        found = found.with_held(held_edges(posterior, found.open_edges()))
+        write_identifiability(found, folder / "identifiability.csv")
+        write_law_fits(found, posterior, folder)
+        write_held_edges(found, folder)
+        if state != "converged":
+            from biaxbayes.figures.trace import trace_figure
 
-        _save(
-            folder,
-            "trace",
-            _pictures(trace_figure(draws.quantities, unit=posterior.specimen.unit, known=known)),
-        )
-    if not drawn:
-        return found
-    bands = bands_figure(posterior.specimen, table, settings=posterior.settings)
-    _save(folder, "stress-bands", _pictures(bands))
-    _save(folder, "identifiability", _pictures(identifiability_figure(found)))
-    if can_be_explored(known, table):
-        write_explore(folder, posterior, table, state)
-    _save(folder, "corner", corner.result())
+            unit = posterior.specimen.unit
+            _save(
+                folder, "trace", _pictures(trace_figure(draws.quantities, unit=unit, known=known))
+            )
+        if not drawn:
+            return found
+        bands = bands_figure(posterior.specimen, table, settings=posterior.settings)
+        _save(folder, "stress-bands", _pictures(bands))
+        _save(folder, "identifiability", _pictures(identifiability_figure(found)))
+        if can_be_explored(known, table):
+            write_explore(folder, posterior, table, state)
+        _save(folder, "corner", corner.result())
     return found
 
 

@@ -122,23 +122,25 @@ class Sampling:
                 tell(Progress("fitting", note=str(swapped)))
             fit_seconds = time.perf_counter() - fit_clock
             state = self._resumed(posterior, resume, tell)
-            laws = Beside(lambda: fits_of_laws(posterior), self.plan.workers)
-            draws = draw_posterior(
-                posterior,
-                self.plan,
-                state=state,
-                on_block=lambda s: checkpoint.save(self.folder, s, identity(posterior, self.plan)),
-                progress=tell,
-                stop=stop,
-            )
-            if draws.interrupted:
-                raise self._interruption(draws, stop())
-            tell(Progress("sampling", 1.0))
-            tell(Progress("writing"))
-            if state is None:
-                draws.seconds["fit"] += fit_seconds
-            draws.seconds["before output"] = time.perf_counter() - clock
-            self._write(posterior, draws, laws, clock, tell)
+            with Beside(lambda: fits_of_laws(posterior), self.plan.workers) as laws:
+                draws = draw_posterior(
+                    posterior,
+                    self.plan,
+                    state=state,
+                    on_block=lambda s: checkpoint.save(
+                        self.folder, s, identity(posterior, self.plan)
+                    ),
+                    progress=tell,
+                    stop=stop,
+                )
+                if draws.interrupted:
+                    raise self._interruption(draws, stop())
+                tell(Progress("sampling", 1.0))
+                tell(Progress("writing"))
+                if state is None:
+                    draws.seconds["fit"] += fit_seconds
+                draws.seconds["before output"] = time.perf_counter() - clock
+                self._write(posterior, draws, laws, clock, tell)
         return self.folder
 
     def _interruption(self, draws: Draws, signal: int) -> Interrupted:
