@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -215,11 +217,16 @@ def test_work_is_not_forked_from_among_threads():
         other.join()
 
 
-def begun(code: str) -> tuple[subprocess.Popen, int]:
+@contextlib.contextmanager
+def begun(code: str) -> Iterator[tuple[subprocess.Popen, int]]:
     """A process of its own, with no other threads, and the first number that it prints."""
-    started = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert started.stdout is not None
-    return started, int(started.stdout.readline())
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as started:
+        try:
+            assert started.stdout is not None
+            yield started, int(started.stdout.readline())
+        finally:
+            started.kill()
 
 
 def gone(pid: int) -> bool:
@@ -245,18 +252,14 @@ with Beside(lambda: time.sleep(600), 2) as beside:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="work is done beside on Linux alone")
 def test_work_that_nobody_waits_for_ends():
-    process, pid = begun(SLEEP_BESIDE + "time.sleep(600)\n")
-    try:
+    with begun(SLEEP_BESIDE + "time.sleep(600)\n") as (process, pid):
         assert gone(pid) and process.poll() is None
-    finally:
-        process.kill()
-        process.wait()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="work is done beside on Linux alone")
 def test_work_ends_with_a_process_that_is_killed():
     """Else it would hold the lock of a run folder that a resumed run waits for."""
-    process, pid = begun(SLEEP_BESIDE + "    time.sleep(600)\n")
-    process.kill()
-    process.wait()
-    assert gone(pid)
+    with begun(SLEEP_BESIDE + "    time.sleep(600)\n") as (process, pid):
+        process.kill()
+        process.wait()
+        assert gone(pid)

@@ -348,7 +348,8 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
         ("predict", {"stretch": 1.1, "suffix": "gif"}, "suffix"),
         ("export", {"to": "febio", "draws": 2, "at": "map"}, "exclude each other"),
         ("export", {"to": "febio", "units": "psi"}, "units"),
-        ("plot", {"figure": "bands", "truth": {"C1": 1.0}}, "does not go with"),
+        ("plot", {"figure": "trace", "truth": {"C1": 1.0}}, "does not go with"),
+        ("plot", {"figure": "bands", "truth": {"C1": 1.0}}, "the truth names no k1"),
         ("report", {"kind": "doc"}, "no report"),
     ],
 )
