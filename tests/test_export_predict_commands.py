@@ -14,6 +14,7 @@ from biaxbayes.cli import main
 from biaxbayes.jobs.sample import sample
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.run import Run
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from quick_posteriors import runs_without_figures
@@ -30,6 +31,9 @@ class SmallRun:
     provenance: dict = field(default_factory=lambda: {"settings": {"fibre_switch": False}})
     law = Run.law
     quantities = Run.quantities
+
+    def posterior(self) -> Posterior:
+        return Posterior(self.specimen, noise="independent", mounting="exact")
 
 
 @pytest.fixture
