@@ -23,7 +23,8 @@ PLAIN = frozenset(
         independent inside its joint largest leave load look material maximum mean meaning
         measured methods minus model mounted narrow new noise number of on one open other others
         over paragraph parameter parameters part parts path peak per pin point points position
-        protocol protocols quantity range reading readings report ridge root row rows sample settings
+        protocol protocols quantity range reading readings report ridge root row rows sample
+        settings
         sign size small smaller specimen square state stress stretch stretches test that the
         their them they thickness those through tissue to two under unit unloaded versions what
         whatever which while with within words
