@@ -25,6 +25,7 @@ from biaxbayes.cli.options import (
     refuse_given,
 )
 from biaxbayes.cli.progress import graceful_stop, open_usable_run, progress_line
+from biaxbayes.errors import NotConverged
 from biaxbayes.options import DesignOptions, LedgerPlan, ProfileOptions, SamplingPlan
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["compare", "design", "identify", "ledger", "profile"]
 
-NOT_CONVERGED = 3
+NOT_CONVERGED = NotConverged.exit_code
 
 
 # --- identify: which parameters the data determine -----------------------------------------------

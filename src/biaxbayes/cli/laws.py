@@ -16,6 +16,7 @@ from biaxbayes.cli.options import (
     quiet_option,
 )
 from biaxbayes.cli.progress import graceful_stop, progress_line
+from biaxbayes.errors import NotConverged
 from biaxbayes.options import LawsPlan, ModelOptions
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["laws"]
 
-NOT_CONVERGED = 3
+NOT_CONVERGED = NotConverged.exit_code
 
 
 @click.command("laws")

@@ -9,7 +9,7 @@ import click
 
 from biaxbayes.cli.options import Pair, anyway_option, argument, file_option, options
 from biaxbayes.cli.progress import open_usable_run
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.options import (
     AXES,
     CARD_PROGRAMS,
@@ -281,7 +281,7 @@ def report(run: Path, kind: str, out: Path | None) -> int:
         click.echo(api.report_text(opened, kind), nl=False)
     else:
         click.echo(str(api.report(opened, kind, out=out)))
-    return 0 if opened.state == "converged" else 3
+    return 0 if opened.state == "converged" else NotConverged.exit_code
 
 
 # --- export: material cards of a run for Abaqus and FEBio ----------------------------------------

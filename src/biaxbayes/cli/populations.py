@@ -9,6 +9,7 @@ import click
 
 from biaxbayes.cli.options import argument, file_option, options, quiet_option
 from biaxbayes.cli.progress import graceful_stop, plain, progress_line
+from biaxbayes.errors import NotConverged
 from biaxbayes.options import PopulationOptions
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["population"]
 
-NOT_CONVERGED = 3
+NOT_CONVERGED = NotConverged.exit_code
 
 
 @click.command("population")

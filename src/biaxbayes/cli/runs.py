@@ -24,7 +24,7 @@ from biaxbayes.cli.options import (
     refuse_given,
 )
 from biaxbayes.cli.progress import graceful_stop, plain, progress_line
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.options import (
     ALL_FITS,
     FIT_METHODS,
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 __all__ = ["batch", "calibrate", "fit", "sample"]
 
-NOT_CONVERGED = 3
+NOT_CONVERGED = NotConverged.exit_code
 
 
 # --- sample: the main job ------------------------------------------------------------------------

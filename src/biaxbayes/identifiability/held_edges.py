@@ -15,15 +15,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.identifiability.marginals import INTERVAL, Edge
+from biaxbayes.identifiability.marginals import INTERVAL, Edge, end_in_words
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import FORCE, Parameter, Quantities
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["HeldEdge", "held_edge", "held_edges", "held_from", "held_table"]
+__all__ = ["EDGES", "HeldEdge", "held_edge", "held_edges", "held_from", "held_table"]
 
+EDGES = "edges.csv"
+"""The table of a run folder."""
 DRAWS = 8192
 LEAST_ESS = 1000.0
 """Effective draws from which the ends of an interval are known to a tenth of its sd."""
@@ -56,10 +58,7 @@ class HeldEdge:
     @property
     def condition(self) -> str:
         """The hypothesis in words."""
-        third = abs(self.value - 1.0 / 3.0) < 1e-12
-        value = "1/3" if third else f"{self.value:g}"
-        meaning = f" ({self.meaning})" if self.meaning else ""
-        return f"if {self.parameter.name} is {value}{meaning}"
+        return f"if {self.parameter.name} is {end_in_words(self.value, self.meaning)}"
 
     def range(self, name: str, parameter: Parameter) -> str:
         """The 90 % interval of another quantity under the hypothesis; empty where there is none."""

@@ -42,6 +42,7 @@ __all__ = [
     "count_modes",
     "density",
     "edge_distances",
+    "end_in_words",
     "find_edges",
     "judged_scales",
 ]
@@ -259,6 +260,12 @@ class Edge:
     def meaning(self, parameter: Parameter) -> str:
         """What a material at a physical edge is."""
         return (parameter.at_low, parameter.at_high)[self.side]
+
+
+def end_in_words(value: float, meaning: str) -> str:
+    """An end of a range with what a material there is: ``0 (aligned fibres)``."""
+    text = "1/3" if abs(value - 1.0 / 3.0) < 1e-12 else f"{value:g}"
+    return f"{text} ({meaning})" if meaning else text
 
 
 def edge_distances(draws: pd.DataFrame, specimen: Specimen, law: Law) -> dict[str, float]:

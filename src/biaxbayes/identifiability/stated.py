@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from biaxbayes.model.posterior import Posterior
 
 __all__ = [
+    "LAW_FITS",
     "LawRange",
     "Stated",
     "better_law",
@@ -42,6 +43,8 @@ __all__ = [
     "stated_mounting",
 ]
 
+LAW_FITS = "law-fits.csv"
+"""The table of a run folder."""
 ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
 ALIKE = 1.5

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
-from biaxbayes.identifiability.marginals import Edge, Scale
+from biaxbayes.identifiability.marginals import Edge, Scale, end_in_words
 from biaxbayes.identifiability.sloppiness import Partners
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import Parameter
@@ -134,10 +134,7 @@ def _not_identified(scale: Scale, e: Evidence, t: Thresholds) -> str:
 
 
 def _end(scale: Scale, edge: Edge) -> str:
-    third = abs(edge.value - 1.0 / 3.0) < 1e-12
-    value = "1/3" if third else f"{edge.value:g}"
-    meaning = edge.meaning(scale.parameter)
-    return f"{value} ({meaning})" if meaning else value
+    return end_in_words(edge.value, edge.meaning(scale.parameter))
 
 
 def _listed(names: tuple[str, ...]) -> str:

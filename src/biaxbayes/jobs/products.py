@@ -17,7 +17,13 @@ from biaxbayes.errors import InputError
 from biaxbayes.executors.beside import Beside
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined, mounting_stated
-from biaxbayes.identifiability.held_edges import HeldEdge, held_edges, held_from, held_table
+from biaxbayes.identifiability.held_edges import (
+    EDGES,
+    HeldEdge,
+    held_edges,
+    held_from,
+    held_table,
+)
 from biaxbayes.identifiability.identify import (
     Identifiability,
     ParameterVerdict,
@@ -30,7 +36,7 @@ from biaxbayes.identifiability.marginals import (
 )
 from biaxbayes.identifiability.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
-from biaxbayes.identifiability.stated import LawRange, law_range
+from biaxbayes.identifiability.stated import LAW_FITS, LawRange, law_range
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten
 from biaxbayes.sampling.sampler import Draws
@@ -57,8 +63,6 @@ __all__ = [
 
 
 DIGITS = 6
-LAW_FITS = "law-fits.csv"
-EDGES = "edges.csv"
 
 
 def write_identifiability(found: Identifiability, path: Path) -> None:

@@ -46,8 +46,8 @@ GLOSSARY = {
     "whether it is true the data do not say",
     "stated of the tissue": "what laws that fit the record alike agree on; an interval within the "
     "law holds only if that law is true",
-    "other laws, alike": "material laws fitted to the same record; alike where they miss by at "
-    "most 1.5 times the least",
+    "other laws, alike": "material laws fitted to the same record; alike where they miss it "
+    "by about as much as the best",
     "runs": "stretches of residuals of one sign; far fewer than expected say that the model misses "
     "smoothly",
     "effective readings": "how many independent readings the correlated rows are worth",

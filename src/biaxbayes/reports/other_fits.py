@@ -7,8 +7,8 @@ from typing import Any
 
 from biaxbayes.csv_tables import read_csv
 from biaxbayes.errors import InputError
-from biaxbayes.identifiability.held_edges import HeldEdge, held_from
-from biaxbayes.identifiability.stated import cure
+from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_from
+from biaxbayes.identifiability.stated import LAW_FITS, cure
 from biaxbayes.parameters import STRETCH, Quantity, mounting_names
 from biaxbayes.reports.names import cut
 from biaxbayes.runs.run import Run
@@ -19,7 +19,7 @@ __all__ = ["HeldRow", "held_rows", "kept_edges", "law_rows", "mounting_cure"]
 def kept_edges(run: Run) -> tuple[HeldEdge, ...]:
     """The edges that a run was drawn with held, from its ``edges.csv``; none without it."""
     try:
-        return held_from(read_csv(run.path / "edges.csv"), run.quantities)
+        return held_from(read_csv(run.path / EDGES), run.quantities)
     except (OSError, InputError, KeyError, ValueError):
         return ()
 
@@ -59,7 +59,7 @@ def held_rows(run: Run) -> list[HeldRow]:
 def law_rows(run: Run) -> list[dict[str, Any]]:
     """Least squares of every law under the same mounting constraint, from ``law-fits.csv``."""
     try:
-        table = read_csv(run.path / "law-fits.csv")
+        table = read_csv(run.path / LAW_FITS)
         names = [q.name for q in run.quantities.of_kind(STRETCH) if q.name in table]
         return [
             {
