@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import biaxbayes
+import quick_posteriors
 from biaxbayes.cli import main
 from biaxbayes.fitting.fit import fit, fit_all
 from biaxbayes.fitting.rounding import half_digits
+from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen_file import read_specimen
 
 STIFF = ["16.1", "104.7", "10", "25.7", "0.017"]
@@ -37,6 +39,26 @@ def test_what_is_simulated_without_noise_is_fitted_by_all_five(capsys, tmp_path,
     assert run("fit", path) == 0
     shown = capsys.readouterr()
     assert "NO" not in shown.out and "not converged" not in shown.err
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_is_simulated_without_noise_is_sampled(tmp_path, seed):
+    specimen, truth = biaxbayes.simulate(material="donor2-media", ratios=[(1.0, 1.0)])
+    with quick_posteriors.runs_without_figures():
+        run = biaxbayes.sample(specimen, out=tmp_path / "run", seed=seed, ess=500, workers=1)
+    assert run.state == "converged"
+    noise = run.provenance["noise"]
+    assert noise["effective_readings"] == noise["readings"]  # rounding is no misfit
+    table = run.summary.set_index("parameter")
+    assert table.loc[["C1", "k1", "k2", "alpha"], "q50"].to_numpy() == pytest.approx(
+        list(truth.material.values())[:4], rel=1e-3
+    )
+    judged = biaxbayes.identify(run)
+    for name in mounting_names("stretch"):
+        lm = getattr(truth, name)
+        assert table.loc[name, "q50"] == pytest.approx(lm, abs=1e-5)
+        stated = judged[name].stated
+        assert stated.low - 1e-5 <= lm <= stated.high + 1e-5
 
 
 def rounded(specimen, decimals: int):

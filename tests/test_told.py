@@ -2,11 +2,14 @@
 
 import io
 
+import numpy as np
 import pandas as pd
 import pytest
 
+import biaxbayes
 from biaxbayes.cli.findings import _cell
 from biaxbayes.cli.runs import _calibration_closing
+from biaxbayes.identifiability.identify import MOST_DRAWS
 from biaxbayes.jobs.calibrate import Outcome
 from biaxbayes.progress_bar import live_bar
 
@@ -49,3 +52,18 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
     assert ("nothing follows" in said) == (replications < 50 and p >= 0.05)
     assert ("are uniform" in said) == (replications >= 50 and p >= 0.05)
     assert ("NOT uniform" in said) == (p < 0.05)
+
+
+def test_a_number_that_stands_in_two_places_is_the_same(media_run):
+    summary = media_run.summary.set_index("parameter")
+    assert len(media_run.draws) > MOST_DRAWS  # else the evidence would be judged by all draws
+    judged = pd.read_csv(media_run.path / "identifiability.csv").set_index("parameter")
+    twice = biaxbayes.compare([media_run, media_run], labels=["a", "b"]).verdicts
+    for name, row in judged.iterrows():
+        told = summary.loc[name, ["q50", "q05", "q95"]].to_numpy(dtype=float)
+        evidence = twice[0][name].evidence
+        for numbers in (
+            row[["median", "low_90", "high_90"]].to_numpy(dtype=float),
+            (evidence.median, evidence.low, evidence.high),
+        ):
+            np.testing.assert_allclose(numbers, told, rtol=2e-5)

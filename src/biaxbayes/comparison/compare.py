@@ -25,6 +25,7 @@ from biaxbayes.identifiability.determined import (
     Derived,
     derived_quantities,
     largest_equibiaxial,
+    some_draws,
 )
 from biaxbayes.identifiability.identify import Identifiability, identify_draws
 from biaxbayes.identifiability.marginals import judged_scales
@@ -254,7 +255,6 @@ WARNING = (
 )
 DISJOINT = 0.99
 """Kolmogorov distance from which two posteriors count as apart: no trade in a run bridges it."""
-MOST_DRAWS = 10_000
 STRESS_STEPS = 5
 PARAMETER = "parameter"
 
@@ -361,14 +361,13 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     """
     chosen = thresholds or Thresholds()
     _check(members)
-    members = tuple(
-        replace(m, draws=m.draws.iloc[:: -(-len(m.draws) // MOST_DRAWS)]) for m in members
-    )
+    # verdicts, their medians and their intervals are those of all draws, as in each run
     verdicts = tuple(
         identify_draws(m.posterior, m.draws, m.state, thresholds=chosen, stated=m.stated)
         for m in members
     )
     stretches = common_stretches(members)
+    members = tuple(replace(m, draws=some_draws(m.draws)) for m in members)
     derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)
     determined = tuple(
         _determined(*each, chosen) for each in zip(members, verdicts, derived, strict=True)

@@ -41,7 +41,9 @@ class FitResult:
     at_bound : tuple of str
         Unknowns that ended on a bound.
     residuals : tuple of ndarray, shape (n_p, 2)
-        Measured minus model load in the specimen's unit, the rows after those at rest.
+        Measured minus model load in the specimen's unit, the rows after those at rest. All zero
+        where their root mean square is below :attr:`Specimen.load_resolution`: rounding is no
+        misfit.
     """
 
     method: str
@@ -130,7 +132,10 @@ def fit_result(
         solved = bool(np.isfinite(mounting_stretch).all())
         if not converged and solved:
             converged = rmse <= rounding_bound(specimen, data, lm, response)
-    residuals = tuple((data.load - load)[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
+    left = data.load - load
+    if np.sqrt((left**2).mean()) < specimen.load_resolution:
+        left = np.zeros_like(left)
+    residuals = tuple(left[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
     return FitResult(
         method=method,
         material=law.scalar(law.values(point)),

@@ -37,6 +37,7 @@ __all__ = [
     "largest_equibiaxial",
     "median_mounting",
     "mounting_stated",
+    "some_draws",
     "stated_stretches",
 ]
 
@@ -119,6 +120,11 @@ def derived_quantities(
     return out
 
 
+def some_draws(draws: pd.DataFrame) -> pd.DataFrame:
+    """At most :data:`MOST_DRAWS` rows, evenly chosen: the same wherever a quantity is told of."""
+    return draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+
+
 def median_mounting(draws: pd.DataFrame, specimen: Specimen) -> np.ndarray:
     """Median mounting stretch of every protocol, shape (protocols, 2); one where not inferred."""
     if not mounting_labels(draws, specimen):
@@ -140,6 +146,7 @@ def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
 
 
 MOST_DRAWS = 8000
+"""Draws, evenly chosen, that every number that follows from parameters is computed of."""
 MEASURED = " at the measured stretch"
 """Ending of a nominal stress whose stretches refer to the mounted state."""
 FARTHEST = 1.1
@@ -223,7 +230,7 @@ def determined(
         of the Cauchy stress by the log stretch: d s_x / d ln l_x (xx), d s_y / d ln l_y (yy) and
         d s_x / d ln l_y (xy). The exponent is k2 E^2 at the largest stretch of the tests.
     """
-    few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+    few = some_draws(draws)
     states = list(stretches) if stretches is not None else stated_stretches(draws, specimen)
     with np.errstate(over="ignore", invalid="ignore"):
         stated = mounting_known or _farthest(few, specimen, refits or {}) < FARTHEST

@@ -58,7 +58,9 @@ __all__ = [
     "identify_draws",
 ]
 
-MOST_DRAWS = 20_000  # evenly chosen; more change no digit that matters
+MOST_DRAWS = 20_000
+"""Draws, evenly chosen, that the evidence is judged by; medians and intervals are those of all, the
+numbers of ``summary.csv``."""
 
 
 @dataclass(frozen=True)
@@ -286,10 +288,10 @@ def identify_draws(
         What is stated already of the mounting stretches of the tissue.
     """
     chosen = thresholds or Thresholds()
-    total, draws = len(draws), draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+    every, draws = draws, draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     scales = judged_scales(posterior.priors, posterior.quantities, draws)
     free = tuple(s for s in scales if isinstance(s.prior, Prior))
-    evidence = {} if state == "unusable" else _evidence(posterior, draws, free, chosen)
+    evidence = {} if state == "unusable" else _evidence(posterior, draws, every, free, chosen)
     fits = fits if state == "converged" else None
     if stated is None or state != "converged":
         stated = _stated(posterior, evidence, fits)
@@ -315,7 +317,7 @@ def identify_draws(
             words += f"; of the tissue {of_tissue.in_words(scale.parameter)} is stated"
             words += f": {of_tissue.reason}"
         out.append(ParameterVerdict(scale, verdict, words, found, before, after, of_tissue))
-    return Identifiability(tuple(out), state, total, chosen, posterior.law, fits)
+    return Identifiability(tuple(out), state, len(every), chosen, posterior.law, fits)
 
 
 def _stated(
@@ -352,7 +354,11 @@ def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds
 
 
 def _evidence(
-    posterior: Posterior, draws: pd.DataFrame, free: tuple[Scale, ...], thresholds: Thresholds
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    every: pd.DataFrame,
+    free: tuple[Scale, ...],
+    thresholds: Thresholds,
 ) -> dict[str, tuple[Evidence, Density, Density]]:
     values = np.column_stack([s.of(draws[s.name].to_numpy(dtype=float)) for s in free])
     partners = find_partners(values, tuple(s.name for s in free))
@@ -363,6 +369,7 @@ def _evidence(
         scale.name: _evidence_of(
             scale,
             draws[scale.name].to_numpy(dtype=float),
+            np.quantile(every[scale.name], [INTERVAL[0], 0.5, INTERVAL[1]]),
             partners[scale.name],
             (float(by_prior[j]), float(by_data[j])),
             distances.get(scale.kind),
@@ -396,6 +403,7 @@ def _with_refits(
 def _evidence_of(
     scale: Scale,
     natural: np.ndarray,
+    quantiles: np.ndarray,
     partners: Partners,
     sensitivity: tuple[float, float],
     distance: float | None,
@@ -408,7 +416,7 @@ def _evidence_of(
     walls = (low_wall if scale.walls[0] > -np.inf else -np.inf, high_wall)
     before = scale.of(prior.ppf(LEVELS))
     likelihood = density(prior.cdf(natural), (0.0, 1.0))
-    low, median, high = np.quantile(natural, [INTERVAL[0], 0.5, INTERVAL[1]])
+    low, median, high = quantiles
     evidence = Evidence(
         parameter=scale.parameter,
         median=float(median),

@@ -124,7 +124,7 @@ def effective_readings(
 def misses_smoothly(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) -> bool:
     """Whether the signs of the residuals change too seldom for independent errors.
 
-    Over all curves, by so many standard deviations.
+    Over all curves, by so many standard deviations. A curve without any miss says nothing.
 
     Parameters
     ----------
@@ -133,6 +133,8 @@ def misses_smoothly(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) ->
     """
     changes = steps = 0
     for part in residuals:
+        if not part.any():
+            continue
         above = part > 0.0
         changes += int(np.count_nonzero(above[1:] != above[:-1]))
         steps += 2 * max(len(part) - 1, 0)

@@ -138,7 +138,7 @@ def start_parameters(posterior: Posterior) -> dict[str, float]:
     law = posterior.law
     out: dict[str, float] = {
         **dict(zip(law.names, law.inner(fit.material.values), strict=True)),
-        "noise_sd": max(rms, 1e-6 * specimen.peak_load),
+        "noise_sd": max(rms, 2.0 * specimen.load_resolution),
         "noise_growth": 0.03,
     }
     for q in posterior.sampled:
@@ -209,7 +209,7 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
     scale = np.full(posterior.dimension, 1.0)
     for i, q in enumerate(posterior.sampled):
         if q.parameter.kind == FORCE:
-            scale[i] = max(float(posterior.specimen.noise_sd), 1e-6 * posterior.specimen.peak_load)
+            scale[i] = max(posterior.specimen.noise_sd, posterior.specimen.load_resolution)
         elif q.parameter.kind == STRETCH:
             scale[i] = 0.02
     found = find_modes(posterior.log_prob, points, scale, posterior.bounds)

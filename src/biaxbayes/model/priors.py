@@ -216,14 +216,16 @@ def default_priors(
 ) -> dict[str, Prior | float | Tie]:
     """The default priors, in the order of the parameters; a number is fixed.
 
-    Those of the law; mounting stretches ~ N(1, mounting_sd), noise sd ~ LN(0.005 Fmax, 1.5), its
-    growth ~ LN(0.03, 1). A mounting stretch that the specimen file states from an image replaces
-    its prior.
+    Those of the law; mounting stretches ~ N(1, mounting_sd), noise sd ~ LN(0.005 Fmax, 1.5) above
+    what a load cell tells apart, its growth ~ LN(0.03, 1). A mounting stretch that the specimen
+    file states from an image replaces its prior.
     """
     priors: dict[str, Prior | float | Tie] = {
         p.name: Prior.stated(*p.prior) for p in law.parameters if p.prior is not None
     }
-    priors[NOISE_SD.name] = Prior("lognormal", 0.005 * specimen.peak_load, 1.5)
+    priors[NOISE_SD.name] = Prior(
+        "lognormal", 0.005 * specimen.peak_load, 1.5, low=specimen.load_resolution
+    )
     priors[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 1.0)
     for name in mounting_names("stretch"):
         stated = specimen.metadata.get(name)

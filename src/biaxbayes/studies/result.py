@@ -22,7 +22,7 @@ from biaxbayes.calibration.simulated_specimen import prior_value
 from biaxbayes.comparison.compare import contractions, prior_material
 from biaxbayes.csv_tables import read_csv
 from biaxbayes.errors import BiaxbayesError, InputError
-from biaxbayes.identifiability.determined import derived_quantities
+from biaxbayes.identifiability.determined import derived_quantities, some_draws
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.runs.provenance import specimen_digest
@@ -214,7 +214,6 @@ COLUMNS = (
 )
 LOG, LINEAR = "log", "linear"
 NOT_DETERMINED = "not determined"
-MOST_DRAWS = 8000
 
 
 def rows_of_run(run: Run) -> list[dict[str, Any]]:
@@ -265,7 +264,7 @@ def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[di
 def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     """Structure tensor and small-strain stiffness: often known where parameters trade."""
     posterior = run.posterior()
-    few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+    few = some_draws(draws)
     found, before = (
         derived_quantities(d, posterior.law, [], [1.0])
         for d in (few, prior_material(posterior, few))
