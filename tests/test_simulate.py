@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.specimens.specimen_file import read_specimen
@@ -75,6 +76,37 @@ def test_hooks_without_scikit_fem(tmp_path, capsys, monkeypatch):
     assert not any(tmp_path.iterdir())
 
 
+FUNG = ("--law", "fung", "--values", "c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2")
+TEST = ("--prestretch", 1.02, 1.01, "--measured-stretch", 1.15)
+
+
+def test_a_specimen_of_another_law(tmp_path):
+    out = tmp_path / "x.csv"
+    assert simulate(*FUNG, *TEST, "--thickness", 2, "--out", out) == 0
+    made = read_specimen(out).protocols[0]
+    # W = c0 (I1 - 3) + c/2 (exp(Q) - 1), P = dW/dl at l = l_measured l_mounted, by complex step
+    total = np.array([made.stretch_x * 1.02, made.stretch_y * 1.01])
+
+    def energy(lx, ly):
+        ex, ey = (lx**2 - 1) / 2, (ly**2 - 1) / 2
+        q = 8 * ex**2 + 5 * ey**2 + 2 * 2 * ex * ey
+        return 10 * (lx**2 + ly**2 + 1 / (lx * ly) ** 2 - 3) + 2.5 * (np.exp(q) - 1)
+
+    for k, load in enumerate((made.load_x, made.load_y)):
+        step = np.zeros((2, 1), dtype=complex)
+        step[k] = 1e-30j
+        piola = energy(*(total + step)).imag / 1e-30
+        np.testing.assert_allclose(load, piola * 20 * 2 * 1e-3, rtol=1e-10)
+    stated = json.loads((tmp_path / "x.truth.json").read_text())["x"]["material"]
+    assert stated == {"law": "fung", "c0_kPa": 10, "c_kPa": 5, "b_x": 8, "b_y": 5, "b_xy": 2}
+    material = biaxbayes.law("fung", c0_kPa=10, c_kPa=5, b_x=8, b_y=5, b_xy=2)
+    same, truth = biaxbayes.simulate(
+        material=material, prestretch=(1.02, 1.01), measured_stretch=1.15, thickness=2
+    )
+    np.testing.assert_array_equal(same.protocols[0].load_x, made.load_x)
+    assert "law=fung" in repr(truth)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -93,6 +125,15 @@ def test_hooks_without_scikit_fem(tmp_path, capsys, monkeypatch):
         (["--material", "donor1", "--noise-N", -1], "--noise-N is -1"),
         (["--material", "donor1", "--misfit", "nan"], "--misfit is nan"),
         (["--goh", 1, 2, 3, 4, 0.5, "--prestretch", 1, 1], "kappa must lie between"),
+        (["--law", "fung"], "give --values c0_kPa=...,c_kPa=...,b_x=...,b_y=...,b_xy=..."),
+        (["--values", "c0_kPa=1"], "--values without a law"),
+        ([*FUNG[:2], "--values", "c0_kPa=1,b=2"], "b is no parameter of the law fung"),
+        ([*FUNG[:2], "--values", "c0_kPa=1,c_kPa=2"], "needs b_x and b_y and b_xy"),
+        ([*FUNG[:2], "--values", "c0_kPa=1,c0_kPa=2"], "c0_kPa is given twice"),
+        ([*FUNG[:2], "--values", "c0_kPa"], "'c0_kPa' is no NAME=VALUE"),
+        ([*FUNG, "--material", "donor1"], "or --law with --values"),
+        ([*FUNG, *TEST, "--hooks"], "leave --hooks out"),
+        ([*FUNG, *TEST, "--fibre-switch"], "leaves no choice"),
     ],
 )
 def test_what_cannot_be_simulated_is_one_line_and_exit_2(tmp_path, capsys, arguments, message):

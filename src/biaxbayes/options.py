@@ -682,8 +682,8 @@ class VirtualTest(Options):
 
     Attributes
     ----------
-    material : str or GOH
-        Name of a published material, or one of your own.
+    material : str, GOH or StatedMaterial
+        Name of a published material, or one of your own: ``biaxbayes.law("fung", ...)``.
     fibre_switch : bool
     prestretch : (float, float), optional
         Mounting stretches; the published ones by default.
@@ -701,7 +701,7 @@ class VirtualTest(Options):
     stress_pair : {"force", "piola", "cauchy"}
     geometry : {"unloaded", "mounted"}
     hooks : int, optional
-        Finite elements with so many hooks an edge.
+        Finite elements with so many hooks an edge, of a GOH material.
     seed : int
     name : str, optional
         Of the specimen; default that of the file.

@@ -9,6 +9,7 @@ import click
 
 from biaxbayes.cli.options import Decorator, Pair, argument, file_option, options
 from biaxbayes.errors import InputError
+from biaxbayes.laws import LAWS
 from biaxbayes.machines import BRANCHES, FORMATS, STRETCH_SOURCES
 from biaxbayes.options import VirtualTest
 
@@ -322,6 +323,12 @@ RATIO = Pair("ratio", ":", single=False, zero=True)
     metavar="C1 k1 k2 ALPHA KAPPA",
     help="Five numbers instead: kPa, kPa, 1, degrees, 1.",
 )
+@click.option("--law", type=click.Choice(list(LAWS)), help="Another law, with --values.")
+@click.option(
+    "--values",
+    metavar="NAME=VALUE,...",
+    help="All parameters of --law, as c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2.",
+)
 @options(
     VirtualTest,
     "fibre_switch",
@@ -353,6 +360,8 @@ def simulate(
     overwrite: bool,
     material: str | None,
     goh: tuple[float, float, float, float, float] | None,
+    law: str | None,
+    values: str | None,
     **test: Any,
 ) -> None:
     r"""A virtual biaxial test, written as a specimen file.
@@ -363,27 +372,65 @@ def simulate(
     biaxbayes simulate --material donor2-media --noise-N 0.0006 --out media.csv
     biaxbayes simulate --goh 14 140 11.9 38.4 0.21 --prestretch 1.02 1.02 \
         --total-stretch 1.2 --ratio 1:1 --ratio 1:0.5 --out test.csv
+    biaxbayes simulate --law fung --values c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2 \
+        --prestretch 1.02 1.02 --total-stretch 1.2 --out fung.csv
     """
     if material == "list":
         _tell_materials()
         return
     from biaxbayes.jobs import specimen_files
-    from biaxbayes.laws.goh import GOH
 
     if out is None:
         raise InputError("no file to write", remedy="give --out FILE")
     chosen: Any = material
-    if goh and material is None:
-        try:
-            chosen = GOH(*goh)
-        except ValueError as error:
-            raise InputError(
-                f"--goh: {error}", remedy="C1 and k1 in kPa, alpha in degrees"
-            ) from None
+    if sum(x is not None for x in (material, goh, law or values)) > 1:
+        chosen = None  # as if none was given
     elif goh:
-        chosen = None  # as if neither was given
+        chosen = _stated_goh(goh)
+    elif law or values:
+        chosen = _stated_material(law, values)
     specimen, truth = specimen_files.simulate(out, overwrite=overwrite, material=chosen, **test)
     _tell_simulated(specimen, truth, out)
+
+
+def _stated_goh(goh: tuple[float, float, float, float, float]) -> Any:
+    from biaxbayes.laws.goh import GOH
+
+    try:
+        return GOH(*goh)
+    except ValueError as error:
+        raise InputError(f"--goh: {error}", remedy="C1 and k1 in kPa, alpha in degrees") from None
+
+
+def _stated_material(law: str | None, values: str | None) -> Any:
+    """The material of --law and --values."""
+    from biaxbayes.laws import law_named
+
+    if law is None:
+        raise InputError("--values without a law", remedy=f"give --law, one of {', '.join(LAWS)}")
+    chosen = law_named(law)
+    labels = [p.label for p in chosen.parameters]
+    if values is None:
+        raise InputError(
+            f"--law {law} without values",
+            remedy=f"give --values {','.join(f'{label}=...' for label in labels)}",
+        )
+    stated: dict[str, float] = {}
+    for text in values.split(","):
+        name, _, value = (part.strip() for part in text.partition("="))
+        if name in stated:
+            raise InputError(f"--values: {name[:40]} is given twice", remedy="give it once")
+        try:
+            stated[name] = float(value)
+        except ValueError:
+            raise InputError(
+                f"--values: {text[:60]!r} is no NAME=VALUE",
+                remedy=f"parameters of {law} are {', '.join(labels)}",
+            ) from None
+    try:
+        return chosen.stated(stated)
+    except InputError as error:
+        raise InputError(f"--values: {error.problem}", remedy=error.remedy) from None
 
 
 def _tell_materials() -> None:

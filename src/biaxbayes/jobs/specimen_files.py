@@ -31,7 +31,7 @@ from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
     from biaxbayes.fitting.result import FitResult
-    from biaxbayes.laws.goh import GOH
+    from biaxbayes.laws.law import MaterialResponse
     from biaxbayes.machines.conversion import Choice, Conversion
     from biaxbayes.specimens.findings import Finding
     from biaxbayes.specimens.virtual_specimen import Dimensions, Truth
@@ -358,9 +358,16 @@ def _check_new(path: Path, overwrite: bool) -> None:
 def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     """The specimen that the options ask for."""
     from biaxbayes.fem.grips import Hooks
+    from biaxbayes.laws.goh import GOH
     from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen
 
     material, conditions, dimensions = _conditions(test)
+    if test.hooks and not isinstance(material, GOH):
+        raise InputError(
+            f"--hooks computes a sheet with shear, which the law {material.law.name} does not "
+            "define here",
+            remedy="leave --hooks out, or give a material of goh",
+        )
     for option, value in (("noise-N", test.noise_N), ("misfit", test.misfit)):
         if not (math.isfinite(value) and value >= 0.0):
             raise InputError(f"--{option} is {value:g}", remedy="give zero or more")
@@ -381,7 +388,7 @@ def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     }
     try:
         with np.errstate(all="ignore"):  # an overflow is seen in the result
-            if test.hooks:
+            if isinstance(material, GOH) and test.hooks:
                 made = hooked_specimen(material, **common, hooks=Hooks(count=test.hooks))
             else:
                 made = virtual_specimen(material, **common)
@@ -391,19 +398,19 @@ def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     return made
 
 
-def _conditions(test: VirtualTest) -> tuple[GOH, dict[str, Any], Dimensions]:
+def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Dimensions]:
     """Material, stretches and dimensions: the options, else what is published with a material."""
-    from biaxbayes.laws.goh import GOH
+    from biaxbayes.laws.law import MaterialResponse
     from biaxbayes.laws.published import MATERIALS, PublishedMaterial
     from biaxbayes.specimens.virtual_specimen import Dimensions
 
-    if isinstance(test.material, GOH):
+    if isinstance(test.material, MaterialResponse):
         published = PublishedMaterial(test.material, "command line")
     elif test.material in MATERIALS:
         published = MATERIALS[test.material]
     elif test.material is None:
         raise InputError(
-            "give one of --material NAME and --goh C1 k1 k2 ALPHA KAPPA",
+            "give one of --material NAME and --goh C1 k1 k2 ALPHA KAPPA, or --law with --values",
             remedy="'--material list' prints the names",
         )
     else:
@@ -412,7 +419,7 @@ def _conditions(test: VirtualTest) -> tuple[GOH, dict[str, Any], Dimensions]:
         )
     material = published.material
     if test.fibre_switch:
-        material = replace(material, fibre_switch=True)
+        material = _switched(material)
     thickness = test.thickness
     if thickness is None:
         thickness = published.thickness_mm or 1.0
@@ -421,6 +428,17 @@ def _conditions(test: VirtualTest) -> tuple[GOH, dict[str, Any], Dimensions]:
     edge_x, edge_y = test.edge
     conditions = {**_stretches(test, published), "source": published.source}
     return material, conditions, Dimensions(edge_x, edge_y, thickness)
+
+
+def _switched(material: MaterialResponse) -> MaterialResponse:
+    """The same material whose fibres carry no compression."""
+    from biaxbayes.laws import law_named
+    from biaxbayes.laws.goh import GOH
+    from biaxbayes.laws.law import StatedMaterial
+
+    if isinstance(material, GOH):
+        return replace(material, fibre_switch=True)
+    return StatedMaterial(law_named(material.law.name, fibre_switch=True), material.theta)
 
 
 def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:

@@ -7,6 +7,7 @@ Table 1 and the fitted rows of Tables 5 and 6, with the test conditions of Table
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from biaxbayes.laws.goh import GOH
 
@@ -19,14 +20,14 @@ class PublishedMaterial:
 
     Attributes
     ----------
-    material : GOH
+    material : GOH or StatedMaterial
     source : str
     mounting_stretch : (float, float)
     thickness_mm, measured_stretch : float or None
         None where the paper prints neither.
     """
 
-    material: GOH
+    material: Any
     source: str
     mounting_stretch: tuple[float, float] = (1.0, 1.0)
     thickness_mm: float | None = None

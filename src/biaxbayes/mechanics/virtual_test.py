@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biaxbayes.laws.goh import GOH
+from biaxbayes.laws.law import MaterialResponse
 
 __all__ = ["VirtualTest", "smooth_misfit", "virtual_test"]
 
@@ -39,7 +39,7 @@ class VirtualTest:
 
 
 def virtual_test(
-    material: GOH,
+    material: MaterialResponse,
     *,
     mounting_stretch: tuple[float, float] = (1.0, 1.0),
     total_stretch: float | tuple[float, float] | None = None,
@@ -54,7 +54,7 @@ def virtual_test(
 
     Parameters
     ----------
-    material : GOH
+    material : GOH or StatedMaterial
     mounting_stretch : (float, float)
         Stretch of the mounted state relative to the unloaded one.
     total_stretch, measured_stretch : float or (float, float)

@@ -23,6 +23,7 @@ from biaxbayes.fem.grips import Hooks
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
+from biaxbayes.laws.law import MaterialResponse
 from biaxbayes.mechanics.virtual_test import VirtualTest, smooth_misfit, virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.text_files import atomic_write_text
@@ -107,7 +108,7 @@ class Truth:
     """
 
     specimen: str
-    material: dict[str, float | bool]
+    material: dict[str, float | bool | str]
     mounting_stretch_x: float
     mounting_stretch_y: float
     unit: str
@@ -123,14 +124,18 @@ class Truth:
     grips: dict[str, float] | None = None
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{k}={v:.4g}" for k, v in self.material.items() if v is not True)
+        values = ", ".join(
+            f"{k}={v if isinstance(v, str) else f'{v:.4g}'}"
+            for k, v in self.material.items()
+            if v is not True
+        )
         stretch = f"{self.mounting_stretch_x:g}, {self.mounting_stretch_y:g}"
         return f"Truth({self.specimen!r}: {values}, mounting stretch {stretch})"
 
 
 def record_tests(
     tests: Mapping[str, Curves],
-    material: GOH,
+    material: MaterialResponse,
     *,
     name: str,
     mounting_stretch: tuple[float, float],
@@ -147,7 +152,7 @@ def record_tests(
     ----------
     tests : mapping of protocol name to VirtualTest or SheetTest
         The first row of each is the mounted state.
-    material : GOH
+    material : GOH or StatedMaterial
     name : str
         Name of the specimen.
     mounting_stretch : (float, float)
@@ -205,7 +210,7 @@ def record_tests(
     force_x, force_y = _pair(mounting / divisor)
     truth = Truth(
         specimen=name,
-        material=asdict(material),
+        material=_recorded(material),
         mounting_stretch_x=mounting_stretch[0],
         mounting_stretch_y=mounting_stretch[1],
         unit=specimen.unit,
@@ -221,6 +226,16 @@ def record_tests(
         grips=None if grips is None else dict(grips),
     )
     return specimen, truth
+
+
+def _recorded(material: MaterialResponse) -> dict[str, float | bool | str]:
+    """A material by the parameters of its law; one of GOH needs no name."""
+    if isinstance(material, GOH):
+        return asdict(material)
+    law = material.law
+    values = {p.label: float(v) for p, v in zip(law.parameters, material.values, strict=True)}
+    switch = {"fibre_switch": law.fibre_switch} if law.has_switch else {}
+    return {"law": law.name, **values, **switch}
 
 
 def write_truth(truths: Sequence[Truth], path: str | os.PathLike) -> None:
@@ -267,7 +282,7 @@ Stretch = float | tuple[float, float]
 
 
 def virtual_specimen(
-    material: GOH,
+    material: MaterialResponse,
     *,
     name: str,
     mounting_stretch: tuple[float, float],
@@ -285,7 +300,7 @@ def virtual_specimen(
 
     Parameters
     ----------
-    material : GOH
+    material : GOH or StatedMaterial
     name : str
         Name of the specimen.
     mounting_stretch : (float, float)
