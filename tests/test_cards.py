@@ -13,7 +13,9 @@ from biaxbayes.cards.abaqus import read_abaqus, write_abaqus
 from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable, plain_text, safe_label
 from biaxbayes.cards.export import MANIFEST, biaxial_stress, export_cards, relative_deviation
 from biaxbayes.cards.febio import read_febio, write_febio
+from biaxbayes.cards.febio_mixture import read_mixture
 from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.virtual_test import virtual_test
@@ -63,6 +65,99 @@ def draws(n: int, seed=0) -> pd.DataFrame:
             "lp": rng.normal(size=n),
         }
     )
+
+
+# --- laws that FEBio has as a mixture ---
+
+FUNG = {"c0": 10.0, "c": 5.0, "b_x": 8.0, "b_y": 5.0, "b_xy": 2.0}
+FUNG_BACK = {"c0": 1.0, "c": 20.0, "b_x": 30.0, "b_y": 3.0, "b_xy": -4.0}
+FIBRES = {
+    **{"c": 18.536, "k1_x": 16.593, "k2_x": 0.108, "k1_y": 25.37, "k2_y": 0.036},
+    **{"k1_d": 0.078, "k2_d": 1.719, "alpha": 61.2146},
+}
+NO_FIBRES_IN_X = FIBRES | {"k1_x": 0.0, "k2_y": 0.0}
+
+
+def mixtures(law: str, values: dict[str, float], out, units="kPa-mm"):
+    frame = pd.DataFrame([values]).assign(mounting_stretch_x=1.01, mounting_stretch_y=1.02)
+    manifest = export_cards(
+        frame, specimen(), law_named(law), [0], out, program="febio", units=units
+    )
+    return manifest, (out / manifest["file"][0]).read_text()
+
+
+@pytest.mark.parametrize("units", sorted(UNIT_SYSTEMS))
+@pytest.mark.parametrize(
+    ("law", "values"),
+    [("fung", FUNG), ("fung", FUNG_BACK), ("four-fibre", FIBRES), ("four-fibre", NO_FIBRES_IN_X)],
+)
+def test_mixtures_agree_with_the_law_at_twenty_states(law, values, units, tmp_path):
+    manifest, text = mixtures(law, values, tmp_path, units)
+    assert manifest["check_relative_deviation"][0] < 1e-8
+    for p in law_named(law).parameters:
+        assert manifest[p.label][0] == pytest.approx(values[p.name], rel=1e-14)
+    x, y = np.random.default_rng(3).uniform(0.9, 1.25, (2, 20))
+    ours = np.array(law_named(law).stated(values).cauchy(x, y)) * PER_KPA[units]
+    read = read_mixture(text)
+    np.testing.assert_allclose(
+        biaxial_stress(read.isochoric_energy, x, y), ours, rtol=1e-6, atol=1e-9 * np.abs(ours).max()
+    )
+    # nearly incompressible: the volume does no work in a state without change of volume
+    np.testing.assert_allclose(
+        biaxial_stress(read.energy, x, y), ours, rtol=1e-6, atol=1e-6 * np.abs(ours).max()
+    )
+
+
+def test_what_a_mixture_says_by_hand(tmp_path):
+    _, text = mixtures("fung", FUNG | {"b_xy": 0.0}, tmp_path)
+    root = ElementTree.fromstring(text.encode())
+    assert root.find("Material/material").get("type") == "uncoupled solid mixture"
+    assert [s.get("type") for s in root.iter("solid")] == ["Mooney-Rivlin", "Fung orthotropic"]
+    # without coupling the plane's moduli are c b_x and c b_y, the shear moduli their mean over two
+    wanted = {"c1": 10, "c2": 0, "c": 5, "E1": 40, "E2": 25, "v12": 0, "G12": 16.25, "G31": 16.25}
+    for name, value in wanted.items():
+        assert float(next(root.iter(name)).text) == pytest.approx(value, abs=1e-12)
+    assert "NOT SEEN BY THE TEST" in text and "G12, G23, G31" in text
+
+    _, text = mixtures("four-fibre", FIBRES, tmp_path / "fibres")
+    solids = list(ElementTree.fromstring(text.encode()).iter("solid"))
+    fibres = [s for s in solids if s.get("type") == "fiber-exp-pow-uncoupled"]
+    assert float(solids[0].findtext("c1")) == 18.536 / 2
+    assert [float(s.findtext("ksi")) for s in fibres] == [16.593 / 2, 25.37 / 2, 0.039, 0.039]
+    assert [float(s.findtext("alpha")) for s in fibres] == [0.108, 0.036, 1.719, 1.719]
+    directions = [[float(v) for v in s.findtext("mat_axis/a").split(",")] for s in fibres]
+    c, s = np.cos(np.radians(61.2146)), np.sin(np.radians(61.2146))
+    np.testing.assert_allclose(
+        directions, [[1, 0, 0], [0, 1, 0], [c, s, 0], [c, -s, 0]], atol=1e-15
+    )
+
+
+def test_the_axes_of_a_mixture_turn_all_its_parts(tmp_path):
+    """Where the first axis is along y, the stresses of x and y change places."""
+    for law, values in (("fung", FUNG), ("four-fibre", FIBRES)):
+        _, text = mixtures(law, values, tmp_path / law)
+        head, tail = text.split("<k>")
+        turned = head.replace(">1.0,0.0,0<", ">0,1,0<").replace(">0.0,1.0,0<", ">-1,0,0<") + "<k>"
+        x, y = biaxial_stress(read_mixture(turned + tail).isochoric_energy, 1.2, 1.1)
+        sx, sy = law_named(law).stated(values).cauchy(1.1, 1.2)
+        assert (x[0], y[0]) == pytest.approx((sy, sx), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("law", "program", "message"),
+    [
+        ("fung", "abaqus", "no neo-Hookean part, and c0 is above zero here; export it to febio"),
+        ("four-fibre", "abaqus", "no card of the law four-fibre for abaqus; export it to febio"),
+        ("may-newman", "febio", "no card of the law may-newman for febio; export a run of --law"),
+    ],
+)
+def test_laws_that_a_program_does_not_have(law, program, message, tmp_path):
+    values = FUNG if law == "fung" else dict.fromkeys(law_named(law).names, 1.0)
+    with pytest.raises(InputError, match=re.escape(message)):
+        export_cards(
+            pd.DataFrame([values]), specimen(), law_named(law), [0], tmp_path, program=program
+        )
+    assert not any(tmp_path.iterdir())
 
 
 # --- hand calculation, per program ---

@@ -6,6 +6,7 @@ import re
 import textwrap
 import unicodedata
 from dataclasses import dataclass, replace
+from typing import Any
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
@@ -103,8 +104,8 @@ class Card:
     ----------
     label : str
         Name of the material in the file: letters, digits and underscores.
-    material : GOH
-        As written: no exponent below :data:`K2_FLOOR`.
+    material : GOH or StatedMaterial
+        As written: no exponent of GOH below :data:`K2_FLOOR`.
     units : UnitSystem
     bulk_kPa : float or None
         Bulk modulus; None for incompressible.
@@ -117,7 +118,7 @@ class Card:
     """
 
     label: str
-    material: GOH
+    material: Any
     units: UnitSystem
     bulk_kPa: float | None
     specimen: str = ""

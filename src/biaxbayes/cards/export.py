@@ -17,13 +17,14 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes import __version__
-from biaxbayes.cards import abaqus, febio
+from biaxbayes.cards import abaqus, febio, febio_mixture
 from biaxbayes.cards.card import Card, exportable, safe_label, unit_system
+from biaxbayes.cards.febio_mixture import MIXTURES
 from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws.dispersed_fibres import fibre_strain
 from biaxbayes.laws.goh import GOH
-from biaxbayes.laws.law import Law
+from biaxbayes.laws.law import Law, MaterialResponse
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text
@@ -88,7 +89,7 @@ def biaxial_stress(
 def relative_deviation(
     energy: Callable[[np.ndarray], np.ndarray],
     per_kPa: float,
-    material: GOH,
+    material: MaterialResponse,
     stretch_x: np.ndarray,
     stretch_y: np.ndarray,
 ) -> float:
@@ -100,9 +101,9 @@ def relative_deviation(
         Of the card, in its units.
     per_kPa : float
         The card's number for 1 kPa.
-    material : GOH
-        The draw, without any change made for export. Compared with the fibre switch, which both
-        programs have.
+    material : GOH or StatedMaterial
+        The draw, without any change made for export. GOH is compared with the fibre switch, which
+        both programs have.
     stretch_x, stretch_y : ndarray, shape (n,)
         Total stretches; states with less than a millionth of the largest stress are left out.
 
@@ -111,8 +112,9 @@ def relative_deviation(
     float
     """
     card = np.array(biaxial_stress(energy, stretch_x, stretch_y)) / per_kPa
-    switched = replace(material, fibre_switch=True)
-    ours = np.array(switched.cauchy(np.asarray(stretch_x), np.asarray(stretch_y)))
+    if isinstance(material, GOH):
+        material = replace(material, fibre_switch=True)
+    ours = np.array(material.cauchy(np.asarray(stretch_x), np.asarray(stretch_y)))
     size = np.abs(ours).max(axis=0)
     counted = size > 1e-6 * size.max(initial=0.0)
     if not counted.any():
@@ -124,13 +126,18 @@ def relative_deviation(
 
 
 Writer = Callable[[Card, str], str]
-Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard]
+Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard | febio_mixture.MixtureCard]
 
 PROGRAMS: dict[str, tuple[Writer, Reader, str]] = {
     "abaqus": (abaqus.write_abaqus, abaqus.read_abaqus, abaqus.SUFFIX),
     "febio": (febio.write_febio, febio.read_febio, febio.SUFFIX),
 }
-"""Writer, reader and file ending of each program."""
+"""Writer, reader and file ending of each program, for materials of GOH."""
+MIXTURE = (febio_mixture.write_mixture, febio_mixture.read_mixture, febio.SUFFIX)
+NO_CARD = {
+    ("fung", "abaqus"): "Abaqus' Fung form has no neo-Hookean part, and c0 is above zero here",
+}
+"""Why there is no card, where more can be said than that a program has no such law."""
 
 AGREEMENT = 1e-8
 """Largest relative deviation of a card's stress from the draw's."""
@@ -173,7 +180,6 @@ def export_cards(
         Bulk modulus over the larger of the matrix's shear modulus and the largest stress in the
         tested range; the change of volume at that stress is about its inverse. Default:
         incompressible for Abaqus, 1000 for FEBio.
-        Whether the run was fitted with the fibre switch.
     origin : str
         What the draws are, for the header.
     overwrite : bool
@@ -193,13 +199,7 @@ def export_cards(
     BiaxbayesError
         If a card fails its check.
     """
-    if program not in PROGRAMS:
-        raise InputError(f"no export to {program[:40]!r}", remedy=f"choose {', '.join(PROGRAMS)}")
-    if law.as_goh([p.low if p.bounded else 1.0 for p in law.parameters]) is None:
-        raise InputError(
-            f"there is no card of the law {law.name} for {program}",
-            remedy="export a run of --law goh or hgo",
-        )
+    kind = card_kind(law, program)
     if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:
         raise InputError(f"a bulk ratio of {bulk_ratio:g} is not a positive number")
     if bulk_ratio is None and program == "febio":
@@ -210,64 +210,106 @@ def export_cards(
     records = []
     for row in rows:
         draw = draws.iloc[[int(row)]]
-        fitted = law.as_goh([float(draw.iloc[0][name]) for name in law.names])
         states = _states(draw, specimen)
-        written, notes = exportable(fitted)
-        fibres = _fibres(fitted, states)
+        told = _told(law, [float(draw.iloc[0][name]) for name in law.names], states)
         card = Card(
             f"{stem}_{row:0{digits}d}",
-            written,
+            told.written,
             system,
-            _bulk_modulus(fitted, states, bulk_ratio),
+            _bulk_modulus(told, states, bulk_ratio),
             specimen.name,
             f"{origin}; row {row} of {len(draws)} draws, weight {1.0 / len(rows):.6g}",
             bool(mounting_labels(draws, specimen)),
-            (*notes, *fibres.notes),
+            told.notes,
         )
-        file = f"{stem}-{row:0{digits}d}{PROGRAMS[program][2]}"
-        deviation = _write_and_check(card, out / file, program, fitted, states)
+        file = f"{stem}-{row:0{digits}d}{kind[2]}"
+        deviation = _write_and_check(card, out / file, kind, told.fitted, states)
         records.append(
             {"card": card.label, "file": file, "draw": int(row), "weight": 1.0 / len(rows)}
             | _parameters(card, program)
-            | {
-                "smallest_fibre_strain": fibres.smallest,
-                "switch_changes_stress_kPa": fibres.change_kPa,
-                "check_relative_deviation": deviation,
-            }
+            | told.switch
+            | {"check_relative_deviation": deviation}
         )
     manifest = pd.DataFrame(records)
     write_csv(out / MANIFEST, manifest)
     return manifest
 
 
+def card_kind(law: Law, program: str) -> tuple[Writer, Reader, str]:
+    """Writer, reader and file ending of the cards of a law.
+
+    Raises
+    ------
+    InputError
+        For a program that is not known, or does not have the law.
+    """
+    if program not in PROGRAMS:
+        raise InputError(f"no export to {program[:40]!r}", remedy=f"choose {', '.join(PROGRAMS)}")
+    if law.as_goh([p.low if p.bounded else 1.0 for p in law.parameters]) is not None:
+        return PROGRAMS[program]
+    if law.name in MIXTURES and program == "febio":
+        return MIXTURE
+    words = f"there is no card of the law {law.name} for {program}"
+    if (law.name, program) in NO_CARD:
+        words += f": {NO_CARD[law.name, program]}"
+    elsewhere = "export it to febio" if law.name in MIXTURES else "export a run of --law goh or hgo"
+    raise InputError(words, remedy=elsewhere)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """A draw as its material and as it is written, and what the manifest says of its fibres."""
+
+    fitted: MaterialResponse
+    written: MaterialResponse
+    matrix_shear_kPa: float
+    notes: tuple[str, ...]
+    switch: dict[str, float]
+
+
+def _told(law: Law, values: Sequence[float], states: np.ndarray) -> _Told:
+    goh = law.as_goh(values)
+    if goh is None:
+        material = law.scalar(values)
+        shear = MIXTURES[law.name].matrix_shear_kPa(dict(zip(law.names, values, strict=True)))
+        return _Told(material, material, shear, (), {"switch_changes_stress_kPa": 0.0})
+    written, notes = exportable(goh)
+    fibres = _fibres(goh, states)
+    switch = {
+        "smallest_fibre_strain": fibres.smallest,
+        "switch_changes_stress_kPa": fibres.change_kPa,
+    }
+    return _Told(goh, written, 2.0 * goh.C1_kPa, (*notes, *fibres.notes), switch)
+
+
 def _parameters(card: Card, program: str) -> dict[str, object]:
     """What a card says, as columns of the manifest."""
     written = card.material
     return {
-        "C1_kPa": written.C1_kPa,
-        "k1_kPa": written.k1_kPa,
-        "k2": written.k2,
-        "alpha_deg": written.alpha_deg,
-        "kappa": written.kappa,
+        **{p.label: v for p, v in zip(written.law.parameters, written.values, strict=True)},
         "bulk_modulus_kPa": np.nan if card.bulk_kPa is None else card.bulk_kPa,
         "program": program,
         "units": card.units.name,
     }
 
 
-def _bulk_modulus(fitted: GOH, states: np.ndarray, ratio: float | None) -> float | None:
+def _bulk_modulus(told: _Told, states: np.ndarray, ratio: float | None) -> float | None:
     """Bulk modulus in kPa, from the stiffness and the stress that the material meets."""
     if ratio is None:
         return None
-    peak = float(np.abs(fitted.cauchy(*states.T)).max())
-    return ratio * max(2.0 * fitted.C1_kPa, peak)
+    peak = float(np.abs(told.fitted.cauchy(*states.T)).max())
+    return ratio * max(told.matrix_shear_kPa, peak)
 
 
 def _write_and_check(
-    card: Card, path: Path, program: str, fitted: GOH, states: np.ndarray
+    card: Card,
+    path: Path,
+    kind: tuple[Writer, Reader, str],
+    fitted: MaterialResponse,
+    states: np.ndarray,
 ) -> float:
     """Write a card, read the file back and compare its stress with the draw's."""
-    write, read, _ = PROGRAMS[program]
+    write, read, _ = kind
     atomic_write_text(path, write(card, __version__))
     # What counts is the file, not what was meant to be in it. In the incompressible limit the
     # volumetric term vanishes; evaluating it would only add its rounding, K times 1e-16.

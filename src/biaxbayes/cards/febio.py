@@ -20,7 +20,7 @@ import numpy as np
 from biaxbayes.cards.card import Card, header_lines
 from biaxbayes.errors import InputError
 
-__all__ = ["SUFFIX", "FebioCard", "read_febio", "write_febio"]
+__all__ = ["SUFFIX", "FebioCard", "card_text", "read_febio", "required_bulk", "write_febio"]
 
 SUFFIX = ".feb"
 TYPE = "Holzapfel-Gasser-Ogden"
@@ -92,19 +92,9 @@ def write_febio(card: Card, version: str) -> str:
     InputError
         If the card has no bulk modulus, which this material needs.
     """
-    if card.bulk_kPa is None:
-        raise InputError("FEBio needs a bulk modulus", remedy="give --bulk-ratio, for example 1000")
+    k = required_bulk(card)
     material = card.material
-    k = card.stress(card.bulk_kPa)
-    bulk = [
-        f"k = {k:.6g} {card.units.stress} makes it nearly incompressible; the fit is "
-        "incompressible and does not determine k.",
-        f'Use: <Material from="FILE"/> in a control file, or copy the material. Name: {card.label}',
-    ]
-    root = ElementTree.Element("febio_spec", version="4.0")
-    ElementTree.SubElement(root, "Module", type="solid")
-    section = ElementTree.SubElement(root, "Material")
-    node = ElementTree.SubElement(section, "material", id="1", name=card.label, type=TYPE)
+    node = ElementTree.Element("material", id="1", name=card.label, type=TYPE)
     values = {
         "c": 2.0 * card.stress(material.C1_kPa),
         "k1": card.stress(material.k1_kPa),
@@ -118,8 +108,45 @@ def write_febio(card: Card, version: str) -> str:
     axis = ElementTree.SubElement(node, "mat_axis", type="vector")
     ElementTree.SubElement(axis, "a").text = "1,0,0"
     ElementTree.SubElement(axis, "d").text = "0,1,0"
+    return card_text(card, node, version, CONVENTIONS)
+
+
+def required_bulk(card: Card) -> float:
+    """The bulk modulus of a card in its units.
+
+    Raises
+    ------
+    InputError
+        If it has none, which every uncoupled material needs.
+    """
+    if card.bulk_kPa is None:
+        raise InputError("FEBio needs a bulk modulus", remedy="give --bulk-ratio, for example 1000")
+    return float(card.stress(card.bulk_kPa))
+
+
+def card_text(card: Card, node: ElementTree.Element, version: str, conventions: list[str]) -> str:
+    """The file of one material: what a reader must know as a comment, and the material.
+
+    Parameters
+    ----------
+    card : Card
+    node : Element
+        The material.
+    version : str
+        Of biaxbayes.
+    conventions : list of str
+        What FEBio means by its parameters.
+    """
+    bulk = [
+        f"k = {required_bulk(card):.6g} {card.units.stress} makes it nearly incompressible; the "
+        "fit is incompressible and does not determine k.",
+        f'Use: <Material from="FILE"/> in a control file, or copy the material. Name: {card.label}',
+    ]
+    root = ElementTree.Element("febio_spec", version="4.0")
+    ElementTree.SubElement(root, "Module", type="solid")
+    ElementTree.SubElement(root, "Material").append(node)
     ElementTree.indent(root)
-    comment = "\n".join(header_lines(card, version, [*CONVENTIONS, *bulk]))
+    comment = "\n".join(header_lines(card, version, [*conventions, *bulk]))
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         f"<!--\n{_comment_safe(comment)}\n-->\n"
