@@ -51,7 +51,7 @@ def use_own_cache() -> None:
     digest = hashlib.sha256()
     package = Path(__file__).parent
     digest.update(Path(__file__).read_bytes())
-    for folder in ("laws", "mechanics", "sampling", "model"):
+    for folder in ("laws", "mechanics", "sampling", "model", "populations"):
         for source in sorted((package / folder).glob("*.py")):
             digest.update(source.read_bytes())
     config.CACHE_DIR = str(Path(platformdirs.user_cache_dir("biaxbayes")) / digest.hexdigest()[:16])

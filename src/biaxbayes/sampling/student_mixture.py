@@ -186,7 +186,8 @@ def _log_density(x, scale, means, inverses, nu, coordinates, doubled):
         for k in range(scale.size):
             _distances(x, first, m, means[k], inverses[k], coordinates, z, distance, slope)
             for s in range(doubled.shape[0]):
-                image[:m] = distance[:m]
+                for i in range(m):  # a slice assigned to a slice would compile its refusal
+                    image[i] = distance[i]
                 _reflect(image, x, first, m, inverses[k], coordinates, doubled[s], slope, shift)
                 _add_t_density(image, m, nu, d, scale[k], work, total)
             _add_t_density(distance, m, nu, d, scale[k], work, total)
