@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -134,7 +135,8 @@ def test_killed_at_random_and_starved_of_space():
         timeout=300,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "| SIGKILL at a random moment | 3 | " in done.stdout
+    # on a busy machine a run may end before its kill: then another is tried
+    assert re.search(r"\| SIGKILL at a random moment \| \d+ \| 3 \| ", done.stdout), done.stdout
 
 
 # --- stopped by the user -----------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """The sampler on densities that are no posterior of a specimen, from search to judged draws."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -140,3 +141,30 @@ def test_long_runs_are_judged_a_few_times_and_saved_often(monkeypatch):
     assert np.diff(saved).max() <= sampler.LONGEST_BLOCK
     assert saved[-1] == plan.max_steps
     assert len(judged) <= 10 < len(saved)
+
+
+def test_what_a_first_run_compiles_beside_its_work_is_what_sampling_calls(tmp_path):
+    """After the small example sampling compiles nothing that takes long, in any process."""
+    program = (
+        "import time\n"
+        "from biaxbayes.sampling import kernels\n"
+        "before = kernels.are_compiled()\n"
+        "start = time.process_time()\n"
+        "kernels.compile_kernels()\n"
+        "print(before, kernels.are_compiled(), time.process_time() - start)\n"
+    )
+
+    def compiled() -> tuple[str, str, float]:
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            capture_output=True,
+            text=True,
+            check=True,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+        )
+        before, after, seconds = done.stdout.split()
+        return before, after, float(seconds)
+
+    first, later = compiled(), compiled()
+    assert first[:2] == ("False", "True") and later[:2] == ("True", "True")
+    assert later[2] < 0.5 * first[2]

@@ -132,9 +132,9 @@ def fit_result(
         solved = bool(np.isfinite(mounting_stretch).all())
         if not converged and solved:
             converged = rmse <= rounding_bound(specimen, data, lm, response)
-    left = data.load - load
-    if np.sqrt((left**2).mean()) < specimen.load_resolution:
-        left = np.zeros_like(left)
+        left = data.load - load
+        if np.sqrt((left**2).mean()) < specimen.load_resolution:
+            left = np.zeros_like(left)
     residuals = tuple(left[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
     return FitResult(
         method=method,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 import warnings
@@ -36,6 +37,7 @@ from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.runs.summary import summarise, with_verdicts, write_summary
+from biaxbayes.sampling.kernels import are_compiled, compile_kernels
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
 from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
@@ -102,7 +104,7 @@ class Sampling:
         tell = progress or _warn
         clock = time.perf_counter()
         self._make_folder()
-        with folder_lock(self.folder):
+        with folder_lock(self.folder), contextlib.ExitStack() as stack:
             clear_leftovers(self.folder)
             finish_moving(self.folder)
             self._refuse_finished(resume, overwrite)
@@ -110,6 +112,7 @@ class Sampling:
                 tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
             fit_clock = time.perf_counter()
+            stack.enter_context(Beside(compile_kernels, self._compilers()))
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
             swapped = swapped_columns(
                 posterior.specimen,
@@ -153,6 +156,10 @@ class Sampling:
         if not isinstance(signal, bool):  # the number of a signal (a hang-up is 1)
             error.exit_code = 128 + signal
         return error
+
+    def _compilers(self) -> int:
+        """Processors for what sampling compiles: a first run does it beside its own density."""
+        return 1 if are_compiled() else self.plan.workers
 
     def _make_folder(self) -> None:
         """Make the folder, and do not write into one that holds something else than a run."""
