@@ -314,8 +314,8 @@ def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> 
     donors = len(grouping.donors)
     if donors == 1:
         out.append(
-            "all specimens are of one donor: sd_donors, new_specimen and new_donor are those of "
-            "the prior, and the groups' means are this donor's"
+            "all specimens are of one donor, so how donors differ is not seen: sd_donors is that "
+            "of the prior, and mean, new_specimen and new_donor are as wide as it makes them"
         )
     elif donors == len(members):
         out.append(

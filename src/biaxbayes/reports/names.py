@@ -8,7 +8,7 @@ from markupsafe import Markup, escape
 
 from biaxbayes.parameters import Quantity
 
-__all__ = ["as_html", "as_latex", "as_markdown", "cut", "latex_text", "markdown_text"]
+__all__ = ["as_html", "as_latex", "as_markdown", "counted", "cut", "latex_text", "markdown_text"]
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -29,6 +29,11 @@ def cut(text: object, length: int = 120) -> str:
     """One line without control or direction-changing characters, at most ``length`` long."""
     line = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
     return line if len(line) <= length else line[: length - 1].rstrip() + "…"
+
+
+def counted(number: int, noun: str) -> str:
+    """So many of a thing."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def as_html(quantity: Quantity | str) -> Markup:

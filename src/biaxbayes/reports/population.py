@@ -10,29 +10,83 @@ from typing import Any
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.parameters import unit_words
-from biaxbayes.reports.names import cut
+from biaxbayes.figures.labels import number
+from biaxbayes.identifiability.stated import Stated
+from biaxbayes.identifiability.verdict import FIXED
+from biaxbayes.parameters import STRETCH, Quantity, unit_words
+from biaxbayes.populations.result import SPREADS
+from biaxbayes.reports.glossary import chosen_terms
+from biaxbayes.reports.names import counted, cut
 from biaxbayes.reports.page import page_template, pictures
+from biaxbayes.reports.study_page import KNOWN_QUANTITIES, WORDS
+from biaxbayes.studies.groups import KNOWN
 
 __all__ = ["PAGE", "population_methods", "population_page"]
 
 PAGE = "population.html"
 DASH = "–"
+WIDE = 8.0
 FIGURES = {
     "population-forest": (
         "Specimens alone and pooled",
-        "Grey: the specimen's own run; coloured: pooled; diamond: the group's median with its 90 % "
-        "interval; thin line: a new specimen.",
+        "Medians and 90 % intervals. Grey: the specimen by its own test alone; coloured: judged "
+        "together with the others (pooled); diamond: the middle of the group; thin line: where the "
+        "next specimen would lie.",
     ),
     "population-pairs": (
         "New specimens",
-        "Contours hold 50 and 90 % of new specimens; points are the tested ones, pooled.",
+        "Every parameter alone (diagonal) and with every other. Inside the contours lie 50 and "
+        "90 % of specimens that were not tested yet; points are the tested ones, pooled.",
     ),
     "new-specimen-bands": (
         "Stress of a new specimen",
-        "Equibiaxial Cauchy stress: band of 90 % of new specimens, over the equibiaxial records.",
+        "Cauchy stress where both directions are stretched alike: the band holds 90 % of specimens "
+        "that were not tested yet; thin lines are the records of the tested ones.",
     ),
 }
+ALTERNATIVES = {
+    "population-forest": "Medians and 90 % intervals of every specimen alone and pooled, with "
+    "those of its group; the numbers stand in the tables.",
+    "population-pairs": "Contours of new specimens for every pair of parameters, with the tested "
+    "specimens as points.",
+    "new-specimen-bands": "Equibiaxial Cauchy stress of new specimens over total stretch, with the "
+    "equibiaxial records; the numbers stand in new-specimen-bands.csv.",
+}
+TERMS = (
+    "population, group",
+    "posterior",
+    "prior",
+    "median, 90 % interval",
+    "alone, pooled",
+    "typical donor",
+    "sd of donors, sd of specimens",
+    "sd (standard deviation)",
+    "factor",
+    "donor effect",
+    "new specimen",
+    "new donor",
+    "verdict",
+    "determined",
+    "identified",
+    "one-sided",
+    "only in combination",
+    "prior-dominated",
+    "no verdict, fixed",
+    "predictive p",
+    "mounting stretch",
+    "within the law",
+    "stated of the tissue",
+    "structure tensor",
+    "tangent stiffness, small-strain stiffness",
+    "Cauchy stress, nominal stress",
+    "ratio",
+    "P(larger)",
+    "likelihood",
+    "converged, tentative, unusable",
+    "effective draws (ESS), bulk and tail",
+    "R-hat",
+)
+"""Of the glossary, what the page speaks of."""
 
 
 def population_page(
@@ -53,18 +107,32 @@ def population_page(
     own = tables["specimens"].drop_duplicates("specimen")
     convergence = record["convergence"]
     converged = convergence["state"] == "converged"
+    told = (
+        "The chains have converged." if converged else f"The population is {convergence['state']}:"
+    )
+    names = list(dict.fromkeys(tables["specimens"]["quantity"]))
     return page_template("population.html.jinja").render(
         name=cut(record["name"]),
-        specimens=len(own),
-        donors=int(own["donor"].nunique()),
+        specimens=counted(len(own), "specimen"),
+        donors=counted(int(own["donor"].nunique()), "donor"),
         state=convergence["state"],
-        told="converged" if converged else f"{convergence['state']}: {convergence['reason']}",
+        told=told,
+        reason="" if converged else convergence["reason"],
         left_out=[(cut(k), cut(v, 300)) for k, v in record["left_out"].items()],
         notes=[cut(n, 500) for n in record["notes"]],
-        figures=[(*FIGURES[stem], picture) for stem, picture in there.items()],
-        groups=_groups(tables["groups"]),
+        figures=[
+            (stem, *FIGURES[stem], ALTERNATIVES[stem], picture) for stem, picture in there.items()
+        ],
+        groups=_groups(tables["groups"], tuple(record["pooled"])),
+        columns=[
+            (_named(n), _unit(KNOWN_QUANTITIES[n].unit)) for n in names if n in KNOWN_QUANTITIES
+        ],
+        own=_specimens(tables["specimens"], [n for n in names if n in KNOWN_QUANTITIES]),
+        stated=bool(tables["specimens"][["stated_low", "stated_high"]].notna().any(axis=None)),
+        more=any(n not in KNOWN_QUANTITIES for n in names),
         contrasts=_contrasts(tables["contrasts"]),
         methods=population_methods(tables, record),
+        glossary=chosen_terms(*TERMS),
         version=biaxbayes.__version__,
     )
 
@@ -73,31 +141,103 @@ def _number(value: float) -> str:
     return DASH if math.isnan(value) else f"{value:.3g}"
 
 
-def _cell(r: Mapping[Any, Any], part: str) -> str:
-    low, median, high = (_number(float(r[f"{part}_{q}"])) for q in ("q05", "q50", "q95"))
-    return DASH if median == DASH else f"{median} ({low} to {high})"
+def _three(r: Mapping[Any, Any], part: str, *, exponential: bool = False) -> dict[str, str]:
+    """Median and ends of an interval as text, with two digits of its width."""
+    low, median, high = (float(r[f"{part}_{q}"]) for q in ("q05", "q50", "q95"))
+    if exponential:
+        low, median, high = (math.exp(min(v, 700.0)) for v in (low, median, high))
+    if not all(map(math.isfinite, (low, median, high))):
+        told = [_number(v) for v in (median, low, high)]
+    else:
+        wide = low > 0.0 and high / low > WIDE
+        told = [number(v, low, high, log=wide) for v in (median, low, high)]
+    return {"median": told[0], "interval": "" if told[0] == DASH else f"{told[1]} to {told[2]}"}
 
 
 def _unit(unit: object) -> str:
     return {"deg": "°", "1": ""}.get(str(unit), str(unit))
 
 
-def _groups(table: pd.DataFrame) -> list[dict[str, Any]]:
+def _named(name: str) -> Quantity | str:
+    """A quantity, which the page turns into its symbol, or its name."""
+    return KNOWN_QUANTITIES.get(name) or WORDS.get(name, name)
+
+
+def _text(value: object) -> str:
+    """A cell of a table; a dash where it is empty."""
+    return value if isinstance(value, str) and value else DASH
+
+
+def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]]:
     out = []
     for group, part in table.groupby("group", sort=False):
-        rows = []
+        rows, sentences = [], []
         for r in part.to_dict("records"):
-            log = " (log)" if r["scale"] == "log" else ""
-            sds = [_cell(r, part) + log for part in ("sd_donors", "sd_specimens")]
-            cells = [_cell(r, "mean"), *sds, _cell(r, "new_specimen"), _cell(r, "new_donor")]
-            rows.append({"quantity": r["quantity"], "unit": _unit(r["unit"]), "cells": cells})
+            log = r["scale"] == "log"
+            spreads = []
+            for side in SPREADS:
+                cell = _three(r, side, exponential=log)
+                if log and cell["median"] != DASH:
+                    cell["median"] = f"factor {cell['median']}"
+                verdict = r[f"{side}_verdict"]
+                spreads.append(cell | {"verdict": verdict if isinstance(verdict, str) else ""})
+            name = str(r["quantity"])
+            rows.append(
+                {
+                    "quantity": _named(name),
+                    "unit": _unit(r["unit"]),
+                    "mean": _three(r, "mean"),
+                    "verdict": _text(r["verdict"]),
+                    "known": r["verdict"] in KNOWN,
+                    "spreads": spreads,
+                    "new": [_three(r, part) for part in ("new_specimen", "new_donor")],
+                }
+            )
+            if name in pooled and isinstance(r["in_words"], str):
+                words = cut(r["in_words"].removeprefix(f"{name}: "), 400)
+                sentences.append((_named(name), words))
         first = part.iloc[0]
         out.append(
             {
                 "name": cut(group, 60),
-                "specimens": int(first["specimens"]),
-                "donors": int(first["donors"]),
+                "specimens": counted(int(first["specimens"]), "specimen"),
+                "donors": counted(int(first["donors"]), "donor"),
                 "rows": rows,
+                "words": sentences,
+            }
+        )
+    return out
+
+
+def _specimens(table: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
+    """Every specimen, alone and pooled."""
+    out = []
+    for label, part in table.groupby("specimen", sort=False):
+        rows = {str(r["quantity"]): r for r in part.to_dict("records")}
+        cells: list[dict[str, Any] | None] = []
+        for name in names:
+            r = rows.get(name)
+            if r is None:
+                cells.append(None)
+                continue
+            parameter = KNOWN_QUANTITIES[name].parameter
+            ends = (float(r["stated_low"]), float(r["stated_high"]))
+            told = ""
+            if parameter.kind == STRETCH:
+                told = Stated(*ends, "").in_words(parameter)
+            cells.append(
+                _three(r, "pooled")
+                | {"alone": _three(r, "single")["interval"], "stated": told}
+                | {"known": r["pooled_verdict"] in (*KNOWN, FIXED)}
+            )
+        first = part.iloc[0]
+        out.append(
+            {
+                "label": cut(label, 60),
+                "group": cut(first["group"], 40),
+                "donor": cut(first["donor"], 40),
+                "p": _number(float(first["specimen_predictive_p"])),
+                "cells": cells,
             }
         )
     return out
@@ -115,7 +255,7 @@ def _contrasts(table: pd.DataFrame) -> list[dict[str, Any]]:
             share = float(r["probability_positive"])
             rows.append(
                 {
-                    "quantity": r["quantity"],
+                    "quantity": _named(str(r["quantity"])),
                     "kind": kind,
                     "median": median,
                     "interval": f"{low} to {high}",
@@ -129,8 +269,9 @@ def _contrasts(table: pd.DataFrame) -> list[dict[str, Any]]:
 def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
     """One paragraph for a paper, with the population's own numbers."""
     groups = tables["groups"].drop_duplicates("group")
-    counted = "; ".join(
-        f"{cut(r['group'], 60)}: {r['specimens']} specimens of {r['donors']} donors"
+    members = "; ".join(
+        f"{cut(r['group'], 60)}: {counted(r['specimens'], 'specimen')} of "
+        f"{counted(r['donors'], 'donor')}"
         for r in groups.to_dict("records")
     )
     pooled = record["pooled"]
@@ -155,7 +296,7 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
     )
     left = f" Left out: {_and(list(record['left_out']))}." if record["left_out"] else ""
     return (
-        f"A hierarchical model pooled the specimens ({counted}). {_first_up(_and(scales))} of a "
+        f"A hierarchical model pooled the specimens ({members}). {_first_up(_and(scales))} of a "
         "specimen were normal around the mean of its group plus the effect of its donor, which "
         "the donor's specimens shared; each specimen kept the likelihood of its single run, the "
         f"run's prior of the pooled parameters divided out. Priors were, {priors}. Draws of the "

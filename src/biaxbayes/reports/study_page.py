@@ -10,9 +10,11 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.labels import number
+from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
+from biaxbayes.reports.glossary import chosen_terms
 from biaxbayes.reports.names import cut
 from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.studies.groups import KNOWN
@@ -21,6 +23,29 @@ from biaxbayes.studies.result import StudyResult
 __all__ = ["FIGURE", "study_page"]
 
 FIGURE = "study-specimens"
+TERMS = (
+    "posterior",
+    "prior",
+    "median, 90 % interval",
+    "mounting stretch",
+    "within the law",
+    "stated of the tissue",
+    "verdict",
+    "determined",
+    "identified",
+    "one-sided",
+    "only in combination",
+    "prior-dominated",
+    "not identified",
+    "converged, tentative, unusable",
+    "structure tensor",
+    "tangent stiffness, small-strain stiffness",
+    "mean",
+    "sd between",
+    "factor",
+    "above zero, below zero",
+)
+"""Of the glossary, what the page speaks of."""
 WIDE = 8.0
 DASH = "–"
 KNOWN_QUANTITIES = Quantities(all_parameters())
@@ -63,8 +88,26 @@ def study_page(result: StudyResult) -> str:
         compared=result.distances.empty is False,
         warning=WARNING,
         notes=[cut(n, 400) for n in result.notes],
+        stated=bool(_stated_rows(result.table)),
+        reasons=_reasons(result.table),
+        glossary=chosen_terms(*TERMS),
         version=biaxbayes.__version__,
     )
+
+
+def _stated_rows(table: pd.DataFrame) -> list[dict[Any, Any]]:
+    """Rows of mounting stretches of which something was to be stated, if only nothing."""
+    told = table["stated_reason"].fillna("") != ""
+    return table[told].to_dict("records")
+
+
+def _reasons(table: pd.DataFrame) -> list[tuple[str, str]]:
+    """Why mounting stretches are stated so (the laws stand in the reports), and of whom."""
+    of: dict[str, list[str]] = {}
+    for r in _stated_rows(table):
+        reason = cut(str(r["stated_reason"]).split(":")[0], 200)
+        of.setdefault(reason, []).append(cut(r["specimen"], 60))
+    return [(", ".join(dict.fromkeys(labels)), reason) for reason, labels in of.items()]
 
 
 def _unit(text: object) -> str:
@@ -96,14 +139,24 @@ def _specimens(result: StudyResult, names: list[str]) -> list[dict[str, Any]]:
 def _cell(row: dict[Any, Any] | None) -> dict[str, Any]:
     """Median and interval as text, and whether the specimen determines them."""
     if row is None or not math.isfinite(float(row["q50"])):
-        return {"median": DASH, "interval": "", "known": True}
+        return {"median": DASH, "interval": "", "stated": "", "known": True}
     low, median, high = (float(row[k]) for k in ("q05", "q50", "q95"))
     log = low > 0.0 and high / low > WIDE
     told = [number(v, low, high, log=log) for v in (median, low, high)]
     fixed = row["verdict"] == FIXED or low == high
     interval = "fixed" if fixed else f"{told[1]} to {told[2]}"
     known = fixed or (row["state"] == "converged" and row["verdict"] in KNOWN)
-    return {"median": told[0], "interval": interval, "known": known}
+    return {"median": told[0], "interval": interval, "stated": _stated(row), "known": known}
+
+
+def _stated(row: dict[Any, Any]) -> str:
+    """What is stated of a mounting stretch of the tissue; empty where nothing was asked."""
+    reason = row["stated_reason"]
+    quantity = KNOWN_QUANTITIES.get(str(row["quantity"]))
+    if quantity is None or not isinstance(reason, str) or not reason:
+        return ""
+    found = Stated(float(row["stated_low"]), float(row["stated_high"]), reason)
+    return found.in_words(quantity.parameter)
 
 
 def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
