@@ -13,12 +13,12 @@ import biaxbayes
 from biaxbayes.figures.labels import number
 from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
-from biaxbayes.parameters import STRETCH, Quantity, unit_words
+from biaxbayes.parameters import STRETCH, unit_words
 from biaxbayes.populations.result import SPREADS
 from biaxbayes.reports.glossary import chosen_terms
 from biaxbayes.reports.names import counted, cut
 from biaxbayes.reports.page import page_template, pictures
-from biaxbayes.reports.study_page import KNOWN_QUANTITIES, WORDS
+from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named
 from biaxbayes.studies.groups import KNOWN
 
 __all__ = ["PAGE", "population_methods", "population_page"]
@@ -65,11 +65,12 @@ TERMS = (
     "donor effect",
     "new specimen",
     "new donor",
-    "verdict",
     "determined",
+    "verdict",
     "identified",
     "one-sided",
     "only in combination",
+    "not identified",
     "prior-dominated",
     "no verdict, fixed",
     "predictive p",
@@ -125,7 +126,7 @@ def population_page(
         ],
         groups=_groups(tables["groups"], tuple(record["pooled"])),
         columns=[
-            (_named(n), _unit(KNOWN_QUANTITIES[n].unit)) for n in names if n in KNOWN_QUANTITIES
+            (named(n), _unit(KNOWN_QUANTITIES[n].unit)) for n in names if n in KNOWN_QUANTITIES
         ],
         own=_specimens(tables["specimens"], [n for n in names if n in KNOWN_QUANTITIES]),
         stated=bool(tables["specimens"][["stated_low", "stated_high"]].notna().any(axis=None)),
@@ -158,11 +159,6 @@ def _unit(unit: object) -> str:
     return {"deg": "°", "1": ""}.get(str(unit), str(unit))
 
 
-def _named(name: str) -> Quantity | str:
-    """A quantity, which the page turns into its symbol, or its name."""
-    return KNOWN_QUANTITIES.get(name) or WORDS.get(name, name)
-
-
 def _text(value: object) -> str:
     """A cell of a table; a dash where it is empty."""
     return value if isinstance(value, str) and value else DASH
@@ -184,7 +180,7 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]
             name = str(r["quantity"])
             rows.append(
                 {
-                    "quantity": _named(name),
+                    "quantity": named(name),
                     "unit": _unit(r["unit"]),
                     "mean": _three(r, "mean"),
                     "verdict": _text(r["verdict"]),
@@ -195,7 +191,7 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]
             )
             if name in pooled and isinstance(r["in_words"], str):
                 words = cut(r["in_words"].removeprefix(f"{name}: "), 400)
-                sentences.append((_named(name), words))
+                sentences.append((named(name), words))
         first = part.iloc[0]
         out.append(
             {
@@ -251,11 +247,12 @@ def _contrasts(table: pd.DataFrame) -> list[dict[str, Any]]:
             log = r["scale"] == "log"
             ends = [float(r[f"difference_{q}"]) for q in ("q05", "q50", "q95")]
             low, median, high = (_number(math.exp(min(x, 700.0)) if log else x) for x in ends)
-            kind = "ratio" if log else f"difference{unit_words(str(r['unit']))}"
+            unit = unit_words(str(r["unit"]))
+            kind = "ratio" if log else f"difference{' in' if unit else ''}{unit}"
             share = float(r["probability_positive"])
             rows.append(
                 {
-                    "quantity": _named(str(r["quantity"])),
+                    "quantity": named(str(r["quantity"])),
                     "kind": kind,
                     "median": median,
                     "interval": f"{low} to {high}",
@@ -282,11 +279,15 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
         scales.append(f"the natural logs of {_and(logs)}")
     if others:
         scales.append(f"{_and(others)} cut at the physical edges")
+    units = tables["groups"].drop_duplicates("quantity").set_index("quantity")["unit"]
     priors = "; ".join(
-        f"{name}: mean {v['mean']}, sds {v['sd_donors']} between donors and {v['sd_specimens']} "
-        "between specimens"
+        f"{name}: mean {v['mean']}{unit_words(units[name])}, sds {v['sd_donors']} between donors "
+        f"and {v['sd_specimens']} between specimens"
+        + (" of its log" if name in logs else unit_words(units[name]))
         for name, v in pooled.items()
     )
+    known = ["N(mean, sd) normal", "half-normal(scale)"]
+    known += ["LN(median, sd of the log) lognormal"] if logs else []
     convergence = record["convergence"]
     judged = (
         f"R-hat was at most {convergence['worst_rhat']:.3f} and the effective sample size of "
@@ -299,9 +300,9 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
         f"A hierarchical model pooled the specimens ({members}). {_first_up(_and(scales))} of a "
         "specimen were normal around the mean of its group plus the effect of its donor, which "
         "the donor's specimens shared; each specimen kept the likelihood of its single run, the "
-        f"run's prior of the pooled parameters divided out. Priors were, {priors}. Draws of the "
-        "single runs served as proposals (Lunn et al. 2013), beside moves by the specimens' own "
-        f"likelihoods and joint moves of all specimens. {judged}{left}"
+        f"run's prior of the pooled parameters divided out. Priors ({'; '.join(known)}): {priors}. "
+        "Draws of the single runs served as proposals (Lunn et al. 2013), beside moves by the "
+        f"specimens' own likelihoods and joint moves of all specimens. {judged}{left}"
     )
 
 

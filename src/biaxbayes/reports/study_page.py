@@ -15,12 +15,12 @@ from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
 from biaxbayes.reports.glossary import chosen_terms
-from biaxbayes.reports.names import cut
+from biaxbayes.reports.names import cut, derived_words
 from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
 
-__all__ = ["FIGURE", "study_page"]
+__all__ = ["FIGURE", "KNOWN_QUANTITIES", "named", "study_page"]
 
 FIGURE = "study-specimens"
 TERMS = (
@@ -30,13 +30,14 @@ TERMS = (
     "mounting stretch",
     "within the law",
     "stated of the tissue",
-    "verdict",
     "determined",
+    "verdict",
     "identified",
     "one-sided",
     "only in combination",
-    "prior-dominated",
     "not identified",
+    "prior-dominated",
+    "no verdict, fixed",
     "converged, tentative, unusable",
     "structure tensor",
     "tangent stiffness, small-strain stiffness",
@@ -50,15 +51,6 @@ WIDE = 8.0
 DASH = "–"
 KNOWN_QUANTITIES = Quantities(all_parameters())
 """What the names of a study's tables are."""
-WORDS = {
-    "Hx": "structure tensor, x",
-    "Hy": "structure tensor, y",
-    "Hz": "structure tensor, z",
-    "stiffness_x": "small-strain stiffness, x",
-    "stiffness_y": "small-strain stiffness, y",
-    "stiffness_x at 1": "small-strain stiffness, x",
-    "stiffness_y at 1": "small-strain stiffness, y",
-}
 
 
 def study_page(result: StudyResult) -> str:
@@ -192,7 +184,7 @@ def _group_row(r: dict[Any, Any]) -> dict[str, Any]:
         told = f"{between:.2g}"
     numbers = [number(v, low, high, log=log) for v in (centre, low, high)]
     return {
-        "quantity": _named(r["quantity"]),
+        "quantity": named(r["quantity"]),
         "unit": _unit(r["unit"]),
         "determined": f"{r['determined']} of {r['converged']}",
         "centre": numbers[0],
@@ -209,9 +201,9 @@ def _told(name: str) -> bool:
     )
 
 
-def _named(name: object) -> Quantity | str:
+def named(name: object) -> Quantity | str:
     """A quantity, which the page turns into its symbol, or words."""
-    return KNOWN_QUANTITIES.get(str(name)) or WORDS.get(str(name), str(name))
+    return KNOWN_QUANTITIES.get(str(name)) or derived_words(str(name))
 
 
 def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
@@ -224,7 +216,7 @@ def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
             numbers = [number(v, low, high) for v in (mean, low, high)] if known else []
             rows.append(
                 {
-                    "quantity": _named(r["quantity"]),
+                    "quantity": named(r["quantity"]),
                     "unit": _unit(r["unit"]),
                     "determined": f"{r['determined']} of {r['pairs']}",
                     "greater": str(r["b_greater"]) if known else DASH,
