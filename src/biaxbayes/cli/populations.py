@@ -88,12 +88,13 @@ def population(
 def _closing(found: PopulationFound) -> str:
     """One screen that says what was found."""
     from biaxbayes.identifiability.verdict import PRIOR
-    from biaxbayes.populations.result import SPREADS
+    from biaxbayes.populations.result import SDS
     from biaxbayes.reports.names import counted
+    from biaxbayes.reports.population import three_digits
 
     def sd(row: dict[Any, Any], side: str) -> str:
         mark = MARK if row[f"{side}_verdict"] == PRIOR else " "
-        return f"{_number(row[f'{side}_q50']) + mark:>11}"
+        return f"{three_digits(row[f'{side}_q50']) + mark:>11}"
 
     said = found.state if found.state == "converged" else f"{found.state.upper()}: {found.reason}"
     lines = [f"{plain(found.name)}: {said}"]
@@ -107,19 +108,15 @@ def _closing(found: PopulationFound) -> str:
             f"{'sd donors':>10}{'sd spec.':>11}    {'new specimen':<19}verdict on the median",
         ]
         for r in part.to_dict("records"):
-            mean = "".join(f"{_number(r[f'mean_{q}']):>9}" for q in ("q50", "q05", "q95"))
-            sds = "".join(sd(r, side) for side in SPREADS)
-            new = f"{_number(r['new_specimen_q05'])} to {_number(r['new_specimen_q95'])}"
+            mean = "".join(f"{three_digits(r[f'mean_{q}']):>9}" for q in ("q50", "q05", "q95"))
+            sds = "".join(sd(r, side) for side in SDS)
+            new = f"{three_digits(r['new_specimen_q05'])} to {three_digits(r['new_specimen_q95'])}"
             unit = "" if r["unit"] == "1" else str(r["unit"])
             head = f"{str(r['quantity'])[:21]:<22}{unit:<6}"
             lines.append(f"{head}{mean}{sds}   {new:<19}{r['verdict']}")
     lines += ["", "sds of logs where the scale is log (population.csv)"]
-    if any((found.groups[f"{side}_verdict"] == PRIOR).any() for side in SPREADS):
+    if any((found.groups[f"{side}_verdict"] == PRIOR).any() for side in SDS):
         lines.append(f"{MARK} {PRIOR}: the specimens say little of this sd")
     lines += [f"note: {plain(note)}" for note in found.notes]
     lines += ["", f"all tables and draws are in {found.folder}"]
     return "\n".join(lines)
-
-
-def _number(value: float) -> str:
-    return "-" if value != value else f"{value:.3g}"

@@ -14,6 +14,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
+from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.jobs.population_files import (
     RECORD,
     PopulationFound,
@@ -41,6 +42,8 @@ from biaxbayes.sampling.sampler import Progress
 __all__ = ["Member", "PopulationJob", "members_of_study"]
 
 LOW_WEIGHT = 0.5
+UNLIKE_STRETCH = 1.25
+"""Ratio of the largest strains from which specimens were stretched unlike."""
 
 
 # --- the specimens of a finished study -----------------------------------------------------------
@@ -371,6 +374,15 @@ def _unlike(sources: list[Source]) -> list[str]:
         out.append(
             f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
             f"({counts[0]}: {_listed(few)})"
+        )
+    tops = [largest_equibiaxial(s.run.draws, s.run.specimen) for s in sources]
+    low, high = min(tops), max(tops)
+    if high - 1.0 > UNLIKE_STRETCH * (low - 1.0):
+        few = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
+        out.append(
+            f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
+            f"{_listed(few)}): stress and stiffness are stated up to {low:.3f}, and the band of a "
+            "new specimen goes beyond what those show"
         )
     return out
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from biaxbayes.comparison.compare import contractions
 from biaxbayes.identifiability.determined import Derived, derived_quantities, largest_equibiaxial
-from biaxbayes.identifiability.verdict import NO_VERDICT, Thresholds
+from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, Thresholds
 from biaxbayes.populations.model import LINEAR, LOG
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.specimens import Source
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["CURVE_DRAWS", "derived", "following", "stated_stretches"]
 
 CURVE_DRAWS = 400
+CONSTANT = 1e-9
 WITHIN, BETWEEN = 60, 30
 """Specimens of the typical donor, and donors, made for each draw of a quantity that follows."""
 
@@ -78,6 +79,8 @@ def following(
         if found.state == "converged":
             known = share >= Thresholds().contraction
             told = {"verdict": DETERMINED if known else NOT_DETERMINED, "contraction": share}
+            if np.ptp(median.values) <= CONSTANT * abs(median.values[0]):
+                told = {"verdict": FIXED}  # as the parameters are that it follows from
         scale = LOG if unit != "1" and min(typical.min(), donors.min()) > 0.0 else LINEAR
 
         def spread(values: np.ndarray, scale: str = scale) -> np.ndarray:

@@ -38,8 +38,8 @@ __all__ = [
 ]
 
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
-SPREADS = ("sd_donors", "sd_specimens")
-PARTS = ("mean", *SPREADS, "new_specimen", "new_donor")
+SDS = ("sd_donors", "sd_specimens")
+PARTS = ("mean", *SDS, "new_specimen", "new_donor")
 POPULATION_COLUMNS = (
     "group",
     "quantity",
@@ -51,7 +51,7 @@ POPULATION_COLUMNS = (
     "verdict",
     "contraction",
     "in_words",
-    *(f"{side}_{what}" for side in SPREADS for what in ("verdict", "contraction")),
+    *(f"{side}_{what}" for side in SDS for what in ("verdict", "contraction")),
 )
 SPECIMEN_COLUMNS = (
     "specimen",

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.figures.labels import number
 from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import STRETCH, unit_words
-from biaxbayes.populations.result import SPREADS
+from biaxbayes.populations.result import SDS
 from biaxbayes.reports.glossary import chosen_terms
 from biaxbayes.reports.names import counted, cut
 from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named
 from biaxbayes.studies.groups import KNOWN
 
-__all__ = ["PAGE", "population_methods", "population_page"]
+__all__ = ["PAGE", "population_methods", "population_page", "three_digits"]
 
 PAGE = "population.html"
 DASH = "–"
-WIDE = 8.0
 FIGURES = {
     "population-forest": (
         "Specimens alone and pooled",
@@ -138,21 +136,26 @@ def population_page(
     )
 
 
-def _number(value: float) -> str:
-    return DASH if math.isnan(value) else f"{value:.3g}"
+def three_digits(value: float) -> str:
+    """A number with three digits; a dash where there is none."""
+    return DASH if math.isnan(value) else f"{float(f'{value:.3g}'):g}"
 
 
-def _three(r: Mapping[Any, Any], part: str, *, exponential: bool = False) -> dict[str, str]:
-    """Median and ends of an interval as text, with two digits of its width."""
-    low, median, high = (float(r[f"{part}_{q}"]) for q in ("q05", "q50", "q95"))
+def _three(
+    r: Mapping[Any, Any],
+    part: str,
+    write: Callable[[float], str] = three_digits,
+    *,
+    exponential: bool = False,
+) -> dict[str, str]:
+    """Median and interval as text."""
+    values = [float(r[f"{part}_{q}"]) for q in ("q50", "q05", "q95")]
+    if math.isnan(values[0]):
+        return {"median": DASH, "interval": ""}
     if exponential:
-        low, median, high = (math.exp(min(v, 700.0)) for v in (low, median, high))
-    if not all(map(math.isfinite, (low, median, high))):
-        told = [_number(v) for v in (median, low, high)]
-    else:
-        wide = low > 0.0 and high / low > WIDE
-        told = [number(v, low, high, log=wide) for v in (median, low, high)]
-    return {"median": told[0], "interval": "" if told[0] == DASH else f"{told[1]} to {told[2]}"}
+        values = [math.exp(min(v, 700.0)) for v in values]
+    median, low, high = (write(v) for v in values)
+    return {"median": median, "interval": f"{low} to {high}"}
 
 
 def _unit(unit: object) -> str:
@@ -171,7 +174,7 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]
         for r in part.to_dict("records"):
             log = r["scale"] == "log"
             spreads = []
-            for side in SPREADS:
+            for side in SDS:
                 cell = _three(r, side, exponential=log)
                 if log and cell["median"] != DASH:
                     cell["median"] = f"factor {cell['median']}"
@@ -184,7 +187,7 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]
                     "unit": _unit(r["unit"]),
                     "mean": _three(r, "mean"),
                     "verdict": _text(r["verdict"]),
-                    "known": r["verdict"] in KNOWN,
+                    "known": r["verdict"] in (*KNOWN, FIXED),
                     "spreads": spreads,
                     "new": [_three(r, part) for part in ("new_specimen", "new_donor")],
                 }
@@ -222,8 +225,8 @@ def _specimens(table: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
             if parameter.kind == STRETCH:
                 told = Stated(*ends, "").in_words(parameter)
             cells.append(
-                _three(r, "pooled")
-                | {"alone": _three(r, "single")["interval"], "stated": told}
+                _three(r, "pooled", parameter.number)
+                | {"alone": _three(r, "single", parameter.number)["interval"], "stated": told}
                 | {"known": r["pooled_verdict"] in (*KNOWN, FIXED)}
             )
         first = part.iloc[0]
@@ -232,7 +235,7 @@ def _specimens(table: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
                 "label": cut(label, 60),
                 "group": cut(first["group"], 40),
                 "donor": cut(first["donor"], 40),
-                "p": _number(float(first["specimen_predictive_p"])),
+                "p": three_digits(float(first["specimen_predictive_p"])),
                 "cells": cells,
             }
         )
@@ -246,7 +249,7 @@ def _contrasts(table: pd.DataFrame) -> list[dict[str, Any]]:
         for r in part.to_dict("records"):
             log = r["scale"] == "log"
             ends = [float(r[f"difference_{q}"]) for q in ("q05", "q50", "q95")]
-            low, median, high = (_number(math.exp(min(x, 700.0)) if log else x) for x in ends)
+            low, median, high = (three_digits(math.exp(min(x, 700.0)) if log else x) for x in ends)
             unit = unit_words(str(r["unit"]))
             kind = "ratio" if log else f"difference{' in' if unit else ''}{unit}"
             share = float(r["probability_positive"])

@@ -89,8 +89,8 @@ def study_page(result: StudyResult) -> str:
 
 def _stated_rows(table: pd.DataFrame) -> list[dict[Any, Any]]:
     """Rows of mounting stretches of which something was to be stated, if only nothing."""
-    told = table["stated_reason"].fillna("") != ""
-    return table[told].to_dict("records")
+    rows: list[dict[Any, Any]] = table.dropna(subset=["stated_reason"]).to_dict("records")
+    return [r for r in rows if r["stated_reason"]]
 
 
 def _reasons(table: pd.DataFrame) -> list[tuple[str, str]]:
