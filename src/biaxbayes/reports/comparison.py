@@ -13,8 +13,8 @@ from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.reports.glossary import chosen_terms
-from biaxbayes.reports.names import derived_words
 from biaxbayes.reports.page import embedded, page_template
+from biaxbayes.reports.study_page import named, unit_text
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
 
 if TYPE_CHECKING:
@@ -131,17 +131,15 @@ def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
     return out
 
 
-def _rows(table: pd.DataFrame) -> list[list[str]]:
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     out = []
     for row in table.to_dict("records"):
         name = str(row["quantity"])
         if pd.notna(row["total_stretch"]):
             name += f" at {row['total_stretch']:.4g}"
-        name = derived_words(name)
-        if row["unit"]:
-            name += f" ({row['unit']})"
         numbers = ("median_a", "median_b", "difference_q50", "difference_q05", "difference_q95")
-        cells = [name, *(f"{row[key]:.4g}" for key in numbers)]
+        cells = [f"{row[key]:.4g}" for key in numbers]
         cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
-        out.append([*cells, f"{row['kolmogorov']:.2f}"])
+        cells.append(f"{row['kolmogorov']:.2f}")
+        out.append({"quantity": named(name), "unit": unit_text(row["unit"]), "cells": cells})
     return out

@@ -17,7 +17,7 @@ from biaxbayes.populations.result import SDS
 from biaxbayes.reports.glossary import chosen_terms
 from biaxbayes.reports.names import counted, cut
 from biaxbayes.reports.page import page_template, pictures
-from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named
+from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text
 from biaxbayes.studies.groups import KNOWN
 
 __all__ = ["PAGE", "population_methods", "population_page", "three_digits"]
@@ -124,7 +124,7 @@ def population_page(
         ],
         groups=_groups(tables["groups"], tuple(record["pooled"])),
         columns=[
-            (named(n), _unit(KNOWN_QUANTITIES[n].unit)) for n in names if n in KNOWN_QUANTITIES
+            (named(n), unit_text(KNOWN_QUANTITIES[n].unit)) for n in names if n in KNOWN_QUANTITIES
         ],
         own=_specimens(tables["specimens"], [n for n in names if n in KNOWN_QUANTITIES]),
         stated=bool(tables["specimens"][["stated_low", "stated_high"]].notna().any(axis=None)),
@@ -158,10 +158,6 @@ def _three(
     return {"median": median, "interval": f"{low} to {high}"}
 
 
-def _unit(unit: object) -> str:
-    return {"deg": "°", "1": ""}.get(str(unit), str(unit))
-
-
 def _text(value: object) -> str:
     """A cell of a table; a dash where it is empty."""
     return value if isinstance(value, str) and value else DASH
@@ -184,7 +180,7 @@ def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]
             rows.append(
                 {
                     "quantity": named(name),
-                    "unit": _unit(r["unit"]),
+                    "unit": unit_text(r["unit"]),
                     "mean": _three(r, "mean"),
                     "verdict": _text(r["verdict"]),
                     "known": r["verdict"] in (*KNOWN, FIXED),

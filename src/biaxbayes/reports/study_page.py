@@ -20,7 +20,7 @@ from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
 
-__all__ = ["FIGURE", "KNOWN_QUANTITIES", "named", "study_page"]
+__all__ = ["FIGURE", "KNOWN_QUANTITIES", "named", "study_page", "unit_text"]
 
 FIGURE = "study-specimens"
 TERMS = (
@@ -71,7 +71,7 @@ def study_page(result: StudyResult) -> str:
         converged=states.get("converged", 0),
         states=[(k, v) for k, v in states.items() if k != "converged"],
         failures=[(cut(k), cut(v, 300)) for k, v in result.failures.items()],
-        columns=[(KNOWN_QUANTITIES[n], _unit(KNOWN_QUANTITIES[n].unit)) for n in names],
+        columns=[(KNOWN_QUANTITIES[n], unit_text(KNOWN_QUANTITIES[n].unit)) for n in names],
         specimens=_specimens(result, names),
         figures=pictures(result.folder, (FIGURE,)),
         layers=_groups(result.groups, "layer"),
@@ -102,7 +102,7 @@ def _reasons(table: pd.DataFrame) -> list[tuple[str, str]]:
     return [(", ".join(dict.fromkeys(labels)), reason) for reason, labels in of.items()]
 
 
-def _unit(text: object) -> str:
+def unit_text(text: object) -> str:
     """A unit of a table as the page has it."""
     return {"deg": "°", "1": ""}.get(str(text), str(text))
 
@@ -185,7 +185,7 @@ def _group_row(r: dict[Any, Any]) -> dict[str, Any]:
     numbers = [number(v, low, high, log=log) for v in (centre, low, high)]
     return {
         "quantity": named(r["quantity"]),
-        "unit": _unit(r["unit"]),
+        "unit": unit_text(r["unit"]),
         "determined": f"{r['determined']} of {r['converged']}",
         "centre": numbers[0],
         "range": f"{numbers[1]} to {numbers[2]}" if low < high else DASH,
@@ -217,7 +217,7 @@ def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
             rows.append(
                 {
                     "quantity": named(r["quantity"]),
-                    "unit": _unit(r["unit"]),
+                    "unit": unit_text(r["unit"]),
                     "determined": f"{r['determined']} of {r['pairs']}",
                     "greater": str(r["b_greater"]) if known else DASH,
                     "less": str(r["b_less"]) if known else DASH,
