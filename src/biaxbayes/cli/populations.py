@@ -51,9 +51,9 @@ def population(
 
     STUDY is the folder of a finished batch, or a study file, whose specimens are sampled first
     where that has not been done. Groups are the layers, or what the study file names in columns.
-    Writes population.csv (means, spreads of donors and of specimens, new specimens and donors),
-    specimens.csv (each specimen before and after pooling), contrasts.csv and population.nc. Exit
-    code 0 when the posterior has converged, 3 when the chains did not converge, 2 when the input
+    Writes population.csv (means and spreads of donors and of specimens with verdicts, new specimens
+    and donors), specimens.csv (each specimen before and after pooling), contrasts.csv and
+    population.nc. Exit code 0 when the posterior has converged, 3 when the chains did not converge, 2 when the input
     cannot be used.
 
     \b
