@@ -53,8 +53,8 @@ def population(
     where that has not been done. Groups are the layers, or what the study file names in columns.
     Writes population.csv (means and spreads of donors and of specimens with verdicts, new specimens
     and donors), specimens.csv (each specimen before and after pooling), contrasts.csv and
-    population.nc. Exit code 0 when the posterior has converged, 3 when the chains did not converge, 2 when the input
-    cannot be used.
+    population.nc. Exit code 0 when the posterior has converged, 3 when the chains did not converge,
+    2 when the input cannot be used.
 
     \b
     biaxbayes population study.toml --out aortas-population
