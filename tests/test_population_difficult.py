@@ -37,6 +37,7 @@ max_steps = 800
 options = { noise = "independent", mounting = "exact" }
 priors = { kappa = 0.1 }
 """
+DRAW_FIGURES = population_files._draw_figures
 QUICK = {
     **{"ensembles": 4, "chains": 16, "rounds": 2, "round_sweeps": 20},
     **{"first_block": 40, "max_steps": 240, "ess": 50.0},
@@ -260,3 +261,14 @@ def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
     with pytest.raises(InputError, match="k2 was sampled in m0 and fixed or tied in m1") as told:
         pooled_names([first, replace(second, posterior=fixed)])
     assert "fix the same parameters in all specimens" in str(told.value)
+
+
+def test_pooled_mounting_stretches_are_judged_and_drawn(pool, monkeypatch):
+    monkeypatch.setattr(population_files, "_draw_figures", DRAW_FIGURES)
+    code, _, _, folder = pool(["m0", "m1"], "--pool-mounting", "--spread", "by-group")
+    assert code in (0, 3)
+    groups, specimens = tables(folder)
+    for table, column in ((groups, "verdict"), (specimens, "pooled_verdict")):
+        of = table[table["quantity"].str.startswith("mounting_stretch")]
+        assert len(of) and set(of[column]) <= set(VERDICTS)
+    assert (folder / "population-pairs.png").is_file()
