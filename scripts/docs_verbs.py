@@ -15,7 +15,7 @@ import click
 
 from biaxbayes.cli import VERBS, group
 from biaxbayes.options import WHICH_FIT
-from biaxbayes.reports.glossary import GLOSSARY, fit_terms
+from biaxbayes.reports.glossary import GLOSSARY, SEVERAL, fit_terms
 from biaxbayes.text_files import atomic_write_text
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "cli.md"
@@ -64,7 +64,7 @@ def page() -> str:
 
 def glossary() -> str:
     """The page of words."""
-    terms = "".join(f"| {term} | {words} |\n" for term, words in GLOSSARY.items())
+    terms = "".join(f"| {term} | {words} |\n" for term, words in (GLOSSARY | SEVERAL).items())
     fits = "".join(f"| `{term}` | {words} |\n" for term, words in fit_terms().items())
     return (
         f"# Glossary\n\n| term | what it means |\n|---|---|\n{terms}\n## The deterministic fits\n\n"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["population"]
 
 NOT_CONVERGED = NotConverged.exit_code
+MARK = "*"
 
 
 @click.command("population")
@@ -50,10 +51,10 @@ def population(
 
     STUDY is the folder of a finished batch, or a study file, whose specimens are sampled first
     where that has not been done. Groups are the layers, or what the study file names in columns.
-    Writes population.csv (means, spreads of donors and of specimens, new specimens and donors),
-    specimens.csv (each specimen before and after pooling), contrasts.csv and population.nc. Exit
-    code 0 when the posterior has converged, 3 when the chains did not converge, 2 when the input
-    cannot be used.
+    Writes population.csv (means and spreads of donors and of specimens with verdicts, new specimens
+    and donors), specimens.csv (each specimen before and after pooling), contrasts.csv and
+    population.nc. Exit code 0 when the posterior has converged, 3 when the chains did not converge,
+    2 when the input cannot be used.
 
     \b
     biaxbayes population study.toml --out aortas-population
@@ -86,27 +87,36 @@ def population(
 
 def _closing(found: PopulationFound) -> str:
     """One screen that says what was found."""
+    from biaxbayes.identifiability.verdict import PRIOR
+    from biaxbayes.populations.result import SDS
+    from biaxbayes.reports.names import counted
+    from biaxbayes.reports.population import three_digits
+
+    def sd(row: dict[Any, Any], side: str) -> str:
+        mark = MARK if row[f"{side}_verdict"] == PRIOR else " "
+        return f"{three_digits(row[f'{side}_q50']) + mark:>11}"
+
     said = found.state if found.state == "converged" else f"{found.state.upper()}: {found.reason}"
     lines = [f"{plain(found.name)}: {said}"]
     for group, part in found.groups.groupby("group", sort=False):
         first = part.iloc[0]
         lines += [
             "",
-            f"{plain(str(group))}: {first['specimens']} specimens of {first['donors']} donors",
+            f"{plain(str(group))}: {counted(first['specimens'], 'specimen')} of "
+            f"{counted(first['donors'], 'donor')}",
             f"{'quantity':<22}{'unit':<6}{'median':>9}{'5 %':>9}{'95 %':>9}"
-            f"{'sd donors':>11}{'sd spec.':>10}   new specimen",
+            f"{'sd donors':>10}{'sd spec.':>11}    {'new specimen':<19}verdict on the median",
         ]
         for r in part.to_dict("records"):
-            mean = "".join(f"{_number(r[f'mean_{q}']):>9}" for q in ("q50", "q05", "q95"))
-            sds = f"{_number(r['sd_donors_q50']):>11}{_number(r['sd_specimens_q50']):>10}"
-            new = f"{_number(r['new_specimen_q05'])} to {_number(r['new_specimen_q95'])}"
+            mean = "".join(f"{three_digits(r[f'mean_{q}']):>9}" for q in ("q50", "q05", "q95"))
+            sds = "".join(sd(r, side) for side in SDS)
+            new = f"{three_digits(r['new_specimen_q05'])} to {three_digits(r['new_specimen_q95'])}"
             unit = "" if r["unit"] == "1" else str(r["unit"])
-            lines.append(f"{str(r['quantity'])[:21]:<22}{unit:<6}{mean}{sds}   {new}")
+            head = f"{str(r['quantity'])[:21]:<22}{unit:<6}"
+            lines.append(f"{head}{mean}{sds}   {new:<19}{r['verdict']}")
     lines += ["", "sds of logs where the scale is log (population.csv)"]
+    if any((found.groups[f"{side}_verdict"] == PRIOR).any() for side in SDS):
+        lines.append(f"{MARK} {PRIOR}: the specimens say little of this sd")
     lines += [f"note: {plain(note)}" for note in found.notes]
     lines += ["", f"all tables and draws are in {found.folder}"]
     return "\n".join(lines)
-
-
-def _number(value: float) -> str:
-    return "-" if value != value else f"{value:.3g}"

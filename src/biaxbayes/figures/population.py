@@ -34,7 +34,7 @@ ROW_MM, TALLEST_MM, LEAST_LABEL_MM = 4.4, 110.0, 2.6
 GREY = "0.62"
 WIDE_LOG = 8.0
 LEVELS = (0.9, 0.5)
-BINS = 40
+BINS, ROOM = 40, 0.25
 
 
 def _axis(parameter: Parameter) -> AxisText:
@@ -192,7 +192,7 @@ def _pair(
     for k, (group, table) in enumerate(draws.items()):
         hue = _hue(k)
         of = specimens[specimens["group"] == group]
-        columns = [_range(table[q.name]) for q in ([x] if y is None else [x, y])]
+        columns = [_range(table[q.name], q) for q in ([x] if y is None else [x, y])]
         if y is None:
             counts, edges = np.histogram(table[x.name], BINS, range=columns[0], density=True)
             ax.plot(0.5 * (edges[1:] + edges[:-1]), gaussian_filter(counts, 1.2), color=hue)
@@ -208,15 +208,17 @@ def _pair(
             ax.contour(*middle, smooth, levels=levels, colors=[hue], linewidths=[0.6, 1.0])
         points = [of[of["quantity"] == q.name].set_index("specimen")["pooled_q50"] for q in (x, y)]
         ax.plot(*points, MARKERS[k % len(MARKERS)], color=hue, markersize=2.6, linestyle="none")
-    ranges = np.array([_range(table[x.name]) for table in draws.values()])
+    ranges = np.array([_range(table[x.name], x) for table in draws.values()])
     ax.set_xlim(ranges[:, 0].min(), ranges[:, 1].max())
     if y is None:
         ax.set_ylim(bottom=0.0)
 
 
-def _range(values: pd.Series) -> tuple[float, float]:
-    low, high = np.quantile(values, [0.005, 0.985])
-    return float(low), float(high)
+def _range(values: pd.Series, p: Parameter) -> tuple[float, float]:
+    """Of a panel: all but the farthest draws, with room for a contour to close."""
+    low, high = np.quantile(values, [0.01, 0.98])
+    room = ROOM * (high - low)
+    return max(float(low - room), p.low), min(float(high + room), p.high)
 
 
 def _legend(figure: Figure, groups: list[str]) -> None:

@@ -6,28 +6,21 @@ threshold are in ``docs/identifiability.md``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability import power_scaling
+from biaxbayes.identifiability.evidence import Found, evidence_of_run
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edges
 from biaxbayes.identifiability.marginals import (
-    INTERVAL,
-    LEVELS,
     Density,
     Edge,
     Scale,
-    count_modes,
-    density,
-    edge_distances,
-    find_edges,
     judged_scales,
 )
-from biaxbayes.identifiability.sloppiness import Partners, find_partners
 from biaxbayes.identifiability.stated import (
     LawRange,
     Stated,
@@ -35,7 +28,6 @@ from biaxbayes.identifiability.stated import (
     law_fits,
     stated_mounting,
 )
-from biaxbayes.identifiability.toe import mounting_refits
 from biaxbayes.identifiability.verdict import (
     FIXED,
     NO_VERDICT,
@@ -47,7 +39,7 @@ from biaxbayes.identifiability.verdict import (
 )
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.priors import Prior
+from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import MATERIAL, STRETCH
 
 __all__ = [
@@ -56,6 +48,7 @@ __all__ = [
     "fits_of_laws",
     "identify",
     "identify_draws",
+    "judged",
 ]
 
 MOST_DRAWS = 20_000
@@ -268,6 +261,7 @@ def identify_draws(
     thresholds: Thresholds | None = None,
     fits: LawRange | None = None,
     stated: Mapping[str, Stated] | None = None,
+    priors: Mapping[str, Prior | DrawnPrior | Tie | float] | None = None,
 ) -> Identifiability:
     """Judge the parameters of a posterior by its draws.
 
@@ -286,43 +280,76 @@ def identify_draws(
         tissue.
     stated : mapping of str to Stated, optional
         What is stated already of the mounting stretches of the tissue.
+    priors : mapping, optional
+        In place of the posterior's own, for draws under other priors of the same likelihood.
     """
     chosen = thresholds or Thresholds()
     every, draws = draws, draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
-    scales = judged_scales(posterior.priors, posterior.quantities, draws)
-    free = tuple(s for s in scales if isinstance(s.prior, Prior))
-    evidence = {} if state == "unusable" else _evidence(posterior, draws, every, free, chosen)
+    scales = judged_scales(priors or posterior.priors, posterior.quantities, draws)
+    free = tuple(s for s in scales if isinstance(s.prior, Prior | DrawnPrior))
+    evidence = {} if state == "unusable" else evidence_of_run(posterior, draws, every, free, chosen)
     fits = fits if state == "converged" else None
     if stated is None or state != "converged":
         stated = _stated(posterior, evidence, fits)
-    nothing = _meaningless(posterior.law, {n: e for n, (e, _, _) in evidence.items()}, chosen)
+    out = judged(scales, evidence, posterior.law, state, thresholds=chosen, stated=stated)
+    return Identifiability(out, state, len(every), chosen, posterior.law, fits)
+
+
+def judged(
+    scales: Sequence[Scale],
+    evidence: Mapping[str, Found],
+    law: Law,
+    state: str,
+    *,
+    thresholds: Thresholds,
+    stated: Mapping[str, Stated] | None = None,
+) -> tuple[ParameterVerdict, ...]:
+    """Verdicts on parameters from the evidence: one rule, wherever the draws are from.
+
+    Parameters
+    ----------
+    scales : sequence of Scale
+        What is judged.
+    evidence : mapping of str to (Evidence, Density, Density)
+        By name, as of
+        :func:`~biaxbayes.identifiability.evidence.evidence_of_draws`; none of what was fixed,
+        and none of unusable draws.
+    law : Law
+        For ends of its parameters at which another one means nothing.
+    state : {"converged", "tentative", "unusable"}
+    thresholds : Thresholds
+    stated : mapping of str to Stated, optional
+        What is stated of the mounting stretches of the tissue.
+    """
+    nothing = _meaningless(law, {n: e for n, (e, _, _) in evidence.items()}, thresholds)
     out = []
     for scale in scales:
         if scale.name not in evidence:
-            verdict = NO_VERDICT if scale in free else FIXED
-            words = in_words(scale, verdict, None, chosen, state)
+            free = isinstance(scale.prior, Prior | DrawnPrior)
+            verdict = NO_VERDICT if free else FIXED
+            words = in_words(scale, verdict, None, thresholds, state)
             out.append(ParameterVerdict(scale, verdict, words))
             continue
         found, before, after = evidence[scale.name]
-        of_tissue = stated.get(scale.name)
+        of_tissue = (stated or {}).get(scale.name)
         if of_tissue is not None and of_tissue.is_value:
             # laws that describe the record agree: parts of it contradict nothing
             found = replace(found, refits=None)
         verdict = NO_VERDICT
         if state == "converged":
-            verdict = decide(found, chosen, meaningless=scale.name in nothing)
+            verdict = decide(found, thresholds, meaningless=scale.name in nothing)
         told = nothing.get(scale.name, "")
-        words = in_words(scale, verdict, found, chosen, state, meaningless=told)
+        words = in_words(scale, verdict, found, thresholds, state, meaningless=told)
         if of_tissue is not None:
             words += f"; of the tissue {of_tissue.in_words(scale.parameter)} is stated"
             words += f": {of_tissue.reason}"
         out.append(ParameterVerdict(scale, verdict, words, found, before, after, of_tissue))
-    return Identifiability(tuple(out), state, len(every), chosen, posterior.law, fits)
+    return tuple(out)
 
 
 def _stated(
     posterior: Posterior,
-    evidence: Mapping[str, tuple[Evidence, Density, Density]],
+    evidence: Mapping[str, Found],
     fits: LawRange | None,
 ) -> dict[str, Stated]:
     """What is stated of the mounting stretches, by name."""
@@ -351,84 +378,3 @@ def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds
             ends, verb = " and ".join(found), "are" if len(found) > 1 else "is"
             out[name] = f"{ends}, where no angle means anything, {verb} not excluded"
     return out
-
-
-def _evidence(
-    posterior: Posterior,
-    draws: pd.DataFrame,
-    every: pd.DataFrame,
-    free: tuple[Scale, ...],
-    thresholds: Thresholds,
-) -> dict[str, tuple[Evidence, Density, Density]]:
-    values = np.column_stack([s.of(draws[s.name].to_numpy(dtype=float)) for s in free])
-    partners = find_partners(values, tuple(s.name for s in free))
-    by_prior = power_scaling.sensitivity(values, power_scaling.log_prior(free, draws))
-    by_data = power_scaling.sensitivity(values, power_scaling.log_likelihood(posterior, draws))
-    distances = edge_distances(draws, posterior.specimen, posterior.law)
-    found = {
-        scale.name: _evidence_of(
-            scale,
-            draws[scale.name].to_numpy(dtype=float),
-            np.quantile(every[scale.name], [INTERVAL[0], 0.5, INTERVAL[1]]),
-            partners[scale.name],
-            (float(by_prior[j]), float(by_data[j])),
-            distances.get(scale.kind),
-            thresholds,
-        )
-        for j, scale in enumerate(free)
-    }
-    return _with_refits(found, posterior, free, thresholds)
-
-
-def _with_refits(
-    found: dict[str, tuple[Evidence, Density, Density]],
-    posterior: Posterior,
-    free: tuple[Scale, ...],
-    thresholds: Thresholds,
-) -> dict[str, tuple[Evidence, Density, Density]]:
-    """Ranges of the mounting stretches in fits to parts of a record that the model misses."""
-    mounting = [s for s in free if s.parameter.kind == STRETCH]
-    refits = mounting_refits(posterior) if mounting else None
-    if refits is None:
-        return found
-    out = dict(found)
-    for scale in mounting:
-        assert isinstance(scale.prior, Prior)
-        e, before, after = found[scale.name]
-        span = refits.range(scale.name, (e.low, e.high), thresholds.refit_errors, scale.prior)
-        out[scale.name] = (replace(e, refits=span), before, after)
-    return out
-
-
-def _evidence_of(
-    scale: Scale,
-    natural: np.ndarray,
-    quantiles: np.ndarray,
-    partners: Partners,
-    sensitivity: tuple[float, float],
-    distance: float | None,
-    thresholds: Thresholds,
-) -> tuple[Evidence, Density, Density]:
-    prior = scale.prior
-    assert isinstance(prior, Prior)
-    x = scale.of(natural)
-    low_wall, high_wall = (float(v) for v in scale.of(np.maximum(scale.walls, 0.0)))
-    walls = (low_wall if scale.walls[0] > -np.inf else -np.inf, high_wall)
-    before = scale.of(prior.ppf(LEVELS))
-    likelihood = density(prior.cdf(natural), (0.0, 1.0))
-    low, median, high = quantiles
-    evidence = Evidence(
-        parameter=scale.parameter,
-        median=float(median),
-        low=float(low),
-        high=float(high),
-        prior_sd=float(before.std()),
-        posterior_sd=float(x.std()),
-        prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),
-        edges=find_edges(scale, natural, likelihood, distance),
-        partners=partners,
-        modes=count_modes(x, walls),
-        prior_sensitivity=sensitivity[0],
-        likelihood_sensitivity=sensitivity[1],
-    )
-    return evidence, density(before, walls), density(x, walls)

@@ -28,7 +28,7 @@ import pandas as pd
 
 from biaxbayes.identifiability.bounded_density import Span, curve
 from biaxbayes.laws.law import Law
-from biaxbayes.model.priors import Prior, Tie
+from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quantity
 from biaxbayes.prediction.draws import protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
@@ -65,12 +65,12 @@ class Scale:
     ----------
     quantity : Quantity
         What it is, and in which mounted state.
-    prior : Prior, Tie or float
+    prior : Prior, DrawnPrior, Tie or float
         A number where the parameter was fixed.
     """
 
     quantity: Quantity
-    prior: Prior | Tie | float
+    prior: Prior | DrawnPrior | Tie | float
 
     @property
     def name(self) -> str:
@@ -122,7 +122,9 @@ class Scale:
 
 
 def judged_scales(
-    priors: Mapping[str, Prior | Tie | float], quantities: Quantities, draws: pd.DataFrame
+    priors: Mapping[str, Prior | DrawnPrior | Tie | float],
+    quantities: Quantities,
+    draws: pd.DataFrame,
 ) -> tuple[Scale, ...]:
     """The material parameters and mounting stretches of a run, in the order of its columns."""
     judged = {q.name: q for q in quantities.judged()}
@@ -294,7 +296,7 @@ def find_edges(
         From :func:`edge_distances`.
     """
     prior = scale.prior
-    assert isinstance(prior, Prior)
+    assert isinstance(prior, Prior | DrawnPrior)
     out = []
     for side in (0, 1):
         bound = (prior.low, prior.high)[side]
@@ -320,7 +322,9 @@ def _edge(parameter: Parameter, side: int) -> float | None:
     return end if parameter.kind == MATERIAL and np.isfinite(end) else None
 
 
-def _near(prior: Prior, natural: np.ndarray, side: int, threshold: float) -> tuple[float, float]:
+def _near(
+    prior: Prior | DrawnPrior, natural: np.ndarray, side: int, threshold: float
+) -> tuple[float, float]:
     """Mass of the draws and of the prior beyond a threshold."""
     below = float(prior.cdf(np.array([threshold]))[0])
     if side == 0:
@@ -329,7 +333,7 @@ def _near(prior: Prior, natural: np.ndarray, side: int, threshold: float) -> tup
 
 
 def _physical(
-    prior: Prior,
+    prior: Prior | DrawnPrior,
     natural: np.ndarray,
     likelihood: Density,
     side: int,
@@ -344,7 +348,7 @@ def _physical(
 
 
 def _end(
-    prior: Prior,
+    prior: Prior | DrawnPrior,
     natural: np.ndarray,
     likelihood: Density,
     side: int,

@@ -14,9 +14,9 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.marginals import Scale
+from biaxbayes.identifiability.marginals import LEVELS, Scale, density
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.priors import Prior
+from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.parameters import mounting_names
 
 __all__ = ["log_likelihood", "log_prior", "sensitivity"]
@@ -58,6 +58,11 @@ def log_prior(scales: tuple[Scale, ...], draws: pd.DataFrame) -> np.ndarray:
     total = np.zeros(len(draws))
     for scale in scales:
         prior = scale.prior
+        if isinstance(prior, DrawnPrior):
+            known = density(scale.of(prior.ppf(LEVELS)))
+            at = np.interp(scale.of(draws[scale.name].to_numpy(dtype=float)), known.x, known.height)
+            total += np.log(np.maximum(at, 1e-12 * known.peak))
+            continue
         if not isinstance(prior, Prior) or prior.family in ("uniform", "loguniform"):
             continue
         x = draws[scale.name].to_numpy(dtype=float)

@@ -36,7 +36,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from biaxbayes.model.posterior import Posterior
-    from biaxbayes.model.priors import Prior
+    from biaxbayes.model.priors import DrawnPrior, Prior
 
 
 # --- whether GOH can follow a specimen at all: the misfit of its best least-squares fit ----------
@@ -247,7 +247,7 @@ class MountingRefits:
     error: dict[str, float]
 
     def range(
-        self, name: str, interval: tuple[float, float], errors: float, prior: Prior
+        self, name: str, interval: tuple[float, float], errors: float, prior: Prior | DrawnPrior
     ) -> tuple[float, float]:
         """Range of an interval and all refits, with so many errors on either side.
 

@@ -14,6 +14,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
+from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.jobs.population_files import (
     RECORD,
     PopulationFound,
@@ -41,6 +42,8 @@ from biaxbayes.sampling.sampler import Progress
 __all__ = ["Member", "PopulationJob", "members_of_study"]
 
 LOW_WEIGHT = 0.5
+UNLIKE_STRETCH = 1.25
+"""Ratio of the largest strains from which specimens were stretched unlike."""
 
 
 # --- the specimens of a finished study -----------------------------------------------------------
@@ -314,8 +317,8 @@ def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> 
     donors = len(grouping.donors)
     if donors == 1:
         out.append(
-            "all specimens are of one donor: sd_donors, new_specimen and new_donor are those of "
-            "the prior, and the groups' means are this donor's"
+            "all specimens are of one donor, so how donors differ is not seen: sd_donors is that "
+            "of the prior, and mean, new_specimen and new_donor are as wide as it makes them"
         )
     elif donors == len(members):
         out.append(
@@ -371,6 +374,15 @@ def _unlike(sources: list[Source]) -> list[str]:
         out.append(
             f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
             f"({counts[0]}: {_listed(few)})"
+        )
+    tops = [largest_equibiaxial(s.run.draws, s.run.specimen) for s in sources]
+    low, high = min(tops), max(tops)
+    if high - 1.0 > UNLIKE_STRETCH * (low - 1.0):
+        few = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
+        out.append(
+            f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
+            f"{_listed(few)}): stress and stiffness are stated up to {low:.3f}, and the band of a "
+            "new specimen goes beyond what those show"
         )
     return out
 

@@ -18,7 +18,7 @@ from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.jobs.opening import draw_figure
 from biaxbayes.laws.law import Law
-from biaxbayes.parameters import mounting_names
+from biaxbayes.parameters import MATERIAL, mounting_names
 from biaxbayes.populations.result import Population
 from biaxbayes.reports.population import PAGE, population_page
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive
@@ -183,7 +183,11 @@ def _draw_figures(folder: Path, found: Population, tables: dict[str, pd.DataFram
     write_csv(folder / f"{BANDS}.csv", bands, digits=8)
     drawn = (
         forest_figure(tables["specimens"], tables["groups"], parameters),
-        pairs_figure(found.new_specimens(), tables["specimens"], parameters),
+        pairs_figure(
+            found.new_specimens(),
+            tables["specimens"],
+            [p for p in parameters if p.kind == MATERIAL],
+        ),
         band_figure(
             bands,
             found.records(),

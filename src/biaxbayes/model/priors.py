@@ -42,6 +42,7 @@ from biaxbayes.text_files import read_text
 
 __all__ = [
     "FAMILIES",
+    "DrawnPrior",
     "Prior",
     "Tie",
     "check_fixed",
@@ -193,6 +194,30 @@ class Prior:
             table |= {first: self.location, second: self.scale}
         values = asdict(self)
         return table | {k: values[k] for k in ("low", "high") if math.isfinite(values[k])}
+
+
+class DrawnPrior:
+    """A prior known by its draws: that of a value that follows from others, without bounds.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (n,)
+        Natural values.
+    """
+
+    low, high = -math.inf, math.inf
+
+    def __init__(self, draws: np.ndarray) -> None:
+        self._values = np.sort(np.asarray(draws, dtype=float))
+        self._levels = (np.arange(self._values.size) + 0.5) / self._values.size
+
+    def cdf(self, natural: np.ndarray) -> np.ndarray:
+        """Cumulative probability of natural values, of the same shape."""
+        return np.interp(natural, self._values, self._levels, left=0.0, right=1.0)
+
+    def ppf(self, probability: np.ndarray) -> np.ndarray:
+        """Natural values at cumulative probabilities, of the same shape."""
+        return np.interp(probability, self._levels, self._values)
 
 
 @lru_cache(maxsize=256)

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from biaxbayes.populations.hierarchy import LEAST_INSIDE
+from biaxbayes.populations.hierarchy import LEAST_INSIDE, Layout
 from biaxbayes.populations.model import PooledValue
 from biaxbayes.populations.sampler import History
 
 __all__ = ["Hyper", "cut_median"]
 
 MOST_TRIES = 1000
+PRIOR_TRIES = 50
 
 
 def cut_median(location: np.ndarray, sd: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -24,6 +25,12 @@ def cut_median(location: np.ndarray, sd: np.ndarray, low: float, high: float) ->
         return np.asarray(location)
     below, above = ndtr((low - location) / sd), ndtr((high - location) / sd)
     return np.clip(location + sd * ndtri(0.5 * (below + above)), low, high)
+
+
+def _mass_inside(location: np.ndarray, sd: np.ndarray, edges: tuple[float, float]) -> np.ndarray:
+    """Share of normals that lies in a range."""
+    low, high = edges
+    return np.asarray(ndtr((high - location) / sd) - ndtr((low - location) / sd))
 
 
 def _factors(partial: np.ndarray, b: int) -> np.ndarray:
@@ -105,6 +112,37 @@ class Hyper:
         centre = np.array([v.mean for v in values])
         return cls(tuple(values), set_of, mu + centre, sd_donors, sd, factors[0], factors[1])
 
+    @classmethod
+    def of_prior(
+        cls,
+        values: Sequence[PooledValue],
+        layout: Layout,
+        draws: int,
+        rng: np.random.Generator,
+    ) -> tuple[Hyper, np.ndarray]:
+        """Draws of the prior, locations that the model excludes left out.
+
+        Without correlations, which leave the prior of each value as it is.
+
+        Parameters
+        ----------
+        values : sequence of PooledValue
+        layout : Layout
+            Who belongs to whom.
+        draws : int
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        Hyper
+        ndarray, shape (draws, groups, p)
+            Locations of a tested donor's specimens in each group.
+        """
+        parts = [_prior_of(v, layout, draws, rng) for v in values]
+        mu, sd_donors, sd, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
+        whole = np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))
+        return cls(tuple(values), layout.set_of, mu, sd_donors, sd, whole, whole), location
+
     @staticmethod
     def rows(size: int, most: int | None) -> np.ndarray:
         """Rows that are taken of so many draws."""
@@ -127,6 +165,15 @@ class Hyper:
         """Each draw so many times, one after the other."""
         parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
         return Hyper(self.values, self.set_of, *(np.repeat(a, times, axis=0) for a in parts))
+
+    def log_prior(self) -> np.ndarray:
+        """Log prior density of means and spreads, up to a constant, shape (M,)."""
+        total = np.zeros(self.draws)
+        for k, v in enumerate(self.values):
+            total -= 0.5 * (((self.mu[:, :, k] - v.mean) / v.mean_sd) ** 2).sum(axis=1)
+            total -= 0.5 * (self.sd_donors[:, k] / v.donor_scale) ** 2
+            total -= 0.5 * ((self.sd[:, :, k] / v.specimen_scale) ** 2).sum(axis=1)
+        return total
 
     # --- what follows ---
 
@@ -152,9 +199,7 @@ class Hyper:
         for k, v in enumerate(self.values):
             low, high = v.edges
             if np.isfinite([low, high]).any():
-                inside = ndtr((high - location[:, k]) / sd[:, k])
-                inside -= ndtr((low - location[:, k]) / sd[:, k])
-                ok &= inside >= LEAST_INSIDE
+                ok &= _mass_inside(location[:, k], sd[:, k], (low, high)) >= LEAST_INSIDE
         return ok
 
     def donors(self, group: int, rng: np.random.Generator) -> np.ndarray:
@@ -221,3 +266,27 @@ class Hyper:
         own, other = (np.einsum("mi,mij,mj->m", x, inverse, x) for x in off)
         each = (np.abs(off[1]) >= np.abs(off[0])).mean(axis=0)
         return float((other >= own).mean()), each
+
+
+def _prior_of(
+    v: PooledValue, layout: Layout, draws: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Means (M, groups), sds of donors (M,) and specimens (M, sets), locations (M, groups)."""
+    first = [int(np.flatnonzero(layout.group == g)[0]) for g in range(layout.set_of.size)]
+    kept: list[tuple[np.ndarray, ...]] = []
+    for _ in range(PRIOR_TRIES):
+        sd_donors = np.abs(rng.standard_normal(draws)) * v.donor_scale
+        sd = np.abs(rng.standard_normal((draws, layout.sets))) * v.specimen_scale
+        mu = v.mean + v.mean_sd * rng.standard_normal((draws, layout.set_of.size))
+        effect = sd_donors[:, None] * rng.standard_normal((draws, layout.donors))
+        location = mu[:, layout.group] + effect[:, layout.donor]
+        own = sd[:, layout.set_of[layout.group]]
+        ok = (_mass_inside(location, own, v.edges) >= LEAST_INSIDE).all(axis=1)
+        kept.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
+        if sum(len(part[1]) for part in kept) >= draws:
+            break
+    mu, sd_donors, sd, location = (np.concatenate(part)[:draws] for part in zip(*kept, strict=True))
+    if len(sd_donors) < draws:  # priors that hardly leave a location inside: some draws stand twice
+        at = np.arange(draws) % max(len(sd_donors), 1)
+        mu, sd_donors, sd, location = (a[at] for a in (mu, sd_donors, sd, location))
+    return mu, sd_donors, sd, location

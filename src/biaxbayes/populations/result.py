@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.determined import derived_quantities, largest_equibiaxial
+from biaxbayes.identifiability.determined import largest_equibiaxial
+from biaxbayes.identifiability.stated import Stated
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.load import load_per_stress
 from biaxbayes.parameters import MATERIAL, STRETCH
 from biaxbayes.populations.ensemble import Design
+from biaxbayes.populations.following import CURVE_DRAWS, derived, following
 from biaxbayes.populations.model import LINEAR, LOG, Grouping, PooledValue
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.sampler import History, Sampled
 from biaxbayes.populations.specimens import Source
+from biaxbayes.populations.verdicts import (
+    mean_verdicts,
+    specimen_verdicts,
+    spread_verdicts,
+)
 from biaxbayes.prediction.draws import protocol_mounting
 
 __all__ = [
@@ -26,11 +35,11 @@ __all__ = [
     "SPECIMEN_COLUMNS",
     "Population",
     "judged",
-    "stated_stretches",
 ]
 
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
-PARTS = ("mean", "sd_donors", "sd_specimens", "new_specimen", "new_donor")
+SDS = ("sd_donors", "sd_specimens")
+PARTS = ("mean", *SDS, "new_specimen", "new_donor")
 POPULATION_COLUMNS = (
     "group",
     "quantity",
@@ -39,6 +48,10 @@ POPULATION_COLUMNS = (
     "scale",
     "specimens",
     "donors",
+    "verdict",
+    "contraction",
+    "in_words",
+    *(f"{side}_{what}" for side in SDS for what in ("verdict", "contraction")),
 )
 SPECIMEN_COLUMNS = (
     "specimen",
@@ -48,6 +61,10 @@ SPECIMEN_COLUMNS = (
     "unit",
     *(f"single_{q}" for q in QUANTILES),
     *(f"pooled_{q}" for q in QUANTILES),
+    "single_verdict",
+    "pooled_verdict",
+    "stated_low",
+    "stated_high",
     "predictive_p",
     "specimen_predictive_p",
     "beta",
@@ -61,10 +78,8 @@ CONTRAST_COLUMNS = (
     *(f"difference_{q}" for q in QUANTILES),
     "probability_positive",
 )
-NATURAL_DRAWS, CURVE_DRAWS = 2000, 400
+NATURAL_DRAWS, PRIOR_DRAWS = 2000, 2**14
 BAND_POINTS, EQUIBIAXIAL = 41, 0.1
-WITHIN, BETWEEN = 60, 30
-"""Specimens of the typical donor, and donors, made for each draw of a quantity that follows."""
 
 
 def judged(
@@ -97,15 +112,14 @@ def judged(
     return [found, own]
 
 
-def stated_stretches(sources: Sequence[Source]) -> list[float]:
-    """Equibiaxial total stretches that every specimen reached: half-way and the largest."""
-    top = min(largest_equibiaxial(s.run.draws, s.run.specimen) for s in sources)
-    return [round(1.0 + share * (top - 1.0), 3) for share in (0.5, 1.0)]
-
-
 def _quantiles(part: str, values: np.ndarray) -> dict[str, float]:
     found = np.quantile(values, list(QUANTILES.values()))
     return {f"{part}_{q}": float(v) for q, v in zip(QUANTILES, found, strict=True)}
+
+
+def _ends(stated: Stated | None) -> dict[str, float]:
+    """What a run states of a mounting stretch of the tissue, as columns."""
+    return {} if stated is None else {"stated_low": stated.low, "stated_high": stated.high}
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +166,7 @@ class Population:
         """Why it has not converged."""
         return self.sampled.convergence.reason
 
-    def _rng(self, what: int) -> np.random.Generator:
+    def rng(self, what: int) -> np.random.Generator:
         """Random numbers of one table, whichever else were made."""
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(1000 + what,)))
 
@@ -197,13 +211,18 @@ class Population:
                 columns[name] = tie.factor * columns[tie.other]  # type: ignore[union-attr]
         return pd.DataFrame(columns)[list(self.law.names)]
 
+    @cached_property
+    def prior(self) -> tuple[Hyper, np.ndarray]:
+        """Draws of the prior, and locations of each group's specimens."""
+        return Hyper.of_prior(self.values, self.design.layout, PRIOR_DRAWS, self.rng(600))
+
     # --- tables ---
 
     def groups_table(self) -> pd.DataFrame:
         """population.csv."""
         rows = []
         many, few = self.hyper(), self.hyper(NATURAL_DRAWS * 2)
-        rng = self._rng(0)
+        rng = self.rng(0)
         for g, group in enumerate(self.grouping.groups):
             head = {
                 "group": group,
@@ -213,6 +232,7 @@ class Population:
             typical = many.typical(g)
             location = few.donors(g, rng)
             donor, new = few.median(location, g), few.specimens(location, g, rng)
+            verdicts = self._verdicts(many, g)
             for k, v in enumerate(self.values):
                 parts = {
                     "mean": v.from_scale(typical[:, k]),
@@ -225,63 +245,43 @@ class Population:
                     head
                     | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
                     | self._numbers(parts)
+                    | verdicts[v.name]
                 )
-            for key, unit, scale, parts in self._following(g):
+            for key, unit, scale, parts, told in following(self, g):
                 rows.append(
-                    head | {"quantity": key, "unit": unit, "scale": scale} | self._numbers(parts)
+                    head
+                    | {"quantity": key, "unit": unit, "scale": scale}
+                    | self._numbers(parts)
+                    | told
                 )
         return pd.DataFrame(rows, columns=list(POPULATION_COLUMNS))
+
+    def _verdicts(self, hyper: Hyper, g: int) -> dict[str, dict[str, Any]]:
+        """Verdicts on a group's means and spreads, as columns, by pooled value."""
+        means = mean_verdicts(
+            hyper,
+            self.prior[0],
+            g,
+            self.law,
+            self.materials(hyper.typical(g)),
+            self.largest_stretch,
+            self.state,
+        )
+        spreads = spread_verdicts(hyper, g, self.law, self.state)
+        out: dict[str, dict[str, Any]] = {}
+        for name, mean in means.items():
+            row: dict[str, Any] = {"verdict": mean.verdict, "in_words": mean.words}
+            for stem, found in {"": mean, **{f"{k}_": v for k, v in spreads[name].items()}}.items():
+                row[f"{stem}verdict"] = found.verdict
+                if found.evidence is not None:
+                    row[f"{stem}contraction"] = found.evidence.contraction
+            out[name] = row
+        return out
 
     def _numbers(self, parts: dict[str, np.ndarray]) -> dict[str, float]:
         if self.state == "unusable":
             return {}
         return {k: x for part, values in parts.items() for k, x in _quantiles(part, values).items()}
-
-    def _derived(self, theta: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
-        """Quantities that follow from materials: name, unit and values."""
-        stretches = self._stretches
-        found = derived_quantities(self.materials(theta), self.law, stretches, [1.0, stretches[-1]])
-        return [(q.key, q.unit or "1", np.nan_to_num(q.values, nan=np.inf)) for q in found]
-
-    @property
-    def _stretches(self) -> list[float]:
-        return stated_stretches(self.sources)
-
-    def _following(self, g: int) -> Iterator[tuple[str, str, str, dict[str, np.ndarray]]]:
-        """Structure tensor, stiffness and stress of a group, as its parameters are told."""
-        hyper = self.hyper(CURVE_DRAWS)
-        rng = self._rng(1 + g)
-        M = hyper.draws
-        within = hyper.repeated(WITHIN)
-        of_typical = self._derived(within.specimens(within.mu[:, g], g, rng))
-        between = hyper.repeated(BETWEEN)
-        of_donors = self._derived(between.median(between.donors(g, rng), g))
-        wide = hyper.repeated(4)
-        location = wide.donors(g, rng)
-        new = self._derived(wide.specimens(location, g, rng))
-        donor = self._derived(wide.median(location, g))
-        for (key, unit, typical), (_, _, donors), (_, _, specimen), (_, _, one) in zip(
-            of_typical, of_donors, new, donor, strict=True
-        ):
-            scale = LOG if unit != "1" and min(typical.min(), donors.min()) > 0.0 else LINEAR
-
-            def spread(values: np.ndarray, scale: str = scale) -> np.ndarray:
-                with np.errstate(over="ignore", invalid="ignore"):
-                    moved = np.log(values) if scale == LOG else values
-                    return np.asarray(moved.reshape(M, -1).std(axis=1, ddof=1))
-
-            yield (
-                key,
-                unit,
-                scale,
-                {
-                    "mean": np.median(typical.reshape(M, -1), axis=1),
-                    "sd_donors": spread(donors),
-                    "sd_specimens": spread(typical),
-                    "new_specimen": specimen,
-                    "new_donor": one,
-                },
-            )
 
     def specimens_table(self) -> pd.DataFrame:
         """specimens.csv."""
@@ -289,10 +289,20 @@ class Population:
         theta, _ = self.specimen_values(NATURAL_DRAWS)
         hyper = self.hyper(NATURAL_DRAWS, with_specimens=True)
         names = [v.name for v in self.values]
+        prior, locations = self.prior
+        rng = self.rng(800)
+        of_prior = [
+            prior.specimens(locations[:, g], g, rng) for g in range(len(self.grouping.groups))
+        ]
         for i, source in enumerate(self.sources):
             g = self.grouping.groups.index(self.grouping.group[i])
-            joint, each = hyper.conflict(theta[:, i], g, self._rng(100 + i))
+            joint, each = hyper.conflict(theta[:, i], g, self.rng(100 + i))
             pooled = self.natural(i)
+            verdicts = specimen_verdicts(
+                source, pd.DataFrame(pooled), self.values, of_prior[g], self.state
+            )
+            single = source.run.summary.set_index("parameter")["verdict"]
+            stated = source.run.stated
             kinds = source.posterior.quantities.of_kind(MATERIAL, STRETCH)
             for q in (q for q in kinds if q.name in pooled and q.name in source.run.draws):
                 numbers = (
@@ -310,7 +320,10 @@ class Population:
                         "quantity": q.name,
                         "unit": q.unit,
                         "beta": source.run.beta,
+                        "single_verdict": single.get(q.name, ""),
+                        "pooled_verdict": verdicts.get(q.name, ""),
                     }
+                    | _ends(stated.get(q.name))
                     | (numbers if self.state != "unusable" else {})
                 )
         return pd.DataFrame(rows, columns=list(SPECIMEN_COLUMNS))
@@ -329,8 +342,9 @@ class Population:
                     | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
                     | self._difference(second[:, k] - first[:, k])
                 )
-            pair = (self._derived(few.typical(g)) for g in (a, b))
-            for (key, unit, x), (_, _, y) in zip(*pair, strict=True):
+            pair = (derived(self, few.typical(g)) for g in (a, b))
+            for q, other in zip(*pair, strict=True):
+                key, unit, x, y = q.key, q.unit or "1", q.values, other.values
                 log = unit != "1" and min(x.min(), y.min()) > 0.0
                 with np.errstate(invalid="ignore", over="ignore"):
                     difference = np.log(y) - np.log(x) if log else y - x
@@ -349,7 +363,7 @@ class Population:
 
     def new_specimens(self, most: int = NATURAL_DRAWS) -> dict[str, pd.DataFrame]:
         """Materials of new specimens of new donors, by group; one a draw."""
-        hyper, rng = self.hyper(most), self._rng(500)
+        hyper, rng = self.hyper(most), self.rng(500)
         return {
             group: self.materials(hyper.new_specimens(g, rng))
             for g, group in enumerate(self.grouping.groups)

@@ -12,7 +12,9 @@ from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError
 from biaxbayes.figures.style import figure_bytes
+from biaxbayes.reports.glossary import chosen_terms
 from biaxbayes.reports.page import embedded, page_template
+from biaxbayes.reports.study_page import named, unit_text
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
 
 if TYPE_CHECKING:
@@ -21,6 +23,34 @@ if TYPE_CHECKING:
 __all__ = ["MOST_OVERLAID", "write_comparison"]
 
 MOST_OVERLAID = 6
+TERMS = (
+    "posterior",
+    "prior",
+    "median, 90 % interval",
+    "determined",
+    "contraction",
+    "verdict",
+    "identified",
+    "one-sided",
+    "only in combination",
+    "not identified",
+    "prior-dominated",
+    "no verdict, fixed",
+    "edge, hypothesis",
+    "mounting stretch",
+    "within the law",
+    "stated of the tissue",
+    "structure tensor",
+    "tangent stiffness, small-strain stiffness",
+    "Cauchy stress, nominal stress",
+    "difference in sd",
+    "P(larger)",
+    "Kolmogorov",
+    "overlay",
+    "corner plot",
+    "converged, tentative, unusable",
+)
+"""Of the glossary, what the page speaks of."""
 
 
 def write_comparison(found: Comparison, folder: Path) -> list[Path]:
@@ -79,6 +109,7 @@ def _page(found: Comparison, figures: dict[str, Figure]) -> str:
             for label, verdicts in zip(found.labels, found.verdicts, strict=True)
         ],
         warning=WARNING,
+        glossary=chosen_terms(*TERMS),
         pairs=_pairs(found.distances),
         version=biaxbayes.__version__,
         figures={name: embedded(figure_bytes(figure, "png")) for name, figure in figures.items()},
@@ -100,16 +131,15 @@ def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
     return out
 
 
-def _rows(table: pd.DataFrame) -> list[list[str]]:
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     out = []
     for row in table.to_dict("records"):
         name = str(row["quantity"])
         if pd.notna(row["total_stretch"]):
             name += f" at {row['total_stretch']:.4g}"
-        if row["unit"]:
-            name += f" ({row['unit']})"
         numbers = ("median_a", "median_b", "difference_q50", "difference_q05", "difference_q95")
-        cells = [name, *(f"{row[key]:.4g}" for key in numbers)]
+        cells = [f"{row[key]:.4g}" for key in numbers]
         cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
-        out.append([*cells, f"{row['kolmogorov']:.2f}"])
+        cells.append(f"{row['kolmogorov']:.2f}")
+        out.append({"quantity": named(name), "unit": unit_text(row["unit"]), "cells": cells})
     return out

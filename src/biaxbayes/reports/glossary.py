@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from biaxbayes.options import FIT_WORDS
 
-__all__ = ["GLOSSARY", "NATS", "fit_terms"]
+__all__ = ["GLOSSARY", "NATS", "SEVERAL", "chosen_terms", "fit_terms"]
 
 NATS = "0.7 halve the volume of plausible values, 2.3 leave a tenth"
 GLOSSARY = {
@@ -64,7 +64,53 @@ GLOSSARY = {
     "disagree, so that the draws say nothing",
     "nats": f"unit of information: {NATS}",
 }
-"""Terms of reports, figures and tables."""
+"""Terms of a run's report, figures and tables."""
+SEVERAL = {
+    "determined": "the data narrow the quantity by themselves; where they do not, its number is "
+    "none of the tissue",
+    "prior-dominated": "the data say little of it: the number is mostly what was taken for "
+    "plausible before",
+    "no verdict, fixed": "the chains have not converged, so nothing is said; a value that was "
+    "given and not inferred",
+    "within the law": "as if the material law were true; what is stated of a mounting stretch of "
+    "the tissue is not",
+    "contraction": "share of the prior's variance that the data take away: 0 % nothing learnt, "
+    "100 % known",
+    "sd (standard deviation)": "typical distance from the middle; about two thirds lie within one "
+    "of it",
+    "factor": "an sd of a quantity that varies in ratios: 1.2 is typically 20 % up or down",
+    "mean": "of the medians of several specimens; of stiffnesses and exponents the geometric one",
+    "sd between": "how much specimens differ beyond the width of their own posteriors",
+    "above zero, below zero": "pairs in which the 90 % interval of the difference leaves no doubt "
+    "of its sign",
+    "difference in sd": "distance of two posteriors over their common width: below 1 they "
+    "overlap, from 3 they hardly do",
+    "P(larger)": "probability that the one named first is larger; 0.5 says nothing, 0.95 is "
+    "rather sure",
+    "Kolmogorov": "how far two posteriors are apart: 0 the same, 1 no value in common",
+    "overlay": "corner plots of several runs over one another, a colour a run",
+    "population, group": "all specimens of a kind, tested or not; those of one layer, or of what "
+    "the study file names",
+    "alone, pooled": "judged by its own test only; together with the other specimens, which "
+    "narrow what it leaves open",
+    "typical donor": "the middle of the group: half of such a donor's specimens lie below the "
+    "number",
+    "sd of donors, sd of specimens": "how much donors differ; how much specimens of one donor and "
+    "group do",
+    "new specimen": "the next one, of a donor not yet seen: nine of ten lie in the interval",
+    "new donor": "the middle of the next donor's specimens: nine of ten lie in the interval",
+    "ratio": "the second group over the first; 1 is no difference",
+    "predictive p": "share of specimens made by the model that lie further out than this one; "
+    "below 0.05 it is no member",
+    "donor effect": "what a donor's specimens share, whatever their layer",
+}
+"""Further terms of pages that speak of several specimens."""
+
+
+def chosen_terms(*terms: str) -> list[tuple[str, str]]:
+    """Terms of a page with their words, in the order given."""
+    known = GLOSSARY | SEVERAL
+    return [(term, known[term]) for term in terms]
 
 
 def fit_terms() -> dict[str, str]:

@@ -8,7 +8,16 @@ from markupsafe import Markup, escape
 
 from biaxbayes.parameters import Quantity
 
-__all__ = ["as_html", "as_latex", "as_markdown", "cut", "latex_text", "markdown_text"]
+__all__ = [
+    "as_html",
+    "as_latex",
+    "as_markdown",
+    "counted",
+    "cut",
+    "derived_words",
+    "latex_text",
+    "markdown_text",
+]
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -29,6 +38,30 @@ def cut(text: object, length: int = 120) -> str:
     """One line without control or direction-changing characters, at most ``length`` long."""
     line = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
     return line if len(line) <= length else line[: length - 1].rstrip() + "…"
+
+
+DERIVED = {
+    "H": "structure tensor, {}",
+    "stiffness_": "tangent stiffness, {}",
+    "cauchy_": "Cauchy stress, {}",
+}
+SMALL_STRAIN = "small-strain stiffness, {}"
+
+
+def derived_words(name: str) -> str:
+    """What follows from parameters in words, as ``cauchy_x at 1.1``; other names as they are."""
+    stem, at, stretch = name.partition(" at ")
+    words = DERIVED.get(stem[:-1])
+    if words is None or stem[-1:] not in "xyz":
+        return name
+    if stem.startswith("stiffness_") and stretch in ("", "1"):
+        return SMALL_STRAIN.format(stem[-1])
+    return words.format(stem[-1]) + (f", at {stretch}" if at else "")
+
+
+def counted(number: int, noun: str) -> str:
+    """So many of a thing."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def as_html(quantity: Quantity | str) -> Markup:

@@ -3,36 +3,89 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.parameters import unit_words
-from biaxbayes.reports.names import cut
+from biaxbayes.identifiability.stated import Stated
+from biaxbayes.identifiability.verdict import FIXED
+from biaxbayes.parameters import STRETCH, unit_words
+from biaxbayes.populations.result import SDS
+from biaxbayes.reports.glossary import chosen_terms
+from biaxbayes.reports.names import counted, cut
 from biaxbayes.reports.page import page_template, pictures
+from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text
+from biaxbayes.studies.groups import KNOWN
 
-__all__ = ["PAGE", "population_methods", "population_page"]
+__all__ = ["PAGE", "population_methods", "population_page", "three_digits"]
 
 PAGE = "population.html"
 DASH = "–"
 FIGURES = {
     "population-forest": (
         "Specimens alone and pooled",
-        "Grey: the specimen's own run; coloured: pooled; diamond: the group's median with its 90 % "
-        "interval; thin line: a new specimen.",
+        "Medians and 90 % intervals. Grey: the specimen by its own test alone; coloured: judged "
+        "together with the others (pooled); diamond: the middle of the group; thin line: where the "
+        "next specimen would lie.",
     ),
     "population-pairs": (
         "New specimens",
-        "Contours hold 50 and 90 % of new specimens; points are the tested ones, pooled.",
+        "Every parameter alone (diagonal) and with every other. Inside the contours lie 50 and "
+        "90 % of specimens that were not tested yet; points are the tested ones, pooled.",
     ),
     "new-specimen-bands": (
         "Stress of a new specimen",
-        "Equibiaxial Cauchy stress: band of 90 % of new specimens, over the equibiaxial records.",
+        "Cauchy stress where both directions are stretched alike: the band holds 90 % of specimens "
+        "that were not tested yet; thin lines are the records of the tested ones.",
     ),
 }
+ALTERNATIVES = {
+    "population-forest": "Medians and 90 % intervals of every specimen alone and pooled, with "
+    "those of its group; the numbers stand in the tables.",
+    "population-pairs": "Contours of new specimens for every pair of parameters, with the tested "
+    "specimens as points.",
+    "new-specimen-bands": "Equibiaxial Cauchy stress of new specimens over total stretch, with the "
+    "equibiaxial records; the numbers stand in new-specimen-bands.csv.",
+}
+TERMS = (
+    "population, group",
+    "posterior",
+    "prior",
+    "median, 90 % interval",
+    "alone, pooled",
+    "typical donor",
+    "sd of donors, sd of specimens",
+    "sd (standard deviation)",
+    "factor",
+    "donor effect",
+    "new specimen",
+    "new donor",
+    "determined",
+    "verdict",
+    "identified",
+    "one-sided",
+    "only in combination",
+    "not identified",
+    "prior-dominated",
+    "no verdict, fixed",
+    "predictive p",
+    "mounting stretch",
+    "within the law",
+    "stated of the tissue",
+    "structure tensor",
+    "tangent stiffness, small-strain stiffness",
+    "Cauchy stress, nominal stress",
+    "ratio",
+    "P(larger)",
+    "likelihood",
+    "converged, tentative, unusable",
+    "effective draws (ESS), bulk and tail",
+    "R-hat",
+)
+"""Of the glossary, what the page speaks of."""
 
 
 def population_page(
@@ -53,51 +106,133 @@ def population_page(
     own = tables["specimens"].drop_duplicates("specimen")
     convergence = record["convergence"]
     converged = convergence["state"] == "converged"
+    told = (
+        "The chains have converged." if converged else f"The population is {convergence['state']}:"
+    )
+    names = list(dict.fromkeys(tables["specimens"]["quantity"]))
     return page_template("population.html.jinja").render(
         name=cut(record["name"]),
-        specimens=len(own),
-        donors=int(own["donor"].nunique()),
+        specimens=counted(len(own), "specimen"),
+        donors=counted(int(own["donor"].nunique()), "donor"),
         state=convergence["state"],
-        told="converged" if converged else f"{convergence['state']}: {convergence['reason']}",
+        told=told,
+        reason="" if converged else convergence["reason"],
         left_out=[(cut(k), cut(v, 300)) for k, v in record["left_out"].items()],
         notes=[cut(n, 500) for n in record["notes"]],
-        figures=[(*FIGURES[stem], picture) for stem, picture in there.items()],
-        groups=_groups(tables["groups"]),
+        figures=[
+            (stem, *FIGURES[stem], ALTERNATIVES[stem], picture) for stem, picture in there.items()
+        ],
+        groups=_groups(tables["groups"], tuple(record["pooled"])),
+        columns=[
+            (named(n), unit_text(KNOWN_QUANTITIES[n].unit)) for n in names if n in KNOWN_QUANTITIES
+        ],
+        own=_specimens(tables["specimens"], [n for n in names if n in KNOWN_QUANTITIES]),
+        stated=bool(tables["specimens"][["stated_low", "stated_high"]].notna().any(axis=None)),
+        more=any(n not in KNOWN_QUANTITIES for n in names),
         contrasts=_contrasts(tables["contrasts"]),
         methods=population_methods(tables, record),
+        glossary=chosen_terms(*TERMS),
         version=biaxbayes.__version__,
     )
 
 
-def _number(value: float) -> str:
-    return DASH if math.isnan(value) else f"{value:.3g}"
+def three_digits(value: float) -> str:
+    """A number with three digits; a dash where there is none."""
+    return DASH if math.isnan(value) else f"{float(f'{value:.3g}'):g}"
 
 
-def _cell(r: Mapping[Any, Any], part: str) -> str:
-    low, median, high = (_number(float(r[f"{part}_{q}"])) for q in ("q05", "q50", "q95"))
-    return DASH if median == DASH else f"{median} ({low} to {high})"
+def _three(
+    r: Mapping[Any, Any],
+    part: str,
+    write: Callable[[float], str] = three_digits,
+    *,
+    exponential: bool = False,
+) -> dict[str, str]:
+    """Median and interval as text."""
+    values = [float(r[f"{part}_{q}"]) for q in ("q50", "q05", "q95")]
+    if math.isnan(values[0]):
+        return {"median": DASH, "interval": ""}
+    if exponential:
+        values = [math.exp(min(v, 700.0)) for v in values]
+    median, low, high = (write(v) for v in values)
+    return {"median": median, "interval": f"{low} to {high}"}
 
 
-def _unit(unit: object) -> str:
-    return {"deg": "°", "1": ""}.get(str(unit), str(unit))
+def _text(value: object) -> str:
+    """A cell of a table; a dash where it is empty."""
+    return value if isinstance(value, str) and value else DASH
 
 
-def _groups(table: pd.DataFrame) -> list[dict[str, Any]]:
+def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]]:
     out = []
     for group, part in table.groupby("group", sort=False):
-        rows = []
+        rows, sentences = [], []
         for r in part.to_dict("records"):
-            log = " (log)" if r["scale"] == "log" else ""
-            sds = [_cell(r, part) + log for part in ("sd_donors", "sd_specimens")]
-            cells = [_cell(r, "mean"), *sds, _cell(r, "new_specimen"), _cell(r, "new_donor")]
-            rows.append({"quantity": r["quantity"], "unit": _unit(r["unit"]), "cells": cells})
+            log = r["scale"] == "log"
+            spreads = []
+            for side in SDS:
+                cell = _three(r, side, exponential=log)
+                if log and cell["median"] != DASH:
+                    cell["median"] = f"factor {cell['median']}"
+                verdict = r[f"{side}_verdict"]
+                spreads.append(cell | {"verdict": verdict if isinstance(verdict, str) else ""})
+            name = str(r["quantity"])
+            rows.append(
+                {
+                    "quantity": named(name),
+                    "unit": unit_text(r["unit"]),
+                    "mean": _three(r, "mean"),
+                    "verdict": _text(r["verdict"]),
+                    "known": r["verdict"] in (*KNOWN, FIXED),
+                    "spreads": spreads,
+                    "new": [_three(r, part) for part in ("new_specimen", "new_donor")],
+                }
+            )
+            if name in pooled and isinstance(r["in_words"], str):
+                words = cut(r["in_words"].removeprefix(f"{name}: "), 400)
+                sentences.append((named(name), words))
         first = part.iloc[0]
         out.append(
             {
                 "name": cut(group, 60),
-                "specimens": int(first["specimens"]),
-                "donors": int(first["donors"]),
+                "specimens": counted(int(first["specimens"]), "specimen"),
+                "donors": counted(int(first["donors"]), "donor"),
                 "rows": rows,
+                "words": sentences,
+            }
+        )
+    return out
+
+
+def _specimens(table: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
+    """Every specimen, alone and pooled."""
+    out = []
+    for label, part in table.groupby("specimen", sort=False):
+        rows = {str(r["quantity"]): r for r in part.to_dict("records")}
+        cells: list[dict[str, Any] | None] = []
+        for name in names:
+            r = rows.get(name)
+            if r is None:
+                cells.append(None)
+                continue
+            parameter = KNOWN_QUANTITIES[name].parameter
+            ends = (float(r["stated_low"]), float(r["stated_high"]))
+            told = ""
+            if parameter.kind == STRETCH:
+                told = Stated(*ends, "").in_words(parameter)
+            cells.append(
+                _three(r, "pooled", parameter.number)
+                | {"alone": _three(r, "single", parameter.number)["interval"], "stated": told}
+                | {"known": r["pooled_verdict"] in (*KNOWN, FIXED)}
+            )
+        first = part.iloc[0]
+        out.append(
+            {
+                "label": cut(label, 60),
+                "group": cut(first["group"], 40),
+                "donor": cut(first["donor"], 40),
+                "p": three_digits(float(first["specimen_predictive_p"])),
+                "cells": cells,
             }
         )
     return out
@@ -110,12 +245,13 @@ def _contrasts(table: pd.DataFrame) -> list[dict[str, Any]]:
         for r in part.to_dict("records"):
             log = r["scale"] == "log"
             ends = [float(r[f"difference_{q}"]) for q in ("q05", "q50", "q95")]
-            low, median, high = (_number(math.exp(min(x, 700.0)) if log else x) for x in ends)
-            kind = "ratio" if log else f"difference{unit_words(str(r['unit']))}"
+            low, median, high = (three_digits(math.exp(min(x, 700.0)) if log else x) for x in ends)
+            unit = unit_words(str(r["unit"]))
+            kind = "ratio" if log else f"difference{' in' if unit else ''}{unit}"
             share = float(r["probability_positive"])
             rows.append(
                 {
-                    "quantity": r["quantity"],
+                    "quantity": named(str(r["quantity"])),
                     "kind": kind,
                     "median": median,
                     "interval": f"{low} to {high}",
@@ -129,8 +265,9 @@ def _contrasts(table: pd.DataFrame) -> list[dict[str, Any]]:
 def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]) -> str:
     """One paragraph for a paper, with the population's own numbers."""
     groups = tables["groups"].drop_duplicates("group")
-    counted = "; ".join(
-        f"{cut(r['group'], 60)}: {r['specimens']} specimens of {r['donors']} donors"
+    members = "; ".join(
+        f"{cut(r['group'], 60)}: {counted(r['specimens'], 'specimen')} of "
+        f"{counted(r['donors'], 'donor')}"
         for r in groups.to_dict("records")
     )
     pooled = record["pooled"]
@@ -141,11 +278,15 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
         scales.append(f"the natural logs of {_and(logs)}")
     if others:
         scales.append(f"{_and(others)} cut at the physical edges")
+    units = tables["groups"].drop_duplicates("quantity").set_index("quantity")["unit"]
     priors = "; ".join(
-        f"{name}: mean {v['mean']}, sds {v['sd_donors']} between donors and {v['sd_specimens']} "
-        "between specimens"
+        f"{name}: mean {v['mean']}{unit_words(units[name])}, sds {v['sd_donors']} between donors "
+        f"and {v['sd_specimens']} between specimens"
+        + (" of its log" if name in logs else unit_words(units[name]))
         for name, v in pooled.items()
     )
+    known = ["N(mean, sd) normal", "half-normal(scale)"]
+    known += ["LN(median, sd of the log) lognormal"] if logs else []
     convergence = record["convergence"]
     judged = (
         f"R-hat was at most {convergence['worst_rhat']:.3f} and the effective sample size of "
@@ -155,12 +296,12 @@ def population_methods(tables: Mapping[str, pd.DataFrame], record: Mapping[str, 
     )
     left = f" Left out: {_and(list(record['left_out']))}." if record["left_out"] else ""
     return (
-        f"A hierarchical model pooled the specimens ({counted}). {_first_up(_and(scales))} of a "
+        f"A hierarchical model pooled the specimens ({members}). {_first_up(_and(scales))} of a "
         "specimen were normal around the mean of its group plus the effect of its donor, which "
         "the donor's specimens shared; each specimen kept the likelihood of its single run, the "
-        f"run's prior of the pooled parameters divided out. Priors were, {priors}. Draws of the "
-        "single runs served as proposals (Lunn et al. 2013), beside moves by the specimens' own "
-        f"likelihoods and joint moves of all specimens. {judged}{left}"
+        f"run's prior of the pooled parameters divided out. Priors ({'; '.join(known)}): {priors}. "
+        "Draws of the single runs served as proposals (Lunn et al. 2013), beside moves by the "
+        f"specimens' own likelihoods and joint moves of all specimens. {judged}{left}"
     )
 
 

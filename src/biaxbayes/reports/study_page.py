@@ -10,30 +10,47 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.labels import number
+from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
-from biaxbayes.reports.names import cut
+from biaxbayes.reports.glossary import chosen_terms
+from biaxbayes.reports.names import cut, derived_words
 from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
 
-__all__ = ["FIGURE", "study_page"]
+__all__ = ["FIGURE", "KNOWN_QUANTITIES", "named", "study_page", "unit_text"]
 
 FIGURE = "study-specimens"
+TERMS = (
+    "posterior",
+    "prior",
+    "median, 90 % interval",
+    "mounting stretch",
+    "within the law",
+    "stated of the tissue",
+    "determined",
+    "verdict",
+    "identified",
+    "one-sided",
+    "only in combination",
+    "not identified",
+    "prior-dominated",
+    "no verdict, fixed",
+    "converged, tentative, unusable",
+    "structure tensor",
+    "tangent stiffness, small-strain stiffness",
+    "mean",
+    "sd between",
+    "factor",
+    "above zero, below zero",
+)
+"""Of the glossary, what the page speaks of."""
 WIDE = 8.0
 DASH = "–"
 KNOWN_QUANTITIES = Quantities(all_parameters())
 """What the names of a study's tables are."""
-WORDS = {
-    "Hx": "structure tensor, x",
-    "Hy": "structure tensor, y",
-    "Hz": "structure tensor, z",
-    "stiffness_x": "small-strain stiffness, x",
-    "stiffness_y": "small-strain stiffness, y",
-    "stiffness_x at 1": "small-strain stiffness, x",
-    "stiffness_y at 1": "small-strain stiffness, y",
-}
 
 
 def study_page(result: StudyResult) -> str:
@@ -54,7 +71,7 @@ def study_page(result: StudyResult) -> str:
         converged=states.get("converged", 0),
         states=[(k, v) for k, v in states.items() if k != "converged"],
         failures=[(cut(k), cut(v, 300)) for k, v in result.failures.items()],
-        columns=[(KNOWN_QUANTITIES[n], _unit(KNOWN_QUANTITIES[n].unit)) for n in names],
+        columns=[(KNOWN_QUANTITIES[n], unit_text(KNOWN_QUANTITIES[n].unit)) for n in names],
         specimens=_specimens(result, names),
         figures=pictures(result.folder, (FIGURE,)),
         layers=_groups(result.groups, "layer"),
@@ -63,11 +80,29 @@ def study_page(result: StudyResult) -> str:
         compared=result.distances.empty is False,
         warning=WARNING,
         notes=[cut(n, 400) for n in result.notes],
+        stated=bool(_stated_rows(result.table)),
+        reasons=_reasons(result.table),
+        glossary=chosen_terms(*TERMS),
         version=biaxbayes.__version__,
     )
 
 
-def _unit(text: object) -> str:
+def _stated_rows(table: pd.DataFrame) -> list[dict[Any, Any]]:
+    """Rows of mounting stretches of which something was to be stated, if only nothing."""
+    rows: list[dict[Any, Any]] = table.dropna(subset=["stated_reason"]).to_dict("records")
+    return [r for r in rows if r["stated_reason"]]
+
+
+def _reasons(table: pd.DataFrame) -> list[tuple[str, str]]:
+    """Why mounting stretches are stated so (the laws stand in the reports), and of whom."""
+    of: dict[str, list[str]] = {}
+    for r in _stated_rows(table):
+        reason = cut(str(r["stated_reason"]).split(":")[0], 200)
+        of.setdefault(reason, []).append(cut(r["specimen"], 60))
+    return [(", ".join(dict.fromkeys(labels)), reason) for reason, labels in of.items()]
+
+
+def unit_text(text: object) -> str:
     """A unit of a table as the page has it."""
     return {"deg": "°", "1": ""}.get(str(text), str(text))
 
@@ -96,14 +131,24 @@ def _specimens(result: StudyResult, names: list[str]) -> list[dict[str, Any]]:
 def _cell(row: dict[Any, Any] | None) -> dict[str, Any]:
     """Median and interval as text, and whether the specimen determines them."""
     if row is None or not math.isfinite(float(row["q50"])):
-        return {"median": DASH, "interval": "", "known": True}
+        return {"median": DASH, "interval": "", "stated": "", "known": True}
     low, median, high = (float(row[k]) for k in ("q05", "q50", "q95"))
     log = low > 0.0 and high / low > WIDE
     told = [number(v, low, high, log=log) for v in (median, low, high)]
     fixed = row["verdict"] == FIXED or low == high
     interval = "fixed" if fixed else f"{told[1]} to {told[2]}"
     known = fixed or (row["state"] == "converged" and row["verdict"] in KNOWN)
-    return {"median": told[0], "interval": interval, "known": known}
+    return {"median": told[0], "interval": interval, "stated": _stated(row), "known": known}
+
+
+def _stated(row: dict[Any, Any]) -> str:
+    """What is stated of a mounting stretch of the tissue; empty where nothing was asked."""
+    reason = row["stated_reason"]
+    quantity = KNOWN_QUANTITIES.get(str(row["quantity"]))
+    if quantity is None or not isinstance(reason, str) or not reason:
+        return ""
+    found = Stated(float(row["stated_low"]), float(row["stated_high"]), reason)
+    return found.in_words(quantity.parameter)
 
 
 def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
@@ -139,8 +184,8 @@ def _group_row(r: dict[Any, Any]) -> dict[str, Any]:
         told = f"{between:.2g}"
     numbers = [number(v, low, high, log=log) for v in (centre, low, high)]
     return {
-        "quantity": _named(r["quantity"]),
-        "unit": _unit(r["unit"]),
+        "quantity": named(r["quantity"]),
+        "unit": unit_text(r["unit"]),
         "determined": f"{r['determined']} of {r['converged']}",
         "centre": numbers[0],
         "range": f"{numbers[1]} to {numbers[2]}" if low < high else DASH,
@@ -156,9 +201,9 @@ def _told(name: str) -> bool:
     )
 
 
-def _named(name: object) -> Quantity | str:
+def named(name: object) -> Quantity | str:
     """A quantity, which the page turns into its symbol, or words."""
-    return KNOWN_QUANTITIES.get(str(name)) or WORDS.get(str(name), str(name))
+    return KNOWN_QUANTITIES.get(str(name)) or derived_words(str(name))
 
 
 def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
@@ -171,8 +216,8 @@ def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
             numbers = [number(v, low, high) for v in (mean, low, high)] if known else []
             rows.append(
                 {
-                    "quantity": _named(r["quantity"]),
-                    "unit": _unit(r["unit"]),
+                    "quantity": named(r["quantity"]),
+                    "unit": unit_text(r["unit"]),
                     "determined": f"{r['determined']} of {r['pairs']}",
                     "greater": str(r["b_greater"]) if known else DASH,
                     "less": str(r["b_less"]) if known else DASH,

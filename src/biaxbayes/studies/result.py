@@ -202,6 +202,9 @@ COLUMNS = (
     "q05",
     "q50",
     "q95",
+    "stated_low",
+    "stated_high",
+    "stated_reason",
     "scale",
     "scale_sd",
     "contraction",
@@ -221,7 +224,8 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
 
     ``scale_sd`` is the posterior standard deviation on the scale on which specimens are averaged:
     of the natural logarithm for stiffnesses and exponents, as it is for everything else. It is
-    empty, as every number is, where the chains are unusable.
+    empty, as every number is, where the chains are unusable. What is stated of a mounting stretch
+    of the tissue is that of the run.
     """
     noise, convergence = run.provenance["noise"], run.provenance["convergence"]
     common = {
@@ -231,7 +235,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
         "effective_readings": noise["effective_readings"] or noise["readings"],
         "beta": noise["beta"],
     }
-    verdicts = _verdicts(run)
+    verdicts, stated = _verdicts(run), run.stated
     rows = []
     usable = run.state != "unusable"
     draws = run.draws if usable else pd.DataFrame()
@@ -251,6 +255,7 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
                 "scale": scale,
                 "scale_sd": _spread(draws[name], scale) if name in draws else math.nan,
             }
+            | ({f"stated_{k}": v for k, v in vars(stated[name]).items()} if name in stated else {})
         )
     return rows + ([common | row for row in _curve_rows(run, draws)] if usable else [])
 

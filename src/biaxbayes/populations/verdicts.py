@@ -1,0 +1,169 @@
+"""Verdicts on pooled values: the rule of single runs, with the prior that a value has here.
+
+The rule is :func:`biaxbayes.identifiability.verdict.decide`. A group's mean is compared with the
+prior of the same median, a specimen's pooled value with the prior of a specimen of its group, both
+before any record was looked at: what the records of the whole study tell, its own or not. Spreads
+are compared on the scale of the model, where their priors are half-normal, and end at zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.identifiability.determined import NORMAL_90
+from biaxbayes.identifiability.evidence import evidence_of_draws
+from biaxbayes.identifiability.identify import ParameterVerdict, identify_draws, judged
+from biaxbayes.identifiability.marginals import Scale
+from biaxbayes.identifiability.verdict import Thresholds
+from biaxbayes.laws.law import Law
+from biaxbayes.model.priors import DrawnPrior
+from biaxbayes.parameters import Parameter, Quantity
+from biaxbayes.populations.model import PooledValue
+from biaxbayes.populations.predictive import Hyper
+from biaxbayes.populations.specimens import Source
+
+__all__ = ["mean_verdicts", "specimen_verdicts", "spread_parameter", "spread_verdicts"]
+
+
+def mean_verdicts(
+    hyper: Hyper,
+    prior: Hyper,
+    group: int,
+    law: Law,
+    materials: pd.DataFrame,
+    top: float,
+    state: str,
+) -> dict[str, ParameterVerdict]:
+    """Verdicts on a group's means, by pooled value.
+
+    Parameters
+    ----------
+    hyper, prior : Hyper
+        Draws of the posterior and of the prior.
+    group : int
+    law : Law
+    materials : DataFrame
+        The group's means of the same draws, as parameters of the law.
+    top : float
+        Largest equibiaxial total stretch, at which ends of ranges are near.
+    state : str
+    """
+    own, before = hyper.typical(group), prior.typical(group)
+    columns = {v.name: v.from_scale(own[:, k]) for k, v in enumerate(hyper.values)}
+    scales = [
+        Scale(Quantity(v.parameter), DrawnPrior(v.from_scale(before[:, k])))
+        for k, v in enumerate(hyper.values)
+    ]
+    ends = np.full((len(materials), 2), top)
+    distances = law.edge_distances(law.material(materials), [ends])
+    return _judged(scales, columns, hyper.log_prior(), distances, law, state)
+
+
+def spread_parameter(v: PooledValue, side: str) -> Parameter:
+    """The sd of a pooled value, on the scale of the model.
+
+    It is sharp where what is left open of it moves the 90 % interval of a new specimen by less than
+    a sharp interval of the value is wide.
+    """
+    p = v.parameter
+    width = math.log(p.sharp) if p.logarithmic else p.sharp
+    return Parameter(
+        f"{side} of {v.name}",
+        unit="1" if p.logarithmic else p.unit,
+        words=f"sd of {'ln ' if p.logarithmic else ''}{v.name}",
+        low=0.0,
+        at_low="no spread",
+        sharp=width / NORMAL_90,
+        digits=".2g",
+    )
+
+
+def spread_verdicts(
+    hyper: Hyper, group: int, law: Law, state: str
+) -> dict[str, dict[str, ParameterVerdict]]:
+    """Verdicts on the sds of donors and of a group's specimens, by pooled value and side.
+
+    Parameters
+    ----------
+    hyper : Hyper
+    group : int
+    law : Law
+    state : str
+    """
+    out = {}
+    log_prior = hyper.log_prior()
+    for k, v in enumerate(hyper.values):
+        sides = {
+            "sd_donors": (hyper.sd_donors[:, k], v.donor_scale),
+            "sd_specimens": (hyper.spread(group)[:, k], v.specimen_scale),
+        }
+        scales, columns, distances = [], {}, {}
+        for side, (values, scale) in sides.items():
+            p = spread_parameter(v, side)
+            scales.append(Scale(Quantity(p), _half_normal(scale)))
+            columns[p.name] = values
+            distances[p.name] = p.sharp
+        found = _judged(scales, columns, log_prior, distances, law, state)
+        out[v.name] = {side: found[f"{side} of {v.name}"] for side in sides}
+    return out
+
+
+def _half_normal(scale: float) -> DrawnPrior:
+    from scipy.stats import halfnorm
+
+    levels = (np.arange(2**14) + 0.5) / 2**14
+    return DrawnPrior(halfnorm.ppf(levels, scale=scale))
+
+
+def _judged(
+    scales: Sequence[Scale],
+    columns: Mapping[str, np.ndarray],
+    log_prior: np.ndarray,
+    distances: Mapping[str, float],
+    law: Law,
+    state: str,
+) -> dict[str, ParameterVerdict]:
+    thresholds = Thresholds()
+    evidence = {}
+    if state != "unusable":
+        draws = pd.DataFrame(dict(columns))
+        evidence = evidence_of_draws(scales, draws, draws, (log_prior, None), distances, thresholds)
+    found = judged(scales, evidence, law, state, thresholds=thresholds)
+    return {p.name: p for p in found}
+
+
+def specimen_verdicts(
+    source: Source,
+    pooled: pd.DataFrame,
+    values: Sequence[PooledValue],
+    prior: np.ndarray,
+    state: str,
+) -> dict[str, str]:
+    """Verdicts on a specimen's parameters and mounting stretches after pooling, by name.
+
+    What contradicts the record of a single run contradicts it here, too: ranges of refits and what
+    is stated of the tissue are those of the run.
+
+    Parameters
+    ----------
+    source : Source
+    pooled : DataFrame
+        Natural quantities of the specimen, with ``log_likelihood``.
+    values : sequence of PooledValue
+    prior : ndarray, shape (M, p)
+        Specimens of the group drawn from the prior, on the scale.
+    state : str
+    """
+    own = {v.name: DrawnPrior(v.from_scale(prior[:, k])) for k, v in enumerate(values)}
+    found = identify_draws(
+        source.posterior,
+        pooled,
+        state,
+        stated=source.run.stated,
+        priors={**source.posterior.priors, **own},
+    )
+    return {p.name: p.verdict for p in found.parameters}

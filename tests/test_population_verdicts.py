@@ -1,0 +1,238 @@
+"""Verdicts on pooled values: the rule of single runs, with the priors that values have here."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import ks_1samp, ks_2samp, norm
+
+from biaxbayes.identifiability.identify import identify_draws
+from biaxbayes.identifiability.verdict import (
+    COMBINATION,
+    IDENTIFIED,
+    NO_VERDICT,
+    ONE_SIDED,
+    PRIOR,
+)
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.priors import DrawnPrior, Prior
+from biaxbayes.options import PopulationOptions
+from biaxbayes.populations.hierarchy import Layout, _allowed
+from biaxbayes.populations.model import Grouping, PooledValue, design_of, pooled_values
+from biaxbayes.populations.predictive import Hyper
+from biaxbayes.populations.verdicts import mean_verdicts, spread_parameter, spread_verdicts
+from goh_functions import GOH_LAW
+from quick_posteriors import sampled, specimen
+
+NAMES = ("C1", "k1", "k2", "alpha", "kappa")
+DRAWS = 4000
+
+
+def layout(values: list[PooledValue]) -> Layout:
+    grouping = Grouping(tuple("abcd"), ("m", "m", "a", "a"), ("P", "Q", "P", "Q"))
+    whole = design_of([], grouping, values, PopulationOptions())
+    # one block of all values: who belongs to whom is the same in all
+    return whole.layout
+
+
+@pytest.fixture(scope="module")
+def values() -> list[PooledValue]:
+    return pooled_values(GOH_LAW, NAMES)
+
+
+@pytest.fixture(scope="module")
+def prior(values) -> tuple[Hyper, np.ndarray]:
+    return Hyper.of_prior(values, layout(values), 2**14, np.random.default_rng(1))
+
+
+def hyper_of(values, mu, *, sd_donors=0.05, sd=0.05) -> Hyper:
+    """Draws with given means (M, p) and spreads in units of their priors' scales."""
+    M, p = mu.shape
+    scale = np.array([v.specimen_scale for v in values])
+    own = [
+        np.broadcast_to(np.asarray(s, dtype=float).reshape(-1, 1), (M, p)) * scale
+        for s in (sd_donors, sd)
+    ]
+    eye = np.broadcast_to(np.eye(p), (M, p, p))
+    return Hyper(tuple(values), np.zeros(1, int), mu[:, None], own[0], own[1][:, None], eye, eye)
+
+
+def judged(hyper, prior, state="converged"):
+    materials = pd.DataFrame(
+        {v.name: v.from_scale(hyper.typical(0)[:, k]) for k, v in enumerate(hyper.values)}
+    )
+    return mean_verdicts(hyper, prior[0], 0, GOH_LAW, materials, 1.2, state)
+
+
+def known(values, rng, **at) -> np.ndarray:
+    """Means that are known well, about a material."""
+    middle = dict(zip(NAMES, (14.0, 60.0, 8.0, 38.0, 0.15), strict=True)) | at
+    sd = {"alpha": 1.0, "kappa": 0.01}
+    return np.column_stack(
+        [
+            v.to_scale(np.array(middle[v.name])) + sd.get(v.name, 0.05) * rng.standard_normal(DRAWS)
+            for v in values
+        ]
+    )
+
+
+# --- the priors that values have ------------------------------------------------------------------
+
+
+def test_a_prior_by_its_draws_is_that_distribution():
+    stated = Prior("normal", 1.0, 0.3)
+    drawn = DrawnPrior(stated.ppf((np.arange(4096) + 0.5) / 4096))
+    x = np.array([0.5, 1.0, 1.7])
+    assert drawn.cdf(x) == pytest.approx(stated.cdf(x), abs=1e-3)
+    assert drawn.ppf(stated.cdf(x)) == pytest.approx(x, abs=1e-3)
+    assert drawn.cdf(np.array([-9.0, 9.0])).tolist() == [0.0, 1.0]
+
+
+def test_prior_of_values_without_edges_is_the_one_stated(values, prior):
+    hyper, location = prior
+    v = values[0]
+    assert ks_1samp(hyper.mu[:, 0, 0], norm(v.mean, v.mean_sd).cdf).pvalue > 1e-3
+    assert np.sqrt(np.mean(hyper.sd_donors[:, 0] ** 2)) == pytest.approx(v.donor_scale, rel=0.03)
+    assert np.sqrt(np.mean(hyper.sd[:, 0, 0] ** 2)) == pytest.approx(v.specimen_scale, rel=0.03)
+    wide = math.hypot(v.mean_sd, v.donor_scale)
+    assert location[:, 1, 0].std() == pytest.approx(wide, rel=0.03)
+    # -1/2 z^2 of every mean and spread: half a unit each on average
+    assert hyper.log_prior().mean() == pytest.approx(-0.5 * 4 * len(values), rel=0.15)
+
+
+def test_prior_leaves_out_what_the_sampler_excludes(values, prior):
+    """Draws of the plain prior, filtered by the sampler's own rule."""
+    hyper, _ = prior
+    of, v, rng = layout(values[4:]), values[4], np.random.default_rng(2)
+    N = 6000
+    sd_donors, sd = np.abs(rng.standard_normal((2, N))) * [[v.donor_scale], [v.specimen_scale]]
+    mu = v.mean_sd * rng.standard_normal((N, 2))
+    effect = sd_donors[:, None] * rng.standard_normal((N, 2))
+    ok = np.array(
+        [
+            _allowed(of, m[:, None], e[:, None], np.array([[s]]))
+            for m, e, s in zip(mu, effect, sd, strict=True)
+        ]
+    )
+    assert 0.5 < ok.mean() < 0.99
+    for found, expected in (
+        (hyper.mu[:, 0, 4], mu[ok, 0] + v.mean),
+        (hyper.sd_donors[:, 4], sd_donors[ok]),
+        (hyper.sd[:, 0, 4], sd[ok]),
+    ):
+        assert ks_2samp(found, expected).pvalue > 1e-3
+    typical = hyper.typical(0)[:, 4]
+    assert (typical >= 0.0).all() and (typical <= 1.0 / 3.0).all()
+
+
+# --- the rule -------------------------------------------------------------------------------------
+
+
+def test_one_rule_for_runs_and_populations():
+    """The draws of a run under its own prior, known by its draws, get the verdicts of the run."""
+    run = sampled(specimen(GOH(14.0, 60.0, 8.0, 38.0, 0.1), ratios=((1.0, 1.0),), increments=8))
+    own = identify_draws(run.target, run.draws, "converged")
+    levels = (np.arange(2**14) + 0.5) / 2**14
+    drawn = {
+        name: DrawnPrior(p.ppf(levels))
+        for name, p in run.target.priors.items()
+        if name in NAMES and isinstance(p, Prior)
+    }
+    again = identify_draws(
+        run.target, run.draws, "converged", priors={**run.target.priors, **drawn}
+    )
+    assert len(drawn) == 5
+    for name in NAMES:
+        assert again[name].verdict == own[name].verdict, name
+        first, second = own[name].evidence, again[name].evidence
+        assert second.contraction == pytest.approx(first.contraction, abs=0.01)
+        assert second.prior_excluded == pytest.approx(first.prior_excluded, abs=0.05)
+    assert len({p.verdict for p in own.parameters}) > 1
+
+
+def test_a_group_that_is_known_is_identified(values, prior):
+    found = judged(hyper_of(values, known(values, np.random.default_rng(3))), prior)
+    assert [found[n].verdict for n in NAMES] == [IDENTIFIED] * 5
+    low, high = 14.0 * np.exp(np.array([-1.645, 1.645]) * 0.05)
+    assert found["C1"].words == f"C1: identified, {low:.3g} to {high:.3g} kPa (90 %)"
+
+
+def test_a_group_nobody_looked_at_is_that_of_the_prior(values, prior):
+    other, _ = Hyper.of_prior(values, layout(values), DRAWS, np.random.default_rng(4))
+    found = judged(other, prior)
+    assert {found[n].verdict for n in NAMES} == {PRIOR}
+    assert all(abs(found[n].evidence.contraction) < 0.1 for n in NAMES)
+
+
+def test_an_open_edge_and_a_ridge_are_named(values, prior):
+    rng = np.random.default_rng(5)
+    mu = known(values, rng)
+    mu[:, 4] = np.abs(0.02 * rng.standard_normal(DRAWS))
+    ridge = 1.5 * rng.standard_normal(DRAWS)
+    mu[:, 1] += ridge
+    mu[:, 2] -= ridge
+    found = judged(hyper_of(values, mu), prior)
+    assert found["kappa"].verdict == ONE_SIDED and "aligned fibres" in found["kappa"].words
+    assert found["k1"].verdict == COMBINATION and found["k1"].partners == ("k2",)
+    assert found["C1"].verdict == IDENTIFIED
+
+
+def test_an_angle_means_nothing_where_fibres_may_be_isotropic(values, prior):
+    rng = np.random.default_rng(6)
+    mu = known(values, rng)
+    mu[:, 4] = 1.0 / 3.0 - np.abs(0.01 * rng.standard_normal(DRAWS))
+    found = judged(hyper_of(values, mu), prior)
+    assert found["alpha"].verdict == PRIOR and "no angle means anything" in found["alpha"].words
+
+
+@pytest.mark.parametrize("state", ["tentative", "unusable"])
+def test_no_verdict_of_chains_that_have_not_converged(values, prior, state):
+    rng = np.random.default_rng(7)
+    sds = np.abs(rng.standard_normal((2, DRAWS)))
+    hyper = hyper_of(values, known(values, rng), sd_donors=sds[0], sd=sds[1])
+    assert {p.verdict for p in judged(hyper, prior, state).values()} == {NO_VERDICT}
+    spreads = spread_verdicts(hyper, 0, GOH_LAW, state)
+    assert {p.verdict for sides in spreads.values() for p in sides.values()} == {NO_VERDICT}
+
+
+# --- spreads --------------------------------------------------------------------------------------
+
+
+def spread(values, sd_donors, sd):
+    mu = known(values, np.random.default_rng(8))
+    found = spread_verdicts(
+        hyper_of(values, mu, sd_donors=sd_donors, sd=sd), 0, GOH_LAW, "converged"
+    )
+    return found["C1"]
+
+
+def test_spreads_are_judged_by_the_same_rule(values):
+    rng = np.random.default_rng(9)
+    same, near = (np.abs(rng.standard_normal(DRAWS)) for _ in range(2))
+    found = spread(values, same, 0.1 * near)
+    assert found["sd_donors"].verdict == PRIOR
+    assert found["sd_donors"].evidence.contraction == pytest.approx(0.0, abs=0.1)
+    assert found["sd_specimens"].verdict == ONE_SIDED
+    assert "0 (no spread)" in found["sd_specimens"].words
+    known = 0.6 + 0.05 * rng.standard_normal(DRAWS)
+    assert spread(values, known, same)["sd_donors"].verdict == IDENTIFIED
+
+
+def test_spreads_of_which_only_the_sum_is_known_are_told_together(values):
+    """One specimen a donor: sd_donors^2 + sd_specimens^2 is what the specimens show."""
+    rng = np.random.default_rng(10)
+    whole, angle = 1.5 + 0.05 * rng.standard_normal(DRAWS), 0.5 * np.pi * rng.random(DRAWS)
+    found = spread(values, whole * np.sin(angle), whole * np.cos(angle))
+    assert found["sd_donors"].verdict == COMBINATION
+    assert found["sd_donors"].partners == ("sd_specimens of C1",)
+
+
+def test_a_spread_is_sharp_by_what_it_does_to_a_new_specimen(values):
+    C1, alpha = (spread_parameter(v, "sd_donors") for v in (values[0], values[3]))
+    # a sharp C1 spans a factor of 2, a sharp angle 15 degrees; 90 % of a normal span 3.29 sd
+    assert 3.29 * C1.sharp == pytest.approx(math.log(2.0))
+    assert 3.29 * alpha.sharp == pytest.approx(15.0)
+    assert (C1.unit, alpha.unit) == ("1", "deg")

@@ -1,0 +1,320 @@
+"""The pages on several specimens: words explained, readable at any width, what is stated told."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import browser
+from biaxbayes.comparison.compare import Member, compare
+from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
+from biaxbayes.figures.style import figure_bytes
+from biaxbayes.identifiability.stated import Stated
+from biaxbayes.jobs.batch import write_study
+from biaxbayes.laws.goh import GOH
+from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
+from biaxbayes.reports import comparison, population, study_page
+from biaxbayes.reports.comparison import write_comparison
+from biaxbayes.reports.glossary import GLOSSARY, SEVERAL, chosen_terms
+from biaxbayes.reports.names import derived_words
+from biaxbayes.reports.population import population_methods, population_page
+from biaxbayes.studies.result import StudyResult
+from goh_functions import GOH_LAW
+from quick_posteriors import sampled, specimen
+from test_study_page import distances, table
+from test_words import PLAIN, Headings
+
+LEVELS = ("q05", "q50", "q95")
+REASON = "laws that describe the record alike differ above it: goh, fung"
+OF_STUDIES = frozenset(
+    re.findall(
+        r"\w+",
+        """
+        above adventitia aneurysm apart below between both by cauchy determines differ difference
+        differences donor donors each far files fit found groups healthy how intima intervals in
+        kpa layer layers media medians minus run runs soft specimens states tested unit against
+        """,
+    )
+)
+"""What needs no explanation in a study, besides words of a single test."""
+
+
+class Heads(Headings):
+    """Words of headings and of the heads of rows and columns, without prose."""
+
+    def handle_data(self, data):
+        if {"h2", "h3", "th", "caption"} & set(self.open):
+            self.told.append(data)
+
+
+def population_tables() -> dict[str, pd.DataFrame]:
+    """Two groups of two specimens with every kind of verdict, and names that try to break out."""
+    rng = np.random.default_rng(1)
+
+    def three(part, middle):
+        low, median, high = np.sort(middle * np.exp(0.2 * rng.standard_normal(3)))
+        return {f"{part}_q05": low, f"{part}_q50": median, f"{part}_q95": high}
+
+    quantities = {"C1": ("kPa", 12.0, "log"), "alpha": ("deg", 40.0, "linear")}
+    quantities |= {"cauchy_x at 1.2": ("kPa", 2345.6, "log")}
+    rows, own, contrasts = [], [], []
+    for group in ("healthy", "<b>aneurysm</b>"):
+        for name, (unit, middle, scale) in quantities.items():
+            derived = name.startswith("cauchy")
+            row = {"group": group, "quantity": name, "unit": unit, "scale": scale}
+            row |= {"specimens": 2, "donors": 1, "contraction": 0.9}
+            row |= {"verdict": "determined" if derived else "identified"}
+            if not derived:
+                row |= {"in_words": f"{name}: identified, but loosely"}
+                row |= {"sd_donors_verdict": "prior-dominated", "sd_specimens_verdict": "one-sided"}
+            for part in ("mean", "new_specimen", "new_donor"):
+                row |= three(part, middle)
+            for part in ("sd_donors", "sd_specimens"):
+                row |= three(part, 0.2)
+            rows.append(row)
+        for n in range(2):
+            for name, unit, middle in (
+                *(("C1", "kPa", 12.0), ("alpha", "deg", 40.0)),
+                *(("mounting_stretch_x", "1", 1.02), ("mounting_stretch_y", "1", 1.02)),
+            ):
+                row = {"specimen": f"{group} {n}", "group": group, "donor": "D"}
+                row |= {"quantity": name, "unit": unit, "specimen_predictive_p": 0.4}
+                row |= {"single_verdict": "prior-dominated", "pooled_verdict": "identified"}
+                row |= three("single", middle) | three("pooled", middle)
+                if name == "mounting_stretch_x":
+                    row["stated_low"] = 1.0123
+                own.append(row)
+    for name, (unit, _, scale) in quantities.items():
+        row = {"group_a": "healthy", "group_b": "<b>aneurysm</b>", "quantity": name, "unit": unit}
+        row |= {"scale": scale, "probability_positive": 0.98} | three("difference", 0.5)
+        contrasts.append(row)
+    return {
+        "groups": pd.DataFrame(rows, columns=list(POPULATION_COLUMNS)),
+        "specimens": pd.DataFrame(own, columns=list(SPECIMEN_COLUMNS)),
+        "contrasts": pd.DataFrame(contrasts, columns=list(CONTRAST_COLUMNS)),
+    }
+
+
+def population_record() -> dict:
+    prior = {"sd_donors": "half-normal(0.5)", "sd_specimens": "half-normal(0.5)"}
+    return {
+        "name": "<script>alert(1)</script>",
+        "convergence": {"state": "converged", "reason": "", "worst_rhat": 1.0, "worst_ess": 900.0},
+        "pooled": {
+            "C1": {"scale": "log", "mean": "LN(10, 2)"} | prior,
+            "alpha": {"scale": "linear", "mean": "N(45, 22.5)"} | prior,
+        },
+        "left_out": {"b": "did not converge: R-hat is 1.3"},
+        "notes": ["there are 2 donors: sd_donors rests much on its prior"],
+    }
+
+
+def write_population(folder) -> None:
+    tables = population_tables()
+    of = [GOH_LAW.parameter(n) for n in ("C1", "alpha")]
+    rng = np.random.default_rng(2)
+    new = {
+        g: pd.DataFrame({p.name: 20.0 + rng.standard_normal(400) for p in of})
+        for g in dict.fromkeys(tables["groups"]["group"])
+    }
+    stretch = np.linspace(1.0, 1.2, 5)
+    bands = pd.concat(
+        pd.DataFrame(
+            {"group": g, "total_stretch": stretch}
+            | {
+                f"cauchy_{a}_{q}": k * stretch
+                for a in "xy"
+                for k, q in enumerate(("q05", "q50", "q95"))
+            }
+        )
+        for g in new
+    )
+    drawn = {
+        "population-forest": forest_figure(tables["specimens"], tables["groups"], of),
+        "population-pairs": pairs_figure(new, tables["specimens"], of),
+        "new-specimen-bands": band_figure(bands, []),
+    }
+    for stem, figure in drawn.items():
+        (folder / f"{stem}.png").write_bytes(figure_bytes(figure, "png"))
+    page = population_page(folder, tables, population_record())
+    (folder / "population.html").write_text(page, encoding="utf-8")
+
+
+def write_a_study(folder) -> None:
+    rows = table(9)
+    stretches = rows["quantity"] == "mounting_stretch_x"
+    rows["stated_reason"] = rows["stated_reason"].astype(object)
+    rows.loc[stretches, ["stated_low", "stated_reason"]] = [1.0123, REASON]
+    nothing = stretches & (rows["specimen"] == "specimen 3")
+    rows.loc[nothing, ["stated_low", "stated_reason"]] = [np.nan, "no law could be fitted"]
+    write_study(StudyResult("a study", folder, rows, distances(9), []))
+
+
+def write_a_comparison(folder) -> None:
+    members = []
+    for label, C1, ratios in (("soft", 10.0, ((1.0, 1.0),)), ("<b>media</b>", 25.0, ((1.0, 1.0),))):
+        run = sampled(specimen(GOH(C1, 40.0, 8.0, 40.0, 0.1), ratios=ratios, increments=8))
+        stated = {"mounting_stretch_x": Stated(1.0123, float("nan"), REASON)}
+        members.append(Member(label, run.target, run.draws, "converged", stated))
+    write_comparison(compare(members), folder)
+
+
+PAGES = {
+    "population.html": (write_population, population.TERMS),
+    "study.html": (write_a_study, study_page.TERMS),
+    "compare.html": (write_a_comparison, comparison.TERMS),
+}
+
+
+@pytest.fixture(scope="module", params=PAGES)
+def page(request, tmp_path_factory):
+    write, terms = PAGES[request.param]
+    folder = tmp_path_factory.mktemp("pages")
+    write(folder)
+    return folder / request.param, terms
+
+
+def test_the_page_explains_its_words(page):
+    path, terms = page
+    html = path.read_text(encoding="utf-8")
+    words = html.split('<h2 id="words">')[1]
+    text = " ".join(re.sub(r"<[^>]+>", " ", words).split()).replace("&#39;", "'")
+    for term, said in chosen_terms(*terms):
+        assert f"{term} {said}" in text, term
+    assert html.count('href="#words"') >= 5
+    assert "within the law" in html and "stated of the tissue" in html
+    assert "<script" not in html and "http" not in html.split("</style>")[1]
+
+
+def test_headings_and_tables_say_what_is_plain_or_explained(page):
+    path, terms = page
+    told = Heads()
+    told.feed(path.read_text(encoding="utf-8"))
+    found = {w.lower() for text in told.told for w in re.findall(r"[A-Za-z][\w-]{2,}", text)}
+    explained = " ".join(terms).lower()
+    unknown = {
+        w
+        for w in found - PLAIN - OF_STUDIES
+        if not re.search(rf"\b{re.escape(w.rstrip('s'))}", explained)
+    }
+    names = {"specimen", "img", "src", "onerror", "alert", "x_1"}  # of the tests' specimens
+    assert unknown - names == set()
+
+
+def test_terms_are_half_a_line_and_said_once():
+    for term, words in SEVERAL.items():
+        assert len(words) < 130, f"{term}: half a line"
+    assert not set(GLOSSARY) & set(SEVERAL)
+    used = {t for _, terms in PAGES.values() for t in terms}
+    assert set(SEVERAL) <= used
+
+
+def test_what_is_stated_stands_beside_the_interval(page):
+    path, _ = page
+    html = path.read_text(encoding="utf-8")
+    assert "above 1.0123" in html
+    if path.name == "study.html":
+        assert html.count("<small>stated: above 1.0123</small>") == 7
+        assert html.count("<small>stated: nothing</small>") == 1
+        assert "laws that describe the record alike differ above it" in html
+        assert "no law could be fitted" in html
+    if path.name == "population.html":
+        assert html.count("<small>stated: above 1.0123</small>") == 4
+        # nothing is known of y, which is said as well
+        assert html.count("<small>stated: nothing</small>") == 4
+
+
+def test_population_numbers_are_plain():
+    tables = population_tables()
+    html = population_page(Path("nowhere"), tables, population_record())
+    rows = tables["groups"]
+    first = rows.iloc[0]
+    factor = np.exp(first["sd_donors_q50"])
+    assert f"factor {factor:.3g}" in html  # an sd of logs as a factor
+    assert "e+0" not in html.split("</style>")[1]
+    assert "Cauchy stress, x, at 1.2" in html
+    assert "&lt;b&gt;aneurysm&lt;/b&gt;" in html and "<script>alert" not in html
+    assert html.count("<small>prior-dominated</small>") == 4
+    assert "left out: <bdi>b</bdi>" in html
+
+
+def test_methods_state_units_and_distributions():
+    told = population_methods(population_tables(), population_record())
+    assert "C1: mean LN(10, 2) kPa, sds half-normal(0.5) between donors" in told
+    assert "alpha: mean N(45, 22.5) degrees" in told
+    assert "LN(median, sd of the log) lognormal" in told
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("Hx", "structure tensor, x"),
+        ("stiffness_y at 1", "small-strain stiffness, y"),
+        ("stiffness_y", "small-strain stiffness, y"),
+        ("stiffness_x at 1.2", "tangent stiffness, x, at 1.2"),
+        ("cauchy_x at 1.05", "Cauchy stress, x, at 1.05"),
+        ("k1", "k1"),
+        ("", ""),
+    ],
+)
+def test_what_follows_from_parameters_in_words(name, words):
+    assert derived_words(name) == words
+
+
+@pytest.fixture(scope="module")
+def shown(page, tmp_path_factory):
+    if not browser.CHROMIUM:
+        pytest.skip("no Chromium here")
+    profile = tmp_path_factory.mktemp("profile")
+    tab = browser.Page(profile)
+    try:
+        tab.open(page[0])
+        yield tab
+    finally:
+        tab.close()
+        shutil.rmtree(profile, ignore_errors=True)
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_sticks_out_or_goes_on_unsaid(shown, width):
+    shown.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=800,
+        deviceScaleFactor=1,
+        mobile=width < 600,
+    )
+    assert shown.evaluate("document.documentElement.scrollWidth") <= width
+    right = "Math.max(...[...document.querySelectorAll('h1, h2, h3, p, li, dt, dd, nav')]"
+    assert shown.evaluate(f"{right}.map(e => e.getBoundingClientRect().right))") <= width
+    goes_on = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth)"
+    names = shown.evaluate(f"{goes_on}.map(e => e.getAttribute('aria-label'))")
+    if width > 1000:
+        assert names == []
+        return
+    # a shade at the edge, and words below a figure
+    shades = shown.evaluate(f"{goes_on}.map(e => getComputedStyle(e).backgroundImage)")
+    assert all("linear-gradient" in s for s in shades)
+    hints = shown.evaluate(
+        "[...document.querySelectorAll('figure figcaption')]"
+        ".map(f => getComputedStyle(f, '::before').content)"
+    )
+    assert hints and all("goes on to the right" in h for h in hints)
+    # every table and figure can be reached and moved by the keyboard
+    assert shown.evaluate(f"{goes_on}.every(e => e.tabIndex === 0)")
+
+
+def test_opens_without_errors_and_without_the_network(shown, page):
+    urls = [e["request"]["url"] for e in shown.seen("Network.requestWillBeSent")]
+    assert [
+        u for u in urls if not u.startswith(("data:", "about:")) and page[0].name not in u
+    ] == []
+    assert shown.seen("Runtime.exceptionThrown") == []
+    assert [e["entry"]["text"] for e in shown.seen("Log.entryAdded")] == []
+    alts = shown.evaluate("[...document.images].map(i => [i.naturalWidth, i.alt.length])")
+    assert alts and all(width > 300 and length > 20 for width, length in alts)
