@@ -13,6 +13,7 @@ it was interrupted: commands that are done are not run again, and studies keep w
 from __future__ import annotations
 
 import argparse
+import ast
 import os
 import shlex
 import shutil
@@ -155,14 +156,40 @@ def git(*arguments: str) -> str | None:
     return done.stdout.strip() if done.returncode == 0 else None
 
 
+def changed_code(commit: str, sources: list[str]) -> list[str]:
+    """Files whose code differs between a commit and now; docstrings and comments are no code."""
+    found = git("diff", "--name-only", "--no-renames", commit, "HEAD", "--", *sources) or ""
+    return [f for f in found.splitlines() if code_of(commit, f) != code_of("HEAD", f)]
+
+
+def code_of(commit: str, file: str) -> str | None:
+    """What a file of a commit computes; None where it is not there."""
+    text = git("show", f"{commit}:{file}")
+    if text is None or not file.endswith(".py"):
+        return text
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        if isinstance(getattr(node, "body", None), list):
+            node.body = [part for part in node.body if not is_text(part)]  # type: ignore[attr-defined]
+    return ast.dump(tree)
+
+
+def is_text(node: ast.AST) -> bool:
+    """Whether a statement is a text alone: a docstring of what it stands in or below."""
+    value = node.value if isinstance(node, ast.Expr) else None
+    return isinstance(value, ast.Constant) and isinstance(value.value, str)
+
+
 def commits_since(stamp: Stamp, sources: list[str]) -> int | None:
-    """How many commits have changed the sources since a page was made; None without git."""
+    """How many commits have changed the code since a page was made; None without git."""
     since = [f"{stamp.commit}..HEAD"]
     if git("cat-file", "-e", f"{stamp.commit}^{{commit}}") is None:
         # not a commit of this clone: by its day
         since = [f"--since={stamp.day} 23:59:59", "HEAD"]
-    elif git("diff", "--quiet", stamp.commit, "HEAD", "--", *sources) is not None:
-        return 0  # changed and changed back, or the same under another commit
+    elif not (files := changed_code(stamp.commit, sources)):
+        return 0  # nothing, or what nobody computes with: docstrings, comments, layout
+    else:
+        sources = files
     found = git("rev-list", "--count", *since, "--", *sources)
     return None if found is None else int(found)
 

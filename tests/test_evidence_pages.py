@@ -97,6 +97,21 @@ def test_a_page_is_older_where_the_code_it_speaks_of_has_changed(checkout):
     assert told().endswith(": current")
 
 
+def test_words_about_the_code_make_no_page_older(checkout):
+    def committed(text: str) -> None:
+        (checkout / "src" / "biaxbayes" / "laws" / "code.py").write_text(text)
+        evidence.git("commit", "--quiet", "-a", "-m", "words")
+
+    code = 'def f(x):\n    """Twice."""\n    return 2 * x\n'
+    committed(code)
+    commit, day = (evidence.git("log", "-1", "--format=%h %cs") or "").split(" ")
+    put_stamp(checkout / "page.md", Stamp(commit, day, day, "python page.py"))
+    committed('"""A room."""\n\n' + code.replace("Twice.", "Two times x.").replace("2 *", "2 *  "))
+    assert told().endswith("current")
+    committed(code.replace("2 *", "3 *"))
+    assert "OLDER, " in told()
+
+
 def test_a_commit_of_another_clone_counts_by_its_day(checkout):
     page = checkout / "page.md"
     put_stamp(page, Stamp("0123456", "2024-05-06", "2024-05-07", "python x"))
