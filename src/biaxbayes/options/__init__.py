@@ -1,0 +1,86 @@
+"""What the user chooses: name, default, allowed values and words of every option, once.
+
+The command line makes its options of these tables, the Python verbs their keyword arguments, study
+files their ``[options]``, and a run folder its record. Each table is a frozen dataclass that checks
+itself; an option's words and range stand in the metadata of its field.
+"""
+
+from biaxbayes.options.model import (
+    ALL_FITS,
+    FIT_METHODS,
+    FIT_WORDS,
+    INFERRING,
+    MOUNTING_STRETCH,
+    WHICH_FIT,
+    FitOptions,
+    ModelOptions,
+    ProfileOptions,
+    Settings,
+)
+from biaxbayes.options.option import (
+    Option,
+    Options,
+    documented,
+    stated,
+)
+from biaxbayes.options.verbs import (
+    AXES,
+    CARD_PROGRAMS,
+    CARD_UNITS,
+    CONTENT,
+    DRAW_AT,
+    PICTURES,
+    PLOT_TAKES,
+    PLOTS,
+    REFERENCES,
+    REPORTS,
+    STRESSES,
+    CalibrationPlan,
+    CardOptions,
+    DesignOptions,
+    FigureOptions,
+    LawsPlan,
+    LedgerPlan,
+    PopulationOptions,
+    PredictionOptions,
+    SamplingPlan,
+    VirtualTest,
+)
+
+__all__ = [
+    "ALL_FITS",
+    "AXES",
+    "CARD_PROGRAMS",
+    "CARD_UNITS",
+    "CONTENT",
+    "DRAW_AT",
+    "FIT_METHODS",
+    "FIT_WORDS",
+    "INFERRING",
+    "MOUNTING_STRETCH",
+    "PICTURES",
+    "PLOTS",
+    "PLOT_TAKES",
+    "REFERENCES",
+    "REPORTS",
+    "STRESSES",
+    "WHICH_FIT",
+    "CalibrationPlan",
+    "CardOptions",
+    "DesignOptions",
+    "FigureOptions",
+    "FitOptions",
+    "LawsPlan",
+    "LedgerPlan",
+    "ModelOptions",
+    "Option",
+    "Options",
+    "PopulationOptions",
+    "PredictionOptions",
+    "ProfileOptions",
+    "SamplingPlan",
+    "Settings",
+    "VirtualTest",
+    "documented",
+    "stated",
+]
