@@ -9,8 +9,11 @@ import pytest
 import biaxbayes
 from biaxbayes.cli.findings import _cell
 from biaxbayes.cli.runs import _calibration_closing
+from biaxbayes.figures.corner import corner_figure
+from biaxbayes.figures.labels import number, range_text
 from biaxbayes.identifiability.identify import MOST_DRAWS
 from biaxbayes.jobs.calibrate import Outcome
+from biaxbayes.parameters import mounting_names
 from biaxbayes.progress_bar import live_bar
 
 
@@ -67,3 +70,10 @@ def test_a_number_that_stands_in_two_places_is_the_same(media_run):
             (evidence.median, evidence.low, evidence.high),
         ):
             np.testing.assert_allclose(numbers, told, rtol=2e-5)
+    # and in the corner of the figure, where an interval that piles up at an edge is another one
+    written = {t.get_text() for t in corner_figure(media_run.draws, width_mm=180.0).texts}
+    for name in ("C1", "k2", *mounting_names("stretch")):
+        q50, q05, q95 = summary.loc[name, ["q50", "q05", "q95"]].to_numpy(dtype=float)
+        logs = (True, False)
+        assert written & {number(q50, q05, q95, log=log) for log in logs}, name
+        assert written & {range_text(q05, q95, (False, False), log=log) for log in logs}, name

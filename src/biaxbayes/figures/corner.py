@@ -77,12 +77,16 @@ MOST_NAME_MM = 32.0
 
 
 class Column(NamedTuple):
-    """One quantity of the figure: its axis, and run by run its draws (None: not varied)."""
+    """One quantity of the figure: its axis, and run by run its draws (None: not varied).
+
+    Those that are drawn, and all, which the table in the corner tells the numbers of.
+    """
 
     name: str
     quantity: AxisText
     axis: Span
     draws: list[np.ndarray | None]
+    every: list[np.ndarray | None]
     own: list[Span | None]
 
 
@@ -336,7 +340,8 @@ def _columns(
     known: Quantities | None = None,
 ) -> list[Column]:
     """The quantities in the order of the first run that has them, with the values to be seen."""
-    picked = [corner_columns(run.iloc[evenly_chosen(len(run), VISIBLE)], known) for run in runs]
+    picked = [corner_columns(run, known) for run in runs]
+    drawn = [evenly_chosen(len(run), VISIBLE) for run in runs]
     names = list(dict.fromkeys(name for columns in picked for name in columns))
     for name in parameters or ():
         if name not in names:
@@ -347,12 +352,13 @@ def _columns(
     out = []
     for name in names if parameters is None else [n for n in names if n in parameters]:
         q = next(columns[name][0] for columns in picked if name in columns)
-        draws = [columns[name][1] if name in columns else None for columns in picked]
+        every = [columns[name][1] if name in columns else None for columns in picked]
+        draws = [None if v is None else v[at] for v, at in zip(every, drawn, strict=True)]
         present = [d for d in draws if d is not None]
         include = tuple(values[name] for values in seen if name in values)
         axis = axis_span(q, *present, include=include)
         own = [None if d is None else span(d, edges=q.edges, log=axis.log) for d in draws]
-        out.append(Column(name, q, axis, draws, own))
+        out.append(Column(name, q, axis, draws, every, own))
     return out
 
 
@@ -451,7 +457,9 @@ def _marginal(
         axis = column.own[run]
         assert axis is not None
         piled = at_edges(curve(values, axis)[1], axis)
-        low, high = interval(values, piled, probability)
+        every = column.every[run]
+        assert every is not None
+        low, high = interval(every, piled, probability)
         line = next(lines)
         x, height = np.array(line.get_xdata()), np.array(line.get_ydata(), dtype=float)
         height /= trapezoid(height, column.axis.forward(x))
@@ -462,7 +470,7 @@ def _marginal(
                 x, height, where=inside, color=line.get_color(), alpha=0.3, linewidth=0.0
             )
         top = max(top, float(height.max()))
-        out.append(Found(float(np.median(values)), low, high, piled))
+        out.append(Found(float(np.median(every)), low, high, piled))
     ax.set_ylim(0.0, 1.08 * top)
     return out
 
