@@ -325,6 +325,9 @@ def test_a_brush_is_painted_in_time(media):
       let painted = 0, last = 0;
       for (const view of Object.values(Bokeh.index))
         view.repainted?.connect(() => { painted += 1; last = performance.now(); });
+      // the bytes of all pictures of pairs, as one number
+      const pictures = () => explore.pairs.reduce((sum, { picture: p, pixels: n }) =>
+        p.getImageData(0, 0, n, n).data.reduce((a, b) => (31 * a + b) % 1000003, sum), 0);
       const frame = () => new Promise(r => requestAnimationFrame(() => setTimeout(r, 0)));
       for (let k = 0; k < 21; k++) {
         for (let f = 0; f < 6; f++) await frame();
@@ -337,12 +340,16 @@ def test_a_brush_is_painted_in_time(media):
           seen = painted;
           for (let f = 0; f < 4; f++) await frame();
         }
-        out.push([handled, last - start, painted]);
+        out.push([handled, last - start, painted,
+          explore.panels.every(p => p.of === explore.shown && !p.hidden), pictures()]);
       } return out; })()"""
     handled, painted = [], []
     for _ in range(15):  # other work on the machine only adds
         times = media.evaluate(script)
-        assert min(t[2] for t in times) >= media.evaluate("explore.panels.length")
+        # histograms, curves and residuals, and the pictures of the pairs
+        curves = media.evaluate("document.querySelectorAll('.curve .canvas').length")
+        assert min(t[2] for t in times) >= media.evaluate("explore.alone.length") + curves
+        assert all(t[3] for t in times) and len({t[4] for t in times}) > len(times) // 2
         handled.append(statistics.median(t[0] for t in times))
         painted.append(statistics.median(t[1] for t in times))
         if painted[-1] < BRUSH_MS:
