@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import root
 from scipy.stats import norm
 
-from biaxbayes.figures.identifiability import VERDICT_COLOURS, identifiability_figure
+from biaxbayes.figures.run.identifiability import VERDICT_COLOURS, identifiability_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import identify, identify_draws

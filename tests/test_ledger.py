@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from biaxbayes.cli.findings import ledger as command
 from biaxbayes.comparison.mounting_bias import TREATMENTS, Treated, ledger, treat
 from biaxbayes.errors import InputError
-from biaxbayes.figures.mounting import ledger_figure
+from biaxbayes.figures.run.mounting import ledger_figure
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.stress import BEYOND

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from biaxbayes.cli import main
-from biaxbayes.figures.corner import corner_figure
-from biaxbayes.figures.identifiability import identifiability_figure
-from biaxbayes.figures.profile import profile_figure
+from biaxbayes.figures.run.corner import corner_figure
+from biaxbayes.figures.run.identifiability import identifiability_figure
+from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.identifiability.identify import identify
 from biaxbayes.identifiability.profile import profiles
 from biaxbayes.jobs.outputs import report_text

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from biaxbayes.cli.findings import profile as command
 from biaxbayes.errors import InputError
-from biaxbayes.figures.profile import profile_figure
+from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.conditional_fit import Target
 from biaxbayes.identifiability.profile import THRESHOLD, profile_likelihood, profiles

@@ -39,14 +39,14 @@ def test_a_look_at_a_file_imports_nothing_of_runs():
 
 @pytest.mark.parametrize("room", ["biaxbayes.jobs.sample", "biaxbayes.jobs.products"])
 def test_a_run_imports_nothing_that_it_does_not_use(room):
-    found = imported(f"import {room}, biaxbayes.figures.corner, biaxbayes.reports.page")
+    found = imported(f"import {room}, biaxbayes.figures.run.corner, biaxbayes.reports.page")
     assert "emcee" in found
     assert "distributed" not in found
 
 
 def test_a_corner_is_drawn_without_arviz_which_who_imports_corner_later_gets():
     """ArviZ takes longer to import than a run takes to sample."""
-    code = "from biaxbayes.figures.corner import _corner\nassert _corner().corner\n"
+    code = "from biaxbayes.figures.run.corner import _corner\nassert _corner().corner\n"
     found = imported(code)
     assert "matplotlib" in found and not found & {"arviz", "corner"}
     whole = imported(code + "import corner\nassert corner.corner is not _corner().corner")

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from biaxbayes.figures.identifiability import identifiability_figure
-from biaxbayes.figures.profile import profile_figure
+from biaxbayes.figures.run.identifiability import identifiability_figure
+from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.figures.style import save_figure
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile import profile_likelihood

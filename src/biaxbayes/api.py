@@ -167,7 +167,7 @@ def profile(
     **options
         For a specimen, as in :class:`~biaxbayes.options.ProfileOptions`.
     """
-    from biaxbayes.figures.profile import profile_figure
+    from biaxbayes.figures.run.profile import profile_figure
     from biaxbayes.figures.style import save_figure
     from biaxbayes.identifiability.profile import profiles
     from biaxbayes.jobs.products import write_profiles
@@ -418,7 +418,7 @@ def ledger(
     )
     found = lay_out(treated, stretches or None)
     if out is not None:
-        from biaxbayes.figures.mounting import ledger_figure
+        from biaxbayes.figures.run.mounting import ledger_figure
 
         folder = made_folder(out)
         write_table(folder, "ledger", found.table, "%.6g")

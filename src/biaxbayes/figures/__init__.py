@@ -1,1 +1,1 @@
-"""Figures of a run, one file each: pure functions on plain data."""
+"""Tables in, figures out: pure functions on plain data."""

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.compare import Comparison
-from biaxbayes.figures.identifiability import VERDICT_COLOURS
 from biaxbayes.figures.labels import few_ticks
 from biaxbayes.figures.quantities import AxisText, axis_text, known_or_default, quantity
+from biaxbayes.figures.run.identifiability import VERDICT_COLOURS
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,

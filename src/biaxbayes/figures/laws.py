@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
-from biaxbayes.figures.bands import drawn_bands, shown_protocols
 from biaxbayes.figures.labels import few_ticks
 from biaxbayes.figures.quantities import quantity
+from biaxbayes.figures.run.bands import drawn_bands, shown_protocols
 from biaxbayes.figures.style import MM, PAGE_MM, colour, layout, print_style, settle
 from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.specimens.specimen import Specimen

@@ -25,8 +25,8 @@ from biaxbayes.calibration.simulated_specimen import (
 from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess
+from biaxbayes.figures.run.trace import rank_figure
 from biaxbayes.figures.style import save_figure
-from biaxbayes.figures.trace import rank_figure
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors
 from biaxbayes.model.search import draw_posterior

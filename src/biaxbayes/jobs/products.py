@@ -397,7 +397,7 @@ def write_identifiability_products(
     if found.directions is not None:
         write_csv(folder / "same-curves.csv", found.directions.path.to_frame(), digits=DIGITS)
     if figure:
-        from biaxbayes.figures.identifiability import identifiability_figure
+        from biaxbayes.figures.run.identifiability import identifiability_figure
         from biaxbayes.figures.style import save_figure
 
         save_figure(identifiability_figure(found.verdicts), folder / "identifiability.pdf")
@@ -424,9 +424,9 @@ def write_products(
     ``workers`` the corner, which takes as long as the other figures, is drawn beside them, and the
     ``laws`` were fitted beside the sampling.
     """
-    from biaxbayes.figures.bands import bands_figure
-    from biaxbayes.figures.corner import corner_figure
-    from biaxbayes.figures.identifiability import identifiability_figure
+    from biaxbayes.figures.run.bands import bands_figure
+    from biaxbayes.figures.run.corner import corner_figure
+    from biaxbayes.figures.run.identifiability import identifiability_figure
     from biaxbayes.reports.explore import can_be_explored, write_explore
 
     state = draws.convergence.state
@@ -443,7 +443,7 @@ def write_products(
         write_law_fits(found, posterior, folder)
         write_held_edges(found, folder)
         if state != "converged":
-            from biaxbayes.figures.trace import trace_figure
+            from biaxbayes.figures.run.trace import trace_figure
 
             unit = posterior.specimen.unit
             _save(

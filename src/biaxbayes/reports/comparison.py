@@ -68,7 +68,7 @@ def write_comparison(found: Comparison, folder: Path) -> list[Path]:
         What was written. More than six runs get no overlay, which nobody could read.
     """
     from biaxbayes.figures.compare import forest_figure, matrix_figure
-    from biaxbayes.figures.corner import overlay_figure
+    from biaxbayes.figures.run.corner import overlay_figure
 
     try:
         folder.mkdir(parents=True, exist_ok=True)

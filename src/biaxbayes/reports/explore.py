@@ -22,10 +22,10 @@ import pandas as pd
 from markupsafe import Markup
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.bands import LOADS, abscissa, residual_unit, shown_protocols
-from biaxbayes.figures.corner import axis_span
 from biaxbayes.figures.labels import round_values
 from biaxbayes.figures.quantities import corner_columns
+from biaxbayes.figures.run.bands import LOADS, abscissa, residual_unit, shown_protocols
+from biaxbayes.figures.run.corner import axis_span
 from biaxbayes.figures.style import CREDIBLE, PAGE_MM, colour, print_style
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FAMILIES, Prior

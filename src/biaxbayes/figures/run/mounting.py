@@ -12,9 +12,9 @@ from scipy.special import ndtri
 
 from biaxbayes.comparison.mounting_bias import TREATMENTS, Ledger
 from biaxbayes.errors import InputError
-from biaxbayes.figures.corner import CONTENTS, regions
 from biaxbayes.figures.labels import few_ticks, number, shortened
 from biaxbayes.figures.quantities import quantity
+from biaxbayes.figures.run.corner import CONTENTS, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,

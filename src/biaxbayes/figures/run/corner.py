@@ -20,8 +20,9 @@ from scipy.integrate import trapezoid
 from scipy.ndimage import gaussian_filter
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.labels import POINT_MM, few_ticks, number, range_text, shortened, text_mm
+from biaxbayes.figures.labels import few_ticks, number, range_text, shortened
 from biaxbayes.figures.quantities import MEAN, AxisText, corner_columns
+from biaxbayes.figures.run.free_corner import Heading, write_table
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
@@ -582,15 +583,6 @@ def _legend(figure: Figure, labels: Sequence[str]) -> None:
 # --- the table in the free corner ----------------------------------------------------------------
 
 
-class _Heading(NamedTuple):
-    """A column of the table; columns of high rank are left out first where there is no room."""
-
-    text: str
-    rank: int
-    colour: str = "black"
-    run: str = ""
-
-
 def _tabulate(
     figure: Figure,
     columns: list[Column],
@@ -609,12 +601,12 @@ def _tabulate(
         name = "" if names is None else shortened(names[run], MOST_NAME_MM, size)
         head = f"{content} interval" if wide and names is None else content
         headings += [
-            _Heading("median", 3 * run + 1, hue, name),
-            _Heading(head, 3 * run, hue, name),
+            Heading("median", 3 * run + 1, hue, name),
+            Heading(head, 3 * run, hue, name),
         ]
     known = any(v is not None for v in truth)
     if known:
-        headings.append(_Heading("truth", 2))
+        headings.append(Heading("truth", 2))
     table = []
     for column, found, value in zip(columns, rows, truth, strict=True):
         q = column.quantity
@@ -632,85 +624,4 @@ def _tabulate(
         notes.append(("dashed: truth", "0.3"))
     if any(MEAN in c.quantity.symbol for c in columns):
         notes.append(("bar: mean over protocols" if wide else "bar: mean", "0.3"))
-    _write(figure, headings, table, notes, 1.45 if wide else 1.25)
-
-
-def _write(
-    figure: Figure,
-    headings: list[_Heading],
-    table: list[list[str]],
-    notes: list[tuple[str, str]],
-    spacing: float,
-) -> None:
-    """Write as many columns, and below them as many notes, as the free corner holds.
-
-    Where there are several runs, the name of each stands above its columns, over a rule.
-    """
-    size = font_points("legend.fontsize")
-    line, gap = spacing * size * POINT_MM, 0.9 * size * POINT_MM
-    width, height = (side / MM for side in figure.get_size_inches())
-    margin = 2.0
-
-    def free(depth: float) -> float:
-        """Width at the right edge that no panel covers down to a depth, mm."""
-        above = [ax.bbox for ax in figure.axes if height - ax.bbox.y1 / figure.dpi / MM < depth]
-        covered = max((box.x1 for box in above), default=0.0) / figure.dpi / MM
-        return width - covered - 2.0 * margin
-
-    def write(x: float, y: float, text: str, **how: Any) -> None:
-        place = 1.0 - (x + margin) / width, 1.0 - (y + margin) / height
-        figure.text(*place, text, fontsize=size, va="baseline", **how)
-
-    symbols = max(text_mm(cells[0], size) for cells in table)
-    lines = [[h.text for h in headings], *(cells[1:] for cells in table)]
-    widths = [max(text_mm(texts[k], size) for texts in lines) for k in range(len(headings))]
-    first = 1.2 * line if any(h.run for h in headings) else 0.0  # height of the runs' names
-    room = free(margin + first + line * len(lines))
-    order = sorted(range(len(headings)), key=lambda k: headings[k].rank)
-    while order and symbols + sum(_spread(headings, widths, order, gap)) > room:
-        order.pop()
-    if not order:
-        return
-    right = 0.0
-    for k, across in sorted(
-        zip(order, _spread(headings, widths, order, gap), strict=True), reverse=True
-    ):
-        head = headings[k]
-        if head.run and not any(j > k and headings[j].run == head.run for j in order):
-            own = [j for j in order if headings[j].run == head.run]
-            wide = max(sum(widths[j] + gap for j in own) - gap, text_mm(head.run, size))
-            write(right, 0.8 * line, head.run, color=head.colour, ha="right")
-            _rule(figure, (right + margin, margin + 1.15 * line, wide), head.colour)
-        for row, texts in enumerate(lines):
-            write(right, first + line * (row + 0.8), texts[k], color=head.colour, ha="right")
-        right += across
-    for row, cells in enumerate(table):
-        write(right + symbols, first + line * (row + 1.8), cells[0])
-    down = first + line * (len(lines) + 1.4)
-    for note, hue in notes:
-        if text_mm(note, size) <= free(margin + down + 0.2 * line):
-            write(0.0, down, note, color=hue, ha="right")
-            down += line
-
-
-def _spread(
-    headings: Sequence[_Heading], widths: Sequence[float], order: Sequence[int], gap: float
-) -> list[float]:
-    """Width of each chosen column with its gap, mm; the first of a run makes room for its name."""
-    size, out = font_points("legend.fontsize"), []
-    for k in order:
-        own = [j for j in order if headings[j].run and headings[j].run == headings[k].run]
-        taken = sum(widths[j] + gap for j in own)
-        spare = text_mm(headings[k].run, size) + gap - taken if own and k == min(own) else 0.0
-        out.append(widths[k] + gap + max(spare, 0.0))
-    return out
-
-
-def _rule(figure: Figure, place: tuple[float, float, float], hue: str) -> None:
-    """A thin line: distance of its right end from the right edge and from the top, length; mm."""
-    from matplotlib.lines import Line2D
-
-    width, height = (side / MM for side in figure.get_size_inches())
-    right, down, length = place
-    ends = [1.0 - (right + length) / width, 1.0 - right / width]
-    figure.add_artist(Line2D(ends, [1.0 - down / height] * 2, color=hue, linewidth=0.6))
+    write_table(figure, headings, table, notes, 1.45 if wide else 1.25)
