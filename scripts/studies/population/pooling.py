@@ -25,11 +25,11 @@ __all__ = ["POPULATION", "SINGLE", "HeldRun", "pool", "sampled"]
 
 SINGLE: dict[str, Any] = {
     **{"ess": 1000.0, "max_steps": 6000, "first_block": 64},
-    **{"ensembles": 2, "walkers": 32, "population": 2048},
+    **{"ensembles": 2, "walkers": 32},
 }
 """Plan of a single specimen: that of a calibration study, and more draws."""
 POPULATION: dict[str, Any] = {
-    **{"ess": 400.0, "max_steps": 6000, "first_block": 256},
+    **{"ess": 400.0, "max_steps": 6000, "first_block": 200},
     **{"ensembles": 2, "chains": 16},
 }
 """Plan of a population: fewer and smaller ensembles than ``biaxbayes population`` has."""

@@ -10,8 +10,8 @@
 ``calibration``: studies whose truths are drawn from the model's own priors. ``ridge``: twelve
 media, nine with an equibiaxial test only; ``alike``: all twelve so. ``common-misfit`` and
 ``own-misfit``: media that the law misses smoothly, all in the same way or each in its own.
-``time``: how long a population takes from finished runs. Every study that ends is kept as a line of JSON, and the same
-command goes on where it was stopped.
+``time``: how long a population takes from finished runs. Every study that ends is kept as a line
+of JSON, and the same command goes on where it was stopped.
 """
 
 from __future__ import annotations
