@@ -40,6 +40,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--specimens", type=int, nargs="+", default=[10, 20, 40, 100])
+    parser.add_argument(
+        "--runs", type=int, default=20, help="finished runs that time is taken from"
+    )
     parser.add_argument("--draws", type=int, default=3000, help="of each chain of NUTS")
     parser.add_argument("--warmup", type=int, default=600)
     parser.add_argument("--packages", help="a folder of further packages, such as jax")
@@ -56,7 +59,7 @@ def main() -> None:
     elif asked.what == "agreement":
         agree(asked.folder, asked.draws, asked.warmup)
     elif asked.what == "time":
-        time_them(asked.folder, asked.specimens, asked.workers)
+        time_them(asked.folder, asked.specimens, asked.runs, asked.workers)
     elif asked.what == "calibration":
         from studies.population.calibration import calibrate
         from studies.population.records import run_all
@@ -79,12 +82,12 @@ def agree(folder: Path, draws: int, warmup: int) -> None:
     run_all(lambda _: nuts(folder / "six", draws, warmup), [SEED], folder / "agreement.jsonl", 1)
 
 
-def time_them(folder: Path, counts: list[int], workers: int) -> None:
-    """Populations of the first specimens of one finished study."""
+def time_them(folder: Path, counts: list[int], runs: int, workers: int) -> None:
+    """Populations of the specimens of one finished study."""
     from studies.population.records import run_all
     from studies.population.timing import finished_runs, timed
 
-    study = finished_runs(folder / "many", max(counts))
+    study = finished_runs(folder / "many", runs)
 
     def one(count: int) -> dict[str, object]:
         return timed(study, count, folder / "many", workers)

@@ -271,13 +271,14 @@ def times(folder: Path) -> str:
         ratio = np.log(last["cpu"] / first["cpu"])
         power = ratio / np.log(last["specimens"] / first["specimens"])
         loads = [r["load"] for r in records]
+        threads = f"{first['workers']} thread{'s' * (first['workers'] > 1)}"
         said = (
             f"From {first['specimens']} to {last['specimens']} specimens processor time grows as "
-            f"the power {power:.2f} of their number. A machine of {first['processors']} processors "
-            f"shared with other work (load {min(loads):.1f} to {max(loads):.1f} at the start of a "
-            f"population), {first['workers']} thread{'s' * (first['workers'] > 1)}: wall times are "
-            "those of a busy machine, and processor time is up to half as long again on it as on a "
-            "quiet one."
+            f"the power {power:.2f} of their number. {last['distinct']} finished runs; where there "
+            "are more specimens they are the same again as of other donors. A machine of "
+            f"{first['processors']} processors shared with other work (load {min(loads):.1f} to "
+            f"{max(loads):.1f} at the start of a population), {threads}: wall times are those of a "
+            "busy machine, and processor time is longer on it than on a quiet one."
         )
     return table(head, rows, left=0) + "\n" + _paragraph(said)
 

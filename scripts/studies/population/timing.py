@@ -36,14 +36,10 @@ def finished_runs(folder: Path, count: int) -> Path:
 
 
 def timed(study: Path, count: int, folder: Path, workers: int) -> dict[str, Any]:
-    """The population of the first specimens of a finished study: seconds and effective draws."""
+    """The population of so many specimens of a finished study: seconds and effective draws."""
     part = folder / f"first-{count}"
     part.mkdir(parents=True, exist_ok=True)
-    table = pd.read_csv(study / "study.csv", dtype=str, keep_default_na=False)
-    names = list(dict.fromkeys(table["specimen"]))[:count]
-    own = table[table["specimen"].isin(names)].copy()
-    own["folder"] = [str((study / f).resolve()) for f in own["folder"]]
-    own.to_csv(part / "study.csv", index=False)
+    _first(study, count).to_csv(part / "study.csv", index=False)
     shutil.copy(study / "study.json", part / "study.json")
     out = folder / f"population-{count}"
     shutil.rmtree(out, ignore_errors=True)
@@ -54,6 +50,7 @@ def timed(study: Path, count: int, folder: Path, workers: int) -> dict[str, Any]
     return {
         "seed": count,
         "specimens": len(record["identity"]["runs"]),
+        "distinct": len({r["draws"] for r in record["identity"]["runs"].values()}),
         "workers": workers,
         "state": found.state,
         "cpu": round(time.process_time() - cpu, 1),
@@ -62,3 +59,17 @@ def timed(study: Path, count: int, folder: Path, workers: int) -> dict[str, Any]
         "processors": os.cpu_count(),
         "convergence": record["convergence"],
     }
+
+
+def _first(study: Path, count: int) -> pd.DataFrame:
+    """Rows of so many specimens; where there are fewer, the same again as of other donors."""
+    table = pd.read_csv(study / "study.csv", dtype=str, keep_default_na=False)
+    table = table.drop_duplicates("specimen")
+    table["folder"] = [str((study / f).resolve()) for f in table["folder"]]
+    parts = []
+    for turn in range(-(-count // len(table))):
+        again = table.copy()
+        for column in ("specimen", "donor"):
+            again[column] += f"-{turn}" if turn else ""
+        parts.append(again)
+    return pd.concat(parts).head(count)
