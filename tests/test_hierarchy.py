@@ -233,7 +233,7 @@ def test_density_that_joint_moves_carry_on_is_that_of_where_they_ended():
         ensemble._move_together(tuning, extra, carried)
     assert carried == pytest.approx(ensemble._marginal(ensemble.theta, extra), rel=1e-12)
     moved = np.abs(carried - first) > 1e-9
-    assert 5 < moved.sum() and ensemble.accepted["together"][0] < 20
+    assert moved.sum() > 5 and ensemble.accepted["together"][0] < 20
 
 
 def test_a_stop_leaves_a_state_to_go_on_from():

@@ -24,7 +24,7 @@ from biaxbayes.specimens.specimen import Specimen
 __all__ = ["POPULATION", "SINGLE", "HeldRun", "pool", "sampled"]
 
 SINGLE: dict[str, Any] = {
-    **{"ess": 1000.0, "max_steps": 6000, "first_block": 64},
+    **{"ess": 1000.0, "max_steps": 3000, "first_block": 64},
     **{"ensembles": 2, "walkers": 32},
 }
 """Plan of a single specimen: that of a calibration study, and more draws."""

@@ -47,7 +47,8 @@ def _not_converged(records: Records) -> str:
     bad = sum(s != "converged" for s in states), sum(s != "converged" for s in singles)
     return (
         f"{bad[0]} of {len(states)} populations and {bad[1]} of {len(singles)} single runs did not "
-        "reach their target"
+        f"reach their target (populations: at least {min(r['ess'] for r in records):.0f} effective "
+        f"draws of every reported quantity, R-hat at most {max(r['rhat'] for r in records):.3f})"
     )
 
 
@@ -114,7 +115,6 @@ def calibration(folder: Path) -> str:
     hyper = judged[kind == "hyperparameters"]
     outside = int((hyper["inside_band"] == "no").sum())
     new, stress = (_range(judged[kind == k]["coverage_90"]) for k in ("new specimen", "stress"))
-    ess = np.array([r["ess"] for r in records])
     thrown = sum(r["rejected"] for r in records)
     said = (
         f"{len(records)} studies. Hyperparameters: all together p = {verdict(hyper)[1]:.2g}; "
@@ -122,9 +122,8 @@ def calibration(folder: Path) -> str:
         f"together: p = {verdict(judged)[1]:.2g}. Intervals of 90 % of a new specimen's parameters "
         f"hold {new} of the truths (mean {judged[kind == 'new specimen']['coverage_90'].mean():.3f}"
         f"), those of its stress {stress} (mean "
-        f"{judged[kind == 'stress']['coverage_90'].mean():.3f}). {_not_converged(records)}; "
-        f"effective draws of the worst quantity {ess.min():.0f} to {ess.max():.0f}. {thrown} "
-        "studies were drawn anew because a specimen had no stable mounted state."
+        f"{judged[kind == 'stress']['coverage_90'].mean():.3f}). {_not_converged(records)}. "
+        f"{thrown} studies were drawn anew because a specimen had no stable mounted state."
     )
     head = ["quantity", "p", "50 %", "80 %", "90 %"]
     return _paragraph(said) + "\n\n" + table(head, rows)
@@ -173,10 +172,14 @@ class _Pooled:
         of = [x[:, :, 2] - x[:, :, 0] for x in (self.pooled, self.single)]
         return np.asarray(np.median((of[0] / of[1])[self.few], axis=0))
 
-    def errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rms errors of the pooled mean, and of the mean of the single medians, (p,)."""
+    def errors(self, *, of_these: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Rms errors of the pooled mean, and of the mean of the single medians, (p,).
+
+        About the group's mean, or about that of the true values of these specimens.
+        """
         medians = self.single[:, :, 1].mean(axis=1)
-        pair = (self.mean[:, 1] - self.centre, medians - self.centre)
+        about = self.truth.mean(axis=1) if of_these else self.centre
+        pair = (self.mean[:, 1] - about, medians - about)
         first, second = (np.sqrt((x**2).mean(axis=0)) for x in pair)
         return first, second
 
@@ -199,13 +202,16 @@ def ridge(folder: Path) -> str:
         of = _Pooled(records)
         held, own = of.held(of.pooled), of.held(of.single)
         width, (error, plain), mean = of.width(), of.errors(), of.mean_held()
+        ours, theirs = of.errors(of_these=True)
         rows = [
             [name, f"{width[k]:.2f}", f"{own[k]:.2f}", f"{held[k]:.2f}"]
-            + [f"{error[k]:.3g}", f"{plain[k]:.3g}", f"{error[k] / plain[k]:.2f}", f"{mean[k]:.2f}"]
+            + [f"{error[k]:.3g}", f"{plain[k]:.3g}", f"{error[k] / plain[k]:.2f}"]
+            + [f"{ours[k] / theirs[k]:.2f}", f"{mean[k]:.2f}"]
             for k, name in enumerate(PARAMETERS)
         ]
         head = ["parameter", "width, pooled over alone", "held alone", "held pooled"]
-        head += ["rms error of the mean", "of the mean of medians", "ratio", "mean held"]
+        head += ["rms error of the mean", "of the mean of medians", "ratio"]
+        head += ["ratio about these specimens' own mean", "mean held"]
         text = f"{said}: {len(records)} studies; {_not_converged(records)}."
         parts.append(_paragraph(text) + "\n\n" + table(head, rows))
     return "\n".join(parts)
