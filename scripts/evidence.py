@@ -140,6 +140,7 @@ PAGES = {
             f"{STUDY} population alike --studies 6 --workers 2 --folder {{work}}",
             f"{STUDY} population common-misfit --studies 20 --workers 2 --folder {{work}}",
             f"{STUDY} population own-misfit --studies 20 --workers 2 --folder {{work}}",
+            f"{STUDY} population no-misfit --studies 20 --workers 2 --folder {{work}}",
             f"{STUDY} population agreement --folder {{work}}",
             f"{STUDY} population time --specimens 10 20 40 100 --folder {{work}}",
             f"{STUDY} population table --folder {{work}} --page docs/population.md",

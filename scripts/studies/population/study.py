@@ -9,7 +9,8 @@
 ``agreement``: six specimens of three protocols in two groups, and NUTS on all of it at once.
 ``calibration``: studies whose truths are drawn from the model's own priors. ``ridge``: twelve
 media, nine with an equibiaxial test only; ``alike``: all twelve so. ``common-misfit`` and
-``own-misfit``: media that the law misses smoothly, all in the same way or each in its own.
+``own-misfit``: media that the law misses smoothly, all in the same way or each in its own;
+``no-misfit``: the same media without it.
 ``time``: how long a population takes from finished runs. Every study that ends is kept as a line
 of JSON, and the same command goes on where it was stopped.
 """
@@ -26,7 +27,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 FIRST = 100
 """Seeds below it were used while the studies were made."""
-POOLED = ("ridge", "alike", "common-misfit", "own-misfit")
+POOLED = ("ridge", "alike", "common-misfit", "own-misfit", "no-misfit")
 
 
 def main() -> None:

@@ -203,15 +203,17 @@ def ridge(folder: Path) -> str:
         held, own = of.held(of.pooled), of.held(of.single)
         width, (error, plain), mean = of.width(), of.errors(), of.mean_held()
         ours, theirs = of.errors(of_these=True)
+        floor = np.sqrt(((of.truth.mean(axis=1) - of.centre) ** 2).mean(axis=0))
         rows = [
             [name, f"{width[k]:.2f}", f"{own[k]:.2f}", f"{held[k]:.2f}"]
-            + [f"{error[k]:.3g}", f"{plain[k]:.3g}", f"{error[k] / plain[k]:.2f}"]
+            + [f"{x[k]:.3g}" for x in (error, plain, floor)]
+            + [f"{error[k] / plain[k]:.2f}"]
             + [f"{ours[k] / theirs[k]:.2f}", f"{mean[k]:.2f}"]
             for k, name in enumerate(PARAMETERS)
         ]
         head = ["parameter", "width, pooled over alone", "held alone", "held pooled"]
-        head += ["rms error of the mean", "of the mean of medians", "ratio"]
-        head += ["ratio about these specimens' own mean", "mean held"]
+        head += ["rms error of the mean", "of the mean of medians", "of the mean of the truths"]
+        head += ["ratio of the first two", "the same about the truths' mean", "mean held"]
         text = f"{said}: {len(records)} studies; {_not_converged(records)}."
         parts.append(_paragraph(text) + "\n\n" + table(head, rows))
     return "\n".join(parts)
@@ -222,7 +224,8 @@ def misfit(folder: Path) -> str:
     parts = []
     for kind, said in (
         ("common-misfit", "The same misfit in all specimens of a study"),
-        ("own-misfit", "Beside it, a misfit of each specimen's own"),
+        ("own-misfit", "A misfit of each specimen's own"),
+        ("no-misfit", "The same specimens without misfit, independent noise"),
     ):
         records = kept(folder / f"{kind}.jsonl")
         if not records:

@@ -66,6 +66,7 @@ PLANS = {
     "alike": Plan(12, three_protocols=(), noise_N=0.01, increments=12),
     "common-misfit": Plan(8, misfit="common", noise="effective"),
     "own-misfit": Plan(8, misfit="own", noise="effective"),
+    "no-misfit": Plan(8),
 }
 
 
