@@ -14,7 +14,7 @@ __all__ = ["pooled_study"]
 
 LEVELS = (0.05, 0.5, 0.95)
 MOST_SWEEPS = 500
-"""Kept; along long ridges fewer than the sampler asks for, and enough for intervals."""
+"""Kept: fewer than the sampler may ask for where specimens leave long ridges."""
 
 
 def pooled_study(kind: str, seed: int) -> dict[str, Any]:
