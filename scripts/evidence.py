@@ -132,6 +132,22 @@ PAGES = {
             "--candidates effective independent --page docs/model-error.md",
         ),
     ),
+    "population": Page(
+        "docs/population.md",
+        (*POSTERIOR, "populations"),
+        (
+            f"{STUDY} population calibration --studies 200 --workers 2 --folder {{work}}",
+            f"{STUDY} population ridge --studies 20 --workers 2 --folder {{work}}",
+            f"{STUDY} population alike --studies 6 --workers 2 --folder {{work}}",
+            f"{STUDY} population common-misfit --studies 20 --workers 2 --folder {{work}}",
+            f"{STUDY} population own-misfit --studies 20 --workers 2 --folder {{work}}",
+            f"{STUDY} population no-misfit --studies 20 --workers 2 --folder {{work}}",
+            f"{STUDY} population agreement --folder {{work}}",
+            f"{STUDY} population time --specimens 10 20 40 100 --folder {{work}}",
+            f"{STUDY} population table --folder {{work}} --page docs/population.md",
+        ),
+        ("numpyro",),
+    ),
     "calibration": Page(
         "docs/calibration.md",
         (*POSTERIOR, "calibration"),

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import norm
 
-from biaxbayes.populations.ensemble import Design, Individual
+from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Tuning
 from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
 from biaxbayes.populations.predictive import cut_median
 from biaxbayes.populations.sampler import Plan, draw
@@ -121,7 +121,9 @@ QUICK = {
 }
 
 
-def normal_design(prior_sd: float = 0.7) -> tuple[Design, np.ndarray]:
+def normal_design(
+    prior_sd: float = 0.7, low: float = -INF, high: float = INF
+) -> tuple[Design, np.ndarray]:
     rng = np.random.default_rng(8)
     y = np.array([0.2, 0.5, -0.4, -0.9, 0.6, -0.1])
 
@@ -136,7 +138,8 @@ def normal_design(prior_sd: float = 0.7) -> tuple[Design, np.ndarray]:
             pool,
         )
 
-    return Design(tuple(individual(i) for i in range(6)), (((0,), layout()),), np.zeros(1)), y
+    blocks = (((0,), layout(low=low, high=high)),)
+    return Design(tuple(individual(i) for i in range(6)), blocks, np.zeros(1)), y
 
 
 def quantities(history):
@@ -215,6 +218,22 @@ def test_one_seed_the_same_bytes_whatever_comes_between():
             assert values.tobytes() == other.history.arrays()[name].tobytes(), name
     another = draw(design, Plan(ess=1e9, seed=6, **quick), quantities)
     assert (another.history.mu != whole.history.mu).any()
+
+
+def test_density_that_joint_moves_carry_on_is_that_of_where_they_ended():
+    """Where a location is refused, the whole move is taken back, and its density with it."""
+    design, _ = normal_design(low=-0.1, high=0.6)
+    ensemble = Ensemble(design, 0, 32, np.random.SeedSequence(4))
+    n = len(GROUP)
+    tuning = Tuning((), (), 0.3 * np.ones((1, n, 1)), np.ones(1))
+    extra = ensemble._augmented()
+    carried = ensemble._marginal(ensemble.theta, extra)
+    first = carried.copy()
+    for _ in range(20):
+        ensemble._move_together(tuning, extra, carried)
+    assert carried == pytest.approx(ensemble._marginal(ensemble.theta, extra), rel=1e-12)
+    moved = np.abs(carried - first) > 1e-9
+    assert moved.sum() > 5 and ensemble.accepted["together"][0] < 20
 
 
 def test_a_stop_leaves_a_state_to_go_on_from():

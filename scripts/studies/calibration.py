@@ -165,8 +165,8 @@ def write_page(folder: Path, docs: Path) -> None:
     """The page and its figures, from the cases that have ranks."""
     from biaxbayes.calibration.calibration import RANKED_DRAWS
     from biaxbayes.calibration.ranks import calibration_table
-    from biaxbayes.figures.style import save_figure
     from biaxbayes.figures.run.trace import rank_figure
+    from biaxbayes.figures.style import save_figure
     from biaxbayes.jobs.calibrate import read_ranks
     from biaxbayes.text_files import atomic_write_text
 

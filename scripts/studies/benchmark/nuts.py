@@ -7,11 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
+from biaxbayes.parameters import mounting_names
+from studies.benchmark.natural_density import LOGS, NAMES, NaturalDensity, summaries
 from studies.benchmark.outcome import Outcome, judged
 from studies.benchmark.straight import Straight
 
-__all__ = ["jax_log_density", "jax_mounting_load", "nuts", "straightened", "straightened_nuts"]
+__all__ = [
+    "jax_log_density",
+    "jax_mounting_load",
+    "jax_readings",
+    "log_density_of",
+    "nuts",
+    "straightened",
+    "straightened_nuts",
+]
 
 
 def jax_log_density(density: NaturalDensity) -> Any:
@@ -19,36 +28,53 @@ def jax_log_density(density: NaturalDensity) -> Any:
 
     Independent of the package's own: written from the equations, for NUTS and as a check.
     """
+    given = jax_readings(density)
+    return lambda x: log_density_of(given, x)
+
+
+def jax_readings(density: NaturalDensity) -> dict[str, Any]:
+    """What :func:`log_density_of` needs of a specimen, as arrays."""
     import jax.numpy as jnp
 
     problem, priors = density.problem, density.priors
-    squared = [jnp.asarray(v) for v in (problem.X, problem.Y, problem.Z)]
-    inverse = [jnp.asarray(v) for v in (problem.ilx, problem.ily)]
-    read = [jnp.asarray(v) for v in (problem.fx, problem.fy)]
     rows = np.diff(problem.start)
-    beta = jnp.asarray(np.repeat(problem.beta, rows, axis=0))
+    logs = [priors[name] for name in LOGS]
+    lm = [priors[name] for name in mounting_names("stretch")]
+    arrays = {
+        "squared": (problem.X, problem.Y, problem.Z),
+        "inverse": (problem.ilx, problem.ily),
+        "read": (problem.fx, problem.fy),
+        "beta": np.repeat(problem.beta, rows, axis=0).T,
+        # N per kPa is area, or area over the mounting stretch
+        "area": problem.area,
+        "mounted": 1.0 if problem.mounted else 0.0,
+        "reading": problem.reading[0],
+        "reading_sd": problem.reading_sd[0],
+        "stretch": ([p.location for p in lm], [p.scale for p in lm]),
+        "log": ([np.log(p.location) for p in logs], [p.scale for p in logs]),
+    }
+    return {name: jnp.asarray(np.array(values, dtype=float)) for name, values in arrays.items()}
 
-    def log_density(x):
-        theta, (lx, ly), w = x[:5], x[5:7], x[7]
-        lz2 = 1.0 / (lx * ly) ** 2
-        mounted = _stress(theta, lx**2, ly**2, lz2)
-        total = 0.0
-        loads = _stress(theta, lx**2 * squared[0], ly**2 * squared[1], lz2 * squared[2])
-        for k, lm in enumerate((lx, ly)):
-            section = problem.area[k] * (1.0 if problem.mounted else 1.0 / lm)
-            residual = read[k] - section * inverse[k] * loads[k]
-            total += (beta[:, k] * (-0.5 * (residual / w) ** 2 - jnp.log(w))).sum()
-            p0 = section * mounted[k]
-            total -= 0.5 * ((problem.reading[0, k] - p0) / problem.reading_sd[0, k]) ** 2
-            prior = priors[f"mounting_stretch_{'xy'[k]}"]
-            total -= 0.5 * ((lm - prior.location) / prior.scale) ** 2
-        for value, name in ((x[0], "C1"), (x[1], "k1"), (x[2], "k2"), (w, "noise_sd")):
-            prior = priors[name]
-            z = (jnp.log(value) - np.log(prior.location)) / prior.scale
-            total += -0.5 * z * z - jnp.log(value)
-        return total
 
-    return log_density
+def log_density_of(given: dict[str, Any], x: Any) -> Any:
+    """The density of :func:`jax_log_density` at x (8,), of what :func:`jax_readings` gave."""
+    import jax.numpy as jnp
+
+    theta, lm, w = x[:5], x[5:7], x[7]
+    lz2 = 1.0 / (lm[0] * lm[1]) ** 2
+    mounted = _stress(theta, lm[0] ** 2, lm[1] ** 2, lz2)
+    squared = given["squared"]
+    loads = _stress(theta, lm[0] ** 2 * squared[0], lm[1] ** 2 * squared[1], lz2 * squared[2])
+    total = 0.0
+    for k in range(2):
+        section = given["area"][k] * jnp.where(given["mounted"] > 0.0, 1.0, 1.0 / lm[k])
+        residual = given["read"][k] - section * given["inverse"][k] * loads[k]
+        total += (given["beta"][k] * (-0.5 * (residual / w) ** 2 - jnp.log(w))).sum()
+        p0 = section * mounted[k]
+        total -= 0.5 * ((given["reading"][k] - p0) / given["reading_sd"][k]) ** 2
+    total -= 0.5 * (((lm - given["stretch"][0]) / given["stretch"][1]) ** 2).sum()
+    logs = jnp.log(jnp.stack([x[0], x[1], x[2], w]))
+    return total - (0.5 * ((logs - given["log"][0]) / given["log"][1]) ** 2 + logs).sum()
 
 
 def _stress(theta: Any, lx2: Any, ly2: Any, lz2: Any) -> tuple[Any, Any]:

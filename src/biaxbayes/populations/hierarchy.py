@@ -223,24 +223,45 @@ def _collapse(layout, N, S, Q, ns, P, logdet, Om, logdet_d, A, M, r):
         for k in range(b):
             M[g * b + k, g * b + k] = 1.0 / layout.mean_sd[k] ** 2
             value -= math.log(layout.mean_sd[k])
+    # donors with as many specimens in every group have one A: it is worked out once for them
+    first, alike = np.empty(D, dtype=np.int64), np.zeros(D)
+    logs = np.empty(D)
+    kinds = 0
     for d in range(D):
-        # A^-1 = Omega^-1 + sum_g N_dg P_g
+        kind = 0
+        while kind < kinds and np.any(N[first[kind]] != N[d]):
+            kind += 1
+        if kind == kinds:
+            # A^-1 = Omega^-1 + sum_g N_dg P_g
+            for k in range(b):
+                for j in range(b):
+                    work[k, j] = Om[k, j]
+            for g in range(G):
+                if N[d, g] > 0.0:
+                    s = layout.set_of[g]
+                    for k in range(b):
+                        for j in range(b):
+                            work[k, j] += N[d, g] * P[s, k, j]
+            logs[kind] = _cholesky(work, b)
+            if not np.isfinite(logs[kind]):
+                return -np.inf
+            _inverse_from(work, b, A[d])
+            first[kind] = d
+            kinds += 1
+        else:
+            for k in range(b):
+                for j in range(b):
+                    A[d, k, j] = A[first[kind], k, j]
+        alike[kind] += 1.0
+        value -= 0.5 * (logs[kind] + logdet_d)
         for k in range(b):
             t[k] = 0.0
-            for j in range(b):
-                work[k, j] = Om[k, j]
         for g in range(G):
             if N[d, g] > 0.0:
                 s = layout.set_of[g]
                 for k in range(b):
                     for j in range(b):
-                        work[k, j] += N[d, g] * P[s, k, j]
                         t[k] += P[s, k, j] * S[d, g, j]
-        found = _cholesky(work, b)
-        if not np.isfinite(found):
-            return -np.inf
-        _inverse_from(work, b, A[d])
-        value -= 0.5 * (found + logdet_d)
         for k in range(b):
             v[k] = 0.0
             for j in range(b):
@@ -254,9 +275,16 @@ def _collapse(layout, N, S, Q, ns, P, logdet, Om, logdet_d, A, M, r):
             for k in range(b):
                 for j in range(b):
                     r[g * b + k] += P[s, k, j] * (S[d, g, j] - N[d, g] * v[j])
-                    M[g * b + k, g * b + j] += N[d, g] * P[s, k, j]
+    for kind in range(kinds):
+        d = first[kind]
+        for g in range(G):
+            if N[d, g] == 0.0:
+                continue
+            s = layout.set_of[g]
+            times = alike[kind] * N[d, g]
             for k in range(b):
                 for j in range(b):
+                    M[g * b + k, g * b + j] += times * P[s, k, j]
                     left[k, j] = 0.0
                     for q in range(b):
                         left[k, j] += P[s, k, q] * A[d, q, j]
@@ -269,7 +297,7 @@ def _collapse(layout, N, S, Q, ns, P, logdet, Om, logdet_d, A, M, r):
                         x = 0.0
                         for q in range(b):
                             x += left[k, q] * P[u, q, j]
-                        M[g * b + k, h * b + j] -= N[d, g] * N[d, h] * x
+                        M[g * b + k, h * b + j] -= times * N[d, h] * x
     size = G * b
     found = _cholesky(M, size)
     if not np.isfinite(found):

@@ -1,0 +1,1 @@
+"""Populations of virtual specimens: truths, studies of many kinds, and their tables."""

@@ -1,0 +1,101 @@
+"""The studies behind docs/population.md: their truths, their records and what is made of them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from biaxbayes.populations.hierarchy import LEAST_INSIDE
+from studies.population.calibration import GROUPS, PRIORS, Truths, values_of
+from studies.population.records import kept, run_all
+from studies.population.tables import _Pooled
+from studies.population.virtual import CENTRES, PARAMETERS, PLANS, Plan, made, on_scale
+
+
+def test_truths_are_cut_as_the_model_cuts_them():
+    values = values_of(PRIORS)
+    drawn = [Truths(values, np.random.default_rng(seed)) for seed in range(120)]
+    kappa = PARAMETERS.index("kappa")
+    low, high = values[kappa].edges
+    for t in drawn:
+        assert t.theta.shape == (8, 5) and list(t.group[:3]) == [0, 1, 0]
+        assert np.all((t.theta[:, kappa] >= low) & (t.theta[:, kappa] <= high))
+        location = (t.mu[t.group] + t.effect[t.donor])[:, kappa]
+        of = norm(location, t.sd[kappa])
+        assert np.all(of.cdf(high) - of.cdf(low) >= LEAST_INSIDE)
+        assert len(t.named()) == 5 * (len(GROUPS) + 2)
+    # what is not cut keeps its prior: mean and sd of 240 means, sds half-normal
+    C1 = np.array([t.mu[:, 0] for t in drawn]).ravel()
+    assert abs(C1.mean() - values[0].mean) < 4 * values[0].mean_sd / np.sqrt(C1.size)
+    assert C1.std() == pytest.approx(values[0].mean_sd, rel=0.2)
+    sd = np.array([t.sd[0] for t in drawn])
+    assert np.sqrt((sd**2).mean()) == pytest.approx(values[0].specimen_scale, rel=0.25)
+    # specimens scatter about their location by the sd between specimens
+    off = np.array([(t.theta - t.mu[t.group] - t.effect[t.donor])[:, 0] / t.sd[0] for t in drawn])
+    assert off.std() == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_common_misfit_is_the_same_in_all_specimens():
+    def factors(kind):
+        plan = Plan(4, misfit=kind, noise_N=1e-9)
+        plain = made(Plan(4, noise_N=1e-9), 3)
+        out = []
+        for a, b in zip(made(plan, 3), plain, strict=True):
+            assert a.specimen.protocols[0].stretch_x[-1] == b.specimen.protocols[0].stretch_x[-1]
+            out.append(a.specimen.protocols[1].load_y / b.specimen.protocols[1].load_y)
+        return np.array(out)
+
+    common, own = factors("common"), factors("own")
+    assert np.ptp(common, axis=0).max() < 1e-3 < 0.005 < np.ptp(common, axis=1).max()
+    assert np.ptp(own, axis=0).max() > 0.01
+    assert 0.005 < (own - 1).std() < 0.06
+
+
+def test_ridge_studies_have_three_specimens_with_further_protocols():
+    counts = [len(m.specimen.protocols) for m in made(PLANS["ridge"], 100)]
+    assert sorted(counts) == [1] * 9 + [3] * 3
+    six = made(PLANS["six"], 5)
+    assert [m.group for m in six] == ["media", "adventitia"] * 3
+    assert len({m.donor for m in six}) == 3 and {len(m.specimen.protocols) for m in six} == {3}
+
+
+def test_records_go_on_where_they_stopped(tmp_path, capsys):
+    path = tmp_path / "study.jsonl"
+    asked = []
+
+    def study(seed):
+        asked.append(seed)
+        return {"seed": seed, "square": seed**2}
+
+    run_all(study, [3, 1], path, 1)
+    with path.open("a") as file:
+        file.write('{"seed": 2, "squ')  # killed while it wrote
+    run_all(study, [1, 2, 3], path, 1)
+    assert asked == [3, 1, 2]
+    assert [r["square"] for r in kept(path)] == [1, 4, 9]
+    assert kept(tmp_path / "nothing.jsonl") == []
+
+
+def test_widths_coverage_and_errors_of_pooled_records():
+    centre = on_scale(CENTRES["media"])
+    truth = centre + np.array([[0.1] * 5, [-0.1] * 5])
+
+    def intervals(middle, half):
+        return (middle[:, None] + half * np.array([-1.0, 0.0, 1.0])[:, None]).tolist()
+
+    record = {
+        **{"truth": truth.tolist(), "protocols": [1, 3]},
+        "single": intervals(truth + 0.2, 0.4),
+        "pooled": intervals(truth + 0.2, 0.1),
+        "mean": intervals(centre[None] + 0.05, 0.1)[0],
+        **{"sd_donors": [[0.1] * 5] * 3, "sd_specimens": [[0.1] * 5] * 3},
+    }
+    of = _Pooled([json.loads(json.dumps(record))] * 2)
+    assert of.width() == pytest.approx(0.25)
+    assert of.held(of.single) == pytest.approx(1.0) and of.held(of.pooled) == pytest.approx(0.0)
+    ours, theirs = of.errors()
+    assert ours == pytest.approx(0.05) and theirs == pytest.approx(0.2)
+    assert of.mean_held() == pytest.approx(1.0)
