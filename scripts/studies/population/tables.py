@@ -222,6 +222,7 @@ def ridge(folder: Path) -> str:
 def misfit(folder: Path) -> str:
     """What an error of the law does that all specimens share, beside one of each its own."""
     parts = []
+    sharp = {r["seed"]: r for r in kept(folder / "no-misfit.jsonl")}
     for kind, said in (
         ("common-misfit", "The same misfit in all specimens of a study"),
         ("own-misfit", "A misfit of each specimen's own"),
@@ -236,6 +237,10 @@ def misfit(folder: Path) -> str:
         # total variance of a specimen about the group's mean, donors and specimens together
         total = np.sqrt(medians**2 + of.sd_donors[:, 1] ** 2)
         true = np.hypot(SD_DONORS, SD_SPECIMENS)
+        paired = [r for r in records if r["seed"] in sharp and kind != "no-misfit"]
+        own_sd = np.array([r["sd_specimens"][1] for r in paired])
+        sharp_sd = np.array([sharp[r["seed"]]["sd_specimens"][1] for r in paired])
+        without = np.median(own_sd / sharp_sd, axis=0) if paired else np.ones(0)
         error, _ = of.errors()
         stated = np.sqrt((((of.mean[:, 2] - of.mean[:, 0]) / 3.29) ** 2).mean(axis=0))
         rows = [
@@ -243,11 +248,13 @@ def misfit(folder: Path) -> str:
             + [f"{error[k] / stated[k]:.2f}"]
             + [f"{np.median(medians[:, k]) / SD_SPECIMENS[k]:.2f}"]
             + [f"{np.median(total[:, k]) / true[k]:.2f}"]
+            + ([f"{without[k]:.2f}"] if paired else [])
             for k, name in enumerate(PARAMETERS)
         ]
         head = ["parameter", "held alone", "held pooled", "mean held"]
         head += ["rms error of the mean over its stated sd", "sd_specimens over the true one"]
         head += ["total sd over the true one"]
+        head += [f"sd_specimens over that without misfit, {len(paired)} studies"] if paired else []
         beta = np.concatenate([r["beta"] for r in records])
         text = (
             f"{said}: {len(records)} studies of {of.truth.shape[1]} specimens; weights "
