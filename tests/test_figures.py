@@ -252,11 +252,17 @@ def test_few_draws_have_a_smooth_density():
 def test_a_hundred_thousand_draws_are_fast():
     import time
 
-    draws = draws_of(100_000)
+    few, many = draws_of(10_000), draws_of(100_000)
     corner_figure(draws_of(100))  # imports
-    before = time.process_time()
-    corner_figure(draws)
-    assert time.process_time() - before < 1.5
+
+    def seconds(draws):
+        before = time.process_time()
+        corner_figure(draws)
+        return time.process_time() - before
+
+    # other work on the machine only adds
+    taken = np.array([(seconds(few), seconds(many)) for _ in range(3)]).min(axis=0)
+    assert taken[1] < 2.0 * taken[0]
 
 
 # --- bands ----------------------------------------------------------------------------------
