@@ -30,7 +30,7 @@ class Beside(Generic[Result]):
     Parameters
     ----------
     work : callable
-        Without arguments; it writes nothing, and its result can be pickled.
+        Without arguments; it writes nothing but caches, and its result can be pickled.
     workers : int
         Processors that may be used; with one the work waits for :meth:`result`.
     """
