@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
+from biaxbayes.laws.nearness import largest_at
 from biaxbayes.parameters import Parameter, scale
 
 __all__ = ["FungLaw"]
@@ -314,9 +315,4 @@ class FungLaw(Law):
 
 def _largest_exponent(material: MaterialResponse, tops: Sequence[np.ndarray]) -> np.ndarray:
     """Largest exponent of each draw at some total stretches, shape (n,)."""
-    largest = np.zeros(1)
-    for top in tops:
-        X, Y = top[:, :1] ** 2, top[:, 1:] ** 2
-        (Q,) = _exponents(material.constants, X, Y, 1.0 / (X * Y))
-        largest = np.maximum(largest, Q[:, 0])
-    return largest
+    return largest_at(lambda X, Y, Z: _exponents(material.constants, X, Y, Z)[0], tops)

@@ -277,7 +277,7 @@ class MayNewmanLaw(Law):
         one = np.ones(size)
         J, stretch = _strains(Constants(one, one, one, one, t), X, Y, 1.0 / (X * Y))
         k2 = np.minimum((1.0 - share) * Q / J**2, self.upper[_K2])
-        k3 = np.minimum(share * Q / (stretch - 1.0) ** 4, self.upper[_K3])
+        k3 = np.clip(share * Q / (stretch - 1.0) ** 4, _LEAST_K3, self.upper[_K3])
         return np.column_stack([one, one, k2, k3, t]), np.column_stack([0.3 * np.log(Q), share, t])
 
     # --- priors and what draws tell ---

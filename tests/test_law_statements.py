@@ -1,0 +1,336 @@
+"""What a law states beside its stress: coordinates, starting points, priors and nearness to edges.
+
+Each is held against its definition, written here a second time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from biaxbayes.laws import LAWS, law_named
+from biaxbayes.laws.law import Material, SamplingLayout
+from biaxbayes.laws.nearness import LOAD_SHARE
+from biaxbayes.laws.screening import MATRIX_SHARE, Screening
+from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.model.layout import to_slot
+from test_laws import RECOVERED, TYPICAL, random_materials
+
+# --- sampling coordinates at a reference state ---------------------------------------------------
+
+X, Y = 1.5, 1.4
+Z = 1.0 / (X * Y)
+I1, PEAK_KPA = X + Y + Z, 100.0
+
+
+def root(amount: float, unit: float) -> float:
+    """The u of amount = unit ln(1 + e^u)^2."""
+    return float(np.log(np.expm1(np.sqrt(amount / unit))))
+
+
+def of_stress(S: float) -> float:
+    return root(S, 0.01 * PEAK_KPA)
+
+
+def of_exponent(q: float) -> float:
+    return root(q, 0.1)
+
+
+def fibre_strain(alpha: float, kappa: float = 0.0) -> tuple[float, float, float]:
+    """E*, and gx, gy of the dispersed fibres."""
+    cos2 = np.cos(alpha) ** 2
+    H = kappa + (1 - 3 * kappa) * cos2, kappa + (1 - 3 * kappa) * (1 - cos2), kappa
+    return H[0] * X + H[1] * Y + H[2] * Z - 1.0, H[0] * X - H[2] * Z, H[1] * Y - H[2] * Z
+
+
+def goh(C1, k1, k2, alpha, kappa):
+    E, gx, gy = fibre_strain(alpha, kappa)
+    return {
+        "C1": np.log(C1),
+        "k1": np.log(k1 * E * np.exp(k2 * E**2) * np.sqrt(gx * gy)),
+        "k2": np.log(k2 * E**2),
+    }
+
+
+def hgo(C1, k1, k2, alpha):
+    E, _, _ = fibre_strain(alpha)
+    return {
+        "C1": np.log(C1),
+        "k1": np.log(k1 * E * np.exp(k2 * E**2)),
+        "k2": np.log(k2 * E**2),
+        "alpha": alpha,
+    }
+
+
+def goh_exponential(C1, b, k1, k2, alpha, kappa):
+    q = b * (I1 - 3.0)
+    return goh(C1, k1, k2, alpha, kappa) | {"C1": np.log(C1 * np.exp(q)), "b": np.log(q)}
+
+
+def four_fibre(c, k1_x, k2_x, k1_y, k2_y, k1_d, k2_d, alpha):
+    found = {"c": of_stress(c * np.sqrt((X - Z) * (Y - Z))), "alpha": alpha}
+    diagonal, _, _ = fibre_strain(alpha)
+    for f, k1, k2, E in (("x", k1_x, k2_x, X - 1), ("y", k1_y, k2_y, Y - 1), ("d", k1_d, k2_d, diagonal)):  # fmt: skip  # noqa: E501
+        found[f"k2_{f}"] = of_exponent(k2 * E**2)
+        found[f"k1_{f}"] = of_stress(k1 * E * np.exp(k2 * E**2))
+    return found
+
+
+def fung(c0, c, b_x, b_y, b_xy):
+    Ex, Ey = 0.5 * (X - 1), 0.5 * (Y - 1)
+    Q = b_x * Ex**2 + b_y * Ey**2 + 2 * b_xy * Ex * Ey
+    return {
+        "c0": np.log(c0),
+        "c": np.log(c * Q * np.exp(Q)),
+        "b_x": np.log(Q),
+        "b_y": np.log(b_x / b_y),
+        "b_xy": b_xy / np.sqrt(b_x * b_y),
+    }
+
+
+def holzapfel_2005(mu, k1, k2, alpha, rho):
+    E, _, _ = fibre_strain(alpha)
+    q = k2 * ((1 - rho) * E**2 + rho * (I1 - 3) ** 2)
+    G = (1 - rho) * E * (E + 1) + rho * (I1 - 3) * (X + Y - 2 * Z)
+    return {
+        "mu": np.log(mu),
+        "k1": np.log(k1 * G * np.exp(q)),
+        "k2": np.log(q),
+        "alpha": alpha,
+        "rho": rho,
+    }
+
+
+def may_newman(c0, k1, k2, k3, alpha):
+    E, _, _ = fibre_strain(alpha)
+    J, stretch = I1 - 3, np.sqrt(E + 1)
+    u = stretch - 1
+    Q = k2 * J**2 + k3 * u**4
+    G = k2 * J * (X + Y - 2 * Z) + k3 * u**3 * stretch
+    return {
+        "c0": np.log(c0),
+        "k1": np.log(k1 / (k2 + k3) * G * np.exp(Q)),
+        "k2": np.log(Q),
+        "k3": np.log(k3 * u**4 / (k2 * J**2)),
+        "alpha": alpha,
+    }
+
+
+def lee_sacks(c0, c1, c2, c3, delta, alpha):
+    E, _, _ = fibre_strain(alpha)
+    q2, q3 = c2 * (I1 - 3) ** 2, c3 * E**2
+    return {
+        "c0": of_stress(c0),
+        "c1": of_stress(c1 * delta * c2 * (I1 - 3) * np.exp(q2)),
+        "c2": of_exponent(q2),
+        "delta": of_stress(c1 * (1 - delta) * c3 * E * np.exp(q3)),
+        "c3": of_exponent(q3),
+        "alpha": alpha,
+    }
+
+
+DEFINED = {
+    "goh": goh,
+    "hgo": hgo,
+    "goh-exponential": goh_exponential,
+    "four-fibre": four_fibre,
+    "fung": fung,
+    "holzapfel-2005": holzapfel_2005,
+    "may-newman": may_newman,
+    "lee-sacks": lee_sacks,
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_sampling_coordinates_are_what_the_law_says_of_its_reference_state(name):
+    law = law_named(name)
+    layout = SamplingLayout(law.names, (X, Y, Z), 0.3, True, True, (X, Y, Z), PEAK_KPA)
+    coordinates = law.coordinates(layout)
+    for material in random_materials(name, 20):
+        slots = {
+            p.name: to_slot(p, np.array([v]))
+            for p, v in zip(law.parameters, material.values, strict=True)
+        }
+        found = law.to_coordinates(coordinates, slots)
+        expected = DEFINED[name](*(float(np.ravel(v)[0]) for v in material.theta))
+        assert len(expected) >= len(law.names) - 2  # the chart of alpha and kappa has its own test
+        for parameter, value in expected.items():
+            np.testing.assert_allclose(found[parameter], value, rtol=1e-9, atol=1e-9)
+
+
+# --- starting points of fits ---------------------------------------------------------------------
+
+
+def readings(name: str, *, with_mounting: bool, held: tuple[int, ...] = ()) -> Screening:
+    """Exact loads of a typical material, mounted at 1, 1; some of its coordinates held."""
+    law = law_named(name)
+    up = np.linspace(1.02, 1.2, 8)
+    stretch = np.array([np.concatenate([up, up, 0.5 * (1 + up)]), np.concatenate([up, 0.5 * (1 + up), up])])  # fmt: skip  # noqa: E501
+    area = np.array([2.0, 3.0])
+    point = law.point(RECOVERED[name])
+
+    def load_factor(total):
+        return load_per_stress(area[:, None], 1.0, total, mounted=False)
+
+    load = np.array(law.at_point(point).cauchy(*stretch)) * load_factor(stretch)
+    free = np.setdiff1d(np.arange(point.size), held)
+    return Screening(stretch, load, area, False, with_mounting, point, free, 400, load_factor)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("with_mounting", [False, True])
+def test_screened_points_have_the_cost_they_say_and_the_best_amplitudes(name, with_mounting):
+    law = law_named(name)
+    data = readings(name, with_mounting=with_mounting)
+    points, mounting, costs, marks = law.screen(data, np.random.default_rng(2))
+    assert len(points) == len(mounting) == len(costs) == len(marks) == data.size
+    assert np.all((law.lower <= points) & (points <= law.upper))
+    assert np.all(mounting == 1.0) or with_mounting
+    assert np.all(mounting >= 1.0)
+    floor = MATRIX_SHARE * np.abs(data.load / data.area[:, None]).max() if with_mounting else 0.0
+
+    def cost(point, lm):
+        total = data.stretch * lm[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):
+            load = np.array(law.at_point(point).cauchy(*total)) * data.load_factor(total)
+        return float(np.sum((load - data.load) ** 2))
+
+    amplitudes = [law.names.index(n) for n in law.amplitudes or ("C1", "k1")]
+    size = float(np.sum(data.load**2))
+    compared = 0
+    for point, lm, said in zip(points, mounting, costs, strict=True):
+        # a matrix raised to the least, or an amplitude cut at its limit, has another cost
+        raised = point[amplitudes[0]] <= floor * (1 + 1e-9)
+        if not np.isfinite(said) or raised or np.any(point[amplitudes] >= law.upper[amplitudes]):
+            continue
+        compared += 1
+        assert cost(point, lm) == pytest.approx(said, rel=1e-6, abs=1e-9 * size)
+        for i in amplitudes:
+            for factor in (0.98, 1.02):
+                other = point.copy()
+                other[i] *= factor
+                assert cost(other, lm) >= said * (1 - 1e-7) - 1e-9 * size
+    assert compared > 0.3 * data.size
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_screened_points_keep_what_is_held(name):
+    law = law_named(name)
+    for held in range(len(law.names)):
+        data = readings(name, with_mounting=False, held=(held,))
+        points, _, costs, _ = law.screen(data, np.random.default_rng(4))
+        np.testing.assert_allclose(points[np.isfinite(costs), held], data.point[held])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_some_screened_points_describe_what_the_law_made(name):
+    """A hundredth of random shapes lie within a fifth of the loads."""
+    data = readings(name, with_mounting=False)
+    law = law_named(name)
+    _, _, costs, _ = law.screen(data, np.random.default_rng(5))
+    miss = np.sqrt(np.sort(costs) / np.sum(data.load**2))
+    assert miss[len(miss) // 100] < 0.2
+
+
+# --- priors that follow from stretch and stress --------------------------------------------------
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(("stretch", "peak_kPa"), [(1.2, 100.0), (1.4, 30.0)])
+def test_the_median_of_a_scaled_prior_carries_the_load(name, stretch, peak_kPa):
+    law = law_named(name)
+    prior = law.scaled_prior(stretch, peak_kPa)
+    assert tuple(prior) == law.names
+    medians = {
+        n: 0.5 * (first + second) if family == "uniform" else first
+        for n, (family, first, second) in prior.items()
+    }
+    medians |= {"kappa": 0.0} if "kappa" in medians else {}
+    material = law.scalar([medians[n] for n in law.names])
+    for stress in material.cauchy(stretch, stretch):
+        assert stress / stretch == pytest.approx(peak_kPa, rel=1e-12)
+    # matrix: 30 % of the nominal stress
+    matrix = {"four-fibre": ("k1_x", "k1_y", "k1_d"), "fung": ("c",), "lee-sacks": ("c1",)}
+    alone = medians | dict.fromkeys(matrix.get(name, ("k1",)), 0.0)
+    for stress in law.scalar([alone[n] for n in law.names]).cauchy(stretch, stretch):
+        assert stress / stretch == pytest.approx(0.3 * peak_kPa, rel=1e-12)
+
+
+# --- nearness to edges ---------------------------------------------------------------------------
+
+NEAR_EXPONENT = {  # parameter: exponent at a state, for one unit of it
+    "goh": {"k2": lambda v, x, y: _strain(v, x, y) ** 2},
+    "hgo": {"k2": lambda v, x, y: _strain(v, x, y) ** 2},
+    "goh-exponential": {
+        "b": lambda v, x, y: x**2 + y**2 + (x * y) ** -2 - 3,
+        "k2": lambda v, x, y: _strain(v, x, y) ** 2,
+    },
+    "four-fibre": {
+        "k2_x": lambda v, x, y: (x**2 - 1) ** 2,
+        "k2_y": lambda v, x, y: (y**2 - 1) ** 2,
+        "k2_d": lambda v, x, y: _strain(v, x, y) ** 2,
+    },
+    "lee-sacks": {
+        "c2": lambda v, x, y: (x**2 + y**2 + (x * y) ** -2 - 3) ** 2,
+        "c3": lambda v, x, y: _strain(v, x, y) ** 2,
+    },
+}
+
+
+def _strain(values, x, y):
+    kappa, cos2 = values.get("kappa", 0.0), np.cos(values["alpha"]) ** 2
+    spread = 1 - 3 * kappa
+    H = kappa + spread * cos2, kappa + spread * (1 - cos2), kappa
+    return H[0] * x**2 + H[1] * y**2 + H[2] * (x * y) ** -2 - 1
+
+
+TOP = np.array([[1.25, 1.3]])
+
+
+def one_draw(name: str):
+    """A typical material as one draw, and its natural values by name."""
+    law = law_named(name)
+    material = law.scalar(TYPICAL[name] if name != "may-newman" else RECOVERED[name])
+    theta = [float(np.ravel(v)[0]) for v in material.theta]
+    values = dict(zip(law.names, theta, strict=True))
+    return law, Material(law, tuple(np.full((1, 1), v) for v in theta)), values
+
+
+@pytest.mark.parametrize("name", NEAR_EXPONENT)
+def test_an_exponent_is_near_to_none_below_a_tenth_at_the_largest_stretch(name):
+    law, material, values = one_draw(name)
+    found = law.edge_distances(material, [TOP])
+    for parameter, per_unit in NEAR_EXPONENT[name].items():
+        assert found[parameter] * per_unit(values, *TOP[0]) == pytest.approx(0.1, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", [n for n in LAWS if n not in ("goh", "fung")])
+def test_an_amplitude_is_near_to_none_where_it_carries_a_twentieth_of_the_stress(name):
+    law, material, values = one_draw(name)
+    found = law.edge_distances(material, [TOP])
+    whole = sum(float(np.ravel(s)[0]) for s in material.cauchy(TOP[:, :1], TOP[:, 1:]))
+    for amplitude in law.amplitudes:
+        alone = values | dict.fromkeys(law.amplitudes, 0.0) | {amplitude: found[amplitude]}
+        at = law.point([np.degrees(v) if n == "alpha" else v for n, v in alone.items()])
+        assert sum(law.at_point(at).cauchy(*TOP[0])) == pytest.approx(LOAD_SHARE * whole, rel=1e-9)
+
+
+@pytest.mark.parametrize(("name", "matrix", "rest"), [("goh", "C1", "k1"), ("fung", "c0", "c")])
+def test_stiffnesses_are_near_to_none_below_a_twentieth_of_the_small_strain_stiffness(
+    name, matrix, rest
+):
+    law, material, values = one_draw(name)
+    found = law.edge_distances(material, [TOP])
+
+    def trace(of: dict[str, float]) -> float:
+        """Trace of the Hessian of W by log stretches where unloaded, by central differences."""
+        at = law.scalar([np.degrees(v) if n == "alpha" else v for n, v in of.items()])
+        h = 1e-5
+        x = at.cauchy(np.exp(h), 1.0)[0] - at.cauchy(np.exp(-h), 1.0)[0]
+        y = at.cauchy(1.0, np.exp(h))[1] - at.cauchy(1.0, np.exp(-h))[1]
+        return float(x + y) / (2.0 * h)
+
+    whole = trace(values)
+    for kept, left_out in ((matrix, rest), (rest, matrix)):
+        share = trace(values | {kept: found[kept], left_out: 0.0}) / whole
+        assert share == pytest.approx(0.05, rel=1e-5)
