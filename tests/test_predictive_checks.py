@@ -51,6 +51,7 @@ def test_the_missed_protocol_is_named_with_its_number():
     said = path_warnings(checks, "N")
     assert len(said) == 1
     assert said[0].startswith(f"GOH misses the {name} protocol by ")
+    assert path_warnings(checks, "N", "may-newman")[0].startswith(f"May-Newman misses the {name} ")
     assert "do not use these parameters for that path" in said[0]
     row = checks[(checks.protocol == name) & (checks.direction == "y")].iloc[0]
     peak = float(clean.protocols[1].load_y.max())

@@ -135,9 +135,10 @@ def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
     rms, peak = min(misses, default=0.0), specimen.peak_load
     if not rms > POOR * peak:
         return ""
+    size = f"{rms:.2g} {specimen.unit} rms, {100 * rms / peak:.1f} % of the largest load"
     return (
-        f"GOH does not describe this specimen: the closest fit misses by {rms:.2g} {specimen.unit} "
-        f"rms, {100 * rms / peak:.1f} % of the largest load. Do not trust its parameters"
+        f"{fits[0].material.law.called} does not describe this specimen: the closest fit misses by "
+        f"{size}. Do not trust its parameters"
     )
 
 

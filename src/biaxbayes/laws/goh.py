@@ -181,7 +181,9 @@ class GOHLaw(Law):
     name = "goh"
     has_switch = True
     title = "Gasser-Ogden-Holzapfel"
+    abbreviation = "GOH"
     source = "Gasser, Ogden, Holzapfel, J. R. Soc. Interface 3 (2006) 15"
+    doi = "10.1098/rsif.2005.0073"
     parameters = (
         scale("C1", "C_1", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
         scale("k1", "k_1", "fibre stiffness", "kPa", 30.0, 2.5, 1e6, "no fibres"),

@@ -79,7 +79,9 @@ class HGOLaw(Law):
 
     name = "hgo"
     title = "Holzapfel-Gasser-Ogden"
+    abbreviation = "HGO"
     source = "Holzapfel, Gasser, Ogden, J. Elast. 61 (2000) 1"
+    doi = "10.1023/A:1010835316564"
     parameters: ClassVar[tuple[Parameter, ...]] = GOHLaw.parameters[:4]
     ties = GOHLaw.ties
     amplitudes = ("C1", "k1")

@@ -180,6 +180,7 @@ class Holzapfel2005Law(Law):
     name = "holzapfel-2005"
     title = "Holzapfel 2005"
     source = "Holzapfel, Sommer, Gasser, Regitnig, Am. J. Physiol. Heart 289 (2005) H2048"
+    doi = "10.1152/ajpheart.00934.2004"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         scale("mu", r"\mu", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True),
         scale("k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e6, "no exponential"),

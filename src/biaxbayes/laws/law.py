@@ -386,7 +386,10 @@ class Law(ABC):
     """Whether the law leaves open what its fibres do in compression."""
     name: ClassVar[str]
     title: ClassVar[str]
+    abbreviation: ClassVar[str] = ""
     source: ClassVar[str]
+    doi: ClassVar[str] = ""
+    """Of the source, where it has one."""
     parameters: ClassVar[tuple[Parameter, ...]]
     ties: ClassVar[tuple[tuple[str, str], ...]] = ()
     """Pairs of parameters of which the first can be tied to the second."""
@@ -395,6 +398,11 @@ class Law(ABC):
     meaningless: ClassVar[Mapping[str, tuple[tuple[str, int, str], ...]]] = {}
     """Parameters that mean nothing where another is at an end of its range: its name, the side (0
     low, 1 high), and what the material is there; one for every such end."""
+
+    @property
+    def called(self) -> str:
+        """The law as the subject of a sentence: its usual abbreviation, or its title."""
+        return self.abbreviation or self.title
 
     # --- materials ---
 

@@ -190,6 +190,7 @@ class MayNewmanLaw(Law):
     name = "may-newman"
     title = "May-Newman"
     source = "May-Newman, Yin, J. Biomech. Eng. 120 (1998) 38"
+    doi = "10.1115/1.2834305"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
         scale("k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e7, "no exponential"),

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr
 
+from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.curves import Curves
 from biaxbayes.model.error_model import errors_of_draws
 from biaxbayes.options import Settings
@@ -217,7 +218,7 @@ def predictive_checks(
     return table.assign(share=share, verdict=verdict)
 
 
-def path_warnings(checks: pd.DataFrame, unit: str) -> list[str]:
+def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
     """One sentence for each protocol that the model misses; none where it misses none.
 
     Parameters
@@ -226,21 +227,23 @@ def path_warnings(checks: pd.DataFrame, unit: str) -> list[str]:
         From :func:`predictive_checks`.
     unit : str
         Of the loads.
+    law : str
+        Of the run.
     """
     missed = checks[checks["verdict"] == "misses"].to_dict("records")
-    out = []
+    called, out = law_named(law).called, []
     for protocol in dict.fromkeys(row["protocol"] for row in missed):
         worst = max((r for r in missed if r["protocol"] == protocol), key=lambda r: r["share"])
+        largest = f"{abs(worst['largest']):.2g} {unit} ({100 * worst['share']:.0f} % of its peak)"
         out.append(
-            f"GOH misses the {protocol} protocol by {worst['rms']:.2g} {unit} root mean square "
-            f"and {abs(worst['largest']):.2g} {unit} ({100 * worst['share']:.0f} % of its peak) at "
-            f"most, in {worst['direction']} at a measured stretch of {worst['at']:.3f}: do not use "
-            "these parameters for that path where this matters."
+            f"{called} misses the {protocol} protocol by {worst['rms']:.2g} {unit} root mean "
+            f"square and {largest} at most, in {worst['direction']} at a measured stretch of "
+            f"{worst['at']:.3f}: do not use these parameters for that path where this matters."
         )
     return out
 
 
-def checks_in_words(checks: pd.DataFrame, unit: str) -> list[str]:
+def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
     """The warnings, then what the rest of the checks says.
 
     Parameters
@@ -249,10 +252,12 @@ def checks_in_words(checks: pd.DataFrame, unit: str) -> list[str]:
         From :func:`predictive_checks`.
     unit : str
         Of the loads.
+    law : str
+        Of the run.
     """
     if checks.empty:
         return ["There are no readings beyond the mounted state to check the model with."]
-    out = path_warnings(checks, unit)
+    out = path_warnings(checks, unit, law)
     by_noise = checks[checks["verdict"] == "noise"]
     if len(by_noise) == len(checks):
         out.append("The model misses no reading by more than the load cell's noise.")

@@ -55,7 +55,7 @@ def missed_paths(run: Run) -> list[str]:
     """
     if run.state == "unusable":
         return []
-    return path_warnings(model_checks(run), run.specimen.unit)
+    return path_warnings(model_checks(run), run.specimen.unit, run.law.name)
 
 
 MOST_FINDINGS = 8
@@ -85,11 +85,6 @@ METHOD = (
     "Mathematical and Computational Applications 29(4), 55, 2024.",
     "10.3390/mca29040055",
 )
-MODEL = (
-    "Gasser, Ogden, Holzapfel. Hyperelastic modelling of arterial layers with distributed collagen "
-    "fibre orientations. Journal of the Royal Society Interface 3, 15-35, 2006.",
-    "10.1098/rsif.2005.0073",
-)
 SAMPLER = (
     "Foreman-Mackey, Hogg, Lang, Goodman. emcee: The MCMC Hammer. Publications of the Astronomical "
     "Society of the Pacific 125, 306-312, 2013.",
@@ -101,10 +96,10 @@ def citations(run: Run) -> list[tuple[str, str]]:
     """References with their DOI (empty where there is none)."""
     version = cut(run.provenance.get("biaxbayes", ""), 30)
     software = (
-        f"The biaxbayes developers. biaxbayes: Bayesian GOH parameters and mounting stretches from "
-        f"planar biaxial tests, version {version}."
+        "The biaxbayes developers. biaxbayes: Bayesian material parameters and mounting stretches "
+        f"from planar biaxial tests, version {version}."
     )
-    return [(software, ""), METHOD, MODEL, SAMPLER]
+    return [(software, ""), METHOD, (f"{run.law.source}.", run.law.doi), SAMPLER]
 
 
 # --- what the page says beside its tables: specimen, test, convergence, settings, versions -------

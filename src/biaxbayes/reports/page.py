@@ -210,9 +210,9 @@ def _misfit(run: Run) -> dict[str, Any]:
     from biaxbayes.reports.facts import model_checks
 
     table, unit = model_checks(run), run.specimen.unit
-    words = dict.fromkeys([*checks_in_words(table, unit), *misfit_in_words(table)])
+    words = dict.fromkeys([*checks_in_words(table, unit, run.law.name), *misfit_in_words(table)])
     return {
         "words": list(words),
         "rows": table.to_dict("records"),
-        "warnings": path_warnings(table, unit),
+        "warnings": path_warnings(table, unit, run.law.name),
     }
