@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.laws.law import Material, SamplingLayout
+from biaxbayes.laws.law import Material, SamplingLayout, exponents
 from biaxbayes.laws.nearness import LOAD_SHARE
 from biaxbayes.laws.screening import MATRIX_SHARE, Screening
 from biaxbayes.mechanics.load import load_per_stress
@@ -232,6 +233,53 @@ def test_some_screened_points_describe_what_the_law_made(name):
     assert miss[len(miss) // 100] < 0.2
 
 
+@pytest.mark.parametrize("name", [n for n in LAWS if n != "goh"])
+def test_random_shapes_reach_from_straight_to_steep_at_the_largest_stretches(name):
+    """Each exponent of the law, at each material's own largest stretches, on its own."""
+    law, rng = law_named(name), np.random.default_rng(6)
+    largest = rng.uniform(1.05, 1.6, (2000, 2))
+    points, marks = law.shapes(len(largest), largest, rng)
+    assert len(points) == len(marks) == len(largest)
+    X, Y = largest.T**2
+    reached = np.array(exponents(law.constants_at_point(*points.T), X, Y, 1.0 / (X * Y)))
+    assert np.all((reached >= 0.0) & (reached < 40.0))
+    for exponent in reached:
+        assert np.quantile(exponent, 0.1) < 0.3
+        assert np.quantile(exponent, 0.9) > 2.0
+    for i, j in zip(*np.triu_indices(len(reached), 1), strict=True):
+        assert abs(spearmanr(reached[i], reached[j]).statistic) < 0.5
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(name):
+    law = law_named(name)
+    layout = SamplingLayout(law.names, (X, Y, Z), 0.3, True, True, (X, Y, Z), PEAK_KPA)
+    coordinates = law.coordinates(layout)
+
+    def finite(values) -> bool:
+        slots = {
+            p.name: to_slot(p, np.array([v])) for p, v in zip(law.parameters, values, strict=True)
+        }
+        found = law.to_coordinates(coordinates, slots)
+        return bool(np.all([np.isfinite(v).all() for v in found.values()]))
+
+    inside = law.scalar(RECOVERED[name]).values
+    np.testing.assert_allclose(law.inner(inside), inside, rtol=1e-12)
+    for material in random_materials(name, 10):
+        for i, p in enumerate(law.parameters):
+            for edge in p.range:
+                if not np.isfinite(edge) or (edge and p.logarithmic):
+                    continue
+                at_edge = [edge if i == j else v for j, v in enumerate(material.values)]
+                if not law.holds(dict(zip(law.names, at_edge, strict=True))):
+                    continue
+                moved = law.inner(at_edge)
+                assert finite(moved)
+                # what moves stays near: a hundredth of a stiffness or an exponent, few degrees
+                near = [5.0 if q.name == "alpha" else 0.021 for q in law.parameters]
+                assert np.all(np.abs(np.subtract(moved, at_edge)) <= near)
+
+
 # --- priors that follow from stretch and stress --------------------------------------------------
 
 
@@ -241,6 +289,7 @@ def test_the_median_of_a_scaled_prior_carries_the_load(name, stretch, peak_kPa):
     law = law_named(name)
     prior = law.scaled_prior(stretch, peak_kPa)
     assert tuple(prior) == law.names
+    assert {second for family, _, second in prior.values() if family == "lognormal"} == {0.8}
     medians = {
         n: 0.5 * (first + second) if family == "uniform" else first
         for n, (family, first, second) in prior.items()
