@@ -250,6 +250,40 @@ def test_random_shapes_reach_from_straight_to_steep_at_the_largest_stretches(nam
         assert abs(spearmanr(reached[i], reached[j]).statistic) < 0.5
 
 
+def test_screened_goh_materials_reach_from_straight_to_steep():
+    data = readings("goh", with_mounting=True)
+    points, mounting, costs, _ = law_named("goh").screen(data, np.random.default_rng(7))
+    X, Y = (data.stretch * mounting[:, :, None]).transpose(1, 0, 2) ** 2
+    constants = law_named("goh").constants_at_point(*points.T[:, :, None])
+    (reached,) = exponents(constants, X, Y, 1.0 / (X * Y))
+    reached = reached.max(axis=1)[np.isfinite(costs)]
+    assert np.quantile(reached, 0.1) < 0.02
+    assert 0.1 < np.median(reached) < 1.0
+    assert 10.0 < np.quantile(reached, 0.9) < reached.max() < 40.0
+    t, kappa = points[:, 3], points[:, 4]
+    for share, edge in ((t, 0.0), (t, 1.0), (kappa, 0.0)):
+        assert 0.1 < np.mean(share == edge) < 0.3
+    assert 0.15 < np.mean(np.all(mounting == 1.0, axis=1)) < 0.25
+    assert kappa.max() == pytest.approx(1.0 / 3.0, abs=0.01)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_point_of_a_fit_moved_off_its_bounds_lies_inside_them(name):
+    law, rng = law_named(name), np.random.default_rng(9)
+    inside = law.point(RECOVERED[name])
+    np.testing.assert_array_equal(law.inner_point(inside), inside)
+    far = np.where(np.isfinite(law.upper), law.upper, 50.0)
+    for _ in range(50):
+        at = np.where(rng.random(inside.size) < 0.5, law.lower, np.where(rng.random(inside.size) < 0.5, far, inside))  # fmt: skip  # noqa: E501
+        moved = law.inner_point(at)
+        assert np.all((law.lower < moved) & (moved <= law.upper))
+        # shares and angles leave their upper end too
+        for i, p in enumerate(law.parameters):
+            if p.bounded or p.name == "alpha":
+                assert moved[i] < law.upper[i]
+                assert abs(moved[i] - at[i]) < 0.05
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(name):
     law = law_named(name)

@@ -28,15 +28,19 @@ from numba.extending import overload, register_jitable
 __all__ = ["first_alone", "inlined", "picked", "use_own_cache"]
 
 
+WITHIN: Any = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""How functions are compiled that only compiled code calls."""
+
+
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """Let compiled code call a Python function, inlined where it is called."""
-    made: Callable[..., Any] = register_jitable(forceinline=True)(function)
+    made: Callable[..., Any] = register_jitable(**WITHIN)(function)
     return made
 
 
 def picked(stub: Callable[..., Any]) -> Callable[..., Any]:
     """Let compiled code call ``stub``; what is decorated picks the function by argument types."""
-    made: Callable[..., Any] = overload(stub, jit_options={"forceinline": True})
+    made: Callable[..., Any] = overload(stub, jit_options=WITHIN)
     return made
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from biaxbayes.compilation import inlined
+from biaxbayes.compilation import WITHIN, inlined
 from biaxbayes.laws.law import (
     cauchy_components,
     column,
@@ -195,7 +195,7 @@ def _mounted_state(problem, value, constants, m, sx, sy):
     error_model="numpy",
     nogil=True,
     fastmath={"reassoc", "contract", "arcp", "nsz"},
-    forceinline=True,
+    **WITHIN,
 )
 def _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth):
     """Log likelihood of protocol p, weighted, given its mounted state."""
@@ -234,7 +234,7 @@ def _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth):
     )
 
 
-@njit(error_model="numpy", nogil=True, forceinline=True)
+@njit(error_model="numpy", nogil=True, **WITHIN)
 def _density(problem, u, value, scratch, growth):
     """(log density, log likelihood of the curves, reason); natural values into ``value``."""
     o = problem.size
