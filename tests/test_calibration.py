@@ -260,6 +260,7 @@ def test_simulated_readings_are_the_virtual_tests(geometry, stress_pair):
     np.testing.assert_allclose(measured, force, rtol=1e-10)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mounting", ["noisy", "exact", "free"])
 def test_true_values_lie_in_the_support_of_the_posterior(mounting):
     the_study = study(mounting=mounting)
@@ -284,6 +285,7 @@ def test_true_values_lie_in_the_support_of_the_posterior(mounting):
     assert rejected > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", [name for name in LAWS if name != "goh"])
 def test_true_values_of_every_law_lie_in_the_support_of_its_posterior(law):
     """Priors of single parameters allow what a law does not: Fung's with an indefinite form."""
@@ -353,6 +355,7 @@ def test_a_replication_is_determined_by_study_and_index(alone):
     assert all(0 <= r <= 127 for r in a.rank.values())
 
 
+@pytest.mark.long
 def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
     calls, (outcome, folder) = [], whole
 
@@ -374,6 +377,7 @@ def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
         CalibrationStudy(replace(study(), seed=9), tmp_path / "parts", 2).execute(resume=True)
 
 
+@pytest.mark.long
 def test_processes_find_what_one_process_finds(alone):
     two = {r.index: r.rank for r in run_replications(study(), list(alone), executor=Workers(2))}
     assert two == {index: columns["rank"] for index, columns in alone.items()}

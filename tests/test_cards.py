@@ -238,6 +238,7 @@ def test_table_4_follows_from_the_cards(program, row, r2):
 # --- the check ---
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("units", UNIT_SYSTEMS)
 @pytest.mark.parametrize("program", WRITE)
 def test_two_hundred_draws_agree_with_the_closed_form(program, units, tmp_path):

@@ -176,6 +176,7 @@ def test_labels_come_from_layers_specimens_or_folders(members):
     assert labels_of([a, b], ["run", "run"]) == ["virtual (1)", "virtual (2)"]
 
 
+@pytest.mark.long
 def test_files_and_a_page_that_needs_nothing_else(found, tmp_path):
     written = write_comparison(found, tmp_path / "new")
     assert {p.name for p in written} >= {"compare.html", "compare-matrix.pdf", "compare-forest.png"}

@@ -81,6 +81,7 @@ def _run(*arguments: str) -> int:
     return int(ended.value.code or 0)
 
 
+@pytest.mark.long
 def test_the_law_of_the_truth_predicts_best(compared):
     folder, _ = compared
     table = pd.read_csv(folder / "out" / "laws.csv").set_index("law")

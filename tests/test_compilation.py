@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 DATA = Path(__file__).resolve().parents[1] / "data"
 DENSITY = """
 import numpy as np
@@ -22,6 +24,7 @@ print(posterior.log_prob(u).tobytes().hex(), mixture.log_density(rng.normal(size
 """
 
 
+@pytest.mark.long
 def test_a_process_that_compiles_finds_what_later_ones_find(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     code = DENSITY.format(specimen=DATA / "donor2-media.csv")

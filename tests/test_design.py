@@ -294,6 +294,7 @@ def test_an_outcome_can_be_added_to_the_specimen(run, candidates):
     assert options["priors"]["alpha"].as_table()["sd"] == 5.0
 
 
+@pytest.mark.long
 def test_command_writes_a_ranked_table(small_run, copied):
     from biaxbayes.cli.findings import design as command
 

@@ -100,6 +100,7 @@ def run_pages(folder: Path, *, slow: bool) -> int:
     return count
 
 
+@pytest.mark.long
 def test_every_quick_command_of_the_pages_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with runs_of_few_walkers():

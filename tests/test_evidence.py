@@ -129,6 +129,7 @@ def test_a_tempered_likelihood_has_none():
     assert "averaged" in evidence_record(averaged, None, 1)["reason"]
 
 
+@pytest.mark.long
 def test_a_run_records_it_and_prestretch_can_be_judged(tmp_path):
     """The specimen was mounted at a stretch: without one, its mounting force is a wonder."""
     found = {}

@@ -99,6 +99,7 @@ def assert_holds_the_curves(posterior: Posterior, draws: pd.DataFrame, page: str
                 assert np.abs(found - stated).max() <= NEAR * np.abs(stated).max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("which", ["media_run", "hostile_run"])
 def test_curves_are_those_of_bands_and_predict(which, request):
     run = request.getfixturevalue(which)
@@ -106,6 +107,7 @@ def test_curves_are_those_of_bands_and_predict(which, request):
     assert_holds_the_curves(run.posterior(), run.draws, page)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", sorted(LAWS))
 def test_every_law_has_its_page(law):
     posterior = Posterior(

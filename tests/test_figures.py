@@ -210,6 +210,7 @@ def test_constant_columns_are_left_out():
         corner_figure(draws_of(1))
 
 
+@pytest.mark.long
 def test_truth_and_comparison_are_drawn_and_named():
     one, other = draws_of(1500), draws_of(1500, seed=9, kappa=0.1)
     other["C1"] *= 1.5
@@ -249,6 +250,7 @@ def test_few_draws_have_a_smooth_density():
     assert_readable(corner_figure(draws_of(3)), 180.0)
 
 
+@pytest.mark.long
 def test_a_hundred_thousand_draws_are_fast():
     import time
 
@@ -497,6 +499,7 @@ def test_ranks_show_the_ensemble_that_disagrees():
 # --- style, files, names --------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_hostile_names_do_not_break_a_figure(tmp_path):
     p = specimen_of().protocols[0]
     names = (HOSTILE, "W" * 80, "$$", "x_{", "\\", "<svg>&amp;")

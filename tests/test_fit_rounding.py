@@ -41,6 +41,7 @@ def test_what_is_simulated_without_noise_is_fitted_by_all_five(capsys, tmp_path,
     assert "NO" not in shown.out and "not converged" not in shown.err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_is_simulated_without_noise_is_sampled(tmp_path, seed):
     specimen, truth = biaxbayes.simulate(material="donor2-media", ratios=[(1.0, 1.0)])

@@ -36,6 +36,7 @@ def covariance(of: Layout, omega: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     return out.reshape(n * b, n * b)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("b", [1, 3])
 def test_means_and_effects_are_integrated_out(b):
     rng = np.random.default_rng(1)
@@ -58,6 +59,7 @@ def test_means_and_effects_are_integrated_out(b):
         assert found[c] == pytest.approx(known, rel=1e-9)
 
 
+@pytest.mark.long
 def test_draws_of_the_whole_model_keep_its_prior():
     """Geweke's joint test, cut at both sides: values given spreads, spreads given values."""
     rng = np.random.default_rng(4)
@@ -183,6 +185,7 @@ def sampled():
     return draw(design, Plan(ess=50, seed=3, **QUICK), quantities), y
 
 
+@pytest.mark.long
 def test_sampler_agrees_with_quadrature(sampled):
     found, y = sampled
     known = by_quadrature(y)

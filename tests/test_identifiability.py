@@ -84,6 +84,7 @@ def test_the_angle_of_an_isotropic_material_is_not_determined():
     assert found["C1"].verdict == found["k1"].verdict == found["k2"].verdict == IDENTIFIED
 
 
+@pytest.mark.long
 def test_low_stretch_does_not_determine_the_exponent():
     found = identify(case("low"))["k2"]
     assert found.verdict == PRIOR
@@ -171,6 +172,7 @@ def test_draws_from_the_prior_are_prior_dominated():
     assert found["kappa"].evidence.prior_sensitivity < 0.01
 
 
+@pytest.mark.long
 def test_a_users_bound_is_not_a_physical_edge():
     rng = np.random.default_rng(2)
     piled = 0.1 - np.abs(rng.normal(0.0, 0.005, 8000))

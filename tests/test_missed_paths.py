@@ -52,6 +52,7 @@ def test_a_described_specimen_is_not_warned_of(data, tmp_path):
         assert "GOH misses" not in write(run)
 
 
+@pytest.mark.long
 @pytest.mark.real
 @pytest.mark.skipif(not REAL, reason="BIAXBAYES_REAL is not set")
 def test_a_tared_valve_that_goh_does_not_describe_is_warned_of(tmp_path, capsys):

@@ -85,6 +85,7 @@ def check_monotone(seed: int) -> None:
             assert width > first.stated.high - first.stated.low - 3.0 * error, told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", QUICK)
 def test_worse_data_and_wider_priors_never_tell_more(seed):
     check_monotone(seed)

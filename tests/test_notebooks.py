@@ -25,6 +25,7 @@ def test_notebooks_are_stored_without_output_and_named_on_their_page():
         assert not outputs(notebook) and f"(notebooks/{path.name})" in page
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default")  # of the client, not of the notebook
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_a_notebook_runs(path, tmp_path):

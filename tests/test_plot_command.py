@@ -66,6 +66,7 @@ def test_tables_and_figures_say_what_is_stated_of_the_tissue(run):
     assert "all within the law" in corner
 
 
+@pytest.mark.long
 def test_profiles_are_readable(run):
     found = profiles(open_run(run).posterior(), ["kappa", "C1"])
     for width in (85.0, 180.0):

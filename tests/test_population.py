@@ -146,6 +146,7 @@ def test_files_say_the_same(found):
         read_population(found.folder.parent)
 
 
+@pytest.mark.long
 def test_stopped_and_resumed_writes_the_same_bytes(study, found, tmp_path, quick):
     asked = []
 

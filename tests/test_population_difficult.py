@@ -100,6 +100,7 @@ def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     return pd.read_csv(folder / "population.csv"), pd.read_csv(folder / "specimens.csv")
 
 
+@pytest.mark.long
 def test_one_donor_has_the_priors_spread_of_donors(pool):
     code, out, _, folder = pool(["m0", "m1", "m2"], donor=dict.fromkeys(MATERIALS, "D"))
     assert code == 0
@@ -118,6 +119,7 @@ def test_one_donor_has_the_priors_spread_of_donors(pool):
     assert "all specimens are of one donor" in page and "<small>prior-dominated</small>" in page
 
 
+@pytest.mark.long
 def test_two_specimens_rest_on_the_priors(pool):
     code, out, _, folder = pool(["m0", "m1"])
     assert code == 0 and "there are 2 specimens: the sds rest much on their priors" in out
@@ -135,6 +137,7 @@ def test_two_specimens_rest_on_the_priors(pool):
     assert list(fixed["pooled_verdict"]) == ["fixed"] * 2
 
 
+@pytest.mark.long
 def test_a_group_of_one_specimen(pool):
     code, out, _, folder = pool(["m0", "m1", "m2"], layer={"m2": "adventitia"})
     assert code == 0 and "group adventitia has one specimen" in out
@@ -144,6 +147,7 @@ def test_a_group_of_one_specimen(pool):
     assert width[1] > width[0]  # one specimen says less of its group than two
 
 
+@pytest.mark.long
 def test_groups_with_nothing_in_common(pool):
     code, out, _, folder = pool(
         ["m0", "m1", "m2", "m3"], layer=dict.fromkeys(("m2", "m3"), "adventitia")
@@ -154,6 +158,7 @@ def test_groups_with_nothing_in_common(pool):
     assert set(contrasts["group_a"]) == {"media"} and set(contrasts["group_b"]) == {"adventitia"}
 
 
+@pytest.mark.long
 def test_other_protocols_and_stretches_are_pooled_and_said(pool):
     code, out, _, folder = pool(["m0", "m3", "m4"])
     assert code == 0
@@ -188,6 +193,7 @@ def test_one_specimen_that_can_be_used_is_no_population(pool):
     assert err.count("\n") == 1 and "1 of 2 specimens can be pooled" in err and "m1" in err
 
 
+@pytest.mark.long
 def test_a_specimen_that_contradicts_its_group_is_named(pool, tmp_path):
     priors = tmp_path / "priors.toml"
     priors.write_text(PRIORS)
@@ -219,6 +225,7 @@ class Killed(BaseException):
     """As if the machine had gone: nothing of the program's own is to clean up after it."""
 
 
+@pytest.mark.long
 def test_killed_and_resumed_gives_the_same_bytes(pool, monkeypatch):
     # so many effective draws that more than one block is needed
     monkeypatch.setattr(job, "Plan", partial(longer, Plan))
@@ -263,6 +270,7 @@ def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
     assert "fix the same parameters in all specimens" in str(told.value)
 
 
+@pytest.mark.long
 def test_pooled_mounting_stretches_are_judged_and_drawn(pool, monkeypatch):
     monkeypatch.setattr(population_files, "_draw_figures", DRAW_FIGURES)
     code, _, _, folder = pool(["m0", "m1"], "--pool-mounting", "--spread", "by-group")

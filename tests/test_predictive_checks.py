@@ -79,6 +79,7 @@ def test_own_mounting_balances_the_reading():
     assert force.std(axis=0) == pytest.approx(sd[2], rel=0.15)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mounting", ["shared", "per-protocol"])
 def test_a_goh_protocol_is_predicted(mounting):
     noise_N, probability = 0.005, 0.99

@@ -50,6 +50,7 @@ def test_preparing_fits_weighs_and_lays_out():
     assert fitted(stated) is stated
 
 
+@pytest.mark.long
 def test_drawing_leaves_the_posterior_as_it_is():
     posterior = Posterior(media(), noise="independent")
     points = posterior.coordinates(start_parameters(posterior)) + np.linspace(0, 0.1, 5)[:, None]

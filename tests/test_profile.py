@@ -140,6 +140,7 @@ def test_a_sharp_profile_is_the_parabola_of_the_fisher_information():
         assert half == pytest.approx(np.sqrt(THRESHOLD) * sd[names.index(name)], rel=0.05)
 
 
+@pytest.mark.long
 def test_profile_and_flat_prior_posterior_agree():
     flat = {
         name: {"distribution": "uniform", "low": low, "high": high}

@@ -195,6 +195,7 @@ BOTH = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", BOTH)
 def test_both_ways_write_the_same_files(run, tmp_path, name):
     words, verb, files = BOTH[name]
@@ -225,6 +226,7 @@ def test_both_ways_write_the_same_figure_report_and_verdicts(run, tmp_path, caps
         assert path.read_bytes() == (copy / path.name).read_bytes()
 
 
+@pytest.mark.long
 def test_both_ways_compare_the_same(run, tmp_path):
     other = tmp_path / "other"
     shutil.copytree(run.path, other)

@@ -22,6 +22,7 @@ pytestmark = [
 ]
 
 
+@pytest.mark.long
 def test_equibiaxial_protocol_of_an_aorta_is_fitted_and_sampled(tmp_path: Path) -> None:
     raw = pd.read_csv(next(Path(str(REAL)).glob("aorta-tbad/*ratio_1to1.csv")))
     protocol = Protocol("1", raw.F11, raw.F22, raw.P11_kPa, raw.P22_kPa)

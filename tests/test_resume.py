@@ -98,6 +98,7 @@ def halfway(whole, tmp_path):
 # --- the same bytes ----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_from_any_checkpoint_and_with_other_workers(whole, expected, tmp_path):
     assert {"posterior.nc", "summary.csv", "specimen.csv", "fit.json"} <= set(expected)
     for number in range(len(list(whole.glob("after-*")))):
@@ -106,6 +107,7 @@ def test_from_any_checkpoint_and_with_other_workers(whole, expected, tmp_path):
         assert compared(folder) == expected
 
 
+@pytest.mark.long
 def test_in_a_new_folder_resuming_is_starting(expected, tmp_path):
     """So does a run killed during warm-up: it left a lock and half a file at most."""
     folder = tmp_path / "new" / "run"
@@ -116,6 +118,7 @@ def test_in_a_new_folder_resuming_is_starting(expected, tmp_path):
     assert compared(folder) == expected
 
 
+@pytest.mark.long
 def test_a_finished_run_continues_when_more_is_asked_for(expected, tmp_path):
     assert sample(tmp_path / "run", options=("--ess", "100", "--seed", "3", "--quiet")) == 0
     fewer = compared(tmp_path / "run")
@@ -124,6 +127,7 @@ def test_a_finished_run_continues_when_more_is_asked_for(expected, tmp_path):
     assert compared(tmp_path / "run") == expected
 
 
+@pytest.mark.long
 def test_killed_at_random_and_starved_of_space():
     """A few trials of the study that counts them; figures left out."""
     command = [sys.executable, ROOT / "scripts" / "study.py", "crashes", "--no-figures"]
@@ -142,6 +146,7 @@ def test_killed_at_random_and_starved_of_space():
 # --- stopped by the user -----------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )

@@ -66,6 +66,7 @@ def limit(tests, level=1e-3):
 # --- ways to the same posterior ----------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "noise"), [("donor2-media", "effective"), ("donor2-adventitia", "independent")]
 )
@@ -91,6 +92,7 @@ def test_free_and_noisy_are_the_same_posterior(name, noise):
     assert departures(runs[1], draw_posterior(other, QUICK)).max() > 2 * limit(z.size)
 
 
+@pytest.mark.long
 def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_determinant():
     """The determinant matters where the toe is soft and few readings count."""
     media = specimen()
@@ -114,6 +116,7 @@ def chain():
     return draw_posterior(prepared(), Plan(ess=500, seed=4, workers=1, walkers=32))
 
 
+@pytest.mark.long
 def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
     again = draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=2, walkers=32))
     np.testing.assert_array_equal(chain.chain, again.chain)
@@ -122,6 +125,7 @@ def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
     assert not np.array_equal(chain.chain, other.chain)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "noise", "stops"),
     [("donor2-media", "effective", (2,)), ("donor2-adventitia", "independent", (0,))],
@@ -348,6 +352,7 @@ def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
         assert word in text
 
 
+@pytest.mark.long
 def test_a_run_that_does_not_converge_ends_with_3_and_shows_nothing_to_trust(tmp_path, capsys):
     out = tmp_path / "short"
     with runs_without_figures():
@@ -383,6 +388,7 @@ def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
     assert not (tmp_path / "run" / "provenance.json").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "way", [["--mounting", "zeroed"], ["--mounting-force", "0.013", "0.016"]], ids=lambda w: w[0]
 )

@@ -143,6 +143,7 @@ def test_long_runs_are_judged_a_few_times_and_saved_often(monkeypatch):
     assert len(judged) <= 10 < len(saved)
 
 
+@pytest.mark.long
 def test_what_a_first_run_compiles_beside_its_work_is_what_sampling_calls(tmp_path):
     """After the small example sampling compiles nothing that takes long, in any process."""
     program = (

@@ -179,6 +179,7 @@ def page(request, tmp_path_factory):
     return folder / request.param, terms
 
 
+@pytest.mark.long
 def test_the_page_explains_its_words(page):
     path, terms = page
     html = path.read_text(encoding="utf-8")

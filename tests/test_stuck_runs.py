@@ -88,6 +88,7 @@ def test_two_modes_are_sampled_where_a_move_crosses(tmp_path, capsys, monkeypatc
     assert code == 0 and convergence["state"] == "converged", convergence
 
 
+@pytest.mark.long
 def test_ensembles_that_stay_at_their_modes_make_a_run_unusable(tmp_path, capsys, monkeypatch):
     """Without the move that crosses: each ensemble alone looks converged."""
     with_a_wall(monkeypatch)

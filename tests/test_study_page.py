@@ -100,6 +100,7 @@ def test_donors_with_several_layers_are_groups():
     assert donor == "" and len(labels) == 5
 
 
+@pytest.mark.long
 def test_the_figure_fits_a_page_and_nothing_overlaps(result):
     figure = study_figure(result.table)
     canvas = FigureCanvasAgg(figure)

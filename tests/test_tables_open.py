@@ -5,6 +5,7 @@ import hashlib
 import shutil
 
 import pandas as pd
+import pytest
 
 import biaxbayes
 import quick_posteriors
@@ -32,6 +33,7 @@ def test_every_table_of_a_run_and_its_verbs_opens_as_it_is(media_run, tmp_path):
         assert len(plain(path)) > 1
 
 
+@pytest.mark.long
 def test_every_table_that_a_verb_writes_has_a_plain_header(small_run, tmp_path):
     one, other, out = (tmp_path / name for name in ("one", "other", "out"))
     for folder in (one, other):

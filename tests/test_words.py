@@ -84,6 +84,7 @@ def test_a_paragraph_of_methods_states_the_units_of_its_priors(html):
     assert not any("log sd" in t for t in told)
 
 
+@pytest.mark.long
 def test_the_terminal_says_what_a_nat_is(small_run, capsys, tmp_path):
     with pytest.raises(SystemExit):
         main(["design", str(small_run.path), "--out", str(tmp_path), "--quiet"])
