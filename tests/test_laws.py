@@ -210,6 +210,43 @@ def test_materials_that_are_none(name, values, said):
     assert said in f"{error.value}"
 
 
+@pytest.mark.parametrize(
+    ("name", "exponents"),
+    [
+        ("goh", ("k2",)),
+        ("hgo", ("k2",)),
+        ("goh-exponential", ("k2",)),
+        ("goh-exponential", ("b",)),
+        ("four-fibre", ("k2_x",)),
+        ("four-fibre", ("k2_y", "k2_d")),
+        ("fung", ("b_x", "b_xy")),
+        ("holzapfel-2005", ("k2",)),
+        ("may-newman", ("k2",)),
+        ("lee-sacks", ("c2",)),
+        ("lee-sacks", ("c3",)),
+    ],
+)
+def test_energy_and_stress_without_an_exponent_are_its_limit(name, exponents):
+    law = law_named(name)
+    values = dict(zip(law.names, TYPICAL[name], strict=True))
+    none, few = (
+        law.scalar([(values | dict.fromkeys(exponents, v))[n] for n in law.names])
+        for v in (0.0, 1e-7)
+    )
+    assert none.strain_energy(1.2, 1.1) == pytest.approx(few.strain_energy(1.2, 1.1), rel=1e-5)
+    np.testing.assert_allclose(none.cauchy(1.2, 1.1), few.cauchy(1.2, 1.1), rtol=1e-5)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_fung_holds_where_its_form_is_definite(sign):
+    law = law_named("fung")
+    for b_x, b_y in ((8.0, 5.0), (0.4, 0.9), (50.0, 300.0)):
+        most = sign * np.sqrt(b_x * b_y)
+        for share, holds in ((0.999, True), (1.001, False)):
+            values = {"c0": 1.0, "c": 1.0, "b_x": b_x, "b_y": b_y, "b_xy": share * most}
+            assert bool(law.holds(values)) is holds
+
+
 def test_a_stress_that_overflows_is_said():
     material = biaxbayes.law("fung", c0=1, c=1, b_x=50, b_y=50, b_xy=0)
     with pytest.raises(InputError, match="no finite stress at stretches 5, 4"):

@@ -24,7 +24,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.law import Law, MaterialResponse, SamplingLayout, register
+from biaxbayes.laws.law import (
+    Law,
+    MaterialResponse,
+    SamplingLayout,
+    exponential_energy,
+    register,
+)
 from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
 from biaxbayes.laws.roots import LOG_EXPONENT, ROOT_WIDTH, log_square, log_stress_scale, root
 from biaxbayes.parameters import Parameter, fibre_angle, scale
@@ -102,10 +108,7 @@ def _second_derivatives(constants, X, Y, Z, g):
 
 
 def _family_energy(k1, k2, E):
-    k2 = np.asarray(k2)
-    # (exp(k2 E^2) - 1) / k2 -> E^2 as k2 -> 0
-    safe = np.where(k2 == 0.0, 1.0, k2)
-    return 0.25 * k1 * np.where(k2 == 0.0, E * E, np.expm1(k2 * E * E) / safe)
+    return 0.25 * k1 * exponential_energy(k2, E * E)
 
 
 def _energy(constants, X, Y, Z):
