@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import root
 
+from biaxbayes.errors import InputError
 from biaxbayes.laws.dispersed_fibres import (
     angles_from_chart,
     chart_from_angles,
+    dispersion_as_goh,
     reference_state,
     structure_tensor,
 )
@@ -106,6 +108,30 @@ def test_structure_tensor_has_unit_trace_and_turns_with_the_axes():
     np.testing.assert_allclose(
         structure_tensor(np.pi / 2 - alpha, kappa), (Hy, Hx, Hz), rtol=0, atol=1e-15
     )
+
+
+def test_dispersion_in_and_out_of_plane_is_goh_at_another_angle():
+    """The structure tensor of Holzapfel et al. 2015, Eq. 2.17, from its two directions."""
+    rng, told = np.random.default_rng(8), 0
+    for _ in range(400):
+        kappa_ip, kappa_op, alpha = rng.uniform(0, 1), rng.uniform(0, 0.5), rng.uniform(0, 90)
+        A, B = 2 * kappa_op * kappa_ip, 2 * kappa_op * (1 - 2 * kappa_ip)
+        angle = np.radians(alpha)
+        M, normal = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([0.0, 0.0, 1.0])
+        H = A * np.eye(3) + B * np.outer(M, M) + (1 - 3 * A - B) * np.outer(normal, normal)
+        expected = np.diag(H)
+        if expected[2] > min(expected[:2]):
+            with pytest.raises(InputError, match="none of GOH"):
+                dispersion_as_goh(kappa_ip, kappa_op, alpha)
+            continue
+        told += 1
+        found, kappa = dispersion_as_goh(kappa_ip, kappa_op, alpha)
+        np.testing.assert_allclose(structure_tensor(np.radians(found), kappa), expected, atol=1e-12)
+    assert 50 < told < 350
+    assert dispersion_as_goh(0.0, 0.5, 41.0) == pytest.approx((41.0, 0.0))
+    assert dispersion_as_goh(0.5, 1 / 3, 41.0)[1] == pytest.approx(1 / 3)
+    with pytest.raises(InputError, match="are no dispersions"):
+        dispersion_as_goh(1.2, 0.5, 41.0)
 
 
 @pytest.mark.parametrize("fibre_switch", [False, True])

@@ -17,6 +17,7 @@ except PackageNotFoundError:  # running from a source tree that was never instal
 _EXPORTS = {
     "GOH": "biaxbayes.laws.goh",
     "law": "biaxbayes.laws",
+    "dispersion_as_goh": "biaxbayes.laws.dispersed_fibres",
     "Specimen": "biaxbayes.specimens.specimen",
     "Protocol": "biaxbayes.specimens.specimen",
     "read_specimen": "biaxbayes.specimens.specimen_file",

@@ -33,7 +33,8 @@ CONVENTIONS = [
     "Two families lie at +gamma and -gamma degrees from the first material axis (a), which is the "
     "x axis of the test; d lies in the plane, towards its y axis. Replace mat_axis by the axes of "
     "your geometry.",
-    "kappa = 0 means aligned fibres, 1/3 an isotropic distribution.",
+    "kappa = 0 means aligned fibres, 1/3 an isotropic distribution; as a dispersion out of the "
+    "plane (Holzapfel et al. 2015) it is kappa_op = (1 - kappa) / 2.",
 ]
 
 

@@ -6,8 +6,8 @@ Interface 3 (2006) 15), in which both families have the strain E = Hx X + Hy Y +
 squared stretches X, Y, Z.
 
 The chart is (d, v). d = ln(Hx / Hy) is what data pin. v stands for h = (1 - 3 kappa) sin 2 alpha,
-twice the in-plane
-shear component of each fibre family's structure tensor: what an axis-aligned test does not see.
+twice the
+in-plane shear component of each family's structure tensor: what an axis-aligned test does not see.
 With R = 1 - 3 kappa and D = Hx - Hy = R cos 2 alpha, the pair (D, h) are Cartesian coordinates of
 the polar pair (R, 2 alpha). At a given d, h runs from 0, where alpha is 0 or 90 degrees, to
 h_max = 2 sqrt(t (1 - t)), t = Hx / (Hx + Hy), where kappa is 0;
@@ -23,17 +23,20 @@ the two is fixed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from biaxbayes.compilation import inlined
+from biaxbayes.errors import InputError
 from biaxbayes.laws.law import MaterialResponse, exponential_energy
 
 __all__ = [
     "DEFAULT_SOFTENING",
     "angles_from_chart",
     "chart_from_angles",
+    "dispersion_as_goh",
     "fibre_curvature",
     "fibre_energy",
     "fibre_slope",
@@ -59,6 +62,52 @@ def structure_tensor_of(cos2, kappa):
     """Diagonal (Hx, Hy, Hz) from cos^2 of the angle."""
     # Hx = kappa + (1 - 3 kappa) cos^2 alpha,  Hy = kappa + (1 - 3 kappa) sin^2 alpha,  Hz = kappa
     return kappa + (1.0 - 3.0 * kappa) * cos2, kappa + (1.0 - 3.0 * kappa) * (1.0 - cos2), kappa
+
+
+def dispersion_as_goh(kappa_ip: float, kappa_op: float, alpha_deg: float) -> tuple[float, float]:
+    """Angle and dispersion of GOH that an axis-aligned test cannot tell from two dispersions.
+
+    With the dispersion in the plane and out of it (Holzapfel et al., J. R. Soc. Interface 12 (2015)
+    20150188) and one generalised strain, the structure tensor of two families at +-alpha is
+    (A + B cos^2 alpha, A + B sin^2 alpha, 1 - 2 kappa_op). It is that of GOH at another angle
+    wherever its last component is the smallest. So histology is stated as a prior of GOH.
+
+    Parameters
+    ----------
+    kappa_ip : float
+        In the plane: 0 aligned, 1/2 no preferred direction in the plane, 1 aligned across.
+    kappa_op : float
+        Out of the plane: 1/2 all fibres in the plane, 1/3 isotropic where kappa_ip is 1/2.
+    alpha_deg : float
+        Mean angle of a family from the x axis.
+
+    Returns
+    -------
+    alpha_deg, kappa : float
+
+    Raises
+    ------
+    InputError
+        For dispersions out of range, and where more of the fibres points across than along x or y.
+    """
+    if not (0.0 <= kappa_ip <= 1.0 and 0.0 <= kappa_op <= 0.5):
+        raise InputError(
+            f"kappa_ip {kappa_ip:g} and kappa_op {kappa_op:g} are no dispersions",
+            remedy="kappa_ip lies between 0 and 1, kappa_op between 0 and 0.5",
+        )
+    A, B = 2.0 * kappa_op * kappa_ip, 2.0 * kappa_op * (1.0 - 2.0 * kappa_ip)
+    Hx, Hz = A + B * math.cos(math.radians(alpha_deg)) ** 2, 1.0 - 2.0 * kappa_op
+    Hy = 1.0 - Hx - Hz
+    if Hz > min(Hx, Hy) * (1.0 + 1e-12):
+        raise InputError(
+            f"these dispersions are none of GOH: H is {Hx:.3g}, {Hy:.3g} in the plane and "
+            f"{Hz:.3g} across",
+            remedy="a larger kappa_op, or leave alpha and kappa free",
+        )
+    # Hx = kappa + (1 - 3 kappa) cos^2 alpha,  Hz = kappa
+    spread = 1.0 - 3.0 * Hz
+    cos2 = (Hx - Hz) / spread if spread > 1e-9 else 0.5
+    return math.degrees(math.acos(math.sqrt(min(max(cos2, 0.0), 1.0)))), Hz
 
 
 @inlined
