@@ -9,7 +9,8 @@ import biaxbayes
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.fit import fit
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.laws.law import SamplingLayout, constants_at, energy, to_natural
+from biaxbayes.laws.law import SamplingLayout
+from biaxbayes.laws.response import constants_at, energy, to_natural
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.layout import to_slot
 from biaxbayes.specimens.specimen import Protocol, Specimen

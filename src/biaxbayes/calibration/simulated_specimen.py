@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.laws.law import Law, MaterialResponse
+from biaxbayes.laws.law import Law
+from biaxbayes.laws.response import MaterialResponse
 from biaxbayes.mechanics.load import load_per_stress, sections
 from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
 from biaxbayes.model.error_model import errors_of

@@ -24,7 +24,8 @@ from biaxbayes.fitting.residuals import (
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
-from biaxbayes.laws.law import Law, MaterialResponse
+from biaxbayes.laws.law import Law
+from biaxbayes.laws.response import MaterialResponse
 from biaxbayes.model.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen

@@ -31,7 +31,7 @@ from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
     from biaxbayes.fitting.result import FitResult
-    from biaxbayes.laws.law import MaterialResponse
+    from biaxbayes.laws.response import MaterialResponse
     from biaxbayes.machines.conversion import Choice, Conversion
     from biaxbayes.specimens.findings import Finding
     from biaxbayes.specimens.virtual_specimen import Dimensions, Truth
@@ -400,8 +400,8 @@ def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
 
 def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Dimensions]:
     """Material, stretches and dimensions: the options, else what is published with a material."""
-    from biaxbayes.laws.law import MaterialResponse
     from biaxbayes.laws.published import MATERIALS, PublishedMaterial
+    from biaxbayes.laws.response import MaterialResponse
     from biaxbayes.specimens.virtual_specimen import Dimensions
 
     if isinstance(test.material, MaterialResponse):
@@ -434,7 +434,7 @@ def _switched(material: MaterialResponse) -> MaterialResponse:
     """The same material whose fibres carry no compression."""
     from biaxbayes.laws import law_named
     from biaxbayes.laws.goh import GOH
-    from biaxbayes.laws.law import StatedMaterial
+    from biaxbayes.laws.response import StatedMaterial
 
     if isinstance(material, GOH):
         return replace(material, fibre_switch=True)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from biaxbayes.errors import InputError
 
 if TYPE_CHECKING:
-    from biaxbayes.laws.law import Law, StatedMaterial
+    from biaxbayes.laws.law import Law
+    from biaxbayes.laws.response import StatedMaterial
     from biaxbayes.parameters import Parameter
 
 __all__ = ["DEFAULT_LAW", "LAWS", "all_parameters", "law_named", "material"]

@@ -30,7 +30,7 @@ import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.errors import InputError
-from biaxbayes.laws.law import MaterialResponse, exponential_energy
+from biaxbayes.laws.response import MaterialResponse, exponential_energy
 
 __all__ = [
     "DEFAULT_SOFTENING",

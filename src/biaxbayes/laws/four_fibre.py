@@ -24,14 +24,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.law import (
-    Law,
-    MaterialResponse,
-    SamplingLayout,
-    exponential_energy,
-    register,
-)
+from biaxbayes.laws.law import Law, SamplingLayout
 from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
+from biaxbayes.laws.response import MaterialResponse, exponential_energy, register
 from biaxbayes.laws.roots import LOG_EXPONENT, ROOT_WIDTH, log_square, log_stress_scale, root
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 

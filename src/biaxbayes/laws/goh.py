@@ -44,11 +44,9 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor,
     structure_tensor_of,
 )
-from biaxbayes.laws.law import (
-    Law,
+from biaxbayes.laws.law import Law, SamplingLayout, StressResponse
+from biaxbayes.laws.response import (
     MaterialResponse,
-    SamplingLayout,
-    StressResponse,
     cauchy_components,
     log_stretch_jacobian,
     register,

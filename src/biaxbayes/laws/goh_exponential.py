@@ -31,15 +31,9 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor,
     structure_tensor_of,
 )
-from biaxbayes.laws.law import (
-    Law,
-    MaterialResponse,
-    SamplingLayout,
-    exponential_energy,
-    register,
-    to_natural,
-)
+from biaxbayes.laws.law import Law, SamplingLayout
 from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances
+from biaxbayes.laws.response import MaterialResponse, exponential_energy, register, to_natural
 from biaxbayes.parameters import Parameter, scale
 
 __all__ = ["GOHExponentialLaw"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.laws.law import Material, MaterialResponse
+from biaxbayes.laws.response import Material, MaterialResponse
 
 __all__ = ["LOAD_NEARNESS", "LOAD_SHARE", "amplitude_distances", "largest_at"]
 

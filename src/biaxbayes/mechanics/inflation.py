@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.laws.law import MaterialResponse
+from biaxbayes.laws.response import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 
 __all__ = [

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.law import (
+from biaxbayes.laws.response import (
     MaterialResponse,
     cauchy_components,
     derivatives,

@@ -4,8 +4,8 @@ A walker's coordinates are spread over *slots*, which hold a number each whether
 fixed or tied to another: the parameters of the law first, then those of the errors and of measured
 dimensions, then two a mounted state. They are turned into material, mounted state and errors, and
 the curves are compared with the readings. The stress is that of the law
-(:mod:`biaxbayes.laws.law`), the mounted state that of :mod:`biaxbayes.mechanics.mounting`, the load
-law that of :mod:`biaxbayes.mechanics.load`, the errors those of
+(:mod:`biaxbayes.laws.response`), the mounted state that of :mod:`biaxbayes.mechanics.mounting`, the
+load law that of :mod:`biaxbayes.mechanics.load`, the errors those of
 :mod:`biaxbayes.model.error_model`; one kernel is compiled for each law and spread of errors.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import WITHIN, inlined
-from biaxbayes.laws.law import (
+from biaxbayes.laws.response import (
     cauchy_components,
     column,
     constants_at,

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.law import Law, Material
+from biaxbayes.laws.law import Law
+from biaxbayes.laws.response import Material
 from biaxbayes.mechanics.inflation import (
     MMHG_PER_KPA,
     Tube,

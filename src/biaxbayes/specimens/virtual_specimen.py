@@ -23,7 +23,7 @@ from biaxbayes.fem.grips import Hooks
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
-from biaxbayes.laws.law import MaterialResponse
+from biaxbayes.laws.response import MaterialResponse
 from biaxbayes.mechanics.virtual_test import VirtualTest, smooth_misfit, virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.text_files import atomic_write_text
