@@ -113,6 +113,21 @@ def test_what_the_mounted_state_carries_is_that_of_the_specimen():
     assert apart.carried.shape == apart.reached.shape == (len(made.protocols), 2)
 
 
+def test_a_stated_end_that_the_prior_decides_is_named():
+    found = LawRange((law_fit(), law_fit("fung", 1.1, 1.021)), 1.0, 100.0)
+
+    def reason(interval: tuple[float, float], by_prior: tuple[bool, bool]) -> str:
+        return stated_by_laws(found, 0, 0, "goh", interval, by_prior=by_prior).reason
+
+    assert reason((1.010, 1.022), (True, False)).endswith("goh, fung; low end by the prior")
+    assert reason((1.010, 1.030), (True, True)).endswith("; both ends by the prior")
+    assert reason((1.019, 1.030), (False, True)).endswith("; high end by the prior")
+    # ends of the laws are the data's, and an end that is not stated is nobody's
+    assert "prior" not in reason((1.019, 1.022), (True, True))
+    assert reason((0.98, 1.3), (True, True)).endswith("; low end by the prior")
+    assert "prior" not in reason((0.98, 1.3), (False, True))
+
+
 def test_a_measured_mounting_stretch_is_stated_as_it_is():
     found = state(law_fit(), law_fit("fung", 1.0, 1.3), measured=True)
     assert (found.low, found.high) == (1.018, 1.022) and "measured" in found.reason

@@ -353,12 +353,15 @@ def _stated(
     fits: LawRange | None,
 ) -> dict[str, Stated]:
     """What is stated of the mounting stretches, by name."""
-    intervals = {
-        name: (e.low, e.high) for name, (e, _, _) in evidence.items() if e.parameter.kind == STRETCH
-    }
-    if fits is None or not intervals:
+    of_stretches = {n: e for n, (e, _, _) in evidence.items() if e.parameter.kind == STRETCH}
+    if fits is None or not of_stretches:
         return {}
-    return stated_mounting(posterior, intervals, fits)
+    return stated_mounting(
+        posterior,
+        {name: (e.low, e.high) for name, e in of_stretches.items()},
+        fits,
+        {name: e.by_prior for name, e in of_stretches.items()},
+    )
 
 
 def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds) -> dict[str, str]:

@@ -39,6 +39,7 @@ __all__ = [
     "better_law",
     "cure",
     "distinctly_better",
+    "ends_by_prior_words",
     "law_fits",
     "law_range",
     "stated_by_laws",
@@ -342,8 +343,18 @@ def cure(names: Sequence[str]) -> str:
     )
 
 
+def ends_by_prior_words(by_prior: tuple[bool, bool]) -> str:
+    """Which ends of an interval the prior decides."""
+    if all(by_prior):
+        return "both ends by the prior"
+    return f"{'low' if by_prior[0] else 'high'} end by the prior"
+
+
 def stated_mounting(
-    posterior: Posterior, intervals: Mapping[str, tuple[float, float]], found: LawRange | None
+    posterior: Posterior,
+    intervals: Mapping[str, tuple[float, float]],
+    found: LawRange | None,
+    by_prior: Mapping[str, tuple[bool, bool]] | None = None,
 ) -> dict[str, Stated]:
     """State the mounting stretches of the tissue, by name.
 
@@ -355,6 +366,8 @@ def stated_mounting(
         90 % intervals within the law, by the names of the mounting stretches.
     found : LawRange or None
         From :func:`law_fits`.
+    by_prior : mapping of str to (bool, bool), optional
+        Whether the prior decides the low and the high end of an interval.
     """
     out = {}
     for i, state in enumerate(posterior.mounts):
@@ -365,7 +378,9 @@ def stated_mounting(
                 low, high = intervals[name]
                 out[name] = Stated(low, high, "measured before and after mounting")
             else:
-                out[name] = stated_by_laws(found, i, axis, posterior.law.name, intervals[name])
+                decided = (by_prior or {}).get(name, (False, False))
+                law, interval = posterior.law.name, intervals[name]
+                out[name] = stated_by_laws(found, i, axis, law, interval, by_prior=decided)
     return out
 
 
@@ -375,6 +390,8 @@ def stated_by_laws(
     axis: int,
     law: str = "",
     interval: tuple[float, float] | None = None,
+    *,
+    by_prior: tuple[bool, bool] = (False, False),
 ) -> Stated:
     """State one mounting stretch.
 
@@ -388,6 +405,9 @@ def stated_by_laws(
         Of a run, whose ``interval`` counts where the law is among those that describe the record.
     interval : (float, float), optional
         90 % interval within that law.
+    by_prior : (bool, bool)
+        Whether the prior decides the low and the high end of that interval: where they are those
+        that are stated, the reason says so.
     """
     open_ = float("nan")
     if found is None:
@@ -406,6 +426,13 @@ def stated_by_laws(
             float(max([*(at + margin), *(b for _, b in own)])),
         )
 
+    def by_prior_words(*stated: float) -> str:
+        """Which of the stated ends are those of the interval, and by the prior."""
+        low, high = (
+            bool(own) and own[0][side] == end and by_prior[side] for side, end in enumerate(stated)
+        )
+        return f"; {ends_by_prior_words((low, high))}" if low or high else ""
+
     low, high = ends(alike, VALUE_ERRORS)
     # by the signs of the residuals, so that a worse load cell never makes for a better statement
     fits = not first.smooth
@@ -414,7 +441,7 @@ def stated_by_laws(
         agree = (
             "laws that describe the record agree" if len(alike) > 1 else "of the only law so good"
         )
-        return Stated(low, high, f"{agree}: {names}")
+        return Stated(low, high, f"{agree}: {names}" + by_prior_words(low, high))
     least, _ = ends(found.lowest_of, LOW_ERRORS)
     if not np.isfinite(least) or first.mounting_stretch[index, axis] - least > FARTHEST_BELOW:
         said = ", ".join(f.law for f in found.lowest_of)
@@ -427,4 +454,4 @@ def stated_by_laws(
         why = f"only {names} describes the record, and leaves its high end wide"
     else:
         why = f"laws that describe the record alike differ above it: {names}"
-    return Stated(least, open_, why)
+    return Stated(least, open_, why + by_prior_words(least, open_))
