@@ -11,16 +11,14 @@ import pytest
 
 import biaxbayes
 from biaxbayes.fitting.constrained import LawFit, fit_law
-from biaxbayes.identifiability.stated import (
+from biaxbayes.identifiability.law_range import (
     ALIKE,
     LawRange,
-    Stated,
     better_law,
     distinctly_better,
     law_fits,
-    stated_by_laws,
-    stated_mounting,
 )
+from biaxbayes.identifiability.stated import Stated, stated_by_laws, stated_mounting
 from biaxbayes.parameters import MOUNTED
 from quick_posteriors import small_specimen
 
