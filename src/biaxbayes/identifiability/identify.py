@@ -199,6 +199,11 @@ class Identifiability:
         lost = [p for p in self.parameters if p.verdict == NOT_IDENTIFIED]
         return {p.name: p.evidence.refits for p in lost if p.evidence and p.evidence.refits}
 
+    def values(self) -> dict[str, tuple[float, float]]:
+        """Both ends of the mounting stretches that are stated of the tissue as values, by name."""
+        stated = [(p.name, p.stated) for p in self.parameters if p.stated is not None]
+        return {name: (s.low, s.high) for name, s in stated if s.is_value}
+
     def limits(self) -> list[tuple[str, float]]:
         """Every threshold by name, with the widths of sharp intervals."""
         return self.thresholds.items(p.scale.parameter for p in self.parameters)

@@ -352,6 +352,7 @@ def identified(
         posterior.specimen,
         posterior.law,
         refits=verdicts.refits(),
+        values=verdicts.values(),
         mounting_known=mounting_stated(posterior.settings.priors),
     )
     return Identified(verdicts, table, sloppiness(posterior, draws))
