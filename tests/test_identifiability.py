@@ -23,7 +23,7 @@ from biaxbayes.identifiability.marginals import (
     density,
     find_edges,
 )
-from biaxbayes.identifiability.power_scaling import sensitivity
+from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.identifiability.sloppiness import find_partners, sloppiness
 from biaxbayes.identifiability.verdict import (
     COMBINATION,
@@ -295,6 +295,43 @@ def test_power_scaling_moves_a_normal_as_theory_says():
     )
     found = sensitivity(x[:, None], -0.5 * x * x)[0]
     assert found == pytest.approx(expected / np.log2(a), rel=0.02)
+
+
+def test_an_end_that_the_prior_decides_is_named():
+    """Draws of prior times likelihood, both normal, and of a prior that the data cut from below."""
+    z = norm.ppf((np.arange(20_000) + 0.5) / 20_000)
+
+    def decided(centre: float, sd: float) -> tuple[bool, bool]:
+        # posterior under the prior N(0, 1) and a likelihood N(centre, sd)
+        weight = 1.0 / (1.0 + sd**2)
+        x = weight * centre + np.sqrt(weight) * sd * z
+        return ends_by_prior(x, -0.5 * x * x)
+
+    assert decided(0.0, 1e3) == decided(0.0, 1.0) == (True, True)
+    assert decided(0.0, 0.3) == decided(1.0, 0.1) == (False, False)
+    # drawn far from where the data have it
+    assert decided(3.0, 0.5) == (True, True)
+    cut = np.abs(z)
+    assert ends_by_prior(cut, -0.5 * cut * cut) == (False, True)
+    flat = np.linspace(0.0, 1.0, 1000)
+    assert ends_by_prior(flat, np.zeros(1000)) == (False, False)
+
+
+def test_a_mounting_stretch_says_which_of_its_ends_are_the_priors():
+    found = identify(made_up())
+    for axis in "xy":
+        row = found[f"mounting_stretch_{axis}"]
+        assert row.evidence.by_prior == (True, True) and "both ends by the prior" in row.words
+    assert not any("by the prior" in found[name].words for name in PARAMETERS)
+    rng = np.random.default_rng(5)
+    half = identify(
+        made_up(
+            mounting_stretch_x=1.0 + 0.1 * np.abs(rng.standard_normal(8000)),
+            mounting_stretch_y=1.0 + 0.01 * rng.standard_normal(8000),
+        )
+    )
+    assert "; high end by the prior" in half["mounting_stretch_x"].words
+    assert "by the prior" not in half["mounting_stretch_y"].words
 
 
 # --- what is written ---

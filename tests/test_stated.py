@@ -11,15 +11,14 @@ import pytest
 
 import biaxbayes
 from biaxbayes.fitting.constrained import LawFit, fit_law
-from biaxbayes.identifiability.stated import (
+from biaxbayes.identifiability.law_range import (
     ALIKE,
     LawRange,
-    Stated,
     better_law,
     distinctly_better,
     law_fits,
-    stated_mounting,
 )
+from biaxbayes.identifiability.stated import Stated, stated_by_laws, stated_mounting
 from biaxbayes.parameters import MOUNTED
 from quick_posteriors import small_specimen
 
@@ -45,29 +44,86 @@ def state(*fits: LawFit, noise: float = 1.0, interval=(1.018, 1.022), measured: 
 
 
 def test_laws_that_agree_state_a_value():
-    found = state(law_fit(), law_fit("fung", 1.2, 1.021), law_fit("hgo", 9.0, 1.3))
+    found = state(law_fit(), law_fit("fung", 1.1, 1.021), law_fit("hgo", 9.0, 1.3))
     assert found.is_value and "goh, fung" in found.reason
-    # two errors of every law, and the interval within the run's own
-    assert found.low == pytest.approx(1.018) and found.high == pytest.approx(1.023)
+    # own errors of every law, and of their strains what a further law may add
+    assert found.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.020)
+    assert found.high == pytest.approx(1.021 + 1.645 * 0.001 + 0.09 * 0.021)
+    # the interval within the run's own law counts where that law describes the record
+    wider = state(law_fit(), law_fit("fung", 1.1, 1.021), interval=(1.01, 1.03))
+    assert (wider.low, wider.high) == (1.01, 1.03)
+    other = state(law_fit(rms=3.0), law_fit("fung"), law_fit("hgo"), interval=(1.01, 1.03))
+    assert other.low > 1.01 and other.high < 1.03
 
 
 def test_laws_that_differ_state_the_low_end_alone():
     found = state(law_fit(), law_fit("fung", 1.1, 1.09), law_fit("hgo", 9.0, 0.9))
-    assert found.low == pytest.approx(1.018) and np.isnan(found.high)
+    assert found.low == pytest.approx(1.02 - 0.5 * 0.001 - 0.09 * 0.02) and np.isnan(found.high)
     assert "differ above" in found.reason and not found.is_value
     # a law without the low end of the others, but as good, moves it
     lower = state(law_fit(), law_fit("fung", 1.1, 1.0, 0.01))
-    assert lower.low == pytest.approx(0.99)
+    assert lower.low == pytest.approx(1.0 - 0.5 * 0.01)
+
+
+def test_a_low_end_is_that_of_two_laws_at_least():
+    """One law that describes the record alone tells nothing of how far laws differ."""
+    best = law_fit("fung", 1.0, 1.2, 0.02)
+    alone = state(best, law_fit("goh", 5.0, 1.15), law_fit("hgo", 6.0, 1.05))
+    assert alone.low == pytest.approx(1.15 - 0.5 * 0.001 - 0.09 * 0.15)
+    assert "only fung describes" in alone.reason
+    far = state(best, law_fit("goh", 5.0, 0.9))
+    assert np.isnan(far.low) and "leave it open: fung, goh" in far.reason
 
 
 def test_what_misses_smoothly_or_is_wide_is_no_value():
-    assert not state(law_fit(smooth=True), law_fit("fung", 1.2, 1.021)).is_value
+    assert not state(law_fit(smooth=True), law_fit("fung", 1.1, 1.021)).is_value
     alone = state(law_fit("fung"), law_fit("goh", 5.0))
     assert alone.is_value and alone.reason == "of the only law so good: fung"
     wide = state(law_fit("fung", sd=0.02), law_fit("goh", 5.0))
     assert not wide.is_value and "only fung describes" in wide.reason
-    lost = state(law_fit(), law_fit("fung", 1.1, 1.3, 0.5))
+    lost = state(law_fit(), law_fit("fung", 1.1, 1.3, 1.5))
     assert np.isnan(lost.low) and np.isnan(lost.high) and "leave it open" in lost.reason
+
+
+def test_tissue_that_softens_beyond_the_mounted_state_is_no_value():
+    """Laws agree that a third of the load is there after 2 % of stretch, the rest takes 15 %."""
+    fits = (law_fit(), law_fit("fung", 1.1, 1.021))
+
+    def stated(carried: float) -> Stated:
+        arrays = np.full((1, 2), carried), np.full((1, 2), 1.15)
+        return stated_by_laws(LawRange(fits, 1.0, 100.0, *arrays), 0, 0)
+
+    # rubber carries 1.5 times the mean: 1.5 * 0.02 / (1.02 * 1.15 - 1) = 0.173
+    assert stated(0.17).is_value and stated(-0.3).is_value
+    soft = stated(0.18)
+    assert np.isfinite(soft.low) and np.isnan(soft.high) and "would soften" in soft.reason
+
+
+def test_what_the_mounted_state_carries_is_that_of_the_specimen():
+    made = small_specimen()
+    found = law_fits(made, ("hgo",), rows=20, starts=1)
+    assert found is not None and found.carried is not None and found.reached is not None
+    load = np.concatenate([made.load(p) for p in made.protocols])
+    assert found.carried[0] == pytest.approx(load[0] / load.max(axis=0), rel=0.2)
+    assert found.reached[0, 0] == max(p.stretch_x.max() for p in made.protocols)
+    apart = law_fits(made, ("hgo",), mounting_stretch="per-protocol", rows=20, starts=1)
+    assert apart is not None and apart.carried is not None and apart.reached is not None
+    assert apart.carried.shape == apart.reached.shape == (len(made.protocols), 2)
+
+
+def test_a_stated_end_that_the_prior_decides_is_named():
+    found = LawRange((law_fit(), law_fit("fung", 1.1, 1.021)), 1.0, 100.0)
+
+    def reason(interval: tuple[float, float], by_prior: tuple[bool, bool]) -> str:
+        return stated_by_laws(found, 0, 0, "goh", interval, by_prior=by_prior).reason
+
+    assert reason((1.010, 1.022), (True, False)).endswith("goh, fung; low end by the prior")
+    assert reason((1.010, 1.030), (True, True)).endswith("; both ends by the prior")
+    assert reason((1.019, 1.030), (False, True)).endswith("; high end by the prior")
+    # ends of the laws are the data's, and an end that is not stated is nobody's
+    assert "prior" not in reason((1.019, 1.022), (True, True))
+    assert reason((0.98, 1.3), (True, True)).endswith("; low end by the prior")
+    assert "prior" not in reason((0.98, 1.3), (False, True))
 
 
 def test_a_measured_mounting_stretch_is_stated_as_it_is():

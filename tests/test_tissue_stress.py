@@ -127,6 +127,28 @@ def test_nothing_is_stated_where_a_tenth_of_the_stretch_may_be_unmeasured():
     assert not mounting_stated({"kappa": 0.1})
 
 
+def test_stresses_hold_with_the_mounting_stretch_that_is_stated_as_a_value():
+    """Its ends stand in the place of the refits and of the draws' own, however far they are."""
+    data, table = stress_specimen(), draws(np.random.default_rng(5))
+    cauchy = "Cauchy stress x"
+    value, refits = {"mounting_stretch_x": (1.11, 1.13)}, {"mounting_stretch_x": (0.9, 1.3)}
+
+    def ends(**ranges):
+        found = determined(table, data, GOH_LAW, **ranges)
+        rows = found[found["quantity"] == cauchy].iloc[-1]
+        return rows["tissue_low_90"], rows["tissue_high_90"]
+
+    assert ends(values=value) == ends(values=value, refits=refits)
+    assert ends(values=value) == ends(refits=value, mounting_known=True)
+    assert np.isnan(ends(refits=refits)).all()
+    # of the other direction nothing is stated as a value, and it may lie far
+    far = {"mounting_stretch_y": (1.0, 1.2)}
+    assert np.isnan(ends(values=value, refits=far)).all()
+    strong = table.assign(mounting_stretch_y=table["mounting_stretch_y"] + 0.07)
+    found = determined(strong, data, GOH_LAW, values=value)
+    assert found.loc[found["quantity"] == cauchy, "tissue_low_90"].isna().all()
+
+
 def test_what_is_no_stress_has_no_such_interval():
     found = determined(draws(np.random.default_rng(3)), stress_specimen(), GOH_LAW)
     stress = found["quantity"].str.contains("Cauchy stress|nominal stress")

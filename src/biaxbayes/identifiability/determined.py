@@ -195,6 +195,7 @@ def determined(
     *,
     stretches: Sequence[tuple[float, float]] | None = None,
     refits: Mapping[str, tuple[float, float]] | None = None,
+    values: Mapping[str, tuple[float, float]] | None = None,
     mounting_known: bool = False,
 ) -> pd.DataFrame:
     """Quantities that do not depend on how the parameters are split, with 90 % intervals.
@@ -210,9 +211,13 @@ def determined(
     refits : mapping of str to (float, float), optional
         Ranges of the mounting stretches that are not identified, by name. Stresses of the tissue at
         total stretches are those of a mounted state that lies anywhere in the range.
+    values : mapping of str to (float, float), optional
+        Both ends of the mounting stretches that are stated of the tissue as values, by name: they
+        stand in the place of ``refits`` and of the draws' own interval, however far they are.
     mounting_known : bool
         Whether the mounting stretch was measured, as by an image, and its prior states it. Else
-        stresses of the tissue at total stretches are not stated where it may be 1.1 or more.
+        stresses of the tissue at total stretches are not stated where one that is not stated as a
+        value may be 1.1 or more.
 
     Returns
     -------
@@ -233,9 +238,10 @@ def determined(
     """
     few = some_draws(draws)
     states = list(stretches) if stretches is not None else stated_stretches(draws, specimen)
+    ranges = {**(refits or {}), **(values or {})}
     with np.errstate(over="ignore", invalid="ignore"):
-        stated = mounting_known or _farthest(few, specimen, refits or {}) < FARTHEST
-        rows = [_row(*of) for of in _quantities(few, specimen, states, law, refits or {}, stated)]
+        stated = mounting_known or _farthest(few, specimen, ranges, values or {}) < FARTHEST
+        rows = [_row(*of) for of in _quantities(few, specimen, states, law, ranges, stated)]
         if stretches is None:
             rows += [_row(*of) for of in _measured_stresses(few, specimen, law.material(few))]
     return pd.DataFrame(rows)
@@ -275,7 +281,7 @@ def _quantities(
     specimen: Specimen,
     states: list[State],
     law: Law,
-    refits: Mapping[str, tuple[float, float]],
+    ranges: Mapping[str, tuple[float, float]],
     stated: bool,
 ) -> Iterator[Quantity]:
     material = law.material(draws)
@@ -286,7 +292,7 @@ def _quantities(
     for name, i, j in TANGENTS:
         yield f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0], None
     lm = np.mean([protocol_mounting(draws, p) for p in specimen.protocols], axis=0)
-    moved = _moved(specimen, lm, refits)
+    moved = _moved(specimen, lm, ranges)
     for state in states:
         at = [np.array([v]) for v in state]
         tangent = material.cauchy_by_log_stretch(*at)
@@ -313,28 +319,33 @@ TANGENTS = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1))
 
 
 def _farthest(
-    draws: pd.DataFrame, specimen: Specimen, refits: Mapping[str, tuple[float, float]]
+    draws: pd.DataFrame,
+    specimen: Specimen,
+    ranges: Mapping[str, tuple[float, float]],
+    values: Mapping[str, tuple[float, float]],
 ) -> float:
-    """The largest mounting stretch that the intervals and the ranges of refits hold."""
+    """The largest mounting stretch that intervals and ranges hold, but for stated values."""
     states = mounting_labels(draws, specimen)
     columns = [name for state in states for name in mounting_names("stretch", state)]
-    ends = [float(np.quantile(draws[c], INTERVAL[1])) for c in columns]
-    return max([*ends, *(high for _, high in refits.values())], default=1.0)
+    ends = {c: float(np.quantile(draws[c], INTERVAL[1])) for c in columns}
+    for name, (_, high) in ranges.items():
+        ends[name] = max(high, ends.get(name, high))
+    return max((end for name, end in ends.items() if name not in values), default=1.0)
 
 
 def _moved(
-    specimen: Specimen, lm: np.ndarray, refits: Mapping[str, tuple[float, float]]
+    specimen: Specimen, lm: np.ndarray, ranges: Mapping[str, tuple[float, float]]
 ) -> np.ndarray:
-    """Mounting stretch of each draw over one that scatters over the range of refits, (n, 2)."""
+    """Mounting stretch of each draw over one that scatters over its range, (n, 2)."""
     out = np.ones_like(lm)
     rng = np.random.default_rng(0)
     states = ("", *(p.name for p in specimen.protocols))
     for axis in range(2):
-        own = (refits.get(mounting_names("stretch", state)[axis]) for state in states)
-        ranges = [r for r in own if r is not None]
-        if not ranges:
+        own = (ranges.get(mounting_names("stretch", state)[axis]) for state in states)
+        found = [r for r in own if r is not None]
+        if not found:
             continue
-        low, high = np.mean(ranges, axis=0)
+        low, high = np.mean(found, axis=0)
         first, last = np.quantile(lm[:, axis], INTERVAL)
         # As much scatter as fills the range with 90 %, together with that of the draws.
         sd = np.sqrt(max((high - low) ** 2 - (last - first) ** 2, 0.0)) / NORMAL_90

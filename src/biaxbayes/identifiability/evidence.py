@@ -61,7 +61,9 @@ def evidence_of_run(
         edge_distances(draws, posterior.specimen, posterior.law),
         thresholds,
     )
-    return _with_refits(found, posterior, free, thresholds)
+    return _with_refits(
+        _with_prior_ends(found, posterior, free, every), posterior, free, thresholds
+    )
 
 
 def evidence_of_draws(
@@ -107,6 +109,21 @@ def evidence_of_draws(
         )
         for j, scale in enumerate(free)
     }
+
+
+def _with_prior_ends(
+    found: dict[str, Found], posterior: Posterior, free: tuple[Scale, ...], every: pd.DataFrame
+) -> dict[str, Found]:
+    """Ends of mounting stretches that their prior decides, where it is no measurement."""
+    out = dict(found)
+    for scale in free:
+        if scale.parameter.kind != STRETCH or posterior.specimen.metadata.get(scale.name):
+            continue
+        e, before, after = found[scale.name]
+        values = every[scale.name].to_numpy(dtype=float)
+        by_prior = power_scaling.ends_by_prior(values, power_scaling.log_prior((scale,), every))
+        out[scale.name] = (replace(e, by_prior=by_prior), before, after)
+    return out
 
 
 def _with_refits(

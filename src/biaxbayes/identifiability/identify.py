@@ -15,19 +15,14 @@ import pandas as pd
 
 from biaxbayes.identifiability.evidence import Found, evidence_of_run
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edges
+from biaxbayes.identifiability.law_range import LawRange, distinctly_better, law_fits
 from biaxbayes.identifiability.marginals import (
     Density,
     Edge,
     Scale,
     judged_scales,
 )
-from biaxbayes.identifiability.stated import (
-    LawRange,
-    Stated,
-    distinctly_better,
-    law_fits,
-    stated_mounting,
-)
+from biaxbayes.identifiability.stated import Stated, stated_mounting
 from biaxbayes.identifiability.verdict import (
     FIXED,
     NO_VERDICT,
@@ -204,6 +199,11 @@ class Identifiability:
         lost = [p for p in self.parameters if p.verdict == NOT_IDENTIFIED]
         return {p.name: p.evidence.refits for p in lost if p.evidence and p.evidence.refits}
 
+    def values(self) -> dict[str, tuple[float, float]]:
+        """Both ends of the mounting stretches that are stated of the tissue as values, by name."""
+        stated = [(p.name, p.stated) for p in self.parameters if p.stated is not None]
+        return {name: (s.low, s.high) for name, s in stated if s.is_value}
+
     def limits(self) -> list[tuple[str, float]]:
         """Every threshold by name, with the widths of sharp intervals."""
         return self.thresholds.items(p.scale.parameter for p in self.parameters)
@@ -353,12 +353,15 @@ def _stated(
     fits: LawRange | None,
 ) -> dict[str, Stated]:
     """What is stated of the mounting stretches, by name."""
-    intervals = {
-        name: (e.low, e.high) for name, (e, _, _) in evidence.items() if e.parameter.kind == STRETCH
-    }
-    if fits is None or not intervals:
+    of_stretches = {n: e for n, (e, _, _) in evidence.items() if e.parameter.kind == STRETCH}
+    if fits is None or not of_stretches:
         return {}
-    return stated_mounting(posterior, intervals, fits)
+    return stated_mounting(
+        posterior,
+        {name: (e.low, e.high) for name, e in of_stretches.items()},
+        fits,
+        {name: e.by_prior for name, e in of_stretches.items()},
+    )
 
 
 def _meaningless(law: Law, evidence: dict[str, Evidence], thresholds: Thresholds) -> dict[str, str]:

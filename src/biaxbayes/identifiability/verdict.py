@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 
 from biaxbayes.identifiability.marginals import Edge, Scale, end_in_words
 from biaxbayes.identifiability.sloppiness import Partners
+from biaxbayes.identifiability.stated import ends_by_prior_words
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import Parameter
 
@@ -85,6 +86,8 @@ def in_words(
         text += f"; {evidence.modes} separate peaks"
     if evidence.prior_sensitivity >= SENSITIVE and verdict != PRIOR:
         text += "; sensitive to the prior"
+    if any(evidence.by_prior):
+        text += f"; {ends_by_prior_words(evidence.by_prior)}"
     return f"{name}: {text}"
 
 
@@ -224,6 +227,9 @@ class Evidence:
         By power-scaling.
     refits : (float, float), optional
         Range of a mounting stretch in fits to parts of a record that the model misses.
+    by_prior : (bool, bool)
+        Whether its own prior decides the low and the high end of the interval of a mounting
+        stretch.
     """
 
     parameter: Parameter
@@ -239,6 +245,7 @@ class Evidence:
     prior_sensitivity: float
     likelihood_sensitivity: float
     refits: tuple[float, float] | None = None
+    by_prior: tuple[bool, bool] = (False, False)
 
     @property
     def contraction(self) -> float:

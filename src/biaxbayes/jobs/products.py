@@ -30,13 +30,13 @@ from biaxbayes.identifiability.identify import (
     fits_of_laws,
     identify_draws,
 )
+from biaxbayes.identifiability.law_range import LAW_FITS, LawRange, law_range
 from biaxbayes.identifiability.marginals import (
     BOUND_TAIL,
     PRIOR_TAIL,
 )
 from biaxbayes.identifiability.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
-from biaxbayes.identifiability.stated import LAW_FITS, LawRange, law_range
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten
 from biaxbayes.sampling.sampler import Draws
@@ -352,6 +352,7 @@ def identified(
         posterior.specimen,
         posterior.law,
         refits=verdicts.refits(),
+        values=verdicts.values(),
         mounting_known=mounting_stated(posterior.settings.priors),
     )
     return Identified(verdicts, table, sloppiness(posterior, draws))

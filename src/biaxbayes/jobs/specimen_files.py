@@ -102,7 +102,7 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: str | Path | None
     data = opened_specimen(specimen)
     findings = list(check_specimen(data))
     if fit:
-        from biaxbayes.identifiability.stated import better_law
+        from biaxbayes.identifiability.law_range import better_law
         from biaxbayes.identifiability.toe import described, goh_description, swapped_columns
 
         best = described(data)

@@ -8,7 +8,8 @@ from typing import Any
 from biaxbayes.csv_tables import read_csv
 from biaxbayes.errors import InputError
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_from
-from biaxbayes.identifiability.stated import LAW_FITS, cure
+from biaxbayes.identifiability.law_range import LAW_FITS
+from biaxbayes.identifiability.stated import cure
 from biaxbayes.parameters import STRETCH, Quantity, mounting_names
 from biaxbayes.reports.names import cut
 from biaxbayes.runs.run import Run

@@ -223,6 +223,7 @@ def determined_rows(run: Run) -> list[dict[str, str]]:
         run.specimen,
         run.law,
         refits=refit_ranges(run),
+        values={name: (s.low, s.high) for name, s in run.stated.items() if s.is_value},
         mounting_known=mounting_stated(run.provenance["settings"].get("priors") or {}),
     )
     out = []
