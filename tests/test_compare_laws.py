@@ -13,6 +13,7 @@ from biaxbayes.comparison.law_comparison import only, parts_of, without
 from biaxbayes.comparison.law_weights import STACKED
 from biaxbayes.comparison.stacking import PRIOR_READINGS, stacking_weights, weighted_density
 from biaxbayes.errors import InputError, Interrupted
+from biaxbayes.identifiability.stated import stated_by_predictions
 from biaxbayes.specimens.specimen_file import write_specimen
 from quick_posteriors import small_specimen
 
@@ -81,7 +82,6 @@ def _run(*arguments: str) -> int:
     return int(ended.value.code or 0)
 
 
-@pytest.mark.long
 def test_the_law_of_the_truth_predicts_best(compared):
     folder, _ = compared
     table = pd.read_csv(folder / "out" / "laws.csv").set_index("law")
@@ -102,6 +102,64 @@ def test_the_law_of_the_truth_predicts_best(compared):
     assert quantile == pytest.approx(table["mounting_stretch_x_q50"][STACKED], rel=1e-5)
     for name in ("law-misfit", "law-mounting", "stacked-bands"):
         assert (folder / "out" / f"{name}.pdf").stat().st_size > 1000
+
+
+def test_what_is_stated_is_the_same_in_table_page_and_terminal(compared, capsys):
+    folder, _ = compared
+    stated = pd.read_csv(folder / "out" / "stated.csv").set_index("quantity")
+    laws = pd.read_csv(folder / "out" / "laws.csv").set_index("law")
+    page = (folder / "out" / "laws.html").read_text(encoding="utf-8")
+    for name, true in (("mounting_stretch_x", 1.01), ("mounting_stretch_y", 1.02)):
+        low, high = stated.loc[name, ["stated_low", "stated_high"]]
+        middle = laws[f"{name}_q50"]["goh"]
+        assert low == pytest.approx(laws[f"{name}_q05"]["goh"] - 0.09 * (middle - 1.0), rel=1e-5)
+        assert high == pytest.approx(laws[f"{name}_q95"]["goh"] + 0.09 * (middle - 1.0), rel=1e-5)
+        assert low < true < high
+        assert stated["stated_reason"][name] == "of the only law so good: goh"
+        assert f"<strong>{low:.4f} to {high:.4f}</strong>" in page
+    assert "2 <a" in page
+    assert "goh foretells best" in page
+    assert "src=" in page and "http://" not in page and "<script" not in page
+    # the terminal: the same command with --resume says it again
+    assert _run(
+        *("laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")),
+        *("--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"),
+        "--resume",
+    ) in (0, 3)
+    told = capsys.readouterr().out
+    low, high = stated.loc["mounting_stretch_x", ["stated_low", "stated_high"]]
+    assert f"mounting_stretch_x of the tissue: {low:.4f} to {high:.4f}; of the only law" in told
+
+
+def three(middle, width):
+    return (middle - width, middle, middle + width)
+
+
+def test_a_value_needs_the_laws_that_foretell_alike_to_agree():
+    intervals = {"goh": three(1.02, 0.002), "fung": three(1.022, 0.002), "hgo": three(1.3, 0.01)}
+    density = {"goh": 10.0, "fung": 8.0, "hgo": 2.0}
+    stated = stated_by_predictions(intervals, density, smooth=False)
+    assert stated.is_value
+    assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
+    assert stated.high == pytest.approx(1.024 + 0.09 * 0.022)
+    assert stated.reason == "laws that foretell the record agree: goh, fung"
+    # a third law that foretells as well and lies elsewhere leaves the low end
+    stated = stated_by_predictions(intervals, density | {"hgo": 9.0}, smooth=False)
+    assert not stated.is_value
+    assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
+    assert stated.reason == "laws that foretell the record alike differ above it: goh, hgo, fung"
+    for how in ({"smooth": True}, {"smooth": False, "softens": True}):
+        assert not stated_by_predictions(intervals, density, **how).is_value
+
+
+def test_a_low_end_rests_on_two_laws_and_lies_not_too_far_below_the_best():
+    intervals = {"goh": three(1.2, 0.04), "fung": three(1.1, 0.02)}
+    stated = stated_by_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
+    assert stated.low == pytest.approx(1.08 - 0.09 * 0.1)
+    assert stated.reason == "only goh foretells the record, and leaves its high end wide"
+    intervals["goh"] = three(1.4, 0.04)
+    stated = stated_by_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
+    assert np.isnan(stated.low) and "leave it open: goh, fung" in stated.reason
 
 
 def test_a_comparison_is_resumed_and_never_overwritten(compared, capsys):

@@ -50,8 +50,8 @@ def laws(
     r"""Fit and sample every material law on SPECIMEN, and weigh them by what they predict.
 
     Each protocol is left out in turn, or each quarter of the only one, and foretold from the rest.
-    Writes laws.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv and three figures. Exit
-    code 3 when a law has not converged on some part of the record.
+    Writes laws.csv, stated.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, three figures
+    and laws.html. Exit code 3 when a law has not converged on some part of the record.
 
     \b
     biaxbayes laws media.csv --laws goh,fung
@@ -79,7 +79,9 @@ def laws(
 
 
 def _tell(found: LawComparison, folder: Path) -> None:
-    """The table, the heaviest law first."""
+    """The table, the heaviest law first, and what is stated of the mounting stretches."""
+    from biaxbayes.reports.laws import stated_rows
+
     stretches = [c for c in found.table if str(c).startswith("mounting_stretch_x")]
     head = f"{'':<18}{'rms':>9}{'left out':>10}{'density':>10}{'weight':>8}{'(range)':>14}"
     click.echo(head + ("   mounting stretch x, 90 %" if stretches else ""))
@@ -105,4 +107,6 @@ def _tell(found: LawComparison, folder: Path) -> None:
         "stacking, the shares of the mixture that foretells best. The mixture is a prediction\n"
         "of stresses, no posterior of the mounting stretch."
     )
-    click.echo(f"\n{folder / 'laws.csv'}")
+    for said in stated_rows(found.stated):
+        click.echo(f"{said['quantity'].name} of the tissue: {said['words']}; {said['reason']}")
+    click.echo(f"\nopen {folder / 'laws.html'}; tables and figures are beside it")

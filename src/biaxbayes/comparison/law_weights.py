@@ -4,7 +4,8 @@ The score of a law is the log predictive density of single readings that were le
 over its draws. A left-out curve has one weight n_eff / n for all laws, from the residuals of the
 law that fits the whole record best: readings that miss together are no independent evidence. The
 mixture by the stacking weights is a prediction of stresses; it is no posterior of the mounting
-stretch, which lies where no reading does.
+stretch, which lies where no reading does. What is stated of that is the union of the intervals of
+the laws that foretell the record about as well as the best.
 """
 
 from __future__ import annotations
@@ -26,8 +27,12 @@ from biaxbayes.comparison.law_comparison import (
 )
 from biaxbayes.comparison.stacking import stacking_weights, weighted_density
 from biaxbayes.errors import NotConverged
+from biaxbayes.fitting.constrained import LawFit
+from biaxbayes.identifiability.law_range import LawRange
+from biaxbayes.identifiability.stated import MEASURED, stated_by_predictions
 from biaxbayes.mechanics.load import load_per_stress
 from biaxbayes.model.curves import Curves
+from biaxbayes.model.effective_readings import misses_smoothly
 from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
@@ -59,6 +64,9 @@ class LawComparison:
         Draws of the mixture for what all laws share: mounting stretches, stresses, stiffnesses.
     bands : DataFrame
         Bands of the mixture over the record, as of :func:`~biaxbayes.prediction.bands.bands`.
+    stated : DataFrame
+        ``stated.csv``: what can be stated of each mounting stretch of the tissue, by
+        :func:`~biaxbayes.identifiability.stated.stated_by_predictions`.
     left_out : dict of str to str
         Laws that are not part of the mixture, and why.
     """
@@ -68,6 +76,7 @@ class LawComparison:
     parts: pd.DataFrame
     draws: pd.DataFrame
     bands: pd.DataFrame
+    stated: pd.DataFrame
     left_out: dict[str, str]
 
     @property
@@ -158,12 +167,14 @@ def judged_laws(
     draws = _mixture(specimen, used, weight, found, posteriors)
     # the mixture that foretells a part is one that has not seen it
     blind = [_weights(left, [j for j in range(len(left)) if j != i]) for i in range(len(left))]
+    table = _law_table(specimen, laws, used, found, left, weight, np.array(blind), draws)
     return LawComparison(
         specimen.name,
-        _law_table(specimen, laws, used, found, left, weight, np.array(blind), draws),
+        table,
         _part_table(parts, used, left, blind, probability),
         draws,
         _bands(specimen, used, weight, found, posteriors, probability),
+        _stated_table(specimen, table, best, found[best, WHOLE].residuals),
         bad,
     )
 
@@ -345,6 +356,43 @@ def _part_table(
                 }
             )
     return pd.DataFrame(rows)
+
+
+STATED_COLUMNS = ("quantity", "stated_low", "stated_high", "stated_reason")
+
+
+def _stated_table(
+    specimen: Specimen, table: pd.DataFrame, best: str, residuals: Sequence[np.ndarray]
+) -> pd.DataFrame:
+    """What is stated of each mounting stretch by the laws that foretell the record alike."""
+    names = mounting_names("stretch")
+    laws = table[(table["law"] != STACKED) & table["left_out_density"].notna()].set_index("law")
+    if f"{names[0]}_q50" not in laws:
+        return pd.DataFrame(columns=list(STATED_COLUMNS))
+    medians = laws.loc[best, [f"{n}_q50" for n in names]].to_numpy(dtype=float)[None]
+    smooth = misses_smoothly(residuals)
+    rmse_kPa = float(laws["rms"][best])
+    fit = LawFit(best, rmse_kPa, rmse_kPa, medians, np.zeros_like(medians), smooth, True)
+    only_best = LawRange.of([fit], specimen)
+    rows = []
+    for axis, name in enumerate(names):
+        columns = [f"{name}_q{round(100 * q):02d}" for q in QUANTILES]
+        if specimen.metadata.get(name) is not None:
+            low, _, high = table.set_index("law").loc[STACKED, columns].to_numpy(dtype=float)
+            rows.append((name, low, high, MEASURED))
+            continue
+        intervals = {
+            str(law): (float(row.iloc[0]), float(row.iloc[1]), float(row.iloc[2]))
+            for law, row in laws[columns].iterrows()
+        }
+        stated = stated_by_predictions(
+            intervals,
+            {law: float(laws["left_out_density"][law]) for law in intervals},
+            smooth=smooth,
+            softens=only_best.softens(0, axis),
+        )
+        rows.append((name, stated.low, stated.high, stated.reason))
+    return pd.DataFrame(rows, columns=list(STATED_COLUMNS))
 
 
 def _mixed_band(

@@ -105,6 +105,8 @@ def law_mounting_figure(
 ) -> Figure | None:
     """Mounting stretches, law by law: median and 90 % interval; None where none is inferred.
 
+    Grey is what is stated of the tissue.
+
     Parameters
     ----------
     compared : LawComparison
@@ -122,6 +124,7 @@ def law_mounting_figure(
         height = HEAD_MM + ROW_MM * (len(rows) + 0.4)
         figure = Figure((width_mm * MM, height * MM), layout=layout(across_mm=1.2))
         panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
+        stated = compared.stated.set_index("quantity")
         for ax, name in zip(panels, names, strict=True):
             low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
             # a law that hardly predicts is drawn lightly
@@ -130,6 +133,13 @@ def law_mounting_figure(
                 ax.hlines(place, a, b, color=hue, linewidth=1.6)
                 ax.plot([m], [place], marker="o", markersize=3.5, color=hue)
             ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
+            ends = stated.loc[name, ["stated_low", "stated_high"]].to_numpy(dtype=float)
+            if np.isfinite(ends[0]):
+                # an open end reaches as far as the panel does
+                left, right = ax.get_xlim()
+                last = ends[1] if np.isfinite(ends[1]) else max(right, ends[0] + 0.1)
+                ax.axvspan(ends[0], last, color="0.9", linewidth=0.0, zorder=-5)
+                ax.set_xlim(min(left, ends[0]), max(right, ends[1] if np.isfinite(ends[1]) else 0))
             ax.set_xlabel(quantity(name, known=known).label)
             few_ticks(ax.xaxis, most=5)
         _names(panels[0], rows, places)

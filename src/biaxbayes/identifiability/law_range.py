@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "FEWEST",
     "LAW_FITS",
     "LawRange",
     "better_law",

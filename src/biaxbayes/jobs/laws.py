@@ -35,7 +35,7 @@ from biaxbayes.text_files import atomic_write_text
 
 __all__ = ["chosen_laws", "compared_laws", "write_laws"]
 
-RECORD, PARTS = "laws.json", "parts"
+RECORD, PARTS, PAGE = "laws.json", "parts", "laws.html"
 
 
 def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
@@ -243,7 +243,7 @@ def _sampled(
 
 
 def write_laws(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
-    """Write laws.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, figures and the page.
+    """Write the tables of a comparison, draws and bands of the mixture, figures and the page.
 
     Parameters
     ----------
@@ -257,18 +257,20 @@ def write_laws(compared: LawComparison, specimen: Specimen, folder: Path) -> Non
         law_mounting_figure,
     )
     from biaxbayes.figures.style import save_figure
+    from biaxbayes.reports.laws import laws_page
 
     write_csv(folder / "laws.csv", compared.table, digits=6)
+    write_csv(folder / "stated.csv", compared.stated, digits=6)
     write_csv(folder / "left-out.csv", compared.parts, digits=6)
     write_csv(folder / "stacked-draws.csv", compared.draws, digits=8)
     write_csv(folder / "stacked-bands.csv", compared.bands, digits=8)
-    figures = {
+    drawn = {
         "law-misfit": law_misfit_figure(compared),
         "law-mounting": law_mounting_figure(compared),
         "stacked-bands": law_bands_figure(compared, specimen),
     }
+    figures = {stem: figure for stem, figure in drawn.items() if figure is not None}
     for stem, figure in figures.items():
-        if figure is None:
-            continue
         for suffix in ("pdf", "png"):
             save_figure(figure, folder / f"{stem}.{suffix}")
+    atomic_write_text(folder / PAGE, laws_page(compared, figures))

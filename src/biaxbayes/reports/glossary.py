@@ -103,8 +103,13 @@ SEVERAL = {
     "predictive p": "share of specimens made by the model that lie further out than this one; "
     "below 0.05 it is no member",
     "donor effect": "what a donor's specimens share, whatever their layer",
+    "material laws": "formulas for the stress of tissue at any stretch; each has parameters of its "
+    "own",
+    "weight of a law": "its share in the mixture that foretells best what was left out (stacking)",
+    "density of what was left out": "how probable the parts were that a law was not shown; larger "
+    "is better",
 }
-"""Further terms of pages that speak of several specimens."""
+"""Further terms of pages that speak of several specimens, or laws."""
 
 
 def chosen_terms(*terms: str) -> list[tuple[str, str]]:
