@@ -70,6 +70,7 @@ def result(study, tmp_path_factory):
     return Batch(study, tmp_path_factory.mktemp("done") / "study").execute()
 
 
+@pytest.mark.long
 def test_one_failure_stops_nobody_and_is_named(result):
     states = dict(zip(result.specimens["specimen"], result.specimens["state"], strict=True))
     assert states["<script>alert(1)</script>"] == "failed"

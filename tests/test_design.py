@@ -140,6 +140,7 @@ def test_new_draws_agree_with_reweighting_where_both_do(run):
         assert found.log_evidence == pytest.approx(known, abs=0.2)
 
 
+@pytest.mark.long
 def test_a_precise_reading_is_gone_into(run, precise):
     """With the posterior at hand its numbers are trusted, and the angle's own is exact."""
     posterior, after = precise
@@ -217,6 +218,7 @@ def _further(run):
     return 1.0 + 1.25 * (np.array([p.stretch_x.max(), p.stretch_y.max()]) - 1.0)
 
 
+@pytest.mark.long
 def test_other_ratios_tell_more_than_a_repeat(run):
     """Equibiaxial stretch alone trades kappa with alpha: only another ratio settles it."""
     compared = ("1:0", "0:1", "1:0.5", "repeat 1:1")

@@ -102,6 +102,7 @@ def test_two_parameters_against_quadrature(mounting):
     assert found.log_evidence == pytest.approx(expected, abs=4.5 * found.error + 1e-3)
 
 
+@pytest.mark.long
 def test_dispersion_and_angle_in_their_chart_against_quadrature():
     """The chart's Jacobian, its bounds and the prior per radian all count here."""
     fixed = {"C1": 3.0, "k2": 2.0, "noise_sd": 0.05}

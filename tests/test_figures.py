@@ -404,6 +404,7 @@ def test_true_loads_stand_on_the_bands():
         bands_figure(specimen, draws, truth=part)
 
 
+@pytest.mark.long
 def test_bands_of_two_points_and_of_many_protocols():
     p = specimen_of().protocols[0]
     two = Protocol(

@@ -47,6 +47,7 @@ def test_verdicts_are_readable(run, width):
     assert_readable(figure, width)
 
 
+@pytest.mark.long
 def test_tables_and_figures_say_what_is_stated_of_the_tissue(run):
     opened = open_run(run)
     table = pd.read_csv(run / "identifiability.csv").set_index("parameter")

@@ -114,6 +114,7 @@ def test_no_other_fit_beats_a_point_of_the_profile(end):
     assert deviance(data, moved) > deviance(data, row) - 1e-4
 
 
+@pytest.mark.long
 def test_a_sharp_profile_is_the_parabola_of_the_fisher_information():
     data = determined().specimen
     best = profiled("kappa").table

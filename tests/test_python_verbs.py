@@ -116,6 +116,7 @@ def test_figures_and_the_report_of_a_run(run):
     assert biaxbayes.report(run).name == "report.html"
 
 
+@pytest.mark.long
 def test_a_ledger_and_a_design(run):
     found = biaxbayes.ledger(run, ess=60.0)
     assert set(found.states) == {"inferred", "ignored", "zeroed"}

@@ -176,6 +176,7 @@ def test_a_signal_finishes_the_block_saves_and_says_how_to_continue(
         assert set(compared(tmp_path / "run")) >= {"posterior.nc"}
 
 
+@pytest.mark.long
 def test_a_second_signal_stops_at_once_without_damage(expected, halfway, capsys, monkeypatch):
     """Also in the middle of a block, with the ensembles in threads."""
     from biaxbayes.sampling.ensembles import Ensembles
@@ -284,6 +285,7 @@ def test_another_version_is_refused(halfway, capsys, monkeypatch):
     assert "version (" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_starting_again_needs_no_permission_and_keeps_the_checkpoint_until_its_first(
     halfway, expected, monkeypatch
 ):
@@ -475,6 +477,7 @@ def test_a_checkpoint_that_does_not_fit_leaves_the_two_before(halfway, capsys):
     assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
 
 
+@pytest.mark.long
 def test_products_that_do_not_fit_leave_the_finished_run_before(whole, expected, tmp_path, capsys):
     folder = shutil.copytree(whole / "run", tmp_path / "run")
     before = {p.name: p.read_bytes() for p in folder.iterdir()}
