@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability.determined import MEASURED, determined
-from biaxbayes.identifiability.toe import MountingRefits, mounting_refits
-from biaxbayes.identifiability.verdict import Thresholds
+from biaxbayes.identifiability.identify import Identifiability, fits_of_laws, identify_draws
+from biaxbayes.identifiability.law_range import LawRange
+from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.priors import Prior
 from biaxbayes.prediction.bands import bands
 from studies.model_error.candidates import Answer
 from studies.model_error.truths import Case, make_case
@@ -22,7 +22,6 @@ __all__ = ["FAR", "judged"]
 FAR = 1.09
 """Mounting stretches beyond this are strong."""
 DRAWS = 300
-LOST = "mounting, not identified, range"
 Row = tuple[str, str, float, float, float]
 """Group, label, truth, and the ends of the interval."""
 
@@ -42,20 +41,34 @@ def judged(case: Case, seed: int, answer: Answer) -> pd.DataFrame:
     DataFrame
         ``group``, ``label``, ``true``, ``low``, ``high``.
     """
+    found = _verdicts(seed, answer)
     rows = [
-        *_stresses(case, seed, answer),
-        *_mounting(case, seed, answer),
+        *_stresses(case, found, answer),
+        *_mounting(case, found),
         *_parameters(case, answer),
     ]
     rows += _held_out(case, answer)
     return pd.DataFrame(rows, columns=["group", "label", "true", "low", "high"])
 
 
-def _stresses(case: Case, seed: int, answer: Answer) -> list[Row]:
+@cache
+def _posterior(seed: int) -> tuple[Posterior, LawRange | None]:
+    """The default posterior of a specimen, and the fits of all laws to it."""
+    posterior = prepare(make_case(seed).specimen)
+    return posterior, fits_of_laws(posterior)
+
+
+def _verdicts(seed: int, answer: Answer) -> Identifiability:
+    """What the tool says of the draws."""
+    posterior, fits = _posterior(seed)
+    return identify_draws(posterior, answer.draws, "converged", fits=fits)
+
+
+def _stresses(case: Case, found: Identifiability, answer: Answer) -> list[Row]:
     """Stresses as the tool states them: at half-way and the end of every protocol."""
-    refits = {n: (low, high) for g, n, _, low, high in _mounting(case, seed, answer) if g == LOST}
-    law = _refits(seed)[1].law
-    table = determined(answer.draws, case.specimen, law, refits=refits)
+    table = determined(
+        answer.draws, case.specimen, found.law, refits=found.refits(), values=found.values()
+    )
     nominal = table["quantity"].str.contains(MEASURED, regex=False)
     table = table[nominal | table["quantity"].str.startswith("Cauchy stress")]
     measured = nominal[table.index].to_numpy(dtype=bool)
@@ -76,34 +89,26 @@ def _stresses(case: Case, seed: int, answer: Answer) -> list[Row]:
     return out
 
 
-@cache
-def _refits(seed: int) -> tuple[MountingRefits | None, Posterior]:
-    posterior = prepare(make_case(seed).specimen)
-    return mounting_refits(posterior), posterior
-
-
-def _mounting(case: Case, seed: int, answer: Answer) -> list[Row]:
-    """The interval, and what the verdict makes of it."""
-    refits, posterior = _refits(seed)
-    limits = Thresholds()
+def _mounting(case: Case, found: Identifiability) -> list[Row]:
+    """The interval, what the verdict makes of it, and what is stated of the tissue."""
     out: list[Row] = []
     for axis, true in enumerate(case.mounting):
         name = f"mounting_stretch_{'xy'[axis]}"
-        low, high = (float(q) for q in np.quantile(answer.draws[name], [0.05, 0.95]))
-        out.append(("mounting", name, float(true), low, high))
-        wide = (low, high)
-        if refits is not None:
-            prior = posterior.priors[name]
-            assert isinstance(prior, Prior)
-            wide = refits.range(name, (low, high), limits.refit_errors, prior)
-        stands = high - low >= limits.refit_share * (wide[1] - wide[0])
-        out.append(("mounting, range of refits", name, float(true), *wide))
-        verdict = "stands" if stands else "not identified"
-        out.append((f"mounting, {verdict}", name, float(true), low, high))
-        stated = (low, high) if stands else wide
-        out.append(("mounting, as stated", name, float(true), *stated))
-        if not stands:
-            out.append((LOST, name, float(true), *wide))
+        row = found[name]
+        e, stated = row.evidence, row.stated
+        assert e is not None and stated is not None
+        ends = (e.low, e.high)
+        out.append(("mounting", name, float(true), *ends))
+        if row.verdict == NOT_IDENTIFIED:
+            assert e.refits is not None
+            out.append(("mounting, not identified", name, float(true), *ends))
+            out.append(("mounting, not identified, range", name, float(true), *e.refits))
+        else:
+            out.append(("mounting, stands", name, float(true), *ends))
+        if stated.is_value:
+            out.append(("mounting, stated value", name, float(true), stated.low, stated.high))
+        elif np.isfinite(stated.low):
+            out.append(("mounting, stated low end", name, float(true), stated.low, np.inf))
     return out
 
 
