@@ -132,6 +132,20 @@ PAGES = {
             "--candidates effective independent --page docs/model-error.md",
         ),
     ),
+    "mounting-stretch": Page(
+        "docs/mounting-stretch.md",
+        (
+            "laws",
+            "mechanics",
+            "fitting",
+            "identifiability/stated.py",
+            "identifiability/law_range.py",
+        ),
+        (
+            f"{STUDY} toes --first 300 --count 15 --sharp 60 --fits {{work}}/fits "
+            "--page docs/mounting-stretch.md",
+        ),
+    ),
     "population": Page(
         "docs/population.md",
         (*POSTERIOR, "populations"),

@@ -29,8 +29,9 @@ from biaxbayes.identifiability.stated import stated_by_laws
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.model.priors import Prior
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from studies.figure import figure
 from studies.model_error.truths import RATIOS, Stress, four_families, path, recruited
-from studies.page import table
+from studies.page import put, table
 
 ROWS = 40
 PEAK_KPA = 100.0
@@ -169,6 +170,39 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(out)
 
 
+PICTURE = "mounting-stretch-stated.png"
+
+
+def draw(rows: pd.DataFrame, path: Path) -> None:
+    """What is stated, over the truth: low ends, values, and where nothing is."""
+    with figure(path, 1, 2, height=2.9) as (_, (axes,)):
+        for ax, (name, part) in zip(axes, rows.groupby("study", sort=False), strict=True):
+            value = part["high"].notna()
+            alone = part["low"].notna() & ~value
+            none = part["low"].isna()
+            most = part["true"].max() + 0.02 * (part["true"].max() - 1.0)
+            ax.plot([1.0, most], [1.0, most], color="0.6", linewidth=0.7)
+            ax.vlines(
+                part["true"][value], part["low"][value], part["high"][value], color="#d55e00",
+                linewidth=1.4, label=f"stated as a value ({value.sum()})",
+            )  # fmt: skip
+            if alone.any():
+                ax.plot(
+                    part["true"][alone], part["low"][alone], "o", markersize=2.2, color="#0072b2",
+                    label=f"a low end alone ({alone.sum()})",
+                )  # fmt: skip
+            if none.any():
+                ax.plot(
+                    part["true"][none], np.full(none.sum(), 1.0), "|", markersize=4.0,
+                    color="0.5", label=f"nothing is stated ({none.sum()})",
+                )  # fmt: skip
+            ax.set_xlabel("true mounting stretch")
+            law = "withheld" if name == "soft toes" else "among those that are fitted"
+            ax.set_title(f"law of the truth {law}", loc="left")
+            ax.legend(loc="upper left")
+        axes[0].set_ylabel("stated")
+
+
 def main() -> int:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -178,6 +212,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--fits", type=Path, help="keep the fits of the laws in this folder")
     parser.add_argument("--csv", help="keep every mounting stretch in this file")
+    parser.add_argument("--page", type=Path, help="write the tables between the marks of this page")
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.count)
     sharp_seeds = range(given.first, given.first + (given.sharp or given.count))
@@ -192,9 +227,15 @@ def main() -> int:
             rows = pd.DataFrame([row for part in found for row in part])
             kept.append(rows.assign(study=name))
             said = summary(rows)
-            print(f"{name}\n\n{table(list(said.columns), said.values.tolist(), left=1)}\n")
+            text = table(list(said.columns), said.values.tolist(), left=1)
+            print(f"{name}\n\n{text}\n")
+            if given.page:
+                put(given.page, f"toes-{name.split()[0]}", text)
+    rows = pd.concat(kept)
     if given.csv:
-        pd.concat(kept).to_csv(given.csv, index=False)
+        rows.to_csv(given.csv, index=False)
+    if given.page:
+        draw(rows, given.page.parent / "figures" / PICTURE)
     return 0
 
 
