@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Create an environment, install biaxbayes with what its tests need, and run them.
-# Further arguments go to pytest: -m long runs the tests of five seconds and more, which continuous
-# integration runs as well, -m slow those of many minutes.
+# Further arguments go to pytest: -m long runs whole runs and studies of three seconds and more, which
+# continuous integration runs as well, -m slow those of many minutes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 

@@ -82,6 +82,7 @@ def _run(*arguments: str) -> int:
     return int(ended.value.code or 0)
 
 
+@pytest.mark.long
 def test_the_law_of_the_truth_predicts_best(compared):
     folder, _ = compared
     table = pd.read_csv(folder / "out" / "laws.csv").set_index("law")
@@ -104,6 +105,7 @@ def test_the_law_of_the_truth_predicts_best(compared):
         assert (folder / "out" / f"{name}.pdf").stat().st_size > 1000
 
 
+@pytest.mark.long
 def test_what_is_stated_is_the_same_in_table_page_and_terminal(compared, capsys):
     folder, _ = compared
     stated = pd.read_csv(folder / "out" / "stated.csv").set_index("quantity")
@@ -162,6 +164,7 @@ def test_a_low_end_rests_on_two_laws_and_lies_not_too_far_below_the_best():
     assert np.isnan(stated.low) and "leave it open: goh, fung" in stated.reason
 
 
+@pytest.mark.long
 def test_a_comparison_is_resumed_and_never_overwritten(compared, capsys):
     folder, code = compared
     common = ["laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")]

@@ -94,6 +94,7 @@ def test_low_stretch_does_not_determine_the_exponent():
     assert found.evidence.prior_sensitivity > 0.05
 
 
+@pytest.mark.long
 def test_one_ratio_trades_dispersion_for_angle():
     found = identify(case("equibiaxial"))
     for name, other in (("kappa", "alpha"), ("alpha", "kappa")):
@@ -516,6 +517,7 @@ def test_ties_and_fixed_materials_have_no_sloppy_direction(tmp_path):
     assert identify(held)["C1"].verdict == FIXED
 
 
+@pytest.mark.long
 def test_two_narrow_peaks_are_no_prior():
     rng = np.random.default_rng(11)
     alpha = np.where(rng.random(8000) < 0.5, 15.0, 75.0) + rng.normal(0.0, 2.0, 8000)

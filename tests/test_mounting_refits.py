@@ -122,6 +122,7 @@ def test_what_was_not_inferred_is_not_refitted(mounting):
     assert mounting_refits(prepare(missed(), mounting=mounting)) is None
 
 
+@pytest.mark.long
 def test_a_run_states_the_range_in_place_of_the_interval(tmp_path):
     with runs_without_figures():
         run = biaxbayes.sample(

@@ -172,6 +172,7 @@ def test_other_protocols_and_stretches_are_pooled_and_said(pool):
     assert at.max() == pytest.approx(low, abs=1e-3)  # nobody is extrapolated
 
 
+@pytest.mark.long
 def test_specimens_that_did_not_converge_are_left_out_by_name(pool):
     states = {"m1": "unusable", "m2": "failed"}
     reasons = {"m1": "R-hat of k1 is 1.31", "m2": "m2.csv: is no table"}

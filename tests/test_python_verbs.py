@@ -237,6 +237,7 @@ def test_both_ways_compare_the_same(run, tmp_path):
     assert "compare.html" in same_files(tmp_path / "cli", tmp_path / "python")
 
 
+@pytest.mark.long
 def test_both_ways_profile_the_same(tissue, tmp_path):
     words = ("profile", tissue, "--parameter", "kappa", "--noise", "independent")
     assert command(*words, "--fix", "alpha=38", "--out", tmp_path / "cli") == 0

@@ -338,6 +338,7 @@ def call(*arguments):
     return 0 if ended.value.code is None else ended.value.code
 
 
+@pytest.mark.long
 def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
     out = tmp_path / "run"
     code = call(

@@ -126,6 +126,7 @@ def test_the_sampler_imports_nothing_of_specimens():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 def test_long_runs_are_judged_a_few_times_and_saved_often(monkeypatch):
     """Judging grows with what is kept: a dozen times in 20,000 steps, not once a block."""
     judged, saved = [], []

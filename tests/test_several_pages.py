@@ -192,6 +192,7 @@ def test_the_page_explains_its_words(page):
     assert "<script" not in html and "http" not in html.split("</style>")[1]
 
 
+@pytest.mark.long
 def test_headings_and_tables_say_what_is_plain_or_explained(page):
     path, terms = page
     told = Heads()

@@ -44,6 +44,7 @@ def test_a_run_imports_nothing_that_it_does_not_use(room):
     assert "distributed" not in found
 
 
+@pytest.mark.long
 def test_a_corner_is_drawn_without_arviz_which_who_imports_corner_later_gets():
     """ArviZ takes longer to import than a run takes to sample."""
     code = "from biaxbayes.figures.run.corner import _corner\nassert _corner().corner\n"

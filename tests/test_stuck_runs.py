@@ -82,6 +82,7 @@ def with_a_wall(monkeypatch):
     monkeypatch.setattr(sampler, "dispersed_starts", on_two_sides)
 
 
+@pytest.mark.long
 def test_two_modes_are_sampled_where_a_move_crosses(tmp_path, capsys, monkeypatch):
     with_a_wall(monkeypatch)
     code, convergence, _ = sample(tmp_path / "run", capsys, most=2048)
@@ -101,6 +102,7 @@ def test_ensembles_that_stay_at_their_modes_make_a_run_unusable(tmp_path, capsys
     assert (table["rhat"] > 1.1).any()
 
 
+@pytest.mark.long
 def test_a_walker_that_never_moves_is_noticed(tmp_path, capsys, monkeypatch):
     """One of 128 walkers, at a point of the posterior's tail where nothing reaches it."""
     real = Ensembles.run
