@@ -247,6 +247,11 @@ def test_random_shapes_reach_from_straight_to_steep_at_the_largest_stretches(nam
     for exponent in reached:
         assert np.quantile(exponent, 0.1) < 0.3
         assert np.quantile(exponent, 0.9) > 2.0
+    if name == "fung":  # of each direction alone
+        alone = points[:, 2:4] * (0.5 * (largest**2 - 1.0)) ** 2
+        np.testing.assert_allclose(0.3 * np.log(alone), marks[:, :2], atol=1e-9)
+    elif len(reached) == 1:  # the mark that keeps starting points apart is that of the exponent
+        assert abs(spearmanr(reached[0], marks[:, 0]).statistic) > 0.999
     for i, j in zip(*np.triu_indices(len(reached), 1), strict=True):
         assert abs(spearmanr(reached[i], reached[j]).statistic) < 0.5
 
@@ -386,6 +391,16 @@ def test_an_exponent_is_near_to_none_below_a_tenth_at_the_largest_stretch(name):
     found = law.edge_distances(material, [TOP])
     for parameter, per_unit in NEAR_EXPONENT[name].items():
         assert found[parameter] * per_unit(values, *TOP[0]) == pytest.approx(0.1, rel=1e-9)
+
+
+@pytest.mark.parametrize("top", [(1.25, 1.3), (1.05, 1.08)])
+def test_fung_has_an_exponent_near_to_none_below_a_tenth_at_the_largest_stretch(top):
+    law, material, values = one_draw("fung")
+    found = law.edge_distances(material, [np.array([[1.02, 1.01]]), np.array([top])])
+    x, y = (0.5 * (s**2 - 1.0) for s in top)
+    Q = values["b_x"] * x**2 + values["b_y"] * y**2 + 2.0 * values["b_xy"] * x * y
+    for name in ("b_x", "b_y"):
+        assert found[name] / values[name] * Q == pytest.approx(0.1, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", [n for n in LAWS if n not in ("goh", "fung")])

@@ -149,6 +149,11 @@ def test_sampling_coordinates_turn_back_and_their_jacobian_is_the_derivative(nam
             [law.coordinate_bounds(coordinates).get(n, (-np.inf, np.inf)) for n in law.names]
         ).T
         assert np.all((low <= u) & (u <= high))
+        for i in range(u.size):
+            for edge, outward in ((low[i], -1e-9), (high[i], 1e-9)):
+                beyond = u.copy()
+                beyond[i] = edge + outward
+                assert np.isinf(edge) or natural(beyond)[1] == -np.inf
         parameters = np.array(
             [np.exp(v) if p.logarithmic else v for p, v in zip(law.parameters, value, strict=True)]
         )
@@ -236,6 +241,12 @@ def test_energy_and_stress_without_an_exponent_are_its_limit(name, exponents):
     )
     assert none.strain_energy(1.2, 1.1) == pytest.approx(few.strain_energy(1.2, 1.1), rel=1e-5)
     np.testing.assert_allclose(none.cauchy(1.2, 1.1), few.cauchy(1.2, 1.1), rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["goh", "goh-exponential"])
+def test_words_say_whether_fibres_carry_compression(name):
+    assert "extension and compression" in law_named(name).in_words
+    assert "extension only" in law_named(name, fibre_switch=True).in_words
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
