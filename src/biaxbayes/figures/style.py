@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import warnings
 from collections.abc import Iterator, Mapping
@@ -25,10 +26,12 @@ __all__ = [
     "PREDICTIVE",
     "RUNS",
     "STYLE",
+    "blank_figure",
     "colour",
     "figure_bytes",
     "font_points",
     "layout",
+    "own_garbage",
     "plain",
     "print_style",
     "read_style",
@@ -152,6 +155,26 @@ def read_style(path: Path | str) -> dict[str, Any]:
 
 
 @contextmanager
+def own_garbage() -> Iterator[None]:
+    """Collect the garbage of a figure, a heap of small parts, once and apart from all else.
+
+    Within, Python's collector would go through everything that is in memory several times.
+    """
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        for _ in range(2):  # contours let go of their panels only once they have gone
+            gc.collect()
+        gc.unfreeze()
+        gc.enable()
+
+
+@contextmanager
 def print_style(style: Mapping[str, Any] | None = None) -> Iterator[None]:
     """Draw in the style of a paper, whatever the session's own settings are.
 
@@ -193,6 +216,27 @@ def font_points(setting: str) -> float:
     return float(FontProperties(size=settings[setting]).get_size_in_points())
 
 
+def blank_figure(width: float, height: float, room: Any = None) -> Figure:
+    """An empty figure that measures its texts once.
+
+    Without a canvas of its own a figure makes a new renderer for every box that is asked for, and
+    each of them measures all texts again.
+
+    Parameters
+    ----------
+    width, height : float
+        Inches.
+    room : layout engine or str, optional
+        As the ``layout`` of :class:`matplotlib.figure.Figure`.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure((width, height), layout=room)
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def layout(*, across_mm: float = 0.7, down_mm: float = 0.7, **how: Any) -> ConstrainedLayoutEngine:
     """Matplotlib's constrained layout with the narrow margins of a print.
 
@@ -216,7 +260,7 @@ def settle(figure: Figure) -> None:
         for _ in range(2):  # ticks depend on the panels' size, and this on the ticks
             engine: Any = figure.get_layout_engine()
             engine.execute(figure)
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)  # a placeholder would have every file drawn twice
 
 
 def plain(text: object, length: int = 40) -> str:
@@ -246,11 +290,41 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
     """
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    with print_style(style), warnings.catch_warnings():
+    with (
+        print_style(style),
+        warnings.catch_warnings(),
+        own_garbage(),
+        _letters_alone(suffix),
+    ):
         # Characters that the font lacks are drawn as boxes; that is no error.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         figure.savefig(out, format=suffix, metadata=undated.get(suffix))
     return out.getvalue()
+
+
+@contextmanager
+def _letters_alone(suffix: str) -> Iterator[None]:
+    """Fonts go into a PDF without tables for setting text, which it places letter by letter.
+
+    To cut these down to the letters that are used takes longer than all else about a font.
+    """
+    dropped: Any = None
+    if suffix == "pdf":
+        from fontTools.subset import Options
+
+        dropped = getattr(Options, "_drop_tables_default", None)
+    if not isinstance(dropped, list):
+        yield
+        return
+    kept = list(dropped)
+    dropped.extend(_SETTING)
+    try:
+        yield
+    finally:
+        dropped[:] = kept
+
+
+_SETTING = ("GDEF", "GPOS", "GSUB", "kern")
 
 
 def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | None = None) -> None:

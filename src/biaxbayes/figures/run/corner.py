@@ -27,6 +27,7 @@ from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
+    blank_figure,
     colour,
     font_points,
     plain,
@@ -481,9 +482,7 @@ def _marginal(
 
 def _grid(count: int, width_mm: float) -> tuple[Figure, np.ndarray]:
     """Empty panels of a lower triangle."""
-    from matplotlib.figure import Figure
-
-    figure = Figure((width_mm * MM, width_mm * MM))
+    figure = blank_figure(width_mm * MM, width_mm * MM)
     places = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
     for i, j in np.argwhere(np.tri(count)).tolist():
