@@ -551,7 +551,10 @@ def _beside(panels: Sequence[Axes], which: str) -> float:
     """How far the aligned labels of an axis stand out from panels, mm."""
     far, size = [], []
     for ax in panels:
-        box, label = ax.get_tightbbox(), getattr(ax, f"{which}axis").label.get_window_extent()
+        axis = getattr(ax, f"{which}axis")
+        # a panel alone has nothing at its left but the labels below it
+        box = ax.get_tightbbox() if len(panels) == 1 else axis.get_tightbbox()
+        label = axis.label.get_window_extent()
         assert box is not None
         across = which == "y"
         size.append(label.width if across else label.height)
