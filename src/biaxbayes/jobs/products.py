@@ -450,13 +450,16 @@ def write_products(
             _save(folder, "trace", traces)
         if not drawn:
             return found
+        if not corner.begun:  # the largest figure first, while least is in memory
+            _save(folder, "corner", corner.result())
         specimen, settings = posterior.specimen, posterior.settings
         bands = _pictures(lambda: bands_figure(specimen, table, settings=settings))
         _save(folder, "stress-bands", bands)
         _save(folder, "identifiability", _pictures(lambda: identifiability_figure(found)))
         if can_be_explored(known, table):
             write_explore(folder, posterior, table, state)
-        _save(folder, "corner", corner.result())
+        if corner.begun:
+            _save(folder, "corner", corner.result())
     return found
 
 
