@@ -116,7 +116,8 @@ class Panels:
             label = trio["y"].get_xlabel()
             if below < self.count and self.axes[below]["y"].get_xlabel() == label:
                 trio["y"].set_xlabel("")
-        self.figure.align_ylabels()
+        first = self.axes[:: self.across]  # the others have no labels
+        self.figure.align_ylabels([ax for trio in first for ax in trio.values()])
 
 
 # --- data with the credible and the predictive band of a run, protocol by protocol ---------------
