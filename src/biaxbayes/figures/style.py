@@ -8,6 +8,7 @@ import io
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -238,12 +240,51 @@ def blank_figure(width: float, height: float, room: Any = None) -> Figure:
     room : layout engine or str, optional
         As the ``layout`` of :class:`matplotlib.figure.Figure`.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure((width, height), layout=room)
-    FigureCanvasAgg(figure)
+    _canvas()(figure)
     return figure
+
+
+@cache
+def _canvas() -> type[FigureCanvasAgg]:
+    """A canvas whose symbols are typeset once a process: a batch has the same ones in each figure.
+
+    Matplotlib forgets them with every renderer, which it makes anew for every size and file.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+    from matplotlib.mathtext import MathTextParser
+
+    settings = [k for k in mpl.rcParams if k.startswith("mathtext.") or k == "text.hinting"]
+    known: dict[Any, Any] = {}
+
+    class Symbols(MathTextParser):
+        def parse(
+            self, s: str, dpi: float = 72, prop: Any = None, *, antialiased: bool | None = None
+        ) -> Any:
+            style = tuple(str(mpl.rcParams[k]) for k in settings)
+            key = (s, dpi, prop and prop.copy(), antialiased, style)
+            if key not in known:
+                if len(known) >= MOST_SYMBOLS:
+                    known.clear()
+                known[key] = super().parse(s, dpi, prop, antialiased=antialiased)
+            return known[key]
+
+    symbols = Symbols("path")
+
+    class Canvas(FigureCanvasAgg):
+        def get_renderer(self) -> RendererAgg:
+            renderer = super().get_renderer()
+            renderer.mathtext_parser = symbols
+            return renderer
+
+    return Canvas
+
+
+MOST_SYMBOLS = 1000
+"""Kept typeset."""
 
 
 def layout(*, across_mm: float = 0.7, down_mm: float = 0.7, **how: Any) -> ConstrainedLayoutEngine:
