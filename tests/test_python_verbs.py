@@ -227,6 +227,30 @@ def test_both_ways_write_the_same_figure_report_and_verdicts(run, tmp_path, caps
         assert path.read_bytes() == (copy / path.name).read_bytes()
 
 
+def test_identify_says_the_same_again_until_something_changes(run, tmp_path, capsys, monkeypatch):
+    copy = tmp_path / "copy"
+    shutil.copytree(run.path, copy)
+    options = ([], ["--json"])
+    first = [(command("identify", copy, *o), capsys.readouterr().out) for o in options]
+    with monkeypatch.context() as refused:
+        refused.setattr(biaxbayes.api, "identify", lambda *_, **__: pytest.fail("judged again"))
+        for o, said in zip([*options, ["--no-figure"]], [*first, first[0]], strict=True):
+            assert (command("identify", copy, *o), capsys.readouterr().out) == said
+    figure = (copy / "identifiability.pdf").read_bytes()
+    (copy / "identifiability.pdf").unlink()
+    with (copy / "identifiability.csv").open("a") as table:
+        table.write("changed\n")
+    assert (command("identify", copy), capsys.readouterr().out) == first[0]
+    assert (copy / "identifiability.pdf").read_bytes() == figure
+    assert "changed" not in (copy / "identifiability.csv").read_text()
+    # without a figure nothing is said of one
+    (copy / "identifiability.pdf").unlink()
+    assert command("identify", copy, "--no-figure") == first[0][0]
+    assert not (copy / "identifiability.pdf").exists()
+    assert command("identify", copy) == first[0][0]
+    assert (copy / "identifiability.pdf").read_bytes() == figure
+
+
 @pytest.mark.long
 def test_both_ways_compare_the_same(run, tmp_path):
     other = tmp_path / "other"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,7 @@ from biaxbayes.cli.options import (
     read_model_options,
     refuse_given,
 )
-from biaxbayes.cli.progress import graceful_stop, open_usable_run, progress_line
+from biaxbayes.cli.progress import graceful_stop, open_usable_run, plain, progress_line
 from biaxbayes.errors import NotConverged
 from biaxbayes.options import DesignOptions, LedgerPlan, ProfileOptions, SamplingPlan
 
@@ -52,29 +53,43 @@ SHOWN = ("Hx", "Hy", "Hz", "small-strain stiffness xx", "small-strain stiffness 
 def identify(run: Path, as_json: bool, no_figure: bool) -> int:
     """Say which parameters of RUN the data determine, alone or only in combination.
 
-    Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder.
+    Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder,
+    and identify.json, from which the same is said again at once.
     Exit code 3 where the chains have not converged: there is no verdict then.
     """
+    from biaxbayes.runs.said import keep_said, said_before
+
+    made = [*IDENTIFIED_FILES, *([] if no_figure else ["identifiability.pdf"])]
+    said = said_before(run, SAID, made)
+    if said is None:
+        said = _identified(run, figure=not no_figure)
+        keep_said(run, SAID, made, said)
+    if as_json:
+        click.echo(json.dumps(said["json"], indent=2, allow_nan=False, ensure_ascii=False))
+    else:
+        for line in said["lines"]:
+            click.echo(plain(line))
+        click.echo(f"\nevidence in {run / 'identifiability.csv'}")
+    return 0 if said["state"] == "converged" else NOT_CONVERGED
+
+
+SAID = "identify.json"
+IDENTIFIED_FILES = ("identifiability.csv", "determined.csv", "same-curves.csv")
+
+
+def _identified(run: Path, *, figure: bool) -> dict[str, Any]:
+    """What is found of a run: its state, lines to read, the same as JSON."""
     from biaxbayes import api
     from biaxbayes.jobs.products import verdicts_as_json
 
-    found = api.identify(run, out=run, figure=not no_figure)
-    if as_json:
-        click.echo(verdicts_as_json(found.verdicts, found.determined, found.directions))
-    else:
-        _tell_identified(found, run)
-    return 0 if found.state == "converged" else NOT_CONVERGED
-
-
-def _tell_identified(found: Identified, run: Path) -> None:
-    for line in found.verdicts.in_words():
-        click.echo(line)
+    found = api.identify(run, out=run, figure=figure)
+    lines = found.verdicts.in_words()
     if found.determined is not None:
-        click.echo("\nwhat the curves themselves say:")
         directions = found.directions.in_words() if found.directions else []
-        for line in [*_determined_words(found), *directions]:
-            click.echo(f"  {line}")
-    click.echo(f"\nevidence in {run / 'identifiability.csv'}")
+        words = [*_determined_words(found), *directions]
+        lines = [*lines, "", "what the curves themselves say:", *(f"  {line}" for line in words)]
+    told = verdicts_as_json(found.verdicts, found.determined, found.directions)
+    return {"state": found.state, "lines": lines, "json": json.loads(told)}
 
 
 def _determined_words(found: Identified) -> list[str]:

@@ -47,9 +47,14 @@ class Beside(Generic[Result]):
         with answer, contextlib.suppress(OSError):  # no memory, no more processes
             self._process.start()
 
+    @property
+    def begun(self) -> bool:
+        """Whether a process is at it; else the work waits for :meth:`result`."""
+        return self._process is not None and self._process.pid is not None
+
     def result(self) -> Result:
         """What the work returned; its exceptions are raised here."""
-        if self._process is not None and self._process.pid is not None:
+        if self.begun:
             with contextlib.suppress(EOFError, OSError), self._answer:
                 found: Result = self._answer.recv()
                 self._process.join()
@@ -62,7 +67,7 @@ class Beside(Generic[Result]):
 
     def __exit__(self, *_: object) -> None:
         """End the work, if it is still going on: nobody will ask for its result."""
-        if self._process is not None and self._process.pid is not None:
+        if self.begun:
             self._process.kill()  # its handlers of gentler signals are those of a run
             self._process.join()
 

@@ -16,6 +16,7 @@ from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
+    blank_figure,
     colour,
     font_points,
     layout,
@@ -59,14 +60,12 @@ def matrix_figure(
     style : mapping, optional
         From :func:`biaxbayes.figures.style.read_style`.
     """
-    from matplotlib.figure import Figure
-
     judged, more = _judged(found), _any_stated(found)
     names = [n for n in judged if any(_verdict(v.parameters, n) for v in found.verdicts)]
     rows = len(found.members)
     height = HEAD_MM + ROW_MM * rows + FOOT_MM
     with print_style(style):
-        figure = Figure((width_mm * MM, height * MM))
+        figure = blank_figure(width_mm * MM, height * MM)
         ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         ax.set_axis_off()
         ax.set(xlim=(0.0, width_mm), ylim=(height, 0.0))
@@ -171,12 +170,10 @@ def forest_figure(
 
 def panel_rows(count: int, tall: float, width_mm: float, note: str) -> tuple[Figure, list[Axes]]:
     """A figure of equal panels, four a row and ``tall`` mm high, with a note at its foot."""
-    from matplotlib.figure import Figure
-
     lines = max(-(-count // FOREST_COLUMNS), 1)
     height = lines * (tall + GAP_MM) + FOOT_MM
     room = layout(across_mm=1.2, down_mm=0.8)
-    figure = Figure((width_mm * MM, height * MM), layout=room)
+    figure = blank_figure(width_mm * MM, height * MM, room)
     places = figure.add_gridspec(lines, FOREST_COLUMNS)
     axes = [figure.add_subplot(places[divmod(k, FOREST_COLUMNS)]) for k in range(count)]
     for ax in axes:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.style import MM, PAGE_MM, colour, print_style
+from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, colour, print_style
 from biaxbayes.optimal_design.design import Design
 from biaxbayes.optimal_design.information_gain import Expected
 
@@ -40,8 +40,6 @@ def design_figure(
     style : mapping, optional
         From :func:`biaxbayes.figures.style.read_style`.
     """
-    from matplotlib.figure import Figure
-
     rows = len(found.expected)
     notes = ["expected reduction of the sd, per cent; below a symbol: total stretch"]
     if not all(e.trusted for e in found.expected):
@@ -51,7 +49,7 @@ def design_figure(
     foot = FOOT_MM + NOTE_MM * (len(notes) - 1)
     height = HEAD_MM + ROW_MM * rows + foot
     with print_style(style):
-        figure = Figure((width_mm * MM, height * MM))
+        figure = blank_figure(width_mm * MM, height * MM)
         bottom, share = foot / height, ROW_MM * rows / height
         table = (width_mm - LABEL_MM - BAR_MM - 7.0) / width_mm
         cells = figure.add_axes((LABEL_MM / width_mm, bottom, table, share))

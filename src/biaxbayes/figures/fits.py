@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from biaxbayes.figures.specimen import LOADS, MARKERS
-from biaxbayes.figures.style import COLUMN_MM, MM, PAGE_MM, plain, print_style
+from biaxbayes.figures.style import COLUMN_MM, MM, PAGE_MM, blank_figure, plain, print_style
 from biaxbayes.options import FIT_METHODS
 from biaxbayes.specimens.specimen import Specimen
 
@@ -40,7 +40,6 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
     matplotlib.figure.Figure
         A column of two panels a protocol, the first six.
     """
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     shown = specimen.protocols[:MOST]
@@ -48,7 +47,7 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
     blocks = -(-len(shown) // columns)
     width = COLUMN_MM if columns == 1 else PAGE_MM
     with print_style():
-        figure = Figure(figsize=(width * MM, (78.0 * blocks + 18.0) * MM), layout="constrained")
+        figure = blank_figure(width * MM, (78.0 * blocks + 18.0) * MM, "constrained")
         grid = figure.subplots(
             2 * blocks, columns, squeeze=False, height_ratios=HEIGHTS * blocks, sharex="col"
         )

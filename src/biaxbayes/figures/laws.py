@@ -12,7 +12,7 @@ from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.figures.labels import few_ticks
 from biaxbayes.figures.quantities import quantity
 from biaxbayes.figures.run.bands import drawn_bands, shown_protocols
-from biaxbayes.figures.style import MM, PAGE_MM, colour, layout, print_style, settle
+from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, colour, layout, print_style, settle
 from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.specimens.specimen import Specimen
 
@@ -58,12 +58,10 @@ def law_misfit_figure(
     -------
     matplotlib.figure.Figure
     """
-    from matplotlib.figure import Figure
-
     rows, places = _rows(compared)
     with print_style(style):
         height = HEAD_MM + 6.0 + ROW_MM * (len(rows) + 0.4)
-        figure = Figure((width_mm * MM, height * MM), layout=layout(across_mm=1.2))
+        figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=1.2))
         misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
         misfit.hlines(places, rows["rms"], rows["left_out_rms"], color="0.75", linewidth=0.8)
         for column, face, label in (
@@ -113,8 +111,6 @@ def law_mounting_figure(
     width_mm : float
     style : mapping, optional
     """
-    from matplotlib.figure import Figure
-
     rows, places = _rows(compared)
     known = Quantities(())
     names = [q.name for q in known.of_kind(STRETCH) if f"{q.name}_q50" in rows]
@@ -122,7 +118,7 @@ def law_mounting_figure(
         return None
     with print_style(style):
         height = HEAD_MM + ROW_MM * (len(rows) + 0.4)
-        figure = Figure((width_mm * MM, height * MM), layout=layout(across_mm=1.2))
+        figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=1.2))
         panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
         stated = compared.stated.set_index("quantity")
         for ax, name in zip(panels, names, strict=True):

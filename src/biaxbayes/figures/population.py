@@ -15,6 +15,7 @@ from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
+    blank_figure,
     colour,
     font_points,
     layout,
@@ -149,11 +150,9 @@ def pairs_figure(
     width_mm : float
     style : mapping, optional
     """
-    from matplotlib.figure import Figure
-
     p = len(parameters)
     with print_style(style):
-        figure = Figure((width_mm * MM, width_mm * MM), layout=layout())
+        figure = blank_figure(width_mm * MM, width_mm * MM, layout())
         axes = figure.subplots(p, p, squeeze=False)
         for i, row in enumerate(parameters):
             for j, column in enumerate(parameters):
@@ -259,12 +258,10 @@ def band_figure(
     width_mm : float
     style : mapping, optional
     """
-    from matplotlib.figure import Figure
-
     groups = list(dict.fromkeys(bands["group"]))
     with print_style(style):
         height = (48.0 * len(groups) + 6.0) * MM
-        figure = Figure((width_mm * MM, height), layout=layout())
+        figure = blank_figure(width_mm * MM, height, layout())
         axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True)
         for k, group in enumerate(groups):
             part = bands[bands["group"] == group]

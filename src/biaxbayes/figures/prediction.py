@@ -15,6 +15,7 @@ from biaxbayes.figures.style import (
     CREDIBLE,
     MM,
     PREDICTIVE,
+    blank_figure,
     colour,
     layout,
     plain,
@@ -122,12 +123,10 @@ def _stress_panels(
     width_mm: float, *, wide: bool
 ) -> tuple[Figure, dict[str, Axes], dict[str, Axes]]:
     """The figure, and by direction the panels of the stress and of what departs from its median."""
-    from matplotlib.figure import Figure
-
     rows = (52.0, 1.25 * STRIP_MM) if wide else (56.0, STRIP_MM, STRIP_MM)
     columns = 2 if wide else 1
     height = sum(rows) + 16.0
-    figure = Figure((width_mm * MM, height * MM), layout=layout(across_mm=1.5, down_mm=0.8))
+    figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=1.5, down_mm=0.8))
     places = figure.add_gridspec(len(rows), columns, height_ratios=rows)
     curves = {"x": figure.add_subplot(places[0, 0])}
     curves["y"] = figure.add_subplot(places[0, 1], sharey=curves["x"]) if wide else curves["x"]
@@ -183,11 +182,9 @@ def inflation_figure(
     -------
     matplotlib.figure.Figure
     """
-    from matplotlib.figure import Figure
-
     with print_style(style):
         tint = colour("run")
-        figure = Figure((width_mm * MM, min(72.0, 0.85 * width_mm) * MM), layout="constrained")
+        figure = blank_figure(width_mm * MM, min(72.0, 0.85 * width_mm) * MM, "constrained")
         ax = figure.subplots()
         if "pressure_kPa_median" in table:
             across = table["outer_diameter_mm"].to_numpy()

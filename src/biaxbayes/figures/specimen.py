@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from biaxbayes.figures.style import MM, colour, plain, print_style
+from biaxbayes.figures.style import MM, blank_figure, colour, plain, print_style
 from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
@@ -42,14 +42,12 @@ def specimen_figure(specimen: Specimen) -> Figure:
         One panel a protocol (the first 24), the same axes in all. Every row up to 300 a
         curve, evenly chosen beyond; the rows at rest are drawn in black.
     """
-    from matplotlib.figure import Figure
-
     protocols = specimen.protocols[:MAX_PANELS]
     columns = min(3, len(protocols)) if len(protocols) != 4 else 2
     rows = math.ceil(len(protocols) / columns)
     width, height = max(columns * PANEL_MM[0], 85.0), rows * PANEL_MM[1] + 14.0
     with print_style():
-        figure = Figure(figsize=(width * MM, height * MM), layout="constrained")
+        figure = blank_figure(width * MM, height * MM, "constrained")
         grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         for ax, protocol in zip(grid.flat, protocols, strict=False):
             _panel(ax, protocol)

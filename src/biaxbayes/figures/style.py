@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import io
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +16,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -25,10 +29,12 @@ __all__ = [
     "PREDICTIVE",
     "RUNS",
     "STYLE",
+    "blank_figure",
     "colour",
     "figure_bytes",
     "font_points",
     "layout",
+    "own_garbage",
     "plain",
     "print_style",
     "read_style",
@@ -152,6 +158,34 @@ def read_style(path: Path | str) -> dict[str, Any]:
 
 
 @contextmanager
+def own_garbage() -> Iterator[None]:
+    """Collect the garbage of a figure, a heap of small parts, once and apart from all else.
+
+    Within, Python's collector would go through everything that is in memory several times. What was
+    free before is given back to the system: the picture of a page alone takes 20 MB.
+    """
+    if not gc.isenabled():
+        yield
+        return
+    _return_memory()
+    gc.disable()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        for _ in range(2):  # contours let go of their panels only once they have gone
+            gc.collect()
+        gc.unfreeze()
+        gc.enable()
+
+
+def _return_memory() -> None:
+    """Give back what the C library keeps of freed memory, where it can be asked to."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+@contextmanager
 def print_style(style: Mapping[str, Any] | None = None) -> Iterator[None]:
     """Draw in the style of a paper, whatever the session's own settings are.
 
@@ -193,6 +227,66 @@ def font_points(setting: str) -> float:
     return float(FontProperties(size=settings[setting]).get_size_in_points())
 
 
+def blank_figure(width: float, height: float, room: Any = None) -> Figure:
+    """An empty figure that measures its texts once.
+
+    Without a canvas of its own a figure makes a new renderer for every box that is asked for, and
+    each of them measures all texts again.
+
+    Parameters
+    ----------
+    width, height : float
+        Inches.
+    room : layout engine or str, optional
+        As the ``layout`` of :class:`matplotlib.figure.Figure`.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure((width, height), layout=room)
+    _canvas()(figure)
+    return figure
+
+
+@cache
+def _canvas() -> type[FigureCanvasAgg]:
+    """A canvas whose symbols are typeset once a process: a batch has the same ones in each figure.
+
+    Matplotlib forgets them with every renderer, which it makes anew for every size and file.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+    from matplotlib.mathtext import MathTextParser
+
+    settings = [k for k in mpl.rcParams if k.startswith("mathtext.") or k == "text.hinting"]
+    known: dict[Any, Any] = {}
+
+    class Symbols(MathTextParser):
+        def parse(
+            self, s: str, dpi: float = 72, prop: Any = None, *, antialiased: bool | None = None
+        ) -> Any:
+            style = tuple(str(mpl.rcParams[k]) for k in settings)
+            key = (s, dpi, prop and prop.copy(), antialiased, style)
+            if key not in known:
+                if len(known) >= MOST_SYMBOLS:
+                    known.clear()
+                known[key] = super().parse(s, dpi, prop, antialiased=antialiased)
+            return known[key]
+
+    symbols = Symbols("path")
+
+    class Canvas(FigureCanvasAgg):
+        def get_renderer(self) -> RendererAgg:
+            renderer = super().get_renderer()
+            renderer.mathtext_parser = symbols
+            return renderer
+
+    return Canvas
+
+
+MOST_SYMBOLS = 1000
+"""Kept typeset."""
+
+
 def layout(*, across_mm: float = 0.7, down_mm: float = 0.7, **how: Any) -> ConstrainedLayoutEngine:
     """Matplotlib's constrained layout with the narrow margins of a print.
 
@@ -216,7 +310,7 @@ def settle(figure: Figure) -> None:
         for _ in range(2):  # ticks depend on the panels' size, and this on the ticks
             engine: Any = figure.get_layout_engine()
             engine.execute(figure)
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)  # a placeholder would have every file drawn twice
 
 
 def plain(text: object, length: int = 40) -> str:
@@ -246,11 +340,41 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
     """
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    with print_style(style), warnings.catch_warnings():
+    with (
+        print_style(style),
+        warnings.catch_warnings(),
+        own_garbage(),
+        _letters_alone(suffix),
+    ):
         # Characters that the font lacks are drawn as boxes; that is no error.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         figure.savefig(out, format=suffix, metadata=undated.get(suffix))
     return out.getvalue()
+
+
+@contextmanager
+def _letters_alone(suffix: str) -> Iterator[None]:
+    """Fonts go into a PDF without tables for setting text, which it places letter by letter.
+
+    To cut these down to the letters that are used takes longer than all else about a font.
+    """
+    dropped: Any = None
+    if suffix == "pdf":
+        from fontTools.subset import Options
+
+        dropped = getattr(Options, "_drop_tables_default", None)
+    if not isinstance(dropped, list):
+        yield
+        return
+    kept = list(dropped)
+    dropped.extend(_SETTING)
+    try:
+        yield
+    finally:
+        dropped[:] = kept
+
+
+_SETTING = ("GDEF", "GPOS", "GSUB", "kern")
 
 
 def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | None = None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ import pandas as pd
 from biaxbayes.csv_tables import read_csv, write_csv
 from biaxbayes.errors import InputError
 from biaxbayes.executors.beside import Beside
-from biaxbayes.figures.style import figure_bytes
+from biaxbayes.figures.style import figure_bytes, own_garbage
 from biaxbayes.identifiability.determined import determined, mounting_stated
 from biaxbayes.identifiability.held_edges import (
     EDGES,
@@ -435,7 +435,7 @@ def write_products(
     known = posterior.quantities
     drawn = state != "unusable"
     with Beside(
-        lambda: _pictures(corner_figure(table, known=known)), workers if drawn else 1
+        lambda: _pictures(lambda: corner_figure(table, known=known)), workers if drawn else 1
     ) as corner:
         fits = laws.result() if state == "converged" else None
         found = identify_draws(posterior, table, state, fits=fits)
@@ -447,23 +447,30 @@ def write_products(
             from biaxbayes.figures.run.trace import trace_figure
 
             unit = posterior.specimen.unit
-            _save(
-                folder, "trace", _pictures(trace_figure(draws.quantities, unit=unit, known=known))
-            )
+            traces = _pictures(lambda: trace_figure(draws.quantities, unit=unit, known=known))
+            _save(folder, "trace", traces)
         if not drawn:
             return found
-        bands = bands_figure(posterior.specimen, table, settings=posterior.settings)
-        _save(folder, "stress-bands", _pictures(bands))
-        _save(folder, "identifiability", _pictures(identifiability_figure(found)))
+        if not corner.begun:  # the largest figure first, while least is in memory
+            _save(folder, "corner", corner.result())
+        specimen, settings = posterior.specimen, posterior.settings
+        bands = _pictures(lambda: bands_figure(specimen, table, settings=settings))
+        _save(folder, "stress-bands", bands)
+        _save(folder, "identifiability", _pictures(lambda: identifiability_figure(found)))
         if can_be_explored(known, table):
             write_explore(folder, posterior, table, state)
-        _save(folder, "corner", corner.result())
+        if corner.begun:
+            _save(folder, "corner", corner.result())
     return found
 
 
-def _pictures(figure: Figure) -> dict[str, bytes]:
+def _pictures(draw: Callable[[], Figure]) -> dict[str, bytes]:
     """A figure in every format, by the ending of its file."""
-    return {suffix: figure_bytes(figure, suffix) for suffix in FORMATS}
+    with own_garbage():
+        figure = draw()
+        pictures = {suffix: figure_bytes(figure, suffix) for suffix in FORMATS}
+        del figure
+    return pictures
 
 
 def _save(folder: Path, stem: str, pictures: Mapping[str, bytes]) -> None:

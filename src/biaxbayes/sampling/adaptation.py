@@ -19,14 +19,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from biaxbayes.sampling.ensembles import POOR_ACCEPTANCE, Ensembles
 from biaxbayes.sampling.proposal import MixtureProposal, TransportedMixture
 from biaxbayes.sampling.student_mixture import StudentMixture
 
+if TYPE_CHECKING:
+    from biaxbayes.sampling.ensembles import Ensembles
+
 __all__ = ["WarmUp", "add_components", "optimise_weights", "warm_up"]
+
+POOR_ACCEPTANCE = 0.03
+"""Below this the independence move is not worth its density evaluations."""
 
 
 # --- incremental mixture importance sampling ------------------------------------------------------

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import rankdata
 
 __all__ = ["Convergence", "assess", "effective_sample_size", "rank_normalised", "split_rhat"]
 
@@ -29,6 +28,8 @@ LONGEST_HOLD = 1.0 / 3.0
 
 def rank_normalised(draws: np.ndarray) -> np.ndarray:
     """Normal scores of the pooled ranks, same shape."""
+    from scipy.stats import rankdata  # half a second: not for a run that is only read
+
     ranks = rankdata(draws.ravel(), method="average")
     return ndtri((ranks - 0.375) / (ranks.size + 0.25)).reshape(draws.shape)
 

@@ -25,8 +25,6 @@ __all__ = ["Ensemble", "Ensembles"]
 SWEEPS = 2
 """Proposals tried in one step. At an acceptance of a half, draws two proposals apart are nearly
 independent; more in a step would be thrown away."""
-POOR_ACCEPTANCE = 0.03
-"""Below this the independence move is not worth its density evaluations."""
 
 
 class _Sampler(emcee.EnsembleSampler):

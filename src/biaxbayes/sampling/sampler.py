@@ -10,13 +10,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
 from biaxbayes.sampling.convergence import Convergence, assess
-from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
     Start,
@@ -25,6 +24,9 @@ from biaxbayes.sampling.population_monte_carlo import (
 )
 from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.target import Target
+
+if TYPE_CHECKING:
+    from biaxbayes.sampling.ensembles import Ensembles
 
 __all__ = ["Draws", "Plan", "Progress", "State", "draw", "ensembles_at", "first_state"]
 
@@ -259,6 +261,8 @@ def first_state(
     progress: Callable[[Progress], None] = lambda p: None,
 ) -> State:
     """Warm ensembles up from what a search found; the state before the first kept step."""
+    from biaxbayes.sampling.ensembles import Ensembles  # emcee, which imports scipy.stats
+
     walkers = max(plan.walkers, 4 * target.dimension)
     rng = start.rng
     starts = dispersed_starts(
@@ -290,6 +294,8 @@ def first_state(
 
 def ensembles_at(target: Target, plan: Plan, state: State) -> Ensembles:
     """Ensembles that continue from a state; the target's counts are set to those of the state."""
+    from biaxbayes.sampling.ensembles import Ensembles
+
     ensembles = Ensembles(
         target.log_prob,
         [m["coordinates"] for m in state.members],

@@ -16,6 +16,7 @@ from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     PREDICTIVE,
+    blank_figure,
     colour,
     font_points,
     layout,
@@ -75,15 +76,13 @@ class Panels:
 
     def draw(self, *, noted: bool) -> None:
         """Make the figure and its empty panels, with room for a note above them."""
-        from matplotlib.figure import Figure
-
         load = min(self.panel_mm, 66.0 if self.across == 1 else 50.0)
         title = self.TITLE if self.protocols > 1 else 1.5
         row = title + load + 2.0 * (self.GAP + self.STRIP) + self.BELOW
         legend = LINE_MM * (self.legend_rows + noted) + 1.0
         room = layout(across_mm=1.2, down_mm=0.5 * self.GAP)
         height = (legend + self.down * row) * MM
-        self.figure: Figure = Figure((self.width_mm * MM, height), layout=room)
+        self.figure: Figure = blank_figure(self.width_mm * MM, height, room)
         ratios = [load, self.STRIP, self.STRIP] * self.down
         places = self.figure.add_gridspec(3 * self.down, self.across, height_ratios=ratios)
         for number in range(self.count):
@@ -117,7 +116,8 @@ class Panels:
             label = trio["y"].get_xlabel()
             if below < self.count and self.axes[below]["y"].get_xlabel() == label:
                 trio["y"].set_xlabel("")
-        self.figure.align_ylabels()
+        first = self.axes[:: self.across]  # the others have no labels
+        self.figure.align_ylabels([ax for trio in first for ax in trio.values()])
 
 
 # --- data with the credible and the predictive band of a run, protocol by protocol ---------------

@@ -27,6 +27,7 @@ from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
+    blank_figure,
     colour,
     font_points,
     plain,
@@ -481,9 +482,7 @@ def _marginal(
 
 def _grid(count: int, width_mm: float) -> tuple[Figure, np.ndarray]:
     """Empty panels of a lower triangle."""
-    from matplotlib.figure import Figure
-
-    figure = Figure((width_mm * MM, width_mm * MM))
+    figure = blank_figure(width_mm * MM, width_mm * MM)
     places = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
     for i, j in np.argwhere(np.tri(count)).tolist():
@@ -521,7 +520,9 @@ def _arrange(figure: Figure, grid: np.ndarray, columns: list[Column], width_mm: 
             f"{last + 1} quantities do not fit a width of {width_mm:g} mm",
             remedy="name fewer with --parameter, or ask for --width-mm 180",
         )
-    figure.align_labels()
+    # those that have labels: each panel of a group asks all others for their boxes
+    figure.align_xlabels(list(grid[-1]))
+    figure.align_ylabels(list(grid[:, 0]))
 
 
 def _square(figure: Figure, grid: np.ndarray, width_mm: float) -> float:
@@ -552,7 +553,10 @@ def _beside(panels: Sequence[Axes], which: str) -> float:
     """How far the aligned labels of an axis stand out from panels, mm."""
     far, size = [], []
     for ax in panels:
-        box, label = ax.get_tightbbox(), getattr(ax, f"{which}axis").label.get_window_extent()
+        axis = getattr(ax, f"{which}axis")
+        # a panel alone has nothing at its left but the labels below it
+        box = ax.get_tightbbox() if len(panels) == 1 else axis.get_tightbbox()
+        label = axis.label.get_window_extent()
         assert box is not None
         across = which == "y"
         size.append(label.width if across else label.height)

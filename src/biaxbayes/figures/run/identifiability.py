@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.figures.quantities import axis_text
-from biaxbayes.figures.style import MM, PAGE_MM, print_style
+from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, print_style
 from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict
 from biaxbayes.identifiability.verdict import (
     COMBINATION,
@@ -86,14 +86,12 @@ def identifiability_figure(
     matplotlib.figure.Figure
         The first 16 parameters.
     """
-    from matplotlib.figure import Figure
-
     rows = found.parameters[:MOST_ROWS]
     columns = _Columns.of(width_mm)
     known = {p.name: p.scale.quantity for p in found.parameters}
     with print_style(style):
         height = HEAD_MM + columns.row * len(rows) + FOOT_MM
-        figure = Figure((width_mm * MM, height * MM))
+        figure = blank_figure(width_mm * MM, height * MM)
         _heads(figure, columns)
         for i, row in enumerate(rows):
             bottom = height - HEAD_MM - columns.row * (i + 1)

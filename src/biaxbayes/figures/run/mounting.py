@@ -19,6 +19,7 @@ from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
+    blank_figure,
     colour,
     font_points,
     layout,
@@ -117,15 +118,13 @@ def mounting_figure(
 
 def _panels(states: list[State], width_mm: float) -> tuple[Figure, Axes, Axes]:
     """The figure, a square panel and one with a row for each force."""
-    from matplotlib.figure import Figure
-
     wide = width_mm >= 120.0
     side = 56.0 if wide else width_mm - 22.0
     bars = 2 * len(states) * (ROW_MM if len(states) > 1 or not wide else 1.6 * ROW_MM)
     if wide:
         return _side_by_side(width_mm, (side, bars), (0.42, 0.58), 13.0)
     room = layout(across_mm=1.5, down_mm=1.2)
-    figure = Figure((width_mm * MM, (side + bars + 26.0) * MM), layout=room)
+    figure = blank_figure(width_mm * MM, (side + bars + 26.0) * MM, room)
     first, second = figure.subplots(2, 1, height_ratios=(side, bars))
     return figure, first, second
 
@@ -134,10 +133,8 @@ def _side_by_side(
     width_mm: float, tall: tuple[float, float], shares: tuple[float, float], labels: float
 ) -> tuple[Figure, Axes, Axes]:
     """A figure of two panels of their own heights in mm, with room for labels, aligned above."""
-    from matplotlib.figure import Figure
-
     height = (max(tall) + labels) * MM
-    figure = Figure((width_mm * MM, height), layout=layout(across_mm=1.5, down_mm=1.2))
+    figure = blank_figure(width_mm * MM, height, layout(across_mm=1.5, down_mm=1.2))
     rows = (min(tall), abs(tall[0] - tall[1]) + 1e-3)
     places = figure.add_gridspec(2, 2, width_ratios=shares, height_ratios=rows)
     left = figure.add_subplot(places[: 2 if tall[0] > tall[1] else 1, 0])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.figures.quantities import axis_text
-from biaxbayes.figures.style import MM, PAGE_MM, colour, plain, print_style
+from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, colour, plain, print_style
 from biaxbayes.identifiability.profile import THRESHOLD, Profile
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
@@ -51,12 +51,10 @@ def profile_figure(
         C1, k1 and k2 (relative to the best fit), alpha and kappa, and the mounting stretches take;
         below 120 mm two and two.
     """
-    from matplotlib.figure import Figure
-
     with print_style(style):
         lines = 2 if width_mm < 120.0 else 1
         height = (HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)) * MM
-        figure = Figure((width_mm * MM, height), layout="constrained")
+        figure = blank_figure(width_mm * MM, height, "constrained")
         panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
         grid = panels.reshape(len(profiles), 4)
         for i, (row, profile) in enumerate(zip(grid, profiles, strict=True)):

@@ -15,6 +15,7 @@ from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
+    blank_figure,
     colour,
     font_points,
     layout,
@@ -84,15 +85,13 @@ def trace_figure(
     InputError
         If nothing varies, or a name is not there.
     """
-    from matplotlib.figure import Figure
-
     everything = known_or_default(known, unit)
     rows = _rows(chains, names, everything)
     rank = 0.33 if width_mm >= NARROW_MM else 0.4
     height = HEAD_MM + FOOT_MM + len(rows) * (ROW_MM + GAP_MM)
     with print_style(style):
         room = layout(across_mm=0.8, down_mm=0.5 * GAP_MM)
-        figure = Figure((width_mm * MM, height * MM), layout=room)
+        figure = blank_figure(width_mm * MM, height * MM, room)
         panels = figure.subplots(
             len(rows), 2, squeeze=False, sharex="col", width_ratios=(1.0 - rank, rank)
         )
@@ -216,13 +215,11 @@ def rank_figure(ranks: pd.DataFrame, draws: int, style: Mapping[str, Any] | None
     matplotlib.figure.Figure
         The grey band holds all of a uniform study's curve with probability 0.95.
     """
-    from matplotlib.figure import Figure
-
     names = list(dict.fromkeys(ranks["parameter"]))
     rows = -(-len(names) // COLUMNS)
     with print_style(style):
         height = rows * RANK_ROW_MM + RANK_FOOT_MM
-        figure = Figure(figsize=(PAGE_MM * MM, height * MM), layout="constrained")
+        figure = blank_figure(PAGE_MM * MM, height * MM, "constrained")
         axes = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False)
         for axis, name in zip(axes.flat, names, strict=False):
             group = ranks[ranks["parameter"] == name]

@@ -1,0 +1,74 @@
+"""What a verb said of a run, kept in its folder and said again as long as nothing has changed.
+
+Nothing heavy is imported here: to say again what is known takes no NumPy.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from biaxbayes.errors import BiaxbayesError
+from biaxbayes.text_files import atomic_write_text, read_bytes
+
+__all__ = ["keep_said", "said_before"]
+
+READ = ("provenance.json", "specimen.csv", "posterior.nc", "law-fits.csv", "edges.csv")
+"""What is read of a run to judge it."""
+
+
+def said_before(folder: Path, name: str, made: Sequence[str]) -> dict[str, Any] | None:
+    """What was said of a run; None where it, a file that was made of it or this code is another.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    name : str
+        The file that it is kept in.
+    made : sequence of str
+        Files of the folder that were made of the run.
+    """
+    path = folder / name
+    try:
+        if path.is_symlink() or not path.is_file():
+            return None
+        record = json.loads(read_bytes(path))
+        kept, said = record["of"], record["said"]
+        wanted = _digests(folder, made)
+        same = all(kept[key] == digest for key, digest in wanted.items())
+    except (BiaxbayesError, OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return said if same and isinstance(said, dict) else None
+
+
+def keep_said(folder: Path, name: str, made: Sequence[str], said: dict[str, Any]) -> None:
+    """Keep what was said of a run; arguments as in :func:`said_before`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    record = {"of": _digests(folder, made), "said": said}
+    atomic_write_text(folder / name, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+
+
+def _digests(folder: Path, made: Sequence[str]) -> dict[str, str]:
+    """SHA-256 of what was read, of what was made, and of this package."""
+    found = {name: _digest(folder / name) for name in (*READ, *made)}
+    package, code = Path(__file__).parent.parent, hashlib.sha256()
+    for source in sorted(package.rglob("*.py")):
+        code.update(source.read_bytes())
+    return {**found, "biaxbayes": code.hexdigest()}
+
+
+def _digest(path: Path) -> str:
+    """Empty where there is no such file."""
+    if path.is_symlink() or not path.is_file():
+        return ""
+    with path.open("rb") as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()
