@@ -12,12 +12,16 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.stats import norm
 
 import biaxbayes
 from biaxbayes.errors import InputError
+from biaxbayes.laws import LAWS, law_named
+from biaxbayes.model.density import _log_prior
 from biaxbayes.model.layout import assemble
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
+from biaxbayes.parameters import NOISE_SD
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from plain_posterior import (
     IN_LOGS,
@@ -30,6 +34,7 @@ from plain_posterior import (
     mounting_reading,
     readings,
 )
+from test_laws import RECOVERED
 
 EDGES = {"edge_x_mm": 20.0, "edge_y_mm": 17.0, "thickness_mm": 1.1}
 TRUTH = {"C1": 8.0, "k1": 20.0, "k2": 3.0, "alpha": 40.0, "kappa": 0.12}
@@ -601,3 +606,35 @@ def test_the_width_of_the_mounting_prior_is_an_option():
     assert stated.priors["mounting_stretch_x"].scale == 0.01
     with pytest.raises(InputError, match="mounting-sd"):
         Posterior(specimen, noise="independent", mounting_sd=0.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", LAWS)
+def test_density_of_every_law_is_that_of_its_stress_and_its_priors(name):
+    """The compiled response of each law, at two materials, against its formulas and SciPy."""
+    law = law_named(name)
+    one, other = (law.scalar([f * v for v in RECOVERED[name]]) for f in (1.0, 1.05))
+    up = np.linspace(0.0, 1.0, 6)
+    x, y = 1.0 + 0.2 * up, 1.0 + 0.12 * up
+    load = np.array(one.piola(x, y))
+    specimen = Specimen("virtual", (Protocol("1", x, y, *load),), "piola", load_noise=0.5)
+    posterior = Posterior(specimen, law=name, mounting="ignored", noise="independent")
+    sd = 0.7
+
+    def expected(material):
+        values = dict(zip(law.names, material.values, strict=True)) | {"noise_sd": sd}
+        total = 0.0
+        for k, stress in enumerate(material.piola(x, y)):
+            # the first row is the mounted state: no reading of the curve
+            total += norm.logpdf(load[k][1:], stress[1:], sd).sum()
+        for parameter in (*law.parameters, NOISE_SD):
+            value, prior = values[parameter.name], posterior.priors[parameter.name]
+            kind, row = prior.encode(log_scale=parameter.logarithmic)
+            total += _log_prior(kind, row, math.log(value) if parameter.logarithmic else value)
+        return values, total
+
+    found, wanted = zip(
+        *((posterior.log_density(values), total) for values, total in map(expected, (one, other))),
+        strict=True,
+    )
+    assert found[1] - found[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-9, abs=1e-7)
