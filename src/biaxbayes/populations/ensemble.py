@@ -267,10 +267,20 @@ class Ensemble:
             out[at] = scale[..., :, None] * inverse[:, None] * scale[..., None, :]
         return out
 
-    def _quadratic(self, i: int, theta: np.ndarray, precision: np.ndarray) -> np.ndarray:
-        off = theta - self.mu[:, self.group[i]] - self.effect[:, self.donor[i]]
-        own = precision[:, self.design.layout.set_of[self.group[i]]]
-        return np.einsum("ck,ckj,cj->c", off, own, off)
+    def _quadratic(self, theta: np.ndarray, precision: np.ndarray) -> np.ndarray:
+        """(theta - m)' precision (theta - m) of every chain and specimen."""
+        off = theta - self.locations
+        own = precision[:, self.design.layout.set_of[self.group]]
+        return np.asarray((own @ off[..., None])[..., 0] * off).sum(axis=2)
+
+    def _densities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Whether known, log density and values of every chain and specimen at u (C, n, dmax)."""
+        log, theta = np.empty_like(self.log), np.empty_like(self.theta)
+        for i, d in enumerate(self.sizes):
+            log[:, i], theta[:, i] = self.design.density(i, np.ascontiguousarray(u[:, i, :d]))
+        known = np.isfinite(log)
+        theta[~known] = self.theta[~known]
+        return known, log, theta
 
     def _count(self, what: str, accepted: np.ndarray) -> None:
         self.accepted[what] = self.accepted.get(what, 0.0) + accepted
@@ -316,29 +326,23 @@ class Ensemble:
         self._update(extra, 1)
 
     def _evolve(self, tuning: Tuning, precision: np.ndarray) -> None:
-        C = len(self.u)
-        rng = self.rng
-        accepted = np.zeros(len(self.sizes))
-        for i, d in enumerate(self.sizes):
-            archive = tuning.archives[i]
-            a, b = rng.integers(len(archive), size=(2, C))
-            # ter Braak and Vrugt 2008: differences of the past, of several lengths
-            gamma = 2.38 / math.sqrt(2 * d) * rng.choice([1.0, 0.4, 0.15], size=C)
-            step = gamma[:, None] * (archive[a] - archive[b])
-            own = self.u[:, i, :d]
-            new = own + step
-            log, theta = self.design.density(i, np.ascontiguousarray(new))
-            known = np.isfinite(log)
-            theta[~known] = self.theta[~known, i]
-            gain = log - self.log[:, i]
-            gain -= 0.5 * self._quadratic(i, theta, precision)
-            gain += 0.5 * self._quadratic(i, self.theta[:, i], precision)
-            yes = known & (np.log(1.0 - rng.random(C)) < np.where(known, gain, -np.inf))
-            self.u[yes, i, :d] = new[yes]
-            self.theta[yes, i] = theta[yes]
-            self.log[yes, i] = log[yes]
-            accepted[i] = yes.mean()
-        self._count("own", accepted)
+        """Each specimen by differences of its past, of several lengths (ter Braak, Vrugt 2008)."""
+        C, n, rng = len(self.u), len(self.sizes), self.rng
+        lengths = np.array([len(a) for a in tuning.archives])
+        first, second = (rng.random((2, C, n)) * lengths).astype(np.int64)
+        gamma = rng.choice([1.0, 0.4, 0.15], size=(C, n))
+        new = self.u.copy()
+        for i, (d, archive) in enumerate(zip(self.sizes, tuning.archives, strict=True)):
+            step = archive[first[:, i]] - archive[second[:, i]]
+            new[:, i, :d] += 2.38 / math.sqrt(2 * d) * gamma[:, i, None] * step
+        known, log, theta = self._densities(new)
+        gain = np.where(known, log - self.log, -np.inf)
+        gain -= 0.5 * self._quadratic(theta, precision)
+        gain += 0.5 * self._quadratic(self.theta, precision)
+        yes = np.log(1.0 - rng.random((C, n))) < gain
+        for own, other in ((self.u, new), (self.theta, theta), (self.log, log)):
+            own[yes] = other[yes]
+        self._count("own", yes.mean(axis=0))
 
     def _augmented(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Counts, sums and squares of the draws outside of the box, by block."""
@@ -382,11 +386,8 @@ class Ensemble:
         chosen = int(rng.integers(len(tuning.directions)))
         along = tuning.steps[chosen] * rng.standard_normal(C)
         new = self.u + along[:, None, None] * tuning.directions[chosen]
-        theta, log = np.empty_like(self.theta), np.empty_like(self.log)
-        for i, d in enumerate(self.sizes):
-            log[:, i], theta[:, i] = self.design.density(i, np.ascontiguousarray(new[:, i, :d]))
-        known = np.isfinite(log).all(axis=1)
-        theta[~known] = self.theta[~known]
+        each, log, theta = self._densities(new)
+        known = each.all(axis=1)
         gain = np.where(known, (log - self.log).sum(axis=1), -np.inf)
         there = self._marginal(theta, extra)
         gain[known] += (there - marginal)[known]

@@ -42,7 +42,7 @@ class Sums(NamedTuple):
         Sums of squares, and counts.
     kind : int64 ndarray, shape (donors,); kinds : int64 ndarray, shape (1,)
         Which counts a donor has, and how many different ones there are.
-    count : ndarray, shape (kinds, groups); times : ndarray, shape (kinds,)
+    counts : ndarray, shape (kinds, groups); times : ndarray, shape (kinds,)
         These counts, and how many donors have them.
     first : ndarray, shape (kinds, groups, b); second : ndarray, shape (kinds, groups, groups, b, b)
         Sums over their donors of S_g, and of S_g S_h'.
@@ -56,7 +56,7 @@ class Sums(NamedTuple):
     ns: np.ndarray
     kind: np.ndarray
     kinds: np.ndarray
-    count: np.ndarray
+    counts: np.ndarray
     times: np.ndarray
     first: np.ndarray
     second: np.ndarray
@@ -155,7 +155,7 @@ def gather(layout, theta, count, total, square, sums):
         while kind < kinds:
             same = True
             for g in range(G):
-                same = same and sums.count[kind, g] == sums.N[d, g]
+                same = same and sums.counts[kind, g] == sums.N[d, g]
             if same:
                 break
             kind += 1
@@ -165,7 +165,7 @@ def gather(layout, theta, count, total, square, sums):
             sums.first[kind] = 0.0
             sums.second[kind] = 0.0
             for g in range(G):
-                sums.count[kind, g] = sums.N[d, g]
+                sums.counts[kind, g] = sums.N[d, g]
         sums.kind[d] = kind
         sums.times[kind] += 1.0
         for g in range(G):
@@ -222,11 +222,11 @@ def integrate(layout, sums, precisions, solved):
             for j in range(b):
                 middle[k, j] = precisions.omega[k, j]
         for g in range(G):
-            if sums.count[kind, g] > 0.0:
+            if sums.counts[kind, g] > 0.0:
                 s = layout.set_of[g]
                 for k in range(b):
                     for j in range(b):
-                        own = sums.count[kind, g] * P[s, k, j]
+                        own = sums.counts[kind, g] * P[s, k, j]
                         middle[k, j] += own
                         M[g * b + k, g * b + j] += times * own
         log = cholesky(middle, b)
@@ -249,13 +249,13 @@ def integrate(layout, sums, precisions, solved):
                             x += left[k, q] * P[u, q, j]
                         middle[k, j] = x
                 for g in range(G):
-                    if layout.set_of[g] != s or sums.count[kind, g] == 0.0:
+                    if layout.set_of[g] != s or sums.counts[kind, g] == 0.0:
                         continue
                     for h in range(G):
-                        if layout.set_of[h] != u or sums.count[kind, h] == 0.0:
+                        if layout.set_of[h] != u or sums.counts[kind, h] == 0.0:
                             continue
-                        own = sums.count[kind, g]
-                        both = times * own * sums.count[kind, h]
+                        own = sums.counts[kind, g]
+                        both = times * own * sums.counts[kind, h]
                         for k in range(b):
                             for j in range(b):
                                 x = middle[k, j]

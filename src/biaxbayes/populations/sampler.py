@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from biaxbayes.populations.ensemble import FRESH_VISITS, Design, Ensemble, Tuning
-from biaxbayes.sampling.convergence import Convergence, assess
+from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
 
@@ -27,7 +27,13 @@ __all__ = ["History", "Plan", "Sampled", "State", "draw"]
 
 LENGTH_ROUNDS = 2
 ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
-GROWTH = 1.5
+GROWTH, LEAST_GROWTH, MOST_GROWTH = 1.5, 1.1, 2.0
+"""Of the kept sweeps from one judgement to the next; the first where R-hat is too large."""
+AHEAD = 1.15
+"""Share of the sweeps that seem to be needed that is made before the next judgement."""
+SPECIMENS_OWN = ("theta", "u", "effect")
+EVERY, MOST_BYTES = 2, 2**27
+"""How often the specimens' values are kept: half as often whenever they take more memory."""
 STATES = ("converged", "tentative", "unusable")
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
@@ -49,7 +55,8 @@ class Plan:
     workers : int
         Threads; the draws do not depend on it.
     ensembles, chains : int
-        Independent ensembles, and chains of each.
+        Independent ensembles, and chains of each: a chain that is long enough to tell its own
+        autocorrelation time is worth 25 draws, so that more of them would be of no use.
     rounds, round_sweeps : int
         Of the warm-up.
     first_block : int
@@ -61,7 +68,7 @@ class Plan:
     seed: int = 1
     workers: int = 1
     ensembles: int = 4
-    chains: int = 64
+    chains: int = 32
     rounds: int = 4
     round_sweeps: int = 30
     first_block: int = 100
@@ -110,11 +117,16 @@ class History:
         """Both, one after the other."""
         mine, theirs = self.arrays(), other.arrays()
         joined = {k: np.concatenate([mine[k], theirs[k]], axis=1) for k in mine}
-        return History.from_arrays(joined, self.every)
+        whole = History.from_arrays(joined, self.every)
+        while sum(joined[k].nbytes for k in SPECIMENS_OWN) > MOST_BYTES:
+            whole = whole.thinned()
+            joined = whole.arrays()
+        return whole
 
-    def specimens_sweeps(self) -> np.ndarray:
-        """Which kept sweeps carry the specimens' values."""
-        return np.arange(self.theta.shape[1]) * self.every
+    def thinned(self) -> History:
+        """With the specimens' values of every other one of the sweeps that carry them."""
+        of = {name: getattr(self, name)[:, ::2].copy() for name in SPECIMENS_OWN}
+        return replace(self, **of, every=2 * self.every)
 
 
 @dataclass
@@ -179,7 +191,6 @@ def draw(
     """
     seeds = np.random.SeedSequence(plan.seed).spawn(plan.ensembles + 1)
     ensembles = [Ensemble(design, k, plan.chains, seeds[k]) for k in range(plan.ensembles)]
-    every = max(4, math.ceil(len(design.individuals) / 5))
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(plan.workers) as pool:
         if state is None:
             rng = np.random.default_rng(seeds[-1])
@@ -189,39 +200,33 @@ def draw(
         else:
             for ensemble, member in zip(ensembles, state.members, strict=True):
                 _restore(ensemble, member)
-        judged: Convergence | None = None
+        history, judged = state.history, None
         while not state.finished and not stop():
-            sweeps = min(state.block, plan.max_steps - state.sweeps)
-            sweeps = -(-sweeps // every) * every
             _say(progress, state, judged, plan)
-            tuning = state.tuning
-            parts = list(
-                pool.map(partial(_run, tuning=tuning, sweeps=sweeps, every=every), ensembles)
-            )
-            new = _joined(parts, every)
-            history = new if state.history is None else state.history.followed_by(new)
+            sweeps = min(state.block, plan.max_steps - state.sweeps)
+            new = _kept(ensembles, pool, state, sweeps)
+            history = new if history is None else history.followed_by(new)
             done = state.sweeps + sweeps
-            judged = _assessed(quantities(history), plan.ess)
+            found = _assessed(quantities(history), plan.ess)
+            judged = _worst(found)
             finished = judged.state == "converged" or done >= plan.max_steps
-            state = State(
-                tuning,
-                [_snapshot(e) for e in ensembles],
-                history,
-                done,
-                math.ceil(state.block * GROWTH),
-                finished,
-            )
+            members = [_snapshot(e) for e in ensembles]
+            block = _further(found, done, plan.ess)
+            state = State(state.tuning, members, history, done, block, finished)
             on_block(state)
-        found = state.history
-        if found is None:
-            found = _joined([_run(e, state.tuning, every, every) for e in ensembles], every)
-        convergence = _assessed(quantities(found), plan.ess)
-    return Sampled(found, convergence, _acceptance(ensembles, state.sweeps), not state.finished)
+        if history is None:
+            history = _kept(ensembles, pool, state, EVERY)
+        if judged is None:
+            judged = _worst(_assessed(quantities(history), plan.ess))
+    return Sampled(history, judged, _acceptance(ensembles, state.sweeps), not state.finished)
 
 
-def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> Convergence:
-    """All parts judged; the state is the worst of them."""
-    found = [assess(part, target_ess=ess) for part in parts]
+def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> list[Convergence]:
+    return [assess(part, target_ess=ess) for part in parts]
+
+
+def _worst(found: list[Convergence]) -> Convergence:
+    """All parts together; the state is the worst of theirs."""
     worst = max(found, key=lambda c: STATES.index(c.state))
     whole = {
         what: np.concatenate([getattr(c, what) for c in found])
@@ -230,6 +235,17 @@ def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> Convergence:
     names = tuple(name for c in found for name in c.names)
     state, reason = worst.state, worst.reason
     return Convergence(names, **whole, steps=found[0].steps, state=state, reason=reason)
+
+
+def _further(found: list[Convergence], done: int, ess: float) -> int:
+    """Sweeps after which the draws may be good, by what they say so far."""
+    growth = GROWTH
+    judged = [c for c in found if c.names]
+    if judged and max(c.worst_rhat for c in judged) < RHAT_LIMIT:
+        few = max(ess / max(c.worst_ess, 1.0) for c in judged)
+        short = max(MIN_STEPS_PER_TAU * c.tau.max() / c.steps for c in judged)
+        growth = min(max(AHEAD * max(few, short), LEAST_GROWTH), MOST_GROWTH)
+    return math.ceil((growth - 1.0) * done)
 
 
 def _say(
@@ -243,20 +259,29 @@ def _say(
     progress(Progress(told, share))
 
 
-def _run(ensemble: Ensemble, tuning: Tuning, sweeps: int, every: int) -> History:
+def _kept(
+    ensembles: list[Ensemble], pool: ThreadPoolExecutor, state: State, sweeps: int
+) -> History:
+    """So many sweeps more of all ensembles."""
+    every = EVERY if state.history is None else state.history.every
+    run = partial(_run, tuning=state.tuning, done=state.sweeps, sweeps=sweeps, every=every)
+    return _joined(list(pool.map(run, ensembles)), every)
+
+
+def _run(ensemble: Ensemble, tuning: Tuning, done: int, sweeps: int, every: int) -> History:
     """Kept sweeps of one ensemble, with a first axis of one."""
     kept: dict[str, list[np.ndarray]] = {k: [] for k in ("mu", "sd_donors", "sd")}
     parts: list[list[np.ndarray]] = [[] for _ in ensemble.partial]
-    thinned: dict[str, list[np.ndarray]] = {k: [] for k in ("theta", "u", "effect")}
+    of_specimens: dict[str, list[np.ndarray]] = {k: [] for k in SPECIMENS_OWN}
     for number in _sweeps(ensemble, tuning, sweeps):
         for name, values in kept.items():
             values.append(getattr(ensemble, name).copy())
         for of, own in zip(parts, ensemble.partial, strict=True):
             of.append(own.transpose(1, 0, 2).copy())
-        if number % every == 0:
-            for name, values in thinned.items():
+        if (done + number) % every == 0:
+            for name, values in of_specimens.items():
                 values.append(getattr(ensemble, name).copy())
-    arrays = {k: np.array(v)[None] for k, v in (kept | thinned).items()}
+    arrays = {k: np.array(v)[None] for k, v in (kept | of_specimens).items()}
     return History(**arrays, partial=tuple(np.array(v)[None] for v in parts), every=every)
 
 
