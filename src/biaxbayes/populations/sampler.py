@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from biaxbayes.populations.ensemble import FRESH_VISITS, Design, Ensemble, Tuning
+from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble, Tuning
+from biaxbayes.populations.spreading import Spreading
 from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
@@ -68,10 +69,10 @@ class Plan:
     seed: int = 1
     workers: int = 1
     ensembles: int = 4
-    chains: int = 32
+    chains: int = 16
     rounds: int = 4
-    round_sweeps: int = 30
-    first_block: int = 100
+    round_sweeps: int = 24
+    first_block: int = 80
 
 
 @dataclass(frozen=True)
@@ -150,8 +151,8 @@ class Sampled:
     history : History
     convergence : Convergence
     acceptance : dict of ndarray
-        Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together`` by
-        direction.
+        Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together``,
+        ``apart`` and ``apart in donors`` by direction.
     interrupted : bool
     """
 
@@ -329,15 +330,14 @@ def _warm_up(
         seeds = [int(s) for s in rng.integers(2**63, size=len(members))]
         proposals = tuple(pool.map(lambda m, a, s: _fitted(m.bounds, a, s), members, own, seeds))
         directions = _directions(points, rng)
-        steps = _steps(tuning, ensembles, len(directions))
-        tuning = Tuning(own, proposals, directions, steps)
+        tuning = replace(tuning, archives=own, proposals=proposals, directions=directions)
+        tuning = _with_steps(tuning, ensembles, points)
     # lengths of the joint moves alone, for the last components
     for _ in range(LENGTH_ROUNDS):
         for ensemble in ensembles:
             ensemble.accepted.clear()
         list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps // 2), ensembles))
-        steps = _steps(tuning, ensembles, len(tuning.directions))
-        tuning = Tuning(tuning.archives, tuning.proposals, tuning.directions, steps)
+        tuning = _with_steps(tuning, ensembles, points)
     for ensemble in ensembles:
         ensemble.accepted.clear()
     return tuning
@@ -370,15 +370,32 @@ def _directions(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return leading
 
 
-def _steps(tuning: Tuning, ensembles: list[Ensemble], count: int) -> np.ndarray:
+def _with_steps(tuning: Tuning, ensembles: list[Ensemble], points: np.ndarray) -> Tuning:
     """Lengths of the joint moves from the acceptance of the last round."""
-    if len(tuning.steps) != count:
+    count, kinds = len(tuning.directions), len(ensembles[0].memberships)
+    before = [] if tuning.spreading is None else list(tuning.spreading.steps)
+    steps = np.array(
+        [
+            _steps(held, ensembles, name, count)
+            for held, name in zip(
+                [tuning.steps, *(before or [tuning.steps[:0]] * kinds)], JOINT, strict=False
+            )
+        ]
+    )
+    spreading = Spreading(points.mean(axis=0), points.std(axis=0), steps[1:]) if kinds else None
+    return replace(tuning, steps=steps[0], spreading=spreading)
+
+
+def _steps(steps: np.ndarray, ensembles: list[Ensemble], name: str, count: int) -> np.ndarray:
+    hits, tried = (
+        np.sum([e.accepted.get(k, np.zeros(count)) for e in ensembles], axis=0)
+        for k in (name, f"{name} tried")
+    )
+    if len(steps) != count:
         return np.full(count, 0.5)
-    hits = np.sum([e.accepted["together"] for e in ensembles], axis=0)
-    tried = np.sum([e.accepted["together tried"] for e in ensembles], axis=0)
     share = hits / np.maximum(tried, 1.0)
-    change = np.clip((share + 0.02) / (TOGETHER + 0.02), 0.25, 2.0)
-    return np.clip(tuning.steps * change, 1e-3, 3.0)
+    change = np.where(tried > 0.0, np.clip((share + 0.02) / (TOGETHER + 0.02), 0.25, 2.0), 1.0)
+    return np.clip(steps * change, 1e-3, 3.0)
 
 
 # --- state ---------------------------------------------------------------------------------------
@@ -411,8 +428,10 @@ def _acceptance(ensembles: list[Ensemble], sweeps: int) -> dict[str, np.ndarray]
     total = {
         k: np.sum([e.accepted[k] for e in ensembles if k in e.accepted], axis=0) for k in names
     }
-    tried = total.pop("together tried", None)
-    if tried is not None:
-        together = total.pop("together") / np.maximum(tried, 1.0)
-    out = {k: v / max(len(ensembles) * sweeps, 1) for k, v in total.items()}
-    return out if tried is None else out | {"together": together}
+    out = {}
+    for k, v in total.items():
+        if k in JOINT:
+            out[k] = v / np.maximum(total[f"{k} tried"], 1.0)
+        elif not k.endswith(" tried"):
+            out[k] = v / max(len(ensembles) * sweeps, 1)
+    return out
