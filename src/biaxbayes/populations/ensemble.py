@@ -7,9 +7,9 @@ A chain holds the coordinates of every specimen and the means, donor effects and
 2. all specimens move together along leading principal components of the stacked warm-up draws, or
    apart along them (:mod:`.spreading`), group means and donor effects integrated out;
 3. some rounds without a likelihood: each specimen is offered draws of its own run, accepted on the
-   ratio of the population's density to the run's prior (Lunn, Barrett, Sweeting and Thompson, JRSS C
-   62 (2013) 551); spreads, means and donor effects move as in :mod:`.hierarchy`. Where single
-   posteriors are wide, spreads and specimens wait for one another, and rounds are what that takes.
+   ratio of the population's density to the run's prior (Lunn, Barrett, Sweeting and Thompson,
+   JRSS C 62 (2013) 551); spreads, means and donor effects move as in :mod:`.hierarchy`. Where
+   single posteriors are wide, spreads and specimens wait for one another: that takes rounds.
 
 Nothing here knows what a specimen is: an :class:`Individual` is a density, a pool and bounds.
 """
