@@ -29,8 +29,9 @@ from biaxbayes.sampling.proposal import TransportedMixture
 
 __all__ = ["JOINT", "Design", "Ensemble", "Individual", "Tuning"]
 
-POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 10, 2, 3
-"""Draws of the run and of the mixture offered to a specimen, and moves of all together, a sweep."""
+POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 1, 2, 3
+"""Draws of the run (a round) and of the mixture offered to a specimen, and moves of all together, a
+sweep. The more of the run, the more a finite run decides."""
 ROUNDS = 4
 """Of draws of the run and of spreads and means in a sweep: they cost no likelihood."""
 JOINT = ("together", "apart", "apart in donors")
