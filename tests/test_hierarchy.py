@@ -9,10 +9,12 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import norm
 
+from biaxbayes.populations import sampler
 from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Tuning
 from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
 from biaxbayes.populations.predictive import cut_median
 from biaxbayes.populations.sampler import Plan, draw
+from biaxbayes.populations.spreading import Spreading
 
 INF = math.inf
 GROUP = np.array([0, 0, 1, 1, 0, 1])
@@ -57,6 +59,31 @@ def test_means_and_effects_are_integrated_out(b):
         known = -0.5 * x @ np.linalg.solve(whole, x) - 0.5 * np.linalg.slogdet(whole)[1]
         known -= 0.5 * x.size * math.log(2 * math.pi)
         assert found[c] == pytest.approx(known, rel=1e-9)
+
+
+def test_donors_of_other_counts_and_groups_of_other_spreads():
+    """Some donors alike, some not, a group that a donor lacks: by the covariance of the whole."""
+    rng = np.random.default_rng(3)
+    group = np.array([0, 0, 1, 0, 0, 1, 1, 0, 0])
+    donor = np.array([0, 0, 0, 1, 1, 1, 2, 3, 3])
+    scale = np.full(2, 0.5)
+    ends = np.full(2, -INF), np.full(2, INF)
+    of = Layout(group, donor, np.array([0, 1]), 4, 2, *ends, 2 * scale, scale, scale, 1.0, 1.0)
+    theta = rng.standard_normal((1, 9, 2))
+    factors = [np.linalg.cholesky(np.array([[1.0, c], [c, 1.0]])) for c in (0.6, -0.4)]
+    sd_donors, sd = 0.3 + rng.random((1, 2)), 0.3 + rng.random((1, 2, 2))
+    nothing = np.zeros((1, 9)), np.zeros((1, 9, 2)), np.zeros((1, 2, 2, 2))
+    found = log_marginal(of, theta, *nothing, sd_donors, factors[0][None], sd, factors[1][None])
+    root = sd_donors[0][:, None] * factors[0]
+    whole = np.zeros((9, 2, 9, 2))
+    for i in range(9):
+        own = sd[0, group[i]][:, None] * factors[1]
+        for j in range(9):
+            whole[i, :, j] += (i == j) * own @ own.T + (donor[i] == donor[j]) * root @ root.T
+            whole[i, :, j] += (group[i] == group[j]) * np.eye(2)
+    x, whole = theta[0].ravel(), whole.reshape(18, 18)
+    known = -0.5 * x @ np.linalg.solve(whole, x) - 0.5 * np.linalg.slogdet(whole)[1]
+    assert found[0] == pytest.approx(known - 9 * math.log(2 * math.pi), rel=1e-9)
 
 
 @pytest.mark.long
@@ -237,6 +264,36 @@ def test_density_that_joint_moves_carry_on_is_that_of_where_they_ended():
     assert carried == pytest.approx(ensemble._marginal(ensemble.theta, extra), rel=1e-12)
     moved = np.abs(carried - first) > 1e-9
     assert moved.sum() > 5 and ensemble.accepted["together"][0] < 20
+
+
+def test_values_of_specimens_are_kept_less_often_where_they_take_much_memory(monkeypatch):
+    design, _ = normal_design()
+    plan = Plan(ess=1e9, seed=5, **QUICK | {"first_block": 25, "max_steps": 70, "chains": 8})
+    whole = draw(design, plan, quantities).history
+    monkeypatch.setattr(sampler, "MOST_BYTES", whole.theta.nbytes)
+    found = draw(design, plan, quantities).history
+    times = found.every // whole.every
+    assert times > 1
+    assert found.mu.tobytes() == whole.mu.tobytes()
+    assert (found.theta == whole.theta[:, ::times]).all()
+    # as many as every so manieth of the sweeps
+    assert found.theta.shape[1] == found.mu[:, :: found.every].shape[1]
+
+
+@pytest.mark.parametrize("of", [GROUP, DONOR])
+def test_specimens_are_drawn_apart_by_a_map_of_known_determinant(of):
+    rng = np.random.default_rng(7)
+    moves = Spreading(rng.standard_normal((6, 2)), 0.5 + rng.random((6, 2)), np.ones((2, 1)))
+    direction = rng.standard_normal((6, 2))
+    direction[4] = 0.0  # takes no part
+    u, by = rng.standard_normal((1, 6, 2)), np.array([0.3])
+    new, log_jacobian = moves.moved(u, direction, of, by)
+    assert moves.moved(new, direction, of, -by)[0] == pytest.approx(u)
+    unit = np.eye(12).reshape(12, 6, 2)
+    columns = moves.moved(u + unit, direction, of, np.repeat(by, 12))[0] - new
+    sign, log_determinant = np.linalg.slogdet(columns.reshape(12, 12))
+    assert sign > 0 and log_determinant == pytest.approx(log_jacobian[0])
+    assert (new[0, 4] == u[0, 4]).all() and np.abs(new - u).max() > 0.05
 
 
 def test_a_stop_leaves_a_state_to_go_on_from():

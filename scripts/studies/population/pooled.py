@@ -13,7 +13,7 @@ from studies.population.virtual import PARAMETERS, PLANS, made, on_scale
 __all__ = ["pooled_study"]
 
 LEVELS = (0.05, 0.5, 0.95)
-MOST_SWEEPS = 500
+MOST_SWEEPS = 1000
 """Kept: fewer than the sampler may ask for where specimens leave long ridges."""
 
 

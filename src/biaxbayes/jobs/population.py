@@ -14,7 +14,6 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
-from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.jobs.population_files import (
     RECORD,
     PopulationFound,
@@ -375,7 +374,7 @@ def _unlike(sources: list[Source]) -> list[str]:
             f"specimens were tested with {counts[0]} to {counts[-1]} protocols "
             f"({counts[0]}: {_listed(few)})"
         )
-    tops = [largest_equibiaxial(s.run.draws, s.run.specimen) for s in sources]
+    tops = [s.largest_stretch for s in sources]
     low, high = min(tops), max(tops)
     if high - 1.0 > UNLIKE_STRETCH * (low - 1.0):
         few = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]

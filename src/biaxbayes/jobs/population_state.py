@@ -10,13 +10,14 @@ import numpy as np
 from biaxbayes.errors import RunError
 from biaxbayes.populations.ensemble import Tuning
 from biaxbayes.populations.sampler import History, State
+from biaxbayes.populations.spreading import Spreading
 from biaxbayes.runs import checkpoint
 from biaxbayes.sampling.proposal import TransportedMixture
 
 __all__ = ["pack", "unpack"]
 
 
-FORMAT = 1
+FORMAT = 2
 
 
 def pack(state: State, identity: dict[str, Any]) -> bytes:
@@ -32,6 +33,8 @@ def pack(state: State, identity: dict[str, Any]) -> bytes:
     for i, q in enumerate(tuning.proposals):
         arrays |= {f"q{i}.{n}": v for n, v in q.arrays().items()}
     arrays |= {"directions": tuning.directions, "steps": tuning.steps}
+    if tuning.spreading is not None:
+        arrays |= {f"spreading.{n}": v for n, v in vars(tuning.spreading).items()}
     if state.history is not None:
         arrays |= {f"h.{n}": v for n, v in state.history.arrays().items()}
     text = json.dumps(
@@ -78,6 +81,7 @@ def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
             tuple(TransportedMixture.from_arrays(part(f"q{i}.")) for i in range(number)),
             arrays["directions"],
             arrays["steps"],
+            Spreading(**spreading) if (spreading := part("spreading.")) else None,
         )
         own = part("h.")
         history = History.from_arrays(own, int(stored["every"])) if own else None

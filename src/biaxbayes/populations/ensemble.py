@@ -2,13 +2,14 @@
 
 A chain holds the coordinates of every specimen and the means, donor effects and spreads. In a sweep
 
-1. each specimen moves by its own density (differential evolution on an archive of the warm-up);
-2. each specimen is offered draws of its own run (accepted on the ratio of the population's density
-   to the run's prior, without a likelihood: Lunn, Barrett, Sweeting and Thompson, JRSS C 62 (2013)
-   551) and draws of a mixture fitted to the warm-up, whose likelihoods are computed a block ahead;
-3. all specimens move together along leading principal components of the stacked warm-up draws,
-   group means and donor effects integrated out;
-4. spreads, means and donor effects move as in :mod:`.hierarchy`.
+1. each specimen moves by its own density: differential evolution on an archive of the warm-up, and
+   draws of a mixture fitted to it, whose likelihoods are computed a block ahead;
+2. all specimens move together along leading principal components of the stacked warm-up draws, or
+   apart along them (:mod:`.spreading`), group means and donor effects integrated out;
+3. some rounds without a likelihood: each specimen is offered draws of its own run, accepted on the
+   ratio of the population's density to the run's prior (Lunn, Barrett, Sweeting and Thompson,
+   JRSS C 62 (2013) 551); spreads, means and donor effects move as in :mod:`.hierarchy`. Where
+   single posteriors are wide, spreads and specimens wait for one another: that takes rounds.
 
 Nothing here knows what a specimen is: an :class:`Individual` is a density, a pool and bounds.
 """
@@ -23,12 +24,20 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
+from biaxbayes.populations.spreading import Spreading, memberships
 from biaxbayes.sampling.proposal import TransportedMixture
 
-__all__ = ["Design", "Ensemble", "Individual", "Tuning"]
+__all__ = ["JOINT", "Design", "Ensemble", "Individual", "Tuning"]
 
-POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 4, 2, 3
-"""Draws of the run and of the mixture offered to a specimen, and moves of all together, a sweep."""
+POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 1, 2, 3
+"""Draws of the run (a round) and of the mixture offered to a specimen, and moves of all together, a
+sweep. The more of the run, the more a finite run decides."""
+ROUNDS = 4
+"""Of draws of the run and of spreads and means in a sweep: they cost no likelihood."""
+JOINT = ("together", "apart", "apart in donors")
+"""Kinds of moves of all together: alongside one another, and by what they deviate from."""
+SPREAD = 0.5
+"""Share of these moves that draw specimens apart or together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +117,15 @@ class Tuning:
         Principal components times their sd; none before the first fit.
     steps : ndarray, shape (L,)
         How far a joint move goes along each.
+    spreading : Spreading, optional
+        For moves that draw specimens apart or together along them.
     """
 
     archives: tuple[np.ndarray, ...]
     proposals: tuple[TransportedMixture, ...]
     directions: np.ndarray
     steps: np.ndarray
+    spreading: Spreading | None = None
 
 
 @njit(cache=True)
@@ -185,6 +197,7 @@ class Ensemble:
         n, p = len(design.individuals), design.centre.size
         self.sizes = np.array([member.dimension for member in design.individuals])
         self.group, self.donor = design.layout.group, design.layout.donor
+        self.memberships = memberships(self.group, self.donor)
         self.pool = self._pool(number)
         C = chains
         self.u = np.zeros((C, n, int(self.sizes.max())))
@@ -267,10 +280,20 @@ class Ensemble:
             out[at] = scale[..., :, None] * inverse[:, None] * scale[..., None, :]
         return out
 
-    def _quadratic(self, i: int, theta: np.ndarray, precision: np.ndarray) -> np.ndarray:
-        off = theta - self.mu[:, self.group[i]] - self.effect[:, self.donor[i]]
-        own = precision[:, self.design.layout.set_of[self.group[i]]]
-        return np.einsum("ck,ckj,cj->c", off, own, off)
+    def _quadratic(self, theta: np.ndarray, precision: np.ndarray) -> np.ndarray:
+        """(theta - m)' precision (theta - m) of every chain and specimen."""
+        off = theta - self.locations
+        own = precision[:, self.design.layout.set_of[self.group]]
+        return np.asarray((own @ off[..., None])[..., 0] * off).sum(axis=2)
+
+    def _densities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Whether known, log density and values of every chain and specimen at u (C, n, dmax)."""
+        log, theta = np.empty_like(self.log), np.empty_like(self.theta)
+        for i, d in enumerate(self.sizes):
+            log[:, i], theta[:, i] = self.design.density(i, np.ascontiguousarray(u[:, i, :d]))
+        known = np.isfinite(log)
+        theta[~known] = self.theta[~known]
+        return known, log, theta
 
     def _count(self, what: str, accepted: np.ndarray) -> None:
         self.accepted[what] = self.accepted.get(what, 0.0) + accepted
@@ -292,53 +315,50 @@ class Ensemble:
 
     def sweep(self, tuning: Tuning, fresh: Pool | None, row: int) -> None:
         """All moves once; ``row`` is the first row of ``fresh`` that was not offered yet."""
-        precision = self.precision
-        self._evolve(tuning, precision)
-        offered = (self.theta, self.u, self.log)
-        where = (precision, self.design.layout.set_of, self.group, self.sizes)
-        members = self.design.individuals
-        weight = np.empty_like(self.log)
-        for i, member in enumerate(members):
-            weight[:, i] = -member.log_prior(self.theta[:, i] + self.design.centre)
-        m = self.locations
-        args = (self.rng, *offered, weight, m, *where)
-        self._count("pool", _visit(*args, self.pool, POOL_VISITS, -1))
+        self._evolve(tuning)
         if fresh is not None:
+            weight = np.empty_like(self.log)
             for i, q in enumerate(tuning.proposals):
                 own = np.ascontiguousarray(self.u[:, i, : self.sizes[i]])
                 weight[:, i] = self.log[:, i] - q.log_density(own)
-            self._count("fresh", _visit(*args, fresh, FRESH_VISITS, row))
-        extra = self._augmented()
+            self._count("fresh", self._offer(weight, fresh, FRESH_VISITS, row))
         if len(tuning.directions):
+            extra = self._augmented()
             marginal = self._marginal(self.theta, extra)
             for _ in range(JOINT_MOVES):
                 self._move_together(tuning, extra, marginal)
-        self._update(extra, 1)
+        weight = np.empty_like(self.log)
+        for i, member in enumerate(self.design.individuals):
+            weight[:, i] = -member.log_prior(self.theta[:, i] + self.design.centre)
+        for _ in range(ROUNDS):
+            self._count("pool", self._offer(weight, self.pool, POOL_VISITS, -1) / ROUNDS)
+            self._update(self._augmented(), 1)
 
-    def _evolve(self, tuning: Tuning, precision: np.ndarray) -> None:
-        C = len(self.u)
-        rng = self.rng
-        accepted = np.zeros(len(self.sizes))
-        for i, d in enumerate(self.sizes):
-            archive = tuning.archives[i]
-            a, b = rng.integers(len(archive), size=(2, C))
-            # ter Braak and Vrugt 2008: differences of the past, of several lengths
-            gamma = 2.38 / math.sqrt(2 * d) * rng.choice([1.0, 0.4, 0.15], size=C)
-            step = gamma[:, None] * (archive[a] - archive[b])
-            own = self.u[:, i, :d]
-            new = own + step
-            log, theta = self.design.density(i, np.ascontiguousarray(new))
-            known = np.isfinite(log)
-            theta[~known] = self.theta[~known, i]
-            gain = log - self.log[:, i]
-            gain -= 0.5 * self._quadratic(i, theta, precision)
-            gain += 0.5 * self._quadratic(i, self.theta[:, i], precision)
-            yes = known & (np.log(1.0 - rng.random(C)) < np.where(known, gain, -np.inf))
-            self.u[yes, i, :d] = new[yes]
-            self.theta[yes, i] = theta[yes]
-            self.log[yes, i] = log[yes]
-            accepted[i] = yes.mean()
-        self._count("own", accepted)
+    def _offer(self, weight: np.ndarray, pool: Pool, offered: int, row: int) -> np.ndarray:
+        """Offer draws of a pool to all; ``weight``, that of the current values, follows."""
+        where = (self.precision, self.design.layout.set_of, self.group, self.sizes)
+        own = (self.theta, self.u, self.log, weight, self.locations)
+        return np.asarray(_visit(self.rng, *own, *where, pool, offered, row))
+
+    def _evolve(self, tuning: Tuning) -> None:
+        """Each specimen by differences of its past, of several lengths (ter Braak, Vrugt 2008)."""
+        C, n, rng = len(self.u), len(self.sizes), self.rng
+        lengths = np.array([len(a) for a in tuning.archives])
+        first, second = (rng.random((2, C, n)) * lengths).astype(np.int64)
+        gamma = rng.choice([1.0, 0.4, 0.15], size=(C, n))
+        new = self.u.copy()
+        for i, (d, archive) in enumerate(zip(self.sizes, tuning.archives, strict=True)):
+            step = archive[first[:, i]] - archive[second[:, i]]
+            new[:, i, :d] += 2.38 / math.sqrt(2 * d) * gamma[:, i, None] * step
+        known, log, theta = self._densities(new)
+        gain = np.where(known, log - self.log, -np.inf)
+        precision = self.precision
+        gain -= 0.5 * self._quadratic(theta, precision)
+        gain += 0.5 * self._quadratic(self.theta, precision)
+        yes = np.log(1.0 - rng.random((C, n))) < gain
+        for own, other in ((self.u, new), (self.theta, theta), (self.log, log)):
+            own[yes] = other[yes]
+        self._count("own", yes.mean(axis=0))
 
     def _augmented(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Counts, sums and squares of the draws outside of the box, by block."""
@@ -380,14 +400,19 @@ class Ensemble:
         """One joint move; ``marginal``, that of the current values, follows in place."""
         rng, C = self.rng, len(self.u)
         chosen = int(rng.integers(len(tuning.directions)))
-        along = tuning.steps[chosen] * rng.standard_normal(C)
-        new = self.u + along[:, None, None] * tuning.directions[chosen]
-        theta, log = np.empty_like(self.theta), np.empty_like(self.log)
-        for i, d in enumerate(self.sizes):
-            log[:, i], theta[:, i] = self.design.density(i, np.ascontiguousarray(new[:, i, :d]))
-        known = np.isfinite(log).all(axis=1)
-        theta[~known] = self.theta[~known]
-        gain = np.where(known, (log - self.log).sum(axis=1), -np.inf)
+        direction, spreading, kind = tuning.directions[chosen], tuning.spreading, 0
+        if spreading is not None and rng.random() < SPREAD:
+            kind = 1 + int(rng.integers(len(self.memberships)))
+        if kind and spreading is not None:
+            factor = spreading.steps[kind - 1, chosen] * rng.standard_normal(C)
+            of = self.memberships[kind - 1]
+            new, jacobian = spreading.moved(self.u, direction, of, factor)
+        else:
+            along = tuning.steps[chosen] * rng.standard_normal(C)
+            new, jacobian = self.u + along[:, None, None] * direction, np.zeros(C)
+        each, log, theta = self._densities(new)
+        known = each.all(axis=1)
+        gain = np.where(known, (log - self.log).sum(axis=1) + jacobian, -np.inf)
         there = self._marginal(theta, extra)
         gain[known] += (there - marginal)[known]
         yes = np.log(1.0 - rng.random(C)) < gain
@@ -405,8 +430,9 @@ class Ensemble:
         tried = np.zeros(len(tuning.directions))
         hits = tried.copy()
         tried[chosen], hits[chosen] = 1.0, moved.mean()
-        self._count("together", hits)
-        self._count("together tried", tried)
+        name = JOINT[kind]
+        self._count(name, hits)
+        self._count(f"{name} tried", tried)
 
     def _allowed(self) -> np.ndarray:
         return self._last_allowed

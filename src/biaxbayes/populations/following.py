@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.comparison.compare import contractions
-from biaxbayes.identifiability.determined import Derived, derived_quantities, largest_equibiaxial
+from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, Thresholds
 from biaxbayes.populations.model import LINEAR, LOG
 from biaxbayes.populations.predictive import Hyper
@@ -30,7 +30,7 @@ WITHIN, BETWEEN = 60, 30
 
 def stated_stretches(sources: Sequence[Source]) -> list[float]:
     """Equibiaxial total stretches that every specimen reached: half-way and the largest."""
-    top = min(largest_equibiaxial(s.run.draws, s.run.specimen) for s in sources)
+    top = min(s.largest_stretch for s in sources)
     return [round(1.0 + share * (top - 1.0), 3) for share in (0.5, 1.0)]
 
 

@@ -27,10 +27,23 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from biaxbayes.populations.integrated import (
+    draw_means,
+    gather,
+    integrate,
+    invert,
+    invert_donors,
+    room_for,
+)
+from biaxbayes.populations.small_matrices import correlation_factor, inverse_from, log_lkj
+
 __all__ = ["Layout", "augment", "log_marginal", "update"]
 
 LEAST_INSIDE = 0.01
-LOG_2PI = math.log(2.0 * math.pi)
+WIDE = 0.1
+"""A normal about the edge of a range that is so many sds wide has 0.04 of its mass inside."""
+LEAST_PARTIAL = -1.0 + 1e-9
+DONORS, SPECIMENS = 0, 1
 
 
 class Layout(NamedTuple):
@@ -65,81 +78,6 @@ class Layout(NamedTuple):
     specimen_scale: np.ndarray
     eta_donors: float
     eta_specimens: float
-
-
-@njit(cache=True)
-def _cholesky(a, n):
-    """Lower Cholesky factor in place; log determinant, NaN where not positive definite."""
-    total = 0.0
-    for i in range(n):
-        for j in range(i + 1):
-            s = a[i, j]
-            for k in range(j):
-                s -= a[i, k] * a[j, k]
-            if i == j:
-                if not s > 0.0:
-                    return np.nan
-                a[i, i] = math.sqrt(s)
-                total += math.log(s)
-            else:
-                a[i, j] = s / a[j, j]
-    return total
-
-
-@njit(cache=True)
-def _inverse_from(c, n, out):
-    """Inverse of C C' from the lower factor C."""
-    # column by column: solve C y = e, then C' x = y
-    for k in range(n):
-        for i in range(n):
-            s = 1.0 if i == k else 0.0
-            for j in range(i):
-                s -= c[i, j] * out[j, k]
-            out[i, k] = s / c[i, i]
-        for i in range(n - 1, -1, -1):
-            s = out[i, k]
-            for j in range(i + 1, n):
-                s -= c[j, i] * out[j, k]
-            out[i, k] = s / c[i, i]
-
-
-@njit(cache=True)
-def _correlation_factor(partial, b, out):
-    """Lower factor of a correlation matrix from its canonical partial correlations."""
-    k = 0
-    for i in range(b):
-        rest = 1.0
-        for j in range(i):
-            out[i, j] = partial[k] * math.sqrt(rest)
-            rest *= 1.0 - partial[k] * partial[k]
-            k += 1
-        out[i, i] = math.sqrt(max(rest, 1e-12))
-        for j in range(i + 1, b):
-            out[i, j] = 0.0
-
-
-@njit(cache=True)
-def _log_lkj(partial, b, eta):
-    """Log density of an LKJ(eta) correlation matrix in its partial correlations."""
-    # p(c_ij) ~ (1 - c^2)^(eta + (b - 2 - j) / 2 - 1)
-    total, k = 0.0, 0
-    for i in range(b):
-        for j in range(i):
-            total += (eta + 0.5 * (b - 2 - j) - 1.0) * math.log1p(-partial[k] * partial[k])
-            k += 1
-    return total
-
-
-@njit(cache=True)
-def _precision(sd, factor, b, work, out):
-    """Inverse of diag(sd) F F' diag(sd) into ``out``; returns the log determinant of the matrix."""
-    total = 0.0
-    for i in range(b):
-        for j in range(i + 1):
-            work[i, j] = sd[i] * factor[i, j]
-        total += 2.0 * math.log(work[i, i])
-    _inverse_from(work, b, out)
-    return total
 
 
 @njit(cache=True)
@@ -180,178 +118,6 @@ def _augment(rng, layout, mu, effect, sd, factor, count, total, square):
 
 
 @njit(cache=True)
-def _gather(layout, theta, count, total, square, N, S, Q, ns):
-    """Sums over the specimens of a chain, by donor and group."""
-    n, b = theta.shape
-    N[:] = 0.0
-    S[:] = 0.0
-    Q[:] = square
-    ns[:] = 0.0
-    for i in range(n):
-        g, d = layout.group[i], layout.donor[i]
-        s = layout.set_of[g]
-        N[d, g] += 1.0 + count[i]
-        ns[s] += 1.0 + count[i]
-        for k in range(b):
-            S[d, g, k] += theta[i, k] + total[i, k]
-            for j in range(b):
-                Q[s, k, j] += theta[i, k] * theta[i, j]
-
-
-@njit(cache=True)
-def _collapse(layout, N, S, Q, ns, P, logdet, Om, logdet_d, A, M, r):
-    """Log density of the sums with means and donor effects integrated out.
-
-    P, Om are precisions of specimens (by set) and donors. Fills A (inverse precision of each
-    donor's effect given the means), M (Cholesky factor of the precision of the means) and r (its
-    linear term).
-    """
-    D, G = N.shape
-    b = layout.low.size
-    value = 0.0
-    for s in range(layout.sets):
-        value -= 0.5 * ns[s] * (logdet[s] + b * LOG_2PI)
-        for k in range(b):
-            for j in range(b):
-                value -= 0.5 * P[s, k, j] * Q[s, k, j]
-    M[:] = 0.0
-    r[:] = 0.0
-    work = np.empty((b, b))
-    t, v = np.empty(b), np.empty(b)
-    left = np.empty((b, b))
-    for g in range(G):
-        for k in range(b):
-            M[g * b + k, g * b + k] = 1.0 / layout.mean_sd[k] ** 2
-            value -= math.log(layout.mean_sd[k])
-    # donors with as many specimens in every group have one A: it is worked out once for them
-    first, alike = np.empty(D, dtype=np.int64), np.zeros(D)
-    logs = np.empty(D)
-    kinds = 0
-    for d in range(D):
-        kind = 0
-        while kind < kinds and np.any(N[first[kind]] != N[d]):
-            kind += 1
-        if kind == kinds:
-            # A^-1 = Omega^-1 + sum_g N_dg P_g
-            for k in range(b):
-                for j in range(b):
-                    work[k, j] = Om[k, j]
-            for g in range(G):
-                if N[d, g] > 0.0:
-                    s = layout.set_of[g]
-                    for k in range(b):
-                        for j in range(b):
-                            work[k, j] += N[d, g] * P[s, k, j]
-            logs[kind] = _cholesky(work, b)
-            if not np.isfinite(logs[kind]):
-                return -np.inf
-            _inverse_from(work, b, A[d])
-            first[kind] = d
-            kinds += 1
-        else:
-            for k in range(b):
-                for j in range(b):
-                    A[d, k, j] = A[first[kind], k, j]
-        alike[kind] += 1.0
-        value -= 0.5 * (logs[kind] + logdet_d)
-        for k in range(b):
-            t[k] = 0.0
-        for g in range(G):
-            if N[d, g] > 0.0:
-                s = layout.set_of[g]
-                for k in range(b):
-                    for j in range(b):
-                        t[k] += P[s, k, j] * S[d, g, j]
-        for k in range(b):
-            v[k] = 0.0
-            for j in range(b):
-                v[k] += A[d, k, j] * t[j]
-        for k in range(b):
-            value += 0.5 * t[k] * v[k]
-        for g in range(G):
-            if N[d, g] == 0.0:
-                continue
-            s = layout.set_of[g]
-            for k in range(b):
-                for j in range(b):
-                    r[g * b + k] += P[s, k, j] * (S[d, g, j] - N[d, g] * v[j])
-    for kind in range(kinds):
-        d = first[kind]
-        for g in range(G):
-            if N[d, g] == 0.0:
-                continue
-            s = layout.set_of[g]
-            times = alike[kind] * N[d, g]
-            for k in range(b):
-                for j in range(b):
-                    M[g * b + k, g * b + j] += times * P[s, k, j]
-                    left[k, j] = 0.0
-                    for q in range(b):
-                        left[k, j] += P[s, k, q] * A[d, q, j]
-            for h in range(G):
-                if N[d, h] == 0.0:
-                    continue
-                u = layout.set_of[h]
-                for k in range(b):
-                    for j in range(b):
-                        x = 0.0
-                        for q in range(b):
-                            x += left[k, q] * P[u, q, j]
-                        M[g * b + k, h * b + j] -= times * N[d, h] * x
-    size = G * b
-    found = _cholesky(M, size)
-    if not np.isfinite(found):
-        return -np.inf
-    value -= 0.5 * found
-    # 1/2 r' (C C')^-1 r = 1/2 |C^-1 r|^2
-    for i in range(size):
-        x = r[i]
-        for j in range(i):
-            x -= M[i, j] * r[j]
-        r[i] = x / M[i, i]
-        value += 0.5 * r[i] * r[i]
-    return value
-
-
-@njit(cache=True)
-def _draw(rng, layout, N, S, P, A, M, r, mu, effect):
-    """Means and donor effects from their normal; r is C^-1 times the linear term."""
-    D, G = N.shape
-    b = layout.low.size
-    size = G * b
-    x = np.empty(size)
-    for i in range(size):
-        x[i] = r[i] + rng.standard_normal()
-    for i in range(size - 1, -1, -1):
-        for j in range(i + 1, size):
-            x[i] -= M[j, i] * x[j]
-        x[i] /= M[i, i]
-    for g in range(G):
-        for k in range(b):
-            mu[g, k] = x[g * b + k]
-    work, h = np.empty((b, b)), np.empty(b)
-    z = np.empty(b)
-    for d in range(D):
-        h[:] = 0.0
-        for g in range(G):
-            s = layout.set_of[g]
-            for k in range(b):
-                for j in range(b):
-                    h[k] += P[s, k, j] * (S[d, g, j] - N[d, g] * mu[g, j])
-        for k in range(b):
-            for j in range(b):
-                work[k, j] = A[d, k, j]
-            z[k] = rng.standard_normal()
-        _cholesky(work, b)
-        for k in range(b):
-            effect[d, k] = 0.0
-            for j in range(b):
-                effect[d, k] += A[d, k, j] * h[j]
-            for j in range(k + 1):
-                effect[d, k] += work[k, j] * z[j]
-
-
-@njit(cache=True)
 def _allowed(layout, mu, effect, sd):
     """Whether every location has enough of its normal inside the box."""
     for k in range(layout.low.size):
@@ -361,6 +127,8 @@ def _allowed(layout, mu, effect, sd):
             g = layout.group[i]
             m = mu[g, k] + effect[layout.donor[i], k]
             s = sd[layout.set_of[g], k]
+            if layout.low[k] <= m <= layout.high[k] and layout.high[k] - layout.low[k] > WIDE * s:
+                continue
             if not _inside(m, s, layout.low[k], layout.high[k]) >= LEAST_INSIDE:
                 return False
     return True
@@ -399,25 +167,140 @@ def log_marginal(layout, theta, count, total, square, sd_donors, factor_donors, 
     Up to a constant, shape (chains,). Arguments as in :func:`augment` and :func:`update`.
     """
     C, _, b = theta.shape
-    G, D = layout.set_of.size, layout.donors
     out = np.empty(C)
-    N, S = np.empty((D, G)), np.empty((D, G, b))
-    Q, ns = np.empty((layout.sets, b, b)), np.empty(layout.sets)
-    P, logdet = np.empty((layout.sets, b, b)), np.empty(layout.sets)
-    Om, work = np.empty((b, b)), np.empty((b, b))
-    A, M, r = np.empty((D, b, b)), np.empty((G * b, G * b)), np.empty(G * b)
+    sums, precisions, solved = room_for(layout)
     for c in range(C):
-        _gather(layout, theta[c], count[c], total[c], square[c], N, S, Q, ns)
-        for s in range(layout.sets):
-            logdet[s] = _precision(sd[c, s], factor[c], b, work, P[s])
-        logdet_d = _precision(sd_donors[c], factor_donors[c], b, work, Om)
-        out[c] = _collapse(layout, N, S, Q, ns, P, logdet, Om, logdet_d, A, M, r)
+        gather(layout, theta[c], count[c], total[c], square[c], sums)
+        invert(sd[c], factor[c], b, precisions)
+        invert_donors(sd_donors[c], factor_donors[c], b, precisions)
+        out[c] = integrate(layout, sums, precisions, solved)
     return out
 
 
-DONORS, SPECIMENS = 0, 1
 SLICE_WIDTH = 1.0
 MOST_STEPS = 8
+MOST_TRIES = 60
+"""Of a slice; numbers have ended then, and the value stays where it was."""
+
+
+@njit(cache=True)
+def _log_density_of_sd(x, layout, sums, precisions, solved, own, side, s, k, factor):
+    """Log density of the log of one sd, means and effects integrated out; the sd is set to it.
+
+    ``own`` are the sds of donors, (1, b), or of specimens, (sets, b), ``side`` which of them.
+    """
+    b = layout.low.size
+    own[s, k] = math.exp(x)
+    if side == DONORS:
+        invert_donors(own[0], factor, b, precisions)
+        prior = _log_sd_prior(own[s, k], layout.donor_scale[k])
+    else:
+        invert(own, factor, b, precisions)
+        prior = _log_sd_prior(own[s, k], layout.specimen_scale[k])
+    return prior + integrate(layout, sums, precisions, solved)
+
+
+@njit(cache=True)
+def _slice_of_sd(rng, layout, sums, precisions, solved, own, side, s, k, factor):
+    """Slice sampling (Neal 2003) of one sd with the means integrated out."""
+    args = (layout, sums, precisions, solved, own, side, s, k, factor)
+    x0 = math.log(own[s, k])
+    level = _log_density_of_sd(x0, *args) + math.log(1.0 - rng.random())
+    low = x0 - SLICE_WIDTH * rng.random()
+    high = low + SLICE_WIDTH
+    left = int(MOST_STEPS * rng.random())
+    right = MOST_STEPS - 1 - left
+    while left > 0 and _log_density_of_sd(low, *args) > level:
+        low -= SLICE_WIDTH
+        left -= 1
+    while right > 0 and _log_density_of_sd(high, *args) > level:
+        high += SLICE_WIDTH
+        right -= 1
+    for _ in range(MOST_TRIES):
+        x = low + rng.random() * (high - low)
+        if _log_density_of_sd(x, *args) >= level:
+            return
+        if x < x0:
+            low = x
+        else:
+            high = x
+    _log_density_of_sd(x0, *args)
+
+
+@njit(cache=True)
+def _log_density_of_correlations(partial, factor, b, eta, scatter, count, work, inverse):
+    """Log density of partial correlations given ``count`` vectors of unit sds and this scatter."""
+    correlation_factor(partial, b, factor)
+    value = log_lkj(partial, b, eta)
+    for i in range(b):
+        value -= count * math.log(factor[i, i])
+        for j in range(i + 1):
+            work[i, j] = factor[i, j]
+    inverse_from(work, b, inverse)
+    for i in range(b):
+        for j in range(b):
+            value -= 0.5 * inverse[i, j] * scatter[i, j]
+    return value
+
+
+@njit(cache=True)
+def _correlations(rng, partial, factor, b, eta, scatter, count):
+    """Slices of all partial correlations, given what they are the correlations of."""
+    work, inverse = np.empty((b, b)), np.empty((b, b))
+    args = (partial, factor, b, eta, scatter, count, work, inverse)
+    for k in range(partial.size):
+        x0 = partial[k]
+        level = _log_density_of_correlations(*args) + math.log(1.0 - rng.random())
+        low, high = LEAST_PARTIAL, -LEAST_PARTIAL
+        for tried in range(MOST_TRIES):
+            partial[k] = low + rng.random() * (high - low)
+            if tried == MOST_TRIES - 1:
+                partial[k] = x0
+            if _log_density_of_correlations(*args) >= level:
+                break
+            if partial[k] < x0:
+                low = partial[k]
+            else:
+                high = partial[k]
+
+
+@njit(cache=True)
+def _scatter_of_specimens(layout, sums, mu, effect, sd, out):
+    """Squares about the locations in units of the sds; the number of vectors."""
+    D, G = sums.N.shape
+    b = layout.low.size
+    out[:] = 0.0
+    for s in range(layout.sets):
+        for k in range(b):
+            for j in range(b):
+                out[k, j] += sums.Q[s, k, j] / (sd[s, k] * sd[s, j])
+    m = np.empty(b)
+    for d in range(D):
+        for g in range(G):
+            N = sums.N[d, g]
+            if N == 0.0:
+                continue
+            s = layout.set_of[g]
+            for k in range(b):
+                m[k] = mu[g, k] + effect[d, k]
+            for k in range(b):
+                for j in range(b):
+                    x = N * m[k] * m[j] - sums.S[d, g, k] * m[j] - m[k] * sums.S[d, g, j]
+                    out[k, j] += x / (sd[s, k] * sd[s, j])
+    return sums.ns.sum()
+
+
+@njit(cache=True)
+def _scatter_of_donors(effect, sd, out):
+    """Squares of the effects in units of the sds; the number of vectors."""
+    D, b = effect.shape
+    for k in range(b):
+        for j in range(b):
+            x = 0.0
+            for d in range(D):
+                x += effect[d, k] * effect[d, j]
+            out[k, j] = x / (sd[k] * sd[j])
+    return float(D)
 
 
 @njit(cache=True, nogil=True)
@@ -440,6 +323,9 @@ def update(
 ):
     """Move spreads, correlations, means and donor effects of all chains, in place.
 
+    Sds move with means and donor effects integrated out and take these along; correlations move
+    given them.
+
     Parameters
     ----------
     rng : numpy.random.Generator
@@ -459,143 +345,52 @@ def update(
     """
     C, _, b = theta.shape
     G, D = layout.set_of.size, layout.donors
-    N, S = np.empty((D, G)), np.empty((D, G, b))
-    Q, ns = np.empty((layout.sets, b, b)), np.empty(layout.sets)
-    P, logdet = np.empty((layout.sets, b, b)), np.empty(layout.sets)
-    Om, work = np.empty((b, b)), np.empty((b, b))
-    A, M, r = np.empty((D, b, b)), np.empty((G * b, G * b)), np.empty(G * b)
+    sums, precisions, solved = room_for(layout)
     old_mu, old_effect = np.empty((G, b)), np.empty((D, b))
+    scatter = np.empty((b, b))
     cut = False
     for k in range(b):
         cut = cut or not (math.isinf(layout.low[k]) and math.isinf(layout.high[k]))
-    pairs = b * (b - 1) // 2
-    moves = b + layout.sets * b
-    if layout.eta_donors > 0.0:
-        moves += pairs
-    if layout.eta_specimens > 0.0:
-        moves += pairs
+    moves = b + layout.sets * b if cycles > 0 else 1
     for c in range(C):
         for cycle in range(max(cycles, 1)):
             if cycle > 0 and cut:
                 _augment(
                     rng, layout, mu[c], effect[c], sd[c], factor[c], count[c], total[c], square[c]
                 )
-            _gather(layout, theta[c], count[c], total[c], square[c], N, S, Q, ns)
-            for s in range(layout.sets):
-                logdet[s] = _precision(sd[c, s], factor[c], b, work, P[s])
-            logdet_d = _precision(sd_donors[c], factor_donors[c], b, work, Om)
-            for move in range(moves if cycles > 0 else 1):
-                kind, s, k = DONORS, 0, move
-                correlation = False
+            gather(layout, theta[c], count[c], total[c], square[c], sums)
+            invert(sd[c], factor[c], b, precisions)
+            invert_donors(sd_donors[c], factor_donors[c], b, precisions)
+            for move in range(moves):
+                side, s, k = DONORS, 0, move
+                own, of = sd_donors[c : c + 1], factor_donors[c]
                 if move >= b:
-                    kind, s, k = SPECIMENS, (move - b) // b, (move - b) % b
-                if move >= b + layout.sets * b:
-                    correlation = True
-                    k = move - b - layout.sets * b
-                    kind = DONORS
-                    if layout.eta_donors <= 0.0 or k >= pairs:
-                        kind = SPECIMENS
-                        if layout.eta_donors > 0.0:
-                            k -= pairs
+                    side, s, k = SPECIMENS, (move - b) // b, (move - b) % b
+                    own, of = sd[c], factor[c]
+                before = own[s, k]
                 if cycles > 0:
-                    # slice sampling (Neal 2003) of one coordinate with the means integrated out
-                    if correlation:
-                        x0 = math.atanh(partial_donors[c, k] if kind == DONORS else partial[c, k])
-                    elif kind == DONORS:
-                        x0 = math.log(sd_donors[c, k])
-                    else:
-                        x0 = math.log(sd[c, s, k])
-                    low_x = x0 - SLICE_WIDTH * rng.random()
-                    high_x = low_x + SLICE_WIDTH
-                    level = 0.0
-                    stage, steps, x = 0, 0, x0
-                    left = int(MOST_STEPS * rng.random())
-                    right = MOST_STEPS - 1 - left
-                    while True:
-                        # stages: 0 the level, 1 step out to the left, 2 to the right, 3 shrink
-                        if stage == 1:
-                            x = low_x
-                        elif stage == 2:
-                            x = high_x
-                        elif stage == 3:
-                            x = low_x + rng.random() * (high_x - low_x)
-                        prior = 0.0
-                        if correlation:
-                            value = math.tanh(x)
-                            value = min(max(value, -1.0 + 1e-9), 1.0 - 1e-9)
-                            if kind == DONORS:
-                                partial_donors[c, k] = value
-                                _correlation_factor(partial_donors[c], b, factor_donors[c])
-                                prior = _log_lkj(partial_donors[c], b, layout.eta_donors)
-                            else:
-                                partial[c, k] = value
-                                _correlation_factor(partial[c], b, factor[c])
-                                prior = _log_lkj(partial[c], b, layout.eta_specimens)
-                            prior += math.log1p(-value * value)  # d tanh(x) / dx
-                        elif kind == DONORS:
-                            sd_donors[c, k] = math.exp(x)
-                            prior = _log_sd_prior(sd_donors[c, k], layout.donor_scale[k])
-                        else:
-                            sd[c, s, k] = math.exp(x)
-                            prior = _log_sd_prior(sd[c, s, k], layout.specimen_scale[k])
-                        if kind == DONORS:
-                            logdet_d = _precision(sd_donors[c], factor_donors[c], b, work, Om)
-                        else:
-                            for q in range(layout.sets):
-                                logdet[q] = _precision(sd[c, q], factor[c], b, work, P[q])
-                        height = prior + _collapse(
-                            layout, N, S, Q, ns, P, logdet, Om, logdet_d, A, M, r
-                        )
-                        if stage == 0:
-                            level = height + math.log(1.0 - rng.random())
-                            stage = 1
-                        elif stage == 1:
-                            if height > level and steps < left:
-                                low_x -= SLICE_WIDTH
-                                steps += 1
-                            else:
-                                stage, steps = 2, 0
-                        elif stage == 2:
-                            if height > level and steps < right:
-                                high_x += SLICE_WIDTH
-                                steps += 1
-                            else:
-                                stage, steps = 3, 0
-                        elif height >= level or steps > 60:
-                            break
-                        else:
-                            if x < x0:
-                                low_x = x
-                            else:
-                                high_x = x
-                            steps += 1
-                            if steps == 60:  # numbers end: where it came from
-                                low_x = high_x = x0
+                    _slice_of_sd(rng, layout, sums, precisions, solved, own, side, s, k, of)
                 else:
-                    x0 = 0.0
-                    correlation = False
-                    _collapse(layout, N, S, Q, ns, P, logdet, Om, logdet_d, A, M, r)
-                if not cut and move < moves - 1 and cycles > 0:
+                    integrate(layout, sums, precisions, solved)
+                if not cut and move < moves - 1:
                     continue  # means are drawn once, at the end
                 old_mu[:] = mu[c]
                 old_effect[:] = effect[c]
-                _draw(rng, layout, N, S, P, A, M, r, mu[c], effect[c])
+                draw_means(rng, layout, sums, precisions, solved, mu[c], effect[c])
                 if cut and not _allowed(layout, mu[c], effect[c], sd[c]):
                     # the whole move is refused: spread, means and effects stay together
                     mu[c] = old_mu
                     effect[c] = old_effect
-                    if cycles > 0:
-                        if correlation:
-                            if kind == DONORS:
-                                partial_donors[c, k] = math.tanh(x0)
-                                _correlation_factor(partial_donors[c], b, factor_donors[c])
-                            else:
-                                partial[c, k] = math.tanh(x0)
-                                _correlation_factor(partial[c], b, factor[c])
-                        elif kind == DONORS:
-                            sd_donors[c, k] = math.exp(x0)
-                        else:
-                            sd[c, s, k] = math.exp(x0)
-                        for q in range(layout.sets):
-                            logdet[q] = _precision(sd[c, q], factor[c], b, work, P[q])
-                        logdet_d = _precision(sd_donors[c], factor_donors[c], b, work, Om)
+                    own[s, k] = before
+                    if side == DONORS:
+                        invert_donors(sd_donors[c], of, b, precisions)
+                    else:
+                        invert(sd[c], of, b, precisions)
+            if cycles > 0 and layout.eta_donors > 0.0:
+                vectors = _scatter_of_donors(effect[c], sd_donors[c], scatter)
+                of = partial_donors[c], factor_donors[c]
+                _correlations(rng, *of, b, layout.eta_donors, scatter, vectors)
+            if cycles > 0 and layout.eta_specimens > 0.0:
+                vectors = _scatter_of_specimens(layout, sums, mu[c], effect[c], sd[c], scatter)
+                of = partial[c], factor[c]
+                _correlations(rng, *of, b, layout.eta_specimens, scatter, vectors)

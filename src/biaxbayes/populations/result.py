@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.identifiability.stated import Stated
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.load import load_per_stress
@@ -372,7 +371,7 @@ class Population:
     @property
     def largest_stretch(self) -> float:
         """Largest equibiaxial total stretch that any specimen reached."""
-        return max(largest_equibiaxial(s.run.draws, s.run.specimen) for s in self.sources)
+        return max(s.largest_stretch for s in self.sources)
 
     def bands_table(self) -> pd.DataFrame:
         """Equibiaxial Cauchy stress of new specimens, by group and total stretch."""

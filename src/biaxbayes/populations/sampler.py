@@ -11,15 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from biaxbayes.populations.ensemble import FRESH_VISITS, Design, Ensemble, Tuning
-from biaxbayes.sampling.convergence import Convergence, assess
+from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble, Tuning
+from biaxbayes.populations.spreading import Spreading
+from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
 
@@ -27,7 +28,13 @@ __all__ = ["History", "Plan", "Sampled", "State", "draw"]
 
 LENGTH_ROUNDS = 2
 ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
-GROWTH = 1.5
+GROWTH, LEAST_GROWTH, MOST_GROWTH = 1.5, 1.1, 2.0
+"""Of the kept sweeps from one judgement to the next; the first where R-hat is too large."""
+AHEAD = 1.15
+"""Share of the sweeps that seem to be needed that is made before the next judgement."""
+SPECIMENS_OWN = ("theta", "u", "effect")
+EVERY, MOST_BYTES = 2, 2**27
+"""How often the specimens' values are kept: half as often whenever they take more memory."""
 STATES = ("converged", "tentative", "unusable")
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
@@ -49,7 +56,8 @@ class Plan:
     workers : int
         Threads; the draws do not depend on it.
     ensembles, chains : int
-        Independent ensembles, and chains of each.
+        Independent ensembles, and chains of each: a chain that is long enough to tell its own
+        autocorrelation time is worth 25 draws, so that more of them would be of no use.
     rounds, round_sweeps : int
         Of the warm-up.
     first_block : int
@@ -61,10 +69,10 @@ class Plan:
     seed: int = 1
     workers: int = 1
     ensembles: int = 4
-    chains: int = 64
+    chains: int = 16
     rounds: int = 4
-    round_sweeps: int = 30
-    first_block: int = 100
+    round_sweeps: int = 24
+    first_block: int = 80
 
 
 @dataclass(frozen=True)
@@ -110,11 +118,16 @@ class History:
         """Both, one after the other."""
         mine, theirs = self.arrays(), other.arrays()
         joined = {k: np.concatenate([mine[k], theirs[k]], axis=1) for k in mine}
-        return History.from_arrays(joined, self.every)
+        whole = History.from_arrays(joined, self.every)
+        while sum(joined[k].nbytes for k in SPECIMENS_OWN) > MOST_BYTES:
+            whole = whole.thinned()
+            joined = whole.arrays()
+        return whole
 
-    def specimens_sweeps(self) -> np.ndarray:
-        """Which kept sweeps carry the specimens' values."""
-        return np.arange(self.theta.shape[1]) * self.every
+    def thinned(self) -> History:
+        """With the specimens' values of every other one of the sweeps that carry them."""
+        of = {name: getattr(self, name)[:, ::2].copy() for name in SPECIMENS_OWN}
+        return replace(self, **of, every=2 * self.every)
 
 
 @dataclass
@@ -138,8 +151,8 @@ class Sampled:
     history : History
     convergence : Convergence
     acceptance : dict of ndarray
-        Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together`` by
-        direction.
+        Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together``,
+        ``apart`` and ``apart in donors`` by direction.
     interrupted : bool
     """
 
@@ -179,7 +192,6 @@ def draw(
     """
     seeds = np.random.SeedSequence(plan.seed).spawn(plan.ensembles + 1)
     ensembles = [Ensemble(design, k, plan.chains, seeds[k]) for k in range(plan.ensembles)]
-    every = max(4, math.ceil(len(design.individuals) / 5))
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(plan.workers) as pool:
         if state is None:
             rng = np.random.default_rng(seeds[-1])
@@ -189,39 +201,33 @@ def draw(
         else:
             for ensemble, member in zip(ensembles, state.members, strict=True):
                 _restore(ensemble, member)
-        judged: Convergence | None = None
+        history, judged = state.history, None
         while not state.finished and not stop():
-            sweeps = min(state.block, plan.max_steps - state.sweeps)
-            sweeps = -(-sweeps // every) * every
             _say(progress, state, judged, plan)
-            tuning = state.tuning
-            parts = list(
-                pool.map(partial(_run, tuning=tuning, sweeps=sweeps, every=every), ensembles)
-            )
-            new = _joined(parts, every)
-            history = new if state.history is None else state.history.followed_by(new)
+            sweeps = min(state.block, plan.max_steps - state.sweeps)
+            new = _kept(ensembles, pool, state, sweeps)
+            history = new if history is None else history.followed_by(new)
             done = state.sweeps + sweeps
-            judged = _assessed(quantities(history), plan.ess)
+            found = _assessed(quantities(history), plan.ess)
+            judged = _worst(found)
             finished = judged.state == "converged" or done >= plan.max_steps
-            state = State(
-                tuning,
-                [_snapshot(e) for e in ensembles],
-                history,
-                done,
-                math.ceil(state.block * GROWTH),
-                finished,
-            )
+            members = [_snapshot(e) for e in ensembles]
+            block = _further(found, done, plan.ess)
+            state = State(state.tuning, members, history, done, block, finished)
             on_block(state)
-        found = state.history
-        if found is None:
-            found = _joined([_run(e, state.tuning, every, every) for e in ensembles], every)
-        convergence = _assessed(quantities(found), plan.ess)
-    return Sampled(found, convergence, _acceptance(ensembles, state.sweeps), not state.finished)
+        if history is None:
+            history = _kept(ensembles, pool, state, EVERY)
+        if judged is None:
+            judged = _worst(_assessed(quantities(history), plan.ess))
+    return Sampled(history, judged, _acceptance(ensembles, state.sweeps), not state.finished)
 
 
-def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> Convergence:
-    """All parts judged; the state is the worst of them."""
-    found = [assess(part, target_ess=ess) for part in parts]
+def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> list[Convergence]:
+    return [assess(part, target_ess=ess) for part in parts]
+
+
+def _worst(found: list[Convergence]) -> Convergence:
+    """All parts together; the state is the worst of theirs."""
     worst = max(found, key=lambda c: STATES.index(c.state))
     whole = {
         what: np.concatenate([getattr(c, what) for c in found])
@@ -230,6 +236,17 @@ def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> Convergence:
     names = tuple(name for c in found for name in c.names)
     state, reason = worst.state, worst.reason
     return Convergence(names, **whole, steps=found[0].steps, state=state, reason=reason)
+
+
+def _further(found: list[Convergence], done: int, ess: float) -> int:
+    """Sweeps after which the draws may be good, by what they say so far."""
+    growth = GROWTH
+    judged = [c for c in found if c.names]
+    if judged and max(c.worst_rhat for c in judged) < RHAT_LIMIT:
+        few = max(ess / max(c.worst_ess, 1.0) for c in judged)
+        short = max(MIN_STEPS_PER_TAU * c.tau.max() / c.steps for c in judged)
+        growth = min(max(AHEAD * max(few, short), LEAST_GROWTH), MOST_GROWTH)
+    return math.ceil((growth - 1.0) * done)
 
 
 def _say(
@@ -243,20 +260,29 @@ def _say(
     progress(Progress(told, share))
 
 
-def _run(ensemble: Ensemble, tuning: Tuning, sweeps: int, every: int) -> History:
+def _kept(
+    ensembles: list[Ensemble], pool: ThreadPoolExecutor, state: State, sweeps: int
+) -> History:
+    """So many sweeps more of all ensembles."""
+    every = EVERY if state.history is None else state.history.every
+    run = partial(_run, tuning=state.tuning, done=state.sweeps, sweeps=sweeps, every=every)
+    return _joined(list(pool.map(run, ensembles)), every)
+
+
+def _run(ensemble: Ensemble, tuning: Tuning, done: int, sweeps: int, every: int) -> History:
     """Kept sweeps of one ensemble, with a first axis of one."""
     kept: dict[str, list[np.ndarray]] = {k: [] for k in ("mu", "sd_donors", "sd")}
     parts: list[list[np.ndarray]] = [[] for _ in ensemble.partial]
-    thinned: dict[str, list[np.ndarray]] = {k: [] for k in ("theta", "u", "effect")}
+    of_specimens: dict[str, list[np.ndarray]] = {k: [] for k in SPECIMENS_OWN}
     for number in _sweeps(ensemble, tuning, sweeps):
         for name, values in kept.items():
             values.append(getattr(ensemble, name).copy())
         for of, own in zip(parts, ensemble.partial, strict=True):
             of.append(own.transpose(1, 0, 2).copy())
-        if number % every == 0:
-            for name, values in thinned.items():
+        if (done + number) % every == 0:
+            for name, values in of_specimens.items():
                 values.append(getattr(ensemble, name).copy())
-    arrays = {k: np.array(v)[None] for k, v in (kept | thinned).items()}
+    arrays = {k: np.array(v)[None] for k, v in (kept | of_specimens).items()}
     return History(**arrays, partial=tuple(np.array(v)[None] for v in parts), every=every)
 
 
@@ -304,15 +330,14 @@ def _warm_up(
         seeds = [int(s) for s in rng.integers(2**63, size=len(members))]
         proposals = tuple(pool.map(lambda m, a, s: _fitted(m.bounds, a, s), members, own, seeds))
         directions = _directions(points, rng)
-        steps = _steps(tuning, ensembles, len(directions))
-        tuning = Tuning(own, proposals, directions, steps)
+        tuning = replace(tuning, archives=own, proposals=proposals, directions=directions)
+        tuning = _with_steps(tuning, ensembles, points)
     # lengths of the joint moves alone, for the last components
     for _ in range(LENGTH_ROUNDS):
         for ensemble in ensembles:
             ensemble.accepted.clear()
         list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps // 2), ensembles))
-        steps = _steps(tuning, ensembles, len(tuning.directions))
-        tuning = Tuning(tuning.archives, tuning.proposals, tuning.directions, steps)
+        tuning = _with_steps(tuning, ensembles, points)
     for ensemble in ensembles:
         ensemble.accepted.clear()
     return tuning
@@ -345,15 +370,32 @@ def _directions(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return leading
 
 
-def _steps(tuning: Tuning, ensembles: list[Ensemble], count: int) -> np.ndarray:
+def _with_steps(tuning: Tuning, ensembles: list[Ensemble], points: np.ndarray) -> Tuning:
     """Lengths of the joint moves from the acceptance of the last round."""
-    if len(tuning.steps) != count:
+    count, kinds = len(tuning.directions), len(ensembles[0].memberships)
+    before = [] if tuning.spreading is None else list(tuning.spreading.steps)
+    steps = np.array(
+        [
+            _steps(held, ensembles, name, count)
+            for held, name in zip(
+                [tuning.steps, *(before or [tuning.steps[:0]] * kinds)], JOINT, strict=False
+            )
+        ]
+    )
+    spreading = Spreading(points.mean(axis=0), points.std(axis=0), steps[1:]) if kinds else None
+    return replace(tuning, steps=steps[0], spreading=spreading)
+
+
+def _steps(steps: np.ndarray, ensembles: list[Ensemble], name: str, count: int) -> np.ndarray:
+    hits, tried = (
+        np.sum([e.accepted.get(k, np.zeros(count)) for e in ensembles], axis=0)
+        for k in (name, f"{name} tried")
+    )
+    if len(steps) != count:
         return np.full(count, 0.5)
-    hits = np.sum([e.accepted["together"] for e in ensembles], axis=0)
-    tried = np.sum([e.accepted["together tried"] for e in ensembles], axis=0)
     share = hits / np.maximum(tried, 1.0)
-    change = np.clip((share + 0.02) / (TOGETHER + 0.02), 0.25, 2.0)
-    return np.clip(tuning.steps * change, 1e-3, 3.0)
+    change = np.where(tried > 0.0, np.clip((share + 0.02) / (TOGETHER + 0.02), 0.25, 2.0), 1.0)
+    return np.clip(steps * change, 1e-3, 3.0)
 
 
 # --- state ---------------------------------------------------------------------------------------
@@ -386,8 +428,10 @@ def _acceptance(ensembles: list[Ensemble], sweeps: int) -> dict[str, np.ndarray]
     total = {
         k: np.sum([e.accepted[k] for e in ensembles if k in e.accepted], axis=0) for k in names
     }
-    tried = total.pop("together tried", None)
-    if tried is not None:
-        together = total.pop("together") / np.maximum(tried, 1.0)
-    out = {k: v / max(len(ensembles) * sweeps, 1) for k, v in total.items()}
-    return out if tried is None else out | {"together": together}
+    out = {}
+    for k, v in total.items():
+        if k in JOINT:
+            out[k] = v / np.maximum(total[f"{k} tried"], 1.0)
+        elif not k.endswith(" tried"):
+            out[k] = v / max(len(ensembles) * sweeps, 1)
+    return out

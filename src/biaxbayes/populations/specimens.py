@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 
 from biaxbayes.errors import InputError, RunError
+from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.model import density as kernel
 from biaxbayes.model.density import FIXED, UNIFORM, Problem
 from biaxbayes.model.posterior import Chart, Posterior
@@ -46,6 +48,11 @@ class Source:
     label: str
     run: Run
     posterior: Posterior
+
+    @cached_property
+    def largest_stretch(self) -> float:
+        """Largest equibiaxial total stretch that the test reached."""
+        return largest_equibiaxial(self.run.draws, self.run.specimen)
 
     @classmethod
     def of(cls, label: str, run: Run) -> Source:

@@ -1,0 +1,320 @@
+"""Group means and donor effects integrated out of a chain, and drawn from their normal.
+
+With specimens theta_i ~ N(mu_g + b_d, Sigma), b_d ~ N(0, Omega), mu_g ~ N(0, diag(s0^2)) everything
+that the density needs of the specimens are counts, sums and squares. Donors with as many specimens
+in every group share one matrix, and only the sums of their products: the work of an evaluation does
+not grow with the donors.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from biaxbayes.populations.small_matrices import cholesky, inverse_from, precision
+
+__all__ = [
+    "Precisions",
+    "Solved",
+    "Sums",
+    "draw_means",
+    "gather",
+    "integrate",
+    "invert",
+    "invert_donors",
+    "room_for",
+]
+
+LOG_2PI = math.log(2.0 * math.pi)
+
+
+class Sums(NamedTuple):
+    """Of the specimens of a chain and of the draws made up for them.
+
+    Attributes
+    ----------
+    N : ndarray, shape (donors, groups); S : ndarray, shape (donors, groups, b)
+        Counts and sums.
+    Q : ndarray, shape (sets, b, b); ns : ndarray, shape (sets,)
+        Sums of squares, and counts.
+    kind : int64 ndarray, shape (donors,); kinds : int64 ndarray, shape (1,)
+        Which counts a donor has, and how many different ones there are.
+    counts : ndarray, shape (kinds, groups); times : ndarray, shape (kinds,)
+        These counts, and how many donors have them.
+    first : ndarray, shape (kinds, groups, b); second : ndarray, shape (kinds, groups, groups, b, b)
+        Sums over their donors of S_g, and of S_g S_h'.
+    total : ndarray, shape (groups, b)
+        Sums over all donors.
+    """
+
+    N: np.ndarray
+    S: np.ndarray
+    Q: np.ndarray
+    ns: np.ndarray
+    kind: np.ndarray
+    kinds: np.ndarray
+    counts: np.ndarray
+    times: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    total: np.ndarray
+
+
+class Precisions(NamedTuple):
+    """Inverse covariances of specimens by set (sets, b, b) and of donors (b, b).
+
+    With the log determinants of the covariances, (sets,) and (1,), and room to work in.
+    """
+
+    P: np.ndarray
+    logdet: np.ndarray
+    omega: np.ndarray
+    logdet_donors: np.ndarray
+    work: np.ndarray
+
+
+class Solved(NamedTuple):
+    """What drawing means and effects needs.
+
+    Attributes
+    ----------
+    A : ndarray, shape (kinds, b, b)
+        Covariance of a donor's effect given the means.
+    M : ndarray, shape (groups b, groups b)
+        Cholesky factor of the precision of the means.
+    r : ndarray, shape (groups b,)
+        Its inverse times the linear term of the means.
+    left, middle : ndarray, shape (b, b)
+        Room to work in.
+    """
+
+    A: np.ndarray
+    M: np.ndarray
+    r: np.ndarray
+    left: np.ndarray
+    middle: np.ndarray
+
+
+@njit(cache=True)
+def room_for(layout):
+    """Empty :class:`Sums`, :class:`Precisions` and :class:`Solved` of a layout."""
+    D, G, sets, b = layout.donors, layout.set_of.size, layout.sets, layout.low.size
+    sums = Sums(
+        np.empty((D, G)),
+        np.empty((D, G, b)),
+        np.empty((sets, b, b)),
+        np.empty(sets),
+        np.empty(D, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        np.empty((D, G)),
+        np.empty(D),
+        np.empty((D, G, b)),
+        np.empty((D, G, G, b, b)),
+        np.empty((G, b)),
+    )
+    precisions = Precisions(
+        np.empty((sets, b, b)), np.empty(sets), np.empty((b, b)), np.empty(1), np.empty((b, b))
+    )
+    solved = Solved(
+        np.empty((D, b, b)),
+        np.empty((G * b, G * b)),
+        np.empty(G * b),
+        np.empty((b, b)),
+        np.empty((b, b)),
+    )
+    return sums, precisions, solved
+
+
+@njit(cache=True)
+def gather(layout, theta, count, total, square, sums):
+    """Sums of a chain: theta (n, b), and count, total and square of the draws made up."""
+    n, b = theta.shape
+    D, G = sums.N.shape
+    sums.N[:] = 0.0
+    sums.S[:] = 0.0
+    sums.Q[:] = square
+    sums.ns[:] = 0.0
+    sums.total[:] = 0.0
+    for i in range(n):
+        g, d = layout.group[i], layout.donor[i]
+        s = layout.set_of[g]
+        sums.N[d, g] += 1.0 + count[i]
+        sums.ns[s] += 1.0 + count[i]
+        for k in range(b):
+            x = theta[i, k] + total[i, k]
+            sums.S[d, g, k] += x
+            sums.total[g, k] += x
+            for j in range(b):
+                sums.Q[s, k, j] += theta[i, k] * theta[i, j]
+    kinds = 0
+    for d in range(D):
+        kind = 0
+        while kind < kinds:
+            same = True
+            for g in range(G):
+                same = same and sums.counts[kind, g] == sums.N[d, g]
+            if same:
+                break
+            kind += 1
+        if kind == kinds:
+            kinds += 1
+            sums.times[kind] = 0.0
+            sums.first[kind] = 0.0
+            sums.second[kind] = 0.0
+            for g in range(G):
+                sums.counts[kind, g] = sums.N[d, g]
+        sums.kind[d] = kind
+        sums.times[kind] += 1.0
+        for g in range(G):
+            for k in range(b):
+                x = sums.S[d, g, k]
+                sums.first[kind, g, k] += x
+                for h in range(G):
+                    for j in range(b):
+                        sums.second[kind, g, h, k, j] += x * sums.S[d, h, j]
+    sums.kinds[0] = kinds
+
+
+@njit(cache=True)
+def invert(sd, factor, b, precisions):
+    """Precisions of specimens from sds (sets, b) and the factor of their correlations."""
+    for s in range(sd.shape[0]):
+        precisions.logdet[s] = precision(sd[s], factor, b, precisions.work, precisions.P[s])
+
+
+@njit(cache=True)
+def invert_donors(sd, factor, b, precisions):
+    """Precision of donors from sds (b,) and the factor of their correlations."""
+    found = precision(sd, factor, b, precisions.work, precisions.omega)
+    precisions.logdet_donors[0] = found
+
+
+@njit(cache=True)
+def integrate(layout, sums, precisions, solved):
+    """Log density of the sums with means and donor effects integrated out; fills ``solved``."""
+    G = sums.N.shape[1]
+    b = layout.low.size
+    P, A, M, r = precisions.P, solved.A, solved.M, solved.r
+    left, middle = solved.left, solved.middle
+    value = 0.0
+    for s in range(layout.sets):
+        value -= 0.5 * sums.ns[s] * (precisions.logdet[s] + b * LOG_2PI)
+        for k in range(b):
+            for j in range(b):
+                value -= 0.5 * P[s, k, j] * sums.Q[s, k, j]
+    M[:] = 0.0
+    for g in range(G):
+        s = layout.set_of[g]
+        for k in range(b):
+            M[g * b + k, g * b + k] = 1.0 / layout.mean_sd[k] ** 2
+            value -= math.log(layout.mean_sd[k])
+            x = 0.0
+            for j in range(b):
+                x += P[s, k, j] * sums.total[g, j]
+            r[g * b + k] = x
+    for kind in range(sums.kinds[0]):
+        times = sums.times[kind]
+        # A^-1 = Omega^-1 + sum_g N_g P_g
+        for k in range(b):
+            for j in range(b):
+                middle[k, j] = precisions.omega[k, j]
+        for g in range(G):
+            if sums.counts[kind, g] > 0.0:
+                s = layout.set_of[g]
+                for k in range(b):
+                    for j in range(b):
+                        own = sums.counts[kind, g] * P[s, k, j]
+                        middle[k, j] += own
+                        M[g * b + k, g * b + j] += times * own
+        log = cholesky(middle, b)
+        if not np.isfinite(log):
+            return -np.inf
+        inverse_from(middle, b, A[kind])
+        value -= 0.5 * times * (log + precisions.logdet_donors[0])
+        for s in range(layout.sets):
+            for k in range(b):
+                for j in range(b):
+                    x = 0.0
+                    for q in range(b):
+                        x += P[s, k, q] * A[kind, q, j]
+                    left[k, j] = x
+            for u in range(layout.sets):
+                for k in range(b):
+                    for j in range(b):
+                        x = 0.0
+                        for q in range(b):
+                            x += left[k, q] * P[u, q, j]
+                        middle[k, j] = x
+                for g in range(G):
+                    if layout.set_of[g] != s or sums.counts[kind, g] == 0.0:
+                        continue
+                    for h in range(G):
+                        if layout.set_of[h] != u or sums.counts[kind, h] == 0.0:
+                            continue
+                        own = sums.counts[kind, g]
+                        both = times * own * sums.counts[kind, h]
+                        for k in range(b):
+                            for j in range(b):
+                                x = middle[k, j]
+                                value += 0.5 * x * sums.second[kind, g, h, k, j]
+                                M[g * b + k, h * b + j] -= both * x
+                                r[g * b + k] -= own * x * sums.first[kind, h, j]
+    size = G * b
+    log = cholesky(M, size)
+    if not np.isfinite(log):
+        return -np.inf
+    value -= 0.5 * log
+    # 1/2 r' (C C')^-1 r = 1/2 |C^-1 r|^2
+    for i in range(size):
+        x = r[i]
+        for j in range(i):
+            x -= M[i, j] * r[j]
+        r[i] = x / M[i, i]
+        value += 0.5 * r[i] * r[i]
+    return value
+
+
+@njit(cache=True)
+def draw_means(rng, layout, sums, precisions, solved, mu, effect):
+    """Means (groups, b) and donor effects (donors, b) from their normal, in place.
+
+    Turns ``solved.A`` into its Cholesky factors.
+    """
+    D, G = sums.N.shape
+    b = layout.low.size
+    P, A, M, r = precisions.P, solved.A, solved.M, solved.r
+    size = G * b
+    for i in range(size):
+        r[i] += rng.standard_normal()
+    for i in range(size - 1, -1, -1):
+        x = r[i]
+        for j in range(i + 1, size):
+            x -= M[j, i] * r[j]
+        r[i] = x / M[i, i]
+    for g in range(G):
+        for k in range(b):
+            mu[g, k] = r[g * b + k]
+    for kind in range(sums.kinds[0]):
+        cholesky(A[kind], b)
+    h, z = np.empty(b), np.empty(b)
+    for d in range(D):
+        kind = sums.kind[d]
+        h[:] = 0.0
+        for g in range(G):
+            if sums.N[d, g] > 0.0:
+                s = layout.set_of[g]
+                for k in range(b):
+                    for j in range(b):
+                        h[k] += P[s, k, j] * (sums.S[d, g, j] - sums.N[d, g] * mu[g, j])
+        # A h + C z = C (C' h + z) with A = C C'
+        for k in range(b):
+            z[k] = rng.standard_normal()
+            for j in range(k, b):
+                z[k] += A[kind, j, k] * h[j]
+        for k in range(b):
+            effect[d, k] = 0.0
+            for j in range(k + 1):
+                effect[d, k] += A[kind, k, j] * z[j]
