@@ -12,15 +12,18 @@ import pytest
 
 import browser
 from biaxbayes.comparison.compare import Member, compare
+from biaxbayes.comparison.law_weights import STACKED, STATED_COLUMNS, LawComparison
+from biaxbayes.figures.laws import law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.stated import Stated
 from biaxbayes.jobs.batch import write_study
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
-from biaxbayes.reports import comparison, population, study_page
+from biaxbayes.reports import comparison, laws, population, study_page
 from biaxbayes.reports.comparison import write_comparison
 from biaxbayes.reports.glossary import GLOSSARY, SEVERAL, chosen_terms
+from biaxbayes.reports.laws import laws_page
 from biaxbayes.reports.names import derived_words
 from biaxbayes.reports.population import population_methods, population_page
 from biaxbayes.studies.result import StudyResult
@@ -35,9 +38,10 @@ OF_STUDIES = frozenset(
     re.findall(
         r"\w+",
         """
-        above adventitia aneurysm apart below between both by cauchy determines differ difference
-        differences donor donors each far files fit found groups healthy how intima intervals in
-        kpa layer layers media medians minus run runs soft specimens states tested unit against
+        above adventitia aneurysm apart below best between both by chains cauchy determines differ
+        difference differences donor donors each far files fit found groups healthy how intima intervals in
+        inside kpa layer layers left media medians minus mixture out part parts run runs seen soft
+        specimens states tested unit against whose not width
         """,
     )
 )
@@ -164,7 +168,41 @@ def write_a_comparison(folder) -> None:
     write_comparison(compare(members), folder)
 
 
+def write_weighed_laws(folder) -> None:
+    rng = np.random.default_rng(3)
+    rows = []
+    for law, weight in (("goh", 0.7), ("fung", 0.3), (STACKED, 1.0)):
+        row = {"law": law, "state": "" if law == STACKED else "converged", "rms": 2.0 * weight}
+        row |= {"left_out_rms": 3.0 * weight, "left_out_density": -40.0 * weight, "weight": weight}
+        row |= {"weight_low": weight - 0.1, "weight_high": weight + 0.1}
+        for name in ("mounting_stretch_x", "mounting_stretch_y"):
+            three = np.sort(1.02 + 0.005 * rng.standard_normal(3))
+            row |= dict(zip((f"{name}_{q}" for q in LEVELS), three, strict=True))
+        rows.append(row)
+    part = {"part": "<b>1:1</b>", "left_out_rms": 2.5, "readings": 80, "effective_readings": 7.2}
+    part |= {"band_coverage": 0.91, "band_width": 8.1}
+    compared = LawComparison(
+        "<script>alert(1)</script>",
+        pd.DataFrame(rows),
+        pd.DataFrame([part | {"law": law} for law in ("goh", "fung", STACKED)]),
+        pd.DataFrame(),
+        pd.DataFrame(),
+        pd.DataFrame(
+            [
+                ("mounting_stretch_x", 1.0123, np.nan, REASON),
+                ("mounting_stretch_y", 1.01, 1.03, "laws that foretell the record agree: goh"),
+            ],
+            columns=list(STATED_COLUMNS),
+        ),
+        {"hgo": "1:1: <img src=x onerror=alert(1)>"},
+    )
+    misfit, mounting = law_misfit_figure(compared), law_mounting_figure(compared)
+    figures = {"law-misfit": misfit, "law-mounting": mounting, "stacked-bands": misfit}
+    (folder / "laws.html").write_text(laws_page(compared, figures), encoding="utf-8")
+
+
 PAGES = {
+    "laws.html": (write_weighed_laws, laws.TERMS),
     "population.html": (write_population, population.TERMS),
     "study.html": (write_a_study, study_page.TERMS),
     "compare.html": (write_a_comparison, comparison.TERMS),
@@ -204,7 +242,16 @@ def test_headings_and_tables_say_what_is_plain_or_explained(page):
         for w in found - PLAIN - OF_STUDIES
         if not re.search(rf"\b{re.escape(w.rstrip('s'))}", explained)
     }
-    names = {"specimen", "img", "src", "onerror", "alert", "x_1"}  # of the tests' specimens
+    names = {
+        "specimen",
+        "img",
+        "src",
+        "onerror",
+        "alert",
+        "x_1",
+        "goh",
+        "fung",
+    }  # of the tests' specimens
     assert unknown - names == set()
 
 
@@ -220,6 +267,11 @@ def test_what_is_stated_stands_beside_the_interval(page):
     path, _ = page
     html = path.read_text(encoding="utf-8")
     assert "above 1.0123" in html
+    if path.name == "laws.html":
+        assert "<strong>above 1.0123</strong>" in html
+        assert "<strong>1.0100 to 1.0300</strong>" in html
+        assert "the header of the specimen: # mounting_stretch_x: VALUE +- SD<" in html
+        assert "is left out: <bdi>1:1: &lt;img" in html
     if path.name == "study.html":
         assert html.count("<small>stated: above 1.0123</small>") == 7
         assert html.count("<small>stated: nothing</small>") == 1

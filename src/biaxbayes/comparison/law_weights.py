@@ -41,7 +41,7 @@ from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles, tails
 from biaxbayes.prediction.draws import protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["STACKED", "LawComparison", "judged_laws"]
+__all__ = ["STACKED", "STATED_COLUMNS", "LawComparison", "judged_laws"]
 
 STACKED = "stacked"
 UNUSABLE = ("unusable", "failed")

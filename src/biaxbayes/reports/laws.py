@@ -51,7 +51,7 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
     foretell = laws.sort_values("left_out_rms").iloc[0]
     mixture = table.set_index("law").loc[STACKED]
     stated = stated_rows(compared.stated)
-    open_ends = [str(row["quantity"]) for row in stated if not row["is_value"]]
+    open_ends = [row["quantity"].name for row in stated if not row["is_value"]]
     return page_template("laws.html.jinja").render(
         specimen=compared.specimen,
         best=(
@@ -90,7 +90,8 @@ def _law_row(row: dict[Any, Any]) -> dict[str, Any]:
         _number(row.get("left_out_density"), ".1f"),
         weight,
     ]
-    return {"law": row["law"], "state": row["state"], "cells": cells}
+    name = "mixture" if row["law"] == STACKED else row["law"]
+    return {"law": name, "state": row["state"], "cells": cells}
 
 
 def stated_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
