@@ -38,10 +38,10 @@ OF_STUDIES = frozenset(
     re.findall(
         r"\w+",
         """
-        above adventitia aneurysm apart below best between both by chains cauchy determines differ
-        difference differences donor donors each far files fit found groups healthy how intima intervals in
-        inside kpa layer layers left media medians minus mixture out part parts run runs seen soft
-        specimens states tested unit against whose not width
+        above adventitia aneurysm apart below best between both by chains cauchy determines
+        differ difference differences donor donors each far files fit found groups healthy
+        how intima intervals in inside kpa layer layers left media medians minus mixture out
+        part parts run runs seen soft specimens states tested unit against whose not width
         """,
     )
 )
@@ -242,16 +242,8 @@ def test_headings_and_tables_say_what_is_plain_or_explained(page):
         for w in found - PLAIN - OF_STUDIES
         if not re.search(rf"\b{re.escape(w.rstrip('s'))}", explained)
     }
-    names = {
-        "specimen",
-        "img",
-        "src",
-        "onerror",
-        "alert",
-        "x_1",
-        "goh",
-        "fung",
-    }  # of the tests' specimens
+    # of the tests' specimens
+    names = {"specimen", "img", "src", "onerror", "alert", "x_1", "goh", "fung"}
     assert unknown - names == set()
 
 
