@@ -319,6 +319,7 @@ def test_all_that_tab_reaches_has_a_name(media):
     assert [tag for tag, name in reached if not name] == []
 
 
+@pytest.mark.long
 def test_a_brush_is_painted_in_time(media):
     """From the handler to the last figure that it paints again, median over brushes."""
     script = """(async () => { const out = [];

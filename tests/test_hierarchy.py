@@ -224,6 +224,7 @@ def test_sampler_agrees_with_quadrature(sampled):
         assert drawn[name].std() == pytest.approx(sd, rel=0.12), name
 
 
+@pytest.mark.long
 def test_dividing_out_the_runs_prior_matters(sampled):
     """A pool under another prior changes nothing; a prior not divided out would."""
     design, y = normal_design(prior_sd=0.3)

@@ -73,6 +73,7 @@ def test_three_ratios_to_high_stretch_determine_all_five():
     assert all(found[name].evidence.contraction > 0.99 for name in PARAMETERS)
 
 
+@pytest.mark.long
 def test_the_angle_of_an_isotropic_material_is_not_determined():
     found = identify(case("isotropic"))
     assert found["kappa"].verdict == ONE_SIDED
