@@ -26,7 +26,7 @@ _EXPORTS = {
     "check": "biaxbayes.jobs.specimen_files",
     "convert": "biaxbayes.jobs.specimen_files",
     "simulate": "biaxbayes.jobs.specimen_files",
-    "Choice": "biaxbayes.machines.recording",
+    "Choice": "biaxbayes.machines.conversion",
     "virtual_specimen": "biaxbayes.specimens.virtual_specimen",
     "Dimensions": "biaxbayes.specimens.virtual_specimen",
     "Machine": "biaxbayes.specimens.virtual_specimen",

@@ -194,7 +194,7 @@ def convert(
         Replace a file of that name.
     **taken
         ``machine``, ``columns``, ``cycle``, ``branch``, ``stretch_from``, ``sets`` and ``sheets``,
-        as in :class:`~biaxbayes.machines.recording.Choice`. Texts may stand for a list of one.
+        as in :class:`~biaxbayes.machines.conversion.Choice`. Texts may stand for a list of one.
 
     Returns
     -------
@@ -233,7 +233,7 @@ def convert(
 
 def _choice(choice: Choice | None, taken: Mapping[str, Any]) -> Choice:
     """What to take from the files, from either way to say it."""
-    from biaxbayes.machines.recording import Choice
+    from biaxbayes.machines.conversion import Choice
 
     if choice is not None:
         if taken:

@@ -4,7 +4,7 @@ The module ``machines/NAME.py`` of a format holds its reader,
 
     recordings(table: RawTable, choice: Choice, edges_mm: (float, float) or None) -> list[Recording]
 
-which takes from a table of text what was chosen (:class:`~biaxbayes.machines.recording.Choice`):
+which takes from a table of text what was chosen (:class:`~biaxbayes.machines.conversion.Choice`):
 one recording a protocol, in N or kPa and with stretches as measured.
 """
 

@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.raw_table import RawTable
-from biaxbayes.machines.recording import (
+from biaxbayes.machines.conversion import (
     Choice,
     Recording,
     chosen_number,
     cycle_label,
     gauge_note,
 )
-from biaxbayes.machines.units import Unit
+from biaxbayes.machines.raw_table import RawTable, Unit
 from biaxbayes.specimens.specimen import rest_rows
 
 __all__ = ["deformation_gradient", "recordings", "tracked_points"]

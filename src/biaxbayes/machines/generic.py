@@ -11,8 +11,7 @@ import numpy as np
 
 from biaxbayes.csv_tables import cells_of
 from biaxbayes.errors import InputError
-from biaxbayes.machines.raw_table import RawTable
-from biaxbayes.machines.recording import (
+from biaxbayes.machines.conversion import (
     Choice,
     Recording,
     chosen_number,
@@ -20,7 +19,7 @@ from biaxbayes.machines.recording import (
     gauge_note,
     take_branch,
 )
-from biaxbayes.machines.units import UNITS, Unit, stem_of, unit_named
+from biaxbayes.machines.raw_table import UNITS, RawTable, Unit, stem_of, unit_named
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 
 __all__ = ["TARGETS", "Column", "column_map", "parse_columns", "recordings"]
