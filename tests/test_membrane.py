@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from biaxbayes.fem.membrane import membrane_energy, membrane_stress, membrane_stress_and_tangent
+from biaxbayes.fem.sheet import membrane_energy, membrane_stress, membrane_stress_and_tangent
 from biaxbayes.laws.goh import GOH
 
 MATERIALS = [

@@ -7,10 +7,8 @@ pytest.importorskip("skfem")
 
 from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.fem import sheet as sheet_module
-from biaxbayes.fem.grips import Hooks
-from biaxbayes.fem.membrane import membrane_energy
-from biaxbayes.fem.sheet import Sheet
-from biaxbayes.fem.sheet_tester import SheetTester
+from biaxbayes.fem.sheet import Sheet, membrane_energy
+from biaxbayes.fem.sheet_tester import Hooks, SheetTester
 from biaxbayes.laws.goh import GOH
 from studies.hooks import uniform_edges
 

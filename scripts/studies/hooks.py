@@ -15,10 +15,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import PolyCollection
 
-from biaxbayes.fem.grips import Grips, Hooks
-from biaxbayes.fem.membrane import membrane_stress_and_tangent
-from biaxbayes.fem.sheet import Sheet
-from biaxbayes.fem.sheet_tester import GAUGE, SheetTest, SheetTester
+from biaxbayes.fem.sheet import Sheet, membrane_stress_and_tangent
+from biaxbayes.fem.sheet_tester import GAUGE, Grips, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.text_files import atomic_write_text

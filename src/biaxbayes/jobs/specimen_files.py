@@ -357,7 +357,7 @@ def _check_new(path: Path, overwrite: bool) -> None:
 
 def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
     """The specimen that the options ask for."""
-    from biaxbayes.fem.grips import Hooks
+    from biaxbayes.fem.sheet_tester import Hooks
     from biaxbayes.laws.goh import GOH
     from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen
 

@@ -19,9 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from biaxbayes.fem.grips import Hooks
 from biaxbayes.fem.sheet import Sheet
-from biaxbayes.fem.sheet_tester import GAUGE, SheetTest, SheetTester
+from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.response import MaterialResponse
 from biaxbayes.mechanics.virtual_test import VirtualTest, smooth_misfit, virtual_test
