@@ -13,8 +13,8 @@ from biaxbayes.cli import main
 from biaxbayes.identifiability.toe import goh_description, mounting_refits, thinned
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.preparation import prepare
-from biaxbayes.specimens.branches import cycles, progress, relapse
 from biaxbayes.specimens.check import check_specimen
+from biaxbayes.specimens.path import cycles, progress, relapse
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 # A test of the paper's donor 2 media (Table 6, fip).

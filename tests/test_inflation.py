@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from biaxbayes.laws.published import MATERIALS
-from biaxbayes.mechanics.inflation import (
+from biaxbayes.prediction.inflation import (
     MMHG_PER_KPA,
     Tube,
     inflation_axial_force,

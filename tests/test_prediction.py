@@ -7,11 +7,15 @@ from scipy.stats import norm
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.published import MATERIALS
-from biaxbayes.mechanics.inflation import Tube, inflation_pressure
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.prediction.bands import mixture_percentiles
 from biaxbayes.prediction.draws import mounting_labels, piola_noise
-from biaxbayes.prediction.inflation import predict_diameter, predict_pressure
+from biaxbayes.prediction.inflation import (
+    Tube,
+    inflation_pressure,
+    predict_diameter,
+    predict_pressure,
+)
 from biaxbayes.prediction.stress import (
     BELOW,
     BEYOND,

@@ -8,7 +8,7 @@ protocol has its own, root-found for every draw from the protocol's own mounting
 user has before anything is stretched. A load-cell reading is drawn for every draw.
 
 Prints the tables of docs/model-error.md, for every error model. Rows are thinned with each, which
-for independent errors too leaves the posterior as it is (biaxbayes.specimens.thinning).
+for independent errors too leaves the posterior as it is (biaxbayes.specimens.path).
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ import pandas as pd
 from biaxbayes import read_specimen
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.load import sections
-from biaxbayes.mechanics.mounting import solve_balance
+from biaxbayes.mechanics.mounting import sections, solve_balance
 from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior

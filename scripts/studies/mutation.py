@@ -32,7 +32,6 @@ CONFIG = Path(__file__).with_suffix(".toml")
 COPIED = ("src", "tests", "data", "pyproject.toml")
 MODULES = (
     "laws/*.py",
-    "mechanics/load.py",
     "mechanics/mounting.py",
     "mechanics/exponential.py",
     "model/priors.py",

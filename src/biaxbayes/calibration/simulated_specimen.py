@@ -15,8 +15,7 @@ import numpy as np
 
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.response import MaterialResponse
-from biaxbayes.mechanics.load import load_per_stress, sections
-from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
+from biaxbayes.mechanics.mounting import BRACKET, balance, load_per_stress, mounted_state, sections
 from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.priors import Prior, Tie, default_priors
 from biaxbayes.options import Settings

@@ -30,7 +30,7 @@ from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.constrained import LawFit
 from biaxbayes.identifiability.law_range import LawRange
 from biaxbayes.identifiability.stated import MEASURED, stated_by_predictions
-from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.model.curves import Curves
 from biaxbayes.model.effective_readings import misses_smoothly
 from biaxbayes.model.error_model import errors_of

@@ -22,8 +22,8 @@ from biaxbayes.figures.style import (
     print_style,
     settle,
 )
-from biaxbayes.mechanics.inflation import MMHG_PER_KPA
 from biaxbayes.options import CONTENT
+from biaxbayes.prediction.inflation import MMHG_PER_KPA
 from biaxbayes.prediction.stress import INSIDE
 
 if TYPE_CHECKING:

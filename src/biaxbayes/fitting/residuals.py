@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.load import load_per_stress
-from biaxbayes.mechanics.mounting import solve_balance
+from biaxbayes.mechanics.mounting import load_per_stress, solve_balance
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [

@@ -12,8 +12,7 @@ import numpy as np
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.fitting.rounding import rounding_bound
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.load import load_per_stress
-from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.mechanics.mounting import BRACKET, load_per_stress
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["FitResult", "fit_result"]

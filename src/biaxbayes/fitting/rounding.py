@@ -11,7 +11,7 @@ import numpy as np
 
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.laws.law import StressResponse
-from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["half_digits", "rounding_bound"]

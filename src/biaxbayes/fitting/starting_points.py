@@ -16,7 +16,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.screening import Screening
-from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.mechanics.mounting import load_per_stress
 
 __all__ = ["held_and_free", "screened_points"]
 

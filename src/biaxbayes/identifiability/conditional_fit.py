@@ -19,8 +19,7 @@ import numpy as np
 from biaxbayes.fitting.least_squares import descend
 from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, Readings, readings
 from biaxbayes.fitting.starting_points import screened_points
-from biaxbayes.mechanics.load import load_per_stress
-from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.mechanics.mounting import BRACKET, load_per_stress
 from biaxbayes.options import Settings
 from biaxbayes.specimens.specimen import Specimen
 

@@ -20,7 +20,7 @@ from biaxbayes.fitting.residuals import (
     mounting_roots,
     readings,
 )
-from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.options import Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels

@@ -22,8 +22,8 @@ from biaxbayes.model.effective_readings import SMOOTH_RUNS, misses_smoothly
 from biaxbayes.options import FitOptions
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.findings import Finding
+from biaxbayes.specimens.path import thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import thinned_specimen
 
 __all__ = [
     "MountingRefits",

@@ -228,8 +228,7 @@ def inflate(
         :class:`~biaxbayes.options.FigureOptions`.
     """
     from biaxbayes.figures.prediction import inflation_figure
-    from biaxbayes.mechanics.inflation import Tube
-    from biaxbayes.prediction.inflation import predict_diameter, predict_pressure
+    from biaxbayes.prediction.inflation import Tube, predict_diameter, predict_pressure
 
     how, rest = PredictionOptions.taken(options)
     drawn = FigureOptions.of(rest)

@@ -13,7 +13,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines import BRANCHES, FORMATS, STRETCH_SOURCES
 from biaxbayes.machines.raw_file import read_raw_tables
 from biaxbayes.machines.raw_table import RawTable
-from biaxbayes.specimens.branches import Cycle, cycles, progress
+from biaxbayes.specimens.path import Cycle, cycles, progress
 from biaxbayes.specimens.plausibility import check_load, check_stretch
 from biaxbayes.specimens.specimen import Protocol, Specimen, rest_rows
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.load import load_per_stress, sections
+from biaxbayes.mechanics.mounting import load_per_stress, sections
 from biaxbayes.model.error_model import ErrorModel, errors_of
 from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.posterior import Posterior

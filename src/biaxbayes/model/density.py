@@ -5,7 +5,7 @@ fixed or tied to another: the parameters of the law first, then those of the err
 dimensions, then two a mounted state. They are turned into material, mounted state and errors, and
 the curves are compared with the readings. The stress is that of the law
 (:mod:`biaxbayes.laws.response`), the mounted state that of :mod:`biaxbayes.mechanics.mounting`, the
-load law that of :mod:`biaxbayes.mechanics.load`, the errors those of
+load law that of :mod:`biaxbayes.mechanics.mounting`, the errors those of
 :mod:`biaxbayes.model.error_model`; one kernel is compiled for each law and spread of errors.
 """
 
@@ -26,12 +26,13 @@ from biaxbayes.laws.response import (
     to_natural,
 )
 from biaxbayes.mechanics.exponential import exponential
-from biaxbayes.mechanics.load import load_per_stress, sections
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
     LOG_LOW,
     balance,
+    load_per_stress,
     log_change_of_variables,
+    sections,
     solve_balance,
 )
 from biaxbayes.model.error_model import HALF_LOG_2PI, curve_log_likelihood, misfit

@@ -17,7 +17,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.mechanics.load import load_per_stress, sections
+from biaxbayes.mechanics.mounting import load_per_stress, sections
 from biaxbayes.model import density
 from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem
 from biaxbayes.model.error_model import ErrorModel, errors_of
@@ -33,8 +33,8 @@ from biaxbayes.parameters import (
     Quantities,
     mounting_names,
 )
+from biaxbayes.specimens.path import ThinnedSpecimen, thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import ThinnedSpecimen, thinned_specimen
 
 __all__ = [
     "Assembly",

@@ -30,8 +30,8 @@ from biaxbayes.model.priors import Prior, Tie, parse_priors
 from biaxbayes.options import ModelOptions, Settings
 from biaxbayes.parameters import Quantities, Quantity
 from biaxbayes.sampling.target import Target, bounds_array
+from biaxbayes.specimens.path import ThinnedSpecimen, rows_to_keep, thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_specimen
 
 if TYPE_CHECKING:
     from biaxbayes.fitting.result import FitResult
@@ -83,7 +83,7 @@ class Posterior:
         it matters.
     thin : int, "none" or "auto"
         Rows of a protocol that longer ones are averaged to; see
-        :func:`~biaxbayes.specimens.thinning.rows_to_keep`.
+        :func:`~biaxbayes.specimens.path.rows_to_keep`.
 
     Raises
     ------

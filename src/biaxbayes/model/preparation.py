@@ -14,7 +14,7 @@ import numpy as np
 
 from biaxbayes.fitting.fit import constrained_fit
 from biaxbayes.fitting.result import FitResult
-from biaxbayes.mechanics.load import load_per_stress, sections
+from biaxbayes.mechanics.mounting import load_per_stress, sections
 from biaxbayes.model.effective_readings import EffectiveReadings
 from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.layout import mounting_names

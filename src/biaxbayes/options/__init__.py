@@ -14,12 +14,10 @@ from biaxbayes.options.model import (
     WHICH_FIT,
     FitOptions,
     ModelOptions,
-    ProfileOptions,
-    Settings,
-)
-from biaxbayes.options.option import (
     Option,
     Options,
+    ProfileOptions,
+    Settings,
     documented,
     stated,
 )

@@ -6,8 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from biaxbayes.options.model import Settings
-from biaxbayes.options.option import MOST, MOST_WHOLE, Options, option, stated
+from biaxbayes.options.model import MOST, MOST_WHOLE, Options, Settings, option, stated
 
 CONTENT = 0.9
 """Content of every interval and band, where no other is asked for."""

@@ -13,7 +13,7 @@ import pandas as pd
 
 from biaxbayes.identifiability.stated import Stated
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.load import load_per_stress
+from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.parameters import MATERIAL, STRETCH
 from biaxbayes.populations.ensemble import Design
 from biaxbayes.populations.following import CURVE_DRAWS, derived, following

@@ -11,7 +11,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.load import sections, unloaded_section
+from biaxbayes.mechanics.mounting import sections, unloaded_section
 from biaxbayes.model.error_model import errors_of_draws
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen import Protocol, Specimen

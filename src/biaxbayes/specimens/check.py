@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.branches import SWING, progress, relapse, scatter
 from biaxbayes.specimens.findings import Finding, mounting_findings, serious, sorted_findings
+from biaxbayes.specimens.path import SWING, progress, relapse, scatter
 from biaxbayes.specimens.plausibility import unit_findings
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
