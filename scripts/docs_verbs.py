@@ -15,7 +15,7 @@ import click
 
 from biaxbayes.cli import VERBS, group
 from biaxbayes.options import WHICH_FIT
-from biaxbayes.reports.glossary import GLOSSARY, SEVERAL, fit_terms
+from biaxbayes.reports.words import GLOSSARY, SEVERAL, fit_terms
 from biaxbayes.text_files import atomic_write_text
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "cli.md"

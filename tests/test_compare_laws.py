@@ -9,9 +9,15 @@ from scipy.optimize import minimize
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.comparison.law_comparison import only, parts_of, without
+from biaxbayes.comparison.law_comparison import (
+    PRIOR_READINGS,
+    only,
+    parts_of,
+    stacking_weights,
+    weighted_density,
+    without,
+)
 from biaxbayes.comparison.law_weights import STACKED
-from biaxbayes.comparison.stacking import PRIOR_READINGS, stacking_weights, weighted_density
 from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.identifiability.stated import stated_by_predictions
 from biaxbayes.specimens.specimen_file import write_specimen

@@ -10,10 +10,10 @@ import biaxbayes
 from biaxbayes.identifiability import held_edges as module
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edge, held_from, held_table
 from biaxbayes.identifiability.marginals import Edge
-from biaxbayes.jobs.closing import closing_message
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
+from biaxbayes.reports.facts import closing_message
 from biaxbayes.reports.page import report_page
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen

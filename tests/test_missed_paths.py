@@ -8,10 +8,9 @@ import pytest
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.jobs.closing import closing_message
 from biaxbayes.laws.goh import GOH
-from biaxbayes.reports.page import report_page
-from biaxbayes.reports.tables import latex_table, markdown_table
+from biaxbayes.reports.facts import closing_message
+from biaxbayes.reports.page import latex_table, markdown_table, report_page
 from model_cases import bent
 from quick_posteriors import runs_without_figures, specimen
 

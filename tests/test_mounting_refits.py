@@ -11,13 +11,12 @@ import biaxbayes
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.toe import mounting_refits
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
-from biaxbayes.jobs.closing import closing_message
 from biaxbayes.jobs.products import write_identifiability
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
-from biaxbayes.reports.page import report_page
-from biaxbayes.reports.tables import latex_table, markdown_table
+from biaxbayes.reports.facts import closing_message
+from biaxbayes.reports.page import latex_table, markdown_table, report_page
 from biaxbayes.specimens.specimen import Specimen
 from quick_posteriors import runs_without_figures, specimen
 

@@ -21,7 +21,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.summary import COLUMNS
+from biaxbayes.runs.run import COLUMNS
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen

@@ -20,12 +20,10 @@ from biaxbayes.identifiability.stated import Stated
 from biaxbayes.jobs.batch import write_study
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
-from biaxbayes.reports import comparison, laws, population, study_page
-from biaxbayes.reports.comparison import write_comparison
-from biaxbayes.reports.glossary import GLOSSARY, SEVERAL, chosen_terms
-from biaxbayes.reports.laws import laws_page
-from biaxbayes.reports.names import derived_words
+from biaxbayes.reports import comparison, population, study_page
+from biaxbayes.reports.comparison import laws_page, write_comparison
 from biaxbayes.reports.population import population_methods, population_page
+from biaxbayes.reports.words import GLOSSARY, SEVERAL, chosen_terms, derived_words
 from biaxbayes.studies.result import StudyResult
 from goh_functions import GOH_LAW
 from quick_posteriors import sampled, specimen
@@ -202,7 +200,7 @@ def write_weighed_laws(folder) -> None:
 
 
 PAGES = {
-    "laws.html": (write_weighed_laws, laws.TERMS),
+    "laws.html": (write_weighed_laws, comparison.LAW_TERMS),
     "population.html": (write_population, population.TERMS),
     "study.html": (write_a_study, study_page.TERMS),
     "compare.html": (write_a_comparison, comparison.TERMS),

@@ -11,8 +11,8 @@ import biaxbayes
 import quick_posteriors
 from biaxbayes.api import report_text
 from biaxbayes.csv_tables import read_csv
-from biaxbayes.jobs.closing import closing_message
-from biaxbayes.runs.summary import COLUMNS
+from biaxbayes.reports.facts import closing_message
+from biaxbayes.runs.run import COLUMNS
 
 
 def plain(path) -> list[list[str]]:

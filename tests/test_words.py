@@ -7,8 +7,8 @@ import pytest
 
 from biaxbayes.cli import main
 from biaxbayes.laws import LAWS
-from biaxbayes.reports.glossary import GLOSSARY, NATS
 from biaxbayes.reports.page import write_report
+from biaxbayes.reports.words import GLOSSARY, NATS
 from biaxbayes.runs.run import open_run
 from test_report import Outline
 

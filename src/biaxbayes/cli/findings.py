@@ -417,7 +417,7 @@ def design(
 
 
 def _tell_design(found: Design, unit: str) -> None:
-    from biaxbayes.reports.glossary import NATS
+    from biaxbayes.reports.words import NATS
 
     names = [p.name for p in found.known.material if p.name in found.quantities]
     click.echo(

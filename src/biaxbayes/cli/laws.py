@@ -80,7 +80,7 @@ def laws(
 
 def _tell(found: LawComparison, folder: Path) -> None:
     """The table, the heaviest law first, and what is stated of the mounting stretches."""
-    from biaxbayes.reports.laws import stated_rows
+    from biaxbayes.reports.comparison import stated_rows
 
     stretches = [c for c in found.table if str(c).startswith("mounting_stretch_x")]
     head = f"{'':<18}{'rms':>9}{'left out':>10}{'density':>10}{'weight':>8}{'(range)':>14}"

@@ -89,8 +89,8 @@ def _closing(found: PopulationFound) -> str:
     """One screen that says what was found."""
     from biaxbayes.identifiability.verdict import PRIOR
     from biaxbayes.populations.result import SDS
-    from biaxbayes.reports.names import counted
     from biaxbayes.reports.population import three_digits
+    from biaxbayes.reports.words import counted
 
     def sd(row: dict[Any, Any], side: str) -> str:
         mark = MARK if row[f"{side}_verdict"] == PRIOR else " "

@@ -102,7 +102,7 @@ def sample(
             **chosen,
         )
     if not quiet:
-        from biaxbayes.jobs.closing import closing_message
+        from biaxbayes.reports.facts import closing_message
 
         click.echo(closing_message(run))
     elif run.state != "converged":

@@ -24,8 +24,9 @@ from biaxbayes.comparison.law_comparison import (
     Prediction,
     only,
     parts_of,
+    stacking_weights,
+    weighted_density,
 )
-from biaxbayes.comparison.stacking import stacking_weights, weighted_density
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.constrained import LawFit
 from biaxbayes.identifiability.law_range import LawRange

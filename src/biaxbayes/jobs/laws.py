@@ -257,7 +257,7 @@ def write_laws(compared: LawComparison, specimen: Specimen, folder: Path) -> Non
         law_mounting_figure,
     )
     from biaxbayes.figures.style import save_figure
-    from biaxbayes.reports.laws import laws_page
+    from biaxbayes.reports.comparison import laws_page
 
     write_csv(folder / "laws.csv", compared.table, digits=6)
     write_csv(folder / "stated.csv", compared.stated, digits=6)

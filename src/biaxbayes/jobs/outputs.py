@@ -390,8 +390,7 @@ def report_text(run: RunLike, kind: str = "html") -> str:
     run : Run or path-like
     kind : {"html", "md", "latex", "explore"}
     """
-    from biaxbayes.reports.page import report_page
-    from biaxbayes.reports.tables import latex_table, markdown_table
+    from biaxbayes.reports.page import latex_table, markdown_table, report_page
 
     if kind not in REPORTS:
         raise InputError(f"no report {str(kind)[:40]!r}", remedy=f"choose {', '.join(REPORTS)}")

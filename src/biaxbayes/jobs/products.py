@@ -14,7 +14,7 @@ import pandas as pd
 
 from biaxbayes.csv_tables import read_csv, write_csv
 from biaxbayes.errors import InputError
-from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.executor import Beside
 from biaxbayes.figures.style import figure_bytes, own_garbage
 from biaxbayes.identifiability.determined import determined, mounting_stated
 from biaxbayes.identifiability.held_edges import (

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
-from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.executor import Beside
 from biaxbayes.identifiability.identify import fits_of_laws
 from biaxbayes.identifiability.law_range import LawRange
 from biaxbayes.identifiability.toe import swapped_columns
@@ -35,8 +35,7 @@ from biaxbayes.runs.folder import (
 )
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
-from biaxbayes.runs.run import Run, open_run
-from biaxbayes.runs.summary import summarise, with_verdicts, write_summary
+from biaxbayes.runs.run import Run, open_run, summarise, with_verdicts, write_summary
 from biaxbayes.sampling.kernels import are_compiled, compile_kernels
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
 from biaxbayes.specimens.check import refuse_no_loading_curve

@@ -1,23 +1,37 @@
-"""What the page says beside its tables: specimen, test, convergence, settings, citations."""
+"""What is said of a run beside its tables: facts on its page, other fits, one screen at its end."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
+from biaxbayes.csv_tables import read_csv
+from biaxbayes.errors import InputError
+from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_from
+from biaxbayes.identifiability.law_range import LAW_FITS
+from biaxbayes.identifiability.stated import cure
 from biaxbayes.options import Settings
+from biaxbayes.parameters import STRETCH, Quantity, mounting_names
 from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
 from biaxbayes.reports.methods import prior_in_words, unit_of
-from biaxbayes.reports.names import cut
+from biaxbayes.reports.words import cut
 from biaxbayes.runs.provenance import parse_options
 from biaxbayes.runs.run import Run
 from biaxbayes.specimens.findings import Finding
 
 __all__ = [
+    "HeldRow",
     "citations",
+    "closing_message",
+    "held_rows",
+    "kept_edges",
+    "law_rows",
     "missed_paths",
     "model_checks",
+    "mounting_cure",
     "record_findings",
     "settings_facts",
     "specimen_facts",
@@ -25,7 +39,6 @@ __all__ = [
     "test_rows",
     "version_facts",
 ]
-
 
 # --- the posterior predictive checks of a run, for everything that is written about it -----------
 
@@ -207,3 +220,224 @@ def _table(record: dict[str, Any], key: str) -> dict[str, Any]:
 
 def _yes(value: object) -> str:
     return "yes" if value is True else "no"
+
+
+# --- what stands beside the posterior: other laws, and edges of the range as hypotheses ----------
+
+
+def kept_edges(run: Run) -> tuple[HeldEdge, ...]:
+    """The edges that a run was drawn with held, from its ``edges.csv``; none without it."""
+    try:
+        return held_from(read_csv(run.path / EDGES), run.quantities)
+    except (OSError, InputError, KeyError, ValueError):
+        return ()
+
+
+@dataclass(frozen=True)
+class HeldRow:
+    """A parameter with another one held at an end of its range, as text.
+
+    Attributes
+    ----------
+    condition : str
+    quantity : Quantity
+    interval, unit : str
+    """
+
+    condition: str
+    quantity: Quantity
+    interval: str
+    unit: str
+
+
+def held_rows(run: Run) -> list[HeldRow]:
+    """The law's parameters and the mounting stretches under every hypothesis of an edge."""
+    out = []
+    for held in kept_edges(run):
+        for name, (low, _, high) in held.intervals.items():
+            quantity = run.quantities[name]
+            p = quantity.parameter
+            if name in run.law.names or p.kind == STRETCH:
+                interval = f"{p.number(low)} to {p.number(high)}"
+                out.append(
+                    HeldRow(held.condition, quantity, interval, p.unit_symbol(quantity.load_unit))
+                )
+    return out
+
+
+def law_rows(run: Run) -> list[dict[str, Any]]:
+    """Least squares of every law under the same mounting constraint, from ``law-fits.csv``."""
+    try:
+        table = read_csv(run.path / LAW_FITS)
+        names = [q.name for q in run.quantities.of_kind(STRETCH) if q.name in table]
+        return [
+            {
+                "law": cut(row["law"], 30),
+                "rms": f"{float(row['rms']):.3g}",
+                "alike": "yes" if row["alike"] else "no",
+                "mounting": [
+                    f"{run.quantities[n].parameter.number(float(row[n]))} ± "
+                    f"{float(row[f'{n}_sd']):.2g}"
+                    for n in names
+                ],
+            }
+            for row in table.to_dict("records")
+        ]
+    except (OSError, InputError, KeyError, ValueError, TypeError):
+        return []
+
+
+def mounting_cure(run: Run) -> str:
+    """What to do about mounting stretches that are not stated as values; empty where all are."""
+    axes = {run.quantities[n].axis for n, stated in run.stated.items() if not stated.is_value}
+    names = mounting_names("stretch")
+    return cure([names[axis] for axis in (0, 1) if axis in axes]) if axes else ""
+
+
+# --- the closing message of a run: one screen that says what to trust ----------------------------
+
+
+def closing_message(run: Run) -> str:
+    """What a run found, as plain text of at most one screen."""
+    record = run.provenance
+    name = (
+        record["specimen"]
+        if not record.get("layer")
+        else (f"{record['specimen']} ({record['layer']})")
+    )
+    lines = [f"{_plain(name)}: {_verdict(record)}", *_found(run), ""]
+    lines += _summary_lines(run)
+    lines += ["", _readings(record)]
+    lines += _thinning(record)
+    lines += _identifiability(run)
+    lines += _held(run)
+    lines += _stated(run)
+    lines += _misses(run)
+    lines += [_plain(f"note: {note}") for note in record["notes"][:3]]
+    if record["sampler"]["message"]:
+        lines.append(f"note: {record['sampler']['message']}")
+    lines += ["", f"open {run.path}/report.html; tables, figures and draws are beside it"]
+    return "\n".join(lines)
+
+
+def _found(run: Run) -> list[str]:
+    """What was odd about the record before it was sampled."""
+    return [_plain(text) for text in record_findings(run)]
+
+
+def _verdict(record: dict[str, Any]) -> str:
+    convergence = record["convergence"]
+    if convergence["state"] == "converged":
+        return (
+            f"converged (R-hat {convergence['worst_rhat']:.4f}, at least "
+            f"{convergence['worst_ess']:.0f} effective draws of every quantity)"
+        )
+    if convergence["state"] == "tentative":
+        return f"TENTATIVE, not converged: {convergence['reason']}"
+    return f"NOT USABLE, not converged: {convergence['reason']}"
+
+
+def _summary_lines(run: Run) -> list[str]:
+    lines = [f"{'parameter':<26}{'unit':<6}{'median':>10}{'5 %':>10}{'95 %':>10}"]
+    refits = _refits(run)
+    for row in run.summary.itertuples():
+        name = str(row.parameter)
+        ends = refits.get(name, (row.q05, row.q95))
+        cells = "".join(f"{_number(float(str(v))):>10}" for v in (row.q50, *ends))
+        cells += "  not identified: range of refits" if name in refits else ""
+        lines.append(f"{_plain(str(row.parameter))[:25]:<26}{row.unit:<6}{cells}")
+    if len(lines) > 24:
+        hidden = len(lines) - 22
+        lines = [*lines[:22], f"... and {hidden} more rows in summary.csv"]
+    return lines
+
+
+def _refits(run: Run) -> dict[str, tuple[float, float]]:
+    """Ranges that stand in place of an interval which the data contradict."""
+    table = _verdicts(run)
+    if table is None or "refit_low" not in table:
+        return {}
+    lost = table[table["verdict"] == "not identified"]
+    return {
+        str(r.parameter): (float(str(r.refit_low)), float(str(r.refit_high)))
+        for r in lost.itertuples()
+    }
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.4g}"
+
+
+def _readings(record: dict[str, Any]) -> str:
+    noise = record["noise"]
+    if noise["effective_readings"] is None:
+        return (
+            f"{noise['readings']} readings taken as independent; if the model misses smoothly, "
+            "the intervals are too narrow (--noise effective)"
+        )
+    return (
+        f"your {noise['readings']} readings carry as much information as "
+        f"{noise['effective_readings']:.0f} independent ones"
+    )
+
+
+def _thinning(record: dict[str, Any]) -> list[str]:
+    noise = record["noise"]
+    rows, used = noise.get("rows"), noise.get("rows_used")
+    if not rows or not used or used >= rows:
+        return []
+    return [
+        f"{rows:,} rows were averaged to {used:,} along the path; the answer does not "
+        "depend on it (--thin none)"
+    ]
+
+
+def _identifiability(run: Run) -> list[str]:
+    table = _verdicts(run)
+    if table is None:
+        return []
+    loose = [f"{r.parameter}: {r.verdict}" for r in table.itertuples() if r.verdict != "identified"]
+    if not loose:
+        return ["every parameter is identified"]
+    said = ["not determined on its own: " + "; ".join(_plain(t) for t in loose)]
+    if _refits(run):
+        said.append(
+            "the mounting stretch rests on the toe of the model, which these data contradict; "
+            "nominal stresses at measured stretches (report.html) do not"
+        )
+    return said
+
+
+def _stated(run: Run) -> list[str]:
+    """What is stated of the mounting stretch of the tissue, and a law that fits better."""
+    lines = []
+    for name, stated in run.stated.items():
+        said = stated.in_words(run.quantities[name].parameter)
+        lines.append(_plain(f"{name} of the tissue: {said}; {stated.reason}"))
+    cure = mounting_cure(run)
+    lines += [_plain(cure)] if cure else []
+    better = run.provenance.get("identifiability", {}).get("better_law", "")
+    return [*lines, *([_plain(better)] if better else [])]
+
+
+def _held(run: Run) -> list[str]:
+    """What holds with a parameter at an end of its range that the data do not exclude."""
+    return [_plain(held.summary(run.law.names, run.quantities)) for held in kept_edges(run)]
+
+
+def _verdicts(run: Run) -> pd.DataFrame | None:
+    path = run.path / "identifiability.csv"
+    if not path.is_file():
+        return None
+    return read_csv(path)
+
+
+def _misses(run: Run) -> list[str]:
+    """Paths that the model must not be used for, two at most."""
+    said = missed_paths(run)
+    more = [f"... and {len(said) - 2} more protocols (report.html)"] if len(said) > 2 else []
+    return [_plain(text) for text in said[:2]] + more
+
+
+def _plain(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)

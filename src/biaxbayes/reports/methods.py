@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from biaxbayes.parameters import MATERIAL, STRETCH
-from biaxbayes.reports.names import cut
 from biaxbayes.reports.parameters import Row
+from biaxbayes.reports.words import cut
 from biaxbayes.runs.run import Run
 
 __all__ = ["PRIOR_NUMBERS", "methods", "prior_in_words", "unit_of"]

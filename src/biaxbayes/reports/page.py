@@ -1,4 +1,4 @@
-"""The report of a run: one page that opens anywhere."""
+"""The report of a run: one page that opens anywhere, and its table for a paper."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ from typing import TYPE_CHECKING, Any
 from biaxbayes.options import REPORTS
 from biaxbayes.reports.facts import (
     citations,
+    held_rows,
+    law_rows,
+    missed_paths,
+    mounting_cure,
     record_findings,
     settings_facts,
     specimen_facts,
@@ -19,11 +23,17 @@ from biaxbayes.reports.facts import (
     test_rows,
     version_facts,
 )
-from biaxbayes.reports.glossary import GLOSSARY
 from biaxbayes.reports.methods import methods
-from biaxbayes.reports.names import as_html, cut
-from biaxbayes.reports.other_fits import held_rows, law_rows, mounting_cure
-from biaxbayes.reports.parameters import parameter_rows, percent_stretch
+from biaxbayes.reports.parameters import Row, parameter_rows, percent_stretch
+from biaxbayes.reports.words import (
+    GLOSSARY,
+    as_html,
+    as_latex,
+    as_markdown,
+    cut,
+    latex_text,
+    markdown_text,
+)
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
 
@@ -33,14 +43,16 @@ if TYPE_CHECKING:
 __all__ = [
     "EXPLORE",
     "NAME",
+    "STATED",
     "Picture",
     "embedded",
+    "latex_table",
+    "markdown_table",
     "page_template",
     "pictures",
     "report_page",
     "write_report",
 ]
-
 
 # --- the templates of the pages; text that is put into them is escaped ---------------------------
 
@@ -216,3 +228,89 @@ def _misfit(run: Run) -> dict[str, Any]:
         "rows": table.to_dict("records"),
         "warnings": path_warnings(table, unit, run.law.name),
     }
+
+
+# --- the parameter table of a run for a paper: Markdown or LaTeX ---------------------------------
+
+STATED = "stated of the tissue"
+"""Head of what is stated of a mounting stretch."""
+
+
+def markdown_table(run: Run) -> str:
+    """Table, paths that the model misses, verdicts and methods paragraph as Markdown."""
+    rows = parameter_rows(run)
+    more = any(row.stated for row in rows)
+    lines = [
+        f"# {markdown_text(run.specimen.name)}",
+        "",
+        markdown_text(" ".join(state_words(run)).strip(), 500),
+        "",
+        *_missed_markdown(run),
+        f"| parameter | unit | median | 90 % interval |{f' {STATED} |' if more else ''} verdict |",
+        f"|---|---|--:|--:|{'---|' if more else ''}---|",
+    ]
+    for row in rows:
+        stated = (row.stated,) if more else ()
+        cells = (as_markdown(row.name), row.unit, row.median, row.interval, *stated, row.verdict)
+        lines.append(f"| {' | '.join(cells)} |")
+    words = [f"- {as_markdown(r.name)}: {markdown_text(r.words, 500)}" for r in rows if r.words]
+    if words:
+        lines += ["", "## Verdicts", "", *words]
+    lines += ["", "## Methods", "", markdown_text(methods(run, rows), 20_000), ""]
+    return "\n".join(lines)
+
+
+def latex_table(run: Run) -> str:
+    """A floating table with booktabs rules, as LaTeX; the methods paragraph as a comment.
+
+    Paths that the model misses stand below the table.
+    """
+    rows = parameter_rows(run)
+    name = latex_text(run.specimen.name)
+    more = any(row.stated for row in rows)
+    within = f" within the law; {STATED}: whatever its law" if more else ""
+    caption = f"{name}: posterior median and central 90\\,\\% interval{within}."
+    if run.state != "converged":
+        caption += f" {latex_text(state_words(run)[0])}"
+    body = [_latex_row(row, stated=more) for row in rows]
+    text = methods(run, rows)
+    return "\n".join(
+        [
+            "% needs \\usepackage{booktabs}",
+            f"% {text}",
+            "\\begin{table}",
+            "  \\centering",
+            f"  \\caption{{{caption}}}",
+            f"  \\begin{{tabular}}{{llrl{'l' if more else ''}l}}",
+            "    \\toprule",
+            "    Parameter & Unit & Median & 90\\,\\% interval & "
+            f"{f'{STATED.capitalize()} & ' if more else ''}Verdict \\\\",
+            "    \\midrule",
+            *body,
+            "    \\bottomrule",
+            "  \\end{tabular}",
+            *[f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in missed_paths(run)],
+            "\\end{table}",
+            "",
+        ]
+    )
+
+
+def _missed_markdown(run: Run) -> list[str]:
+    missed = missed_paths(run)
+    if not missed:
+        return []
+    return [
+        "**The model misses some paths.**",
+        "",
+        *(f"- {markdown_text(text, 500)}" for text in missed),
+        "",
+    ]
+
+
+def _latex_row(row: Row, *, stated: bool) -> str:
+    interval = row.interval.replace(" to ", "--") if row.interval[:1] != "f" else row.interval
+    cells = (as_latex(row.quantity), latex_text(row.unit), latex_text(row.median))
+    of_tissue = (latex_text(row.stated.replace(" to ", "--")),) if stated else ()
+    rest = (latex_text(interval).replace("–", "--"), *of_tissue, latex_text(row.verdict))
+    return f"    {' & '.join((*cells, *rest))} \\\\"

@@ -14,7 +14,7 @@ from biaxbayes.figures.labels import number
 from biaxbayes.identifiability.determined import MEASURED, determined, mounting_stated
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.parameters import STRETCH, Quantity
-from biaxbayes.reports.names import cut
+from biaxbayes.reports.words import cut
 from biaxbayes.runs.run import Run
 
 __all__ = ["Row", "determined_rows", "parameter_rows", "percent_stretch", "refit_ranges"]

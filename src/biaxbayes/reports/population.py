@@ -14,10 +14,9 @@ from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import STRETCH, unit_words
 from biaxbayes.populations.result import SDS
-from biaxbayes.reports.glossary import chosen_terms
-from biaxbayes.reports.names import counted, cut
 from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text
+from biaxbayes.reports.words import chosen_terms, counted, cut
 from biaxbayes.studies.groups import KNOWN
 
 __all__ = ["PAGE", "population_methods", "population_page", "three_digits"]

@@ -14,9 +14,8 @@ from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
-from biaxbayes.reports.glossary import chosen_terms
-from biaxbayes.reports.names import cut, derived_words
 from biaxbayes.reports.page import page_template, pictures
+from biaxbayes.reports.words import chosen_terms, cut, derived_words
 from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
 

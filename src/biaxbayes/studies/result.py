@@ -26,8 +26,8 @@ from biaxbayes.identifiability.determined import derived_quantities, some_draws
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.runs.run import COLUMNS as SUMMARY
 from biaxbayes.runs.run import Run
-from biaxbayes.runs.summary import COLUMNS as SUMMARY
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.studies.groups import DETERMINED, group_summaries, layer_contrasts
