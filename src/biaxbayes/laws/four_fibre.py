@@ -8,8 +8,8 @@ with the squared stretches X, Y, Z, n_x = n_y = 1 and n_d = 2: the diagonal fami
 compression. Some papers print c and k1 / (2 k2) for the factors c / 2 and k1 / (4 k2): their
 numbers are half of those here.
 
-The sampler works in the roots (:mod:`biaxbayes.laws.roots`) of S_c, of S_f and q_f of each family,
-and in alpha, which is folded at 0 and 90 degrees, with
+The sampler works in the roots (:mod:`biaxbayes.laws.amplitudes`) of S_c, of S_f and q_f of each
+family, and in alpha, which is folded at 0 and 90 degrees, with
 
     q_f = k2_f E_f*^2          S_f = k1_f E_f* exp(q_f)          S_c = c sqrt((X* - Z*)(Y* - Z*))
 
@@ -24,10 +24,18 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.compilation import inlined
+from biaxbayes.laws.amplitudes import (
+    LOAD_SHARE,
+    LOG_EXPONENT,
+    ROOT_WIDTH,
+    amplitude_distances,
+    largest_at,
+    log_square,
+    log_stress_scale,
+    root,
+)
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
 from biaxbayes.laws.response import MaterialResponse, exponential_energy, register
-from biaxbayes.laws.roots import LOG_EXPONENT, ROOT_WIDTH, log_square, log_stress_scale, root
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 __all__ = ["FourFibreLaw"]

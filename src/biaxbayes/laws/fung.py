@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from biaxbayes.laws.amplitudes import largest_at
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.nearness import largest_at
 from biaxbayes.laws.response import MaterialResponse, register
 from biaxbayes.parameters import Parameter, scale
 

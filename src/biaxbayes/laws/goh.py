@@ -31,6 +31,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from biaxbayes.laws.amplitudes import MATRIX_SHARE, Screening, best_pair, mounting_candidates
 from biaxbayes.laws.dispersed_fibres import (
     angles_from_chart,
     chart_from_angles,
@@ -51,7 +52,6 @@ from biaxbayes.laws.response import (
     log_stretch_jacobian,
     register,
 )
-from biaxbayes.laws.screening import MATRIX_SHARE, Screening, best_pair, mounting_candidates
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 __all__ = ["EXPONENT_NEARNESS", "GOH", "GOHLaw"]

@@ -23,6 +23,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.laws import goh
+from biaxbayes.laws.amplitudes import LOAD_NEARNESS, amplitude_distances
 from biaxbayes.laws.dispersed_fibres import (
     fibre_curvature,
     fibre_energy,
@@ -32,7 +33,6 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor_of,
 )
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances
 from biaxbayes.laws.response import MaterialResponse, exponential_energy, register, to_natural
 from biaxbayes.parameters import Parameter, scale
 

@@ -19,10 +19,10 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from biaxbayes.laws.amplitudes import LOAD_NEARNESS, amplitude_distances
 from biaxbayes.laws.dispersed_fibres import structure_tensor
 from biaxbayes.laws.goh import EXPONENT_NEARNESS, GOH, Constants, GOHLaw
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances
 from biaxbayes.laws.response import MaterialResponse, register
 from biaxbayes.parameters import Parameter
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.laws.amplitudes import screened
 from biaxbayes.laws.response import (
     STEP,
     Material,
@@ -32,11 +33,10 @@ from biaxbayes.laws.response import (
     second_derivatives,
     squared_stretches,
 )
-from biaxbayes.laws.screening import screened
 from biaxbayes.parameters import DEGREE, Parameter
 
 if TYPE_CHECKING:
-    from biaxbayes.laws.screening import Screening
+    from biaxbayes.laws.amplitudes import Screening
 
 __all__ = ["Law", "SamplingLayout", "StressResponse"]
 

@@ -8,8 +8,8 @@ an axis-aligned test strains alike; fibres carry load in extension and compressi
 isotropic share of the exponentials. Without the matrix (c0 = 0) the unloaded state is singular
 under a dead load, so that c0 is positive.
 
-The sampler works in the roots (:mod:`biaxbayes.laws.roots`) of S0, S2, q2, S3 and q3, in the places
-of c0, c1, c2, delta and c3, and in alpha, which is folded at 0 and 90 degrees, with
+The sampler works in the roots (:mod:`biaxbayes.laws.amplitudes`) of S0, S2, q2, S3 and q3, in the
+places of c0, c1, c2, delta and c3, and in alpha, which is folded at 0 and 90 degrees, with
 
     q2 = c2 (I1* - 3)^2          S2 = c1 delta c2 (I1* - 3) exp(q2)
     q3 = c3 E*^2                 S3 = c1 (1 - delta) c3 E* exp(q3)          S0 = c0
@@ -26,10 +26,18 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.compilation import inlined
+from biaxbayes.laws.amplitudes import (
+    LOAD_SHARE,
+    LOG_EXPONENT,
+    ROOT_WIDTH,
+    amplitude_distances,
+    largest_at,
+    log_square,
+    log_stress_scale,
+    root,
+)
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.nearness import LOAD_SHARE, amplitude_distances, largest_at
 from biaxbayes.laws.response import MaterialResponse, register
-from biaxbayes.laws.roots import LOG_EXPONENT, ROOT_WIDTH, log_square, log_stress_scale, root
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 __all__ = ["LeeSacksLaw"]

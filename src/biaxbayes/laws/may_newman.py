@@ -27,8 +27,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.compilation import inlined
+from biaxbayes.laws.amplitudes import LOAD_NEARNESS, amplitude_distances, largest_at
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.nearness import LOAD_NEARNESS, amplitude_distances, largest_at
 from biaxbayes.laws.response import MaterialResponse, register
 from biaxbayes.parameters import Parameter, fibre_angle, scale
 

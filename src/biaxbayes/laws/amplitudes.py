@@ -1,16 +1,48 @@
-"""Random materials that are ranked before a fit starts: what all laws share of it."""
+r"""Amplitudes, which stresses are linear in: their best values, their end at zero, coordinates.
+
+The terms of a law stand in for one another: their stresses S add up to that of the data, which is
+straight in S and bent in ln S, while priors are wide in ln S down to S = 0. Roots lie between,
+and what is uneven in S or in ln S is even in u:
+
+    S = s L(u)^2,    L(u) = ln(1 + exp(u))
+
+u is sqrt(S / s) for large S, and ln(S / s) / 2 near S = 0: no edge, and a tail that proposals
+follow. Exponents q = k E*^2 at the reference state are held alike, as q = r L(v)^2.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from biaxbayes.compilation import inlined
+from biaxbayes.laws.response import Material, MaterialResponse
+
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
 
-__all__ = ["MATRIX_SHARE", "Screening", "best_pair", "mounting_candidates", "screened"]
+__all__ = [
+    "LOAD_NEARNESS",
+    "LOAD_SHARE",
+    "LOG_EXPONENT",
+    "MATRIX_SHARE",
+    "ROOT_WIDTH",
+    "Screening",
+    "amplitude_distances",
+    "best_pair",
+    "largest_at",
+    "log_square",
+    "log_stress_scale",
+    "mounting_candidates",
+    "root",
+    "screened",
+]
+
+
+# --- random materials that are ranked before a fit starts: what all laws share of it -------------
 
 MATRIX_SHARE = 0.01
 """Of the peak stress: least stiffness of the matrix to start from where prestretch is inferred.
@@ -157,3 +189,97 @@ def screened(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.nd
         peak = float(np.abs(data.load / data.area[:, None]).max())
         points[:, linear[0]] = np.maximum(points[:, linear[0]], MATRIX_SHARE * peak)
     return points, lm, np.where(np.isfinite(points).all(axis=1), cost, np.inf), marks
+
+
+# --- how near to a physical edge counts as near: what laws share of it ---------------------------
+
+LOAD_SHARE = 0.05
+"""Of the stress at the largest stretch: what carries less is near to absent."""
+LOAD_NEARNESS = f"where they carry less than {LOAD_SHARE:g} of the stress at the largest stretch"
+"""The same in words, behind the names of amplitudes."""
+LOWEST = 0.05
+"""Draws from which a distance is taken: an amplitude trades with its exponent, so that a small one
+may carry as much as a large one does."""
+
+
+def largest_at(quantity: Callable[[Any, Any, Any], Any], tops: Sequence[np.ndarray]) -> np.ndarray:
+    """Largest value of each draw at some total stretches, shape (n,).
+
+    Parameters
+    ----------
+    quantity : callable
+        Of squared stretches X, Y, Z of shape (n, 1); not negative.
+    tops : sequence of ndarray, shape (n, 2)
+    """
+    largest = np.zeros(1)
+    for top in tops:
+        X, Y = top[:, :1] ** 2, top[:, 1:] ** 2
+        largest = np.maximum(largest, np.asarray(quantity(X, Y, 1.0 / (X * Y)))[:, 0])
+    return largest
+
+
+def amplitude_distances(material: MaterialResponse, tops: Sequence[np.ndarray]) -> dict[str, float]:
+    """Amplitudes that carry :data:`LOAD_SHARE` of the stress at the largest stretches.
+
+    Medians over the draws in which the amplitude is smallest.
+
+    Parameters
+    ----------
+    material : Material
+        Of n draws; stresses are linear in the amplitudes of its law.
+    tops : sequence of ndarray, shape (n, 2)
+        Largest total stretches of each protocol.
+    """
+    law = material.law
+    places = [law.names.index(name) for name in law.amplitudes]
+    out = {}
+    for i in places:
+        alone = list(material.theta)
+        for j in places:
+            alone[j] = np.full_like(alone[j], float(i == j))
+        # the amplitude that would carry all, in the protocol in which it carries most
+        all_of_it = np.min(
+            [_stress(material, top) / _stress(Material(law, tuple(alone)), top) for top in tops],
+            axis=0,
+        )
+        size = np.broadcast_to(np.ravel(material.theta[i]), all_of_it.shape)
+        smallest = np.argsort(size, kind="stable")[: max(1, round(LOWEST * size.size))]
+        out[law.names[i]] = LOAD_SHARE * float(np.median(all_of_it[smallest]))
+    return out
+
+
+def _stress(material: MaterialResponse, top: np.ndarray) -> np.ndarray:
+    """Sum of both Cauchy stresses of each draw, kPa, never zero."""
+    x, y = material.cauchy(top[:, :1], top[:, 1:])
+    return np.maximum((x + y)[:, 0], 1e-12)
+
+
+# --- sampling coordinates of stiffnesses and exponents that may vanish: roots with a log tail ----
+
+_STRESS_SHARE, _EXPONENT = 0.01, 0.1
+"""s over the largest stress of a specimen, and r; tuned on an aorta under five protocols."""
+LOG_EXPONENT = math.log(_EXPONENT)
+ROOT_WIDTH = 1.0
+"""Of dispersed starts, in u and v."""
+_LOG_2 = math.log(2.0)
+
+
+def log_stress_scale(peak_kPa: float) -> float:
+    """Log of s (kPa) of a specimen, by its largest stress."""
+    return math.log(_STRESS_SHARE * peak_kPa)
+
+
+@inlined
+def log_square(u):
+    """(ln L^2, ln of its derivative by u)."""
+    tail = np.log1p(np.exp(-abs(u)))
+    log_L = u if u < -30.0 else np.log(max(u, 0.0) + tail)
+    # d ln L^2 / du = 2 e^u / (1 + e^u) / L
+    return 2.0 * log_L, _LOG_2 + min(u, 0.0) - tail - log_L
+
+
+def root(log_squared: np.ndarray) -> np.ndarray:
+    """The u of ln L^2; inverse of :func:`log_square`."""
+    L = np.exp(0.5 * log_squared)
+    # e^u = e^L - 1
+    return L + np.log(-np.expm1(-L))
