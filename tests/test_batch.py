@@ -15,8 +15,7 @@ from biaxbayes.cli import main
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.executors.executor import InThisProcess, Outcome
 from biaxbayes.jobs import batch as batch_module
-from biaxbayes.jobs.batch import Batch
-from biaxbayes.jobs.tasks import SpecimenTask, try_specimen
+from biaxbayes.jobs.batch import Batch, SpecimenTask, try_specimen
 from biaxbayes.laws.goh import GOH
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen

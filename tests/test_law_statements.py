@@ -10,10 +10,9 @@ import pytest
 from scipy.stats import spearmanr
 
 from biaxbayes.laws import LAWS, law_named
+from biaxbayes.laws.amplitudes import LOAD_SHARE, MATRIX_SHARE, Screening
 from biaxbayes.laws.law import SamplingLayout
-from biaxbayes.laws.nearness import LOAD_SHARE
 from biaxbayes.laws.response import Material, exponents
-from biaxbayes.laws.screening import MATRIX_SHARE, Screening
 from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.model.layout import to_slot
 from test_laws import RECOVERED, TYPICAL, random_materials

@@ -18,8 +18,8 @@ from biaxbayes.cli import main
 from biaxbayes.laws.goh import GOH
 from biaxbayes.prediction.predictive_checks import misfit, misfit_in_words
 from biaxbayes.reports import page as report
-from biaxbayes.reports.methods import prior_in_words
 from biaxbayes.reports.page import TOTAL_BYTES, pictures, write_report
+from biaxbayes.reports.parameters import prior_in_words
 from biaxbayes.reports.words import latex_text, markdown_text
 from biaxbayes.runs.run import open_run
 

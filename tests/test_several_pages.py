@@ -17,12 +17,12 @@ from biaxbayes.figures.laws import law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.stated import Stated
-from biaxbayes.jobs.batch import write_study
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
 from biaxbayes.reports import comparison, population, study_page
 from biaxbayes.reports.comparison import laws_page, write_comparison
 from biaxbayes.reports.population import population_methods, population_page
+from biaxbayes.reports.study_page import write_study
 from biaxbayes.reports.words import GLOSSARY, SEVERAL, chosen_terms, derived_words
 from biaxbayes.studies.result import StudyResult
 from goh_functions import GOH_LAW

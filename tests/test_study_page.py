@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import browser
 from biaxbayes.figures.compare import study_figure
-from biaxbayes.jobs.batch import write_study
+from biaxbayes.reports.study_page import write_study
 from biaxbayes.studies.result import COLUMNS, StudyResult, donor_groups
 
 LAYERS = ("intima", "media", "<b>adventitia</b>")

@@ -573,7 +573,8 @@ def population(
     **options
         As in :class:`~biaxbayes.options.PopulationOptions`.
     """
-    from biaxbayes.jobs.population import PopulationJob, members_of_study
+    from biaxbayes.jobs.population import PopulationJob
+    from biaxbayes.jobs.population_files import members_of_study
     from biaxbayes.populations.model import PopulationPriors
 
     chosen = PopulationOptions.of(options)

@@ -14,8 +14,8 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.residuals import Readings
+from biaxbayes.laws.amplitudes import Screening
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.screening import Screening
 from biaxbayes.mechanics.mounting import load_per_stress
 
 __all__ = ["held_and_free", "screened_points"]

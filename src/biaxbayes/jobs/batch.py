@@ -1,29 +1,41 @@
-"""A study in a folder: every specimen sampled once, whatever comes between."""
+"""A study in a folder: every specimen sampled once, whatever comes between.
+
+Everything that the task of a worker needs is in it, and everything it finds goes back; the run
+folders lie in the study's, which every worker must see.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import json
+import os
+import socket
 import time
+import traceback
 import uuid
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.csv_tables import csv_text, write_csv
-from biaxbayes.errors import Interrupted, RunError
+from biaxbayes.csv_tables import csv_text
+from biaxbayes.errors import BiaxbayesError, CannotResume, Interrupted, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess, Outcome
-from biaxbayes.jobs.tasks import LayerTask, SpecimenTask, compare_layers, failed, try_specimen
+from biaxbayes.jobs.sample import Sampling
+from biaxbayes.laws import DEFAULT_LAW
+from biaxbayes.reports.study_page import write_study
 from biaxbayes.runs.folder import STATES, is_run, manifest
 from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.run import Run, open_run
 from biaxbayes.sampling.sampler import Progress
+from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.studies.result import (
+    FAILED,
     INTERRUPTED,
     RUNS,
     Entry,
@@ -33,85 +45,169 @@ from biaxbayes.studies.result import (
     donor_groups,
     read_entries,
     result_of,
+    rows_of_run,
+    rows_without_run,
     study_table,
 )
 from biaxbayes.studies.study_file import Study
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+from biaxbayes.text_files import atomic_write_text
 
-__all__ = ["Batch", "write_study"]
-
-
-# --- the files of a study: tables, figure and page -----------------------------------------------
+__all__ = ["Batch", "LayerTask", "SpecimenTask", "compare_layers", "try_specimen"]
 
 
-TABLE, PAGE = "study", "study.html"
-PICTURES = ("pdf", "png")
+# --- what a worker does: sample one specimen, or compare the layers of one donor -----------------
 
 
-def write_study(result: StudyResult) -> list[Path]:
-    """Write every file of a study into its folder.
+@dataclass(frozen=True)
+class SpecimenTask:
+    """A specimen to sample.
 
-    Parameters
+    Attributes
     ----------
-    result : StudyResult
-
-    Returns
-    -------
-    list of Path
-        What was written; ``study.parquet`` only where pyarrow is installed.
+    specimen : Specimen
+    source : str
+        Name of its file.
+    folder : Path
+        Of the run, absolute.
+    options : dict
+    seed : int
+    ess : float
+    max_steps : int
+    anyway : bool
+        Also what cannot be a loading curve.
+    finished : bool
+        The folder holds the finished run of this very task.
+    going : Path
+        A file that is there as long as the study goes on.
     """
-    from biaxbayes.figures.compare import study_figure
-    from biaxbayes.figures.style import figure_bytes
-    from biaxbayes.reports.study_page import FIGURE, study_page
 
-    folder = result.folder
-    written = []
-    tables = {
-        TABLE: result.table,
-        "study-groups": result.groups,
-        "study-contrasts": result.contrasts,
-        "study-distances": result.distances,
-    }
-    for stem, table in tables.items():
-        path = folder / f"{stem}.csv"
-        if table.empty and stem != TABLE:
-            path.unlink(missing_ok=True)
-            continue
-        write_csv(path, table, digits=8)
-        written.append(path)
-    parquet = _parquet(result.table)
-    if parquet is not None:
-        path = folder / f"{TABLE}.parquet"
-        atomic_write_bytes(path, parquet)
-        written.append(path)
-    some = np.isfinite(result.table["q50"].astype(float)).any()
-    figure = study_figure(result.table) if some else None
-    for suffix in PICTURES:
-        path = folder / f"{FIGURE}.{suffix}"
-        if figure is None:
-            path.unlink(missing_ok=True)
-        else:
-            atomic_write_bytes(path, figure_bytes(figure, suffix))
-            written.append(path)
-    page = folder / PAGE
-    atomic_write_text(page, study_page(result))
-    return [*written, page]
+    specimen: Specimen
+    source: str
+    folder: Path
+    options: dict[str, Any]
+    seed: int
+    ess: float
+    max_steps: int
+    anyway: bool
+    finished: bool
+    going: Path
 
 
-def _parquet(table: pd.DataFrame) -> bytes | None:
-    """The table with typed columns, where pyarrow is there to write it."""
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError:
-        return None
-    typed = table.convert_dtypes()
-    buffer = io.BytesIO()
-    typed.to_parquet(buffer, engine="pyarrow", index=False)
-    return buffer.getvalue()
+def failed(reason: str, notes: list[str] | None = None, law: str = DEFAULT_LAW) -> Tried:
+    """A specimen without a run."""
+    return Tried(FAILED, reason, rows_without_run(FAILED, reason, law), notes or [])
 
 
-# --- A study in a folder: every specimen sampled once, whatever comes between --------------------
+def try_specimen(task: SpecimenTask) -> Tried:
+    """Sample a specimen into its run folder, or read the run that is there.
 
+    Nothing is raised: one specimen does not stop the others.
+    """
+    notes: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            if not task.going.exists():
+                return Tried(INTERRUPTED, f"{socket.gethostname()} does not see the study folder")
+            run = _run(task, notes)
+            return Tried(run.state, _reason(run), rows_of_run(run), notes)
+        except Interrupted as error:
+            return Tried(INTERRUPTED, str(error))
+        except BiaxbayesError as error:
+            return failed(str(error), notes, task.options["law"])
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            return failed(f"{where}{error.strerror or error}", notes, task.options["law"])
+        except Exception as error:
+            if os.environ.get("BIAXBAYES_DEBUG"):
+                traceback.print_exc()
+            return failed(
+                f"internal error: {type(error).__name__}: {error}", notes, task.options["law"]
+            )
+
+
+def _run(task: SpecimenTask, notes: list[str]) -> Run:
+    from biaxbayes.compilation import first_alone
+
+    if task.finished:
+        return open_run(task.folder)
+
+    def note(progress: Any) -> None:
+        if progress.note:
+            notes.append(str(progress.note))
+
+    def stop() -> bool:
+        return not task.going.exists()
+
+    sampling = Sampling.prepare(
+        task.specimen,
+        out=task.folder,
+        options=task.options,
+        seed=task.seed,
+        ess=task.ess,
+        max_steps=task.max_steps,
+        workers=1,
+        anyway=task.anyway,
+    )
+    sampling.source = task.source
+    with first_alone():
+        if stop():  # while another process was compiling
+            raise Interrupted("stopped before it began")
+        try:
+            folder = sampling.execute(resume=True, overwrite=True, progress=note, stop=stop)
+        except CannotResume as error:
+            notes.append(f"sampled anew: {error}")
+            folder = sampling.execute(resume=False, overwrite=True, progress=note, stop=stop)
+    return open_run(folder)
+
+
+def _reason(run: Run) -> str:
+    return "" if run.state == "converged" else str(run.provenance["convergence"]["reason"])
+
+
+@dataclass(frozen=True)
+class LayerTask:
+    """Runs to compare with one another: the layers of one donor.
+
+    Attributes
+    ----------
+    donor : str
+        Empty where the specimens have none.
+    labels, layers : tuple of str
+    folders : tuple of Path
+    """
+
+    donor: str
+    labels: tuple[str, ...]
+    layers: tuple[str, ...]
+    folders: tuple[Path, ...]
+
+
+def compare_layers(task: LayerTask) -> LayersFound:
+    """Compare the layers of one donor; nothing is raised."""
+    from biaxbayes.comparison.compare import Member, compare
+
+    layer_of = dict(zip(task.labels, task.layers, strict=True))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            runs = [open_run(folder) for folder in task.folders]
+            found = compare(
+                [
+                    Member(label, run.posterior(), run.draws, run.state, run.stated)
+                    for label, run in zip(task.labels, runs, strict=True)
+                ]
+            )
+        except BiaxbayesError as error:
+            return LayersFound(task.donor, pd.DataFrame(), [f"no comparison: {error}"])
+    table = found.distances
+    table.insert(0, "donor", task.donor)
+    for k, side in enumerate("ab"):
+        table.insert(1 + k, f"layer_{side}", [layer_of[v] for v in table[f"run_{side}"]])
+    return LayersFound(task.donor, table, list(found.notes))
+
+
+# --- the study -----------------------------------------------------------------------------------
 
 RECORD, GOING = "study.json", ".going-"
 COMPARED_HERE = 4

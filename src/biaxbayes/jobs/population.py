@@ -10,17 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
-from biaxbayes.jobs.population_files import (
-    RECORD,
-    PopulationFound,
-    write_population,
-)
-from biaxbayes.jobs.population_state import pack, unpack
+from biaxbayes.jobs.population_files import RECORD, Member, PopulationFound, write_population
 from biaxbayes.options import PopulationOptions
+from biaxbayes.populations.ensemble import Tuning
 from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
@@ -29,96 +24,25 @@ from biaxbayes.populations.model import (
     pooled_values,
 )
 from biaxbayes.populations.result import Population, judged
-from biaxbayes.populations.sampler import Plan, State, draw
+from biaxbayes.populations.sampler import History, Plan, State, draw
 from biaxbayes.populations.specimens import Source, individual_of, pooled_names
+from biaxbayes.populations.spreading import Spreading
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import clear_leftovers
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
+from biaxbayes.sampling.proposal import TransportedMixture
 from biaxbayes.sampling.sampler import Progress
 
-__all__ = ["Member", "PopulationJob", "members_of_study"]
+__all__ = ["PopulationJob", "pack", "unpack"]
+
+
+# --- the job -------------------------------------------------------------------------------------
 
 LOW_WEIGHT = 0.5
 UNLIKE_STRETCH = 1.25
 """Ratio of the largest strains from which specimens were stretched unlike."""
-
-
-# --- the specimens of a finished study -----------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Member:
-    """A specimen of a finished study.
-
-    Attributes
-    ----------
-    label, donor, group : str
-    folder : Path
-        Of its run.
-    state, reason : str
-        As the study has them.
-    """
-
-    label: str
-    donor: str
-    group: str
-    folder: Path
-    state: str
-    reason: str = ""
-
-
-def members_of_study(folder: Path) -> tuple[str, list[Member]]:
-    """Name and specimens of a finished study.
-
-    Raises
-    ------
-    InputError
-        If the folder is no finished study's, or its groups are not stated.
-    """
-    try:
-        record = json.loads((folder / "study.json").read_text(encoding="utf-8"))
-        table = pd.read_csv(folder / "study.csv", dtype=str, keep_default_na=False)
-        rows = table.drop_duplicates("specimen").to_dict("records")
-        names = [str(r["specimen"]) for r in rows]
-        columns = [str(c) for c in record.get("columns", [])]
-        stated: dict[str, dict[str, str]] = record.get("stated", {})
-    except (OSError, ValueError, KeyError, AttributeError, RecursionError):
-        raise InputError(
-            "is not the folder of a finished study",
-            file=folder,
-            remedy="run 'biaxbayes batch' first, or give the study file",
-        ) from None
-    out = []
-    for label, row in zip(names, rows, strict=True):
-        own = {"layer": str(row["layer"]), "donor": str(row["donor"])} | stated.get(label, {})
-        asked = columns or ["layer"]
-        if not columns and not any(str(r["layer"]) for r in rows):
-            group = "all"
-        else:
-            for column in asked:
-                if not own.get(column):
-                    raise InputError(
-                        f"{label} states no {column}, which makes its group",
-                        file=folder,
-                        remedy=f"state {column} in the study file, or name others in columns",
-                    )
-            group = ", ".join(own[column] for column in asked)
-        out.append(
-            Member(
-                label,
-                str(row["donor"]),
-                group,
-                folder / str(row["folder"]),
-                str(row["state"]),
-                str(row["reason"]),
-            )
-        )
-    return str(record.get("name", folder.name)), out
-
-
-# --- the job -------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -389,3 +313,86 @@ def _unlike(sources: list[Source]) -> list[str]:
 def _listed(names: list[str]) -> str:
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + more
+
+
+# --- its state between two blocks, as the bytes of a checkpoint ----------------------------------
+
+FORMAT = 2
+
+
+def pack(state: State, identity: dict[str, Any]) -> bytes:
+    """State and what it is a state of, as bytes."""
+    arrays: dict[str, np.ndarray] = {}
+    members = []
+    for k, member in enumerate(state.members):
+        arrays |= {f"m{k}.{n}": v for n, v in member.items() if isinstance(v, np.ndarray)}
+        accepted = {n: v.tolist() for n, v in member["accepted"].items()}
+        members.append({"rng": member["rng"], "accepted": accepted})
+    tuning = state.tuning
+    arrays |= {f"archive{i}": a for i, a in enumerate(tuning.archives)}
+    for i, q in enumerate(tuning.proposals):
+        arrays |= {f"q{i}.{n}": v for n, v in q.arrays().items()}
+    arrays |= {"directions": tuning.directions, "steps": tuning.steps}
+    if tuning.spreading is not None:
+        arrays |= {f"spreading.{n}": v for n, v in vars(tuning.spreading).items()}
+    if state.history is not None:
+        arrays |= {f"h.{n}": v for n, v in state.history.arrays().items()}
+    text = json.dumps(
+        {
+            "format": FORMAT,
+            "identity": identity,
+            "members": members,
+            "specimens": len(tuning.archives),
+            "sweeps": state.sweeps,
+            "block": state.block,
+            "every": state.history.every if state.history is not None else 0,
+            "finished": state.finished,
+        },
+        default=int,
+    )
+    return checkpoint.sealed(arrays, text)
+
+
+def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
+    """Inverse of :func:`pack`.
+
+    Raises
+    ------
+    DamagedCheckpoint
+        If the bytes are not what was written.
+    RunError
+        If another version wrote them.
+    """
+    arrays, stored = checkpoint.opened(data)
+    try:
+        if stored["format"] != FORMAT:
+            raise RunError("has the checkpoint of another version; start again without --resume")
+
+        def part(prefix: str) -> dict[str, np.ndarray]:
+            return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
+
+        members = []
+        for k, plain in enumerate(stored["members"]):
+            accepted = {n: np.array(v) for n, v in plain["accepted"].items()}
+            members.append({**part(f"m{k}."), "rng": plain["rng"], "accepted": accepted})
+        number = int(stored["specimens"])
+        tuning = Tuning(
+            tuple(arrays[f"archive{i}"] for i in range(number)),
+            tuple(TransportedMixture.from_arrays(part(f"q{i}.")) for i in range(number)),
+            arrays["directions"],
+            arrays["steps"],
+            Spreading(**spreading) if (spreading := part("spreading.")) else None,
+        )
+        own = part("h.")
+        history = History.from_arrays(own, int(stored["every"])) if own else None
+        state = State(
+            tuning,
+            members,
+            history,
+            int(stored["sweeps"]),
+            int(stored["block"]),
+            bool(stored["finished"]),
+        )
+        return state, dict(stored["identity"])
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
+        raise checkpoint.DamagedCheckpoint(f"is damaged ({type(error).__name__})") from None

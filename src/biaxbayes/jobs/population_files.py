@@ -1,4 +1,4 @@
-"""The files of a population: written, read again, and made material cards of."""
+"""The files of a population: those of its study, its own, and material cards made of them."""
 
 from __future__ import annotations
 
@@ -29,8 +29,10 @@ __all__ = [
     "FIGURES",
     "PAGE",
     "RECORD",
+    "Member",
     "PopulationFound",
     "export_population",
+    "members_of_study",
     "read_population",
     "write_population",
 ]
@@ -39,6 +41,79 @@ RECORD = "population.json"
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
 BANDS = "new-specimen-bands"
 FIGURES = ("population-forest", "population-pairs", BANDS)
+
+
+# --- the specimens of a finished study -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Member:
+    """A specimen of a finished study.
+
+    Attributes
+    ----------
+    label, donor, group : str
+    folder : Path
+        Of its run.
+    state, reason : str
+        As the study has them.
+    """
+
+    label: str
+    donor: str
+    group: str
+    folder: Path
+    state: str
+    reason: str = ""
+
+
+def members_of_study(folder: Path) -> tuple[str, list[Member]]:
+    """Name and specimens of a finished study.
+
+    Raises
+    ------
+    InputError
+        If the folder is no finished study's, or its groups are not stated.
+    """
+    try:
+        record = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+        table = pd.read_csv(folder / "study.csv", dtype=str, keep_default_na=False)
+        rows = table.drop_duplicates("specimen").to_dict("records")
+        names = [str(r["specimen"]) for r in rows]
+        columns = [str(c) for c in record.get("columns", [])]
+        stated: dict[str, dict[str, str]] = record.get("stated", {})
+    except (OSError, ValueError, KeyError, AttributeError, RecursionError):
+        raise InputError(
+            "is not the folder of a finished study",
+            file=folder,
+            remedy="run 'biaxbayes batch' first, or give the study file",
+        ) from None
+    out = []
+    for label, row in zip(names, rows, strict=True):
+        own = {"layer": str(row["layer"]), "donor": str(row["donor"])} | stated.get(label, {})
+        asked = columns or ["layer"]
+        if not columns and not any(str(r["layer"]) for r in rows):
+            group = "all"
+        else:
+            for column in asked:
+                if not own.get(column):
+                    raise InputError(
+                        f"{label} states no {column}, which makes its group",
+                        file=folder,
+                        remedy=f"state {column} in the study file, or name others in columns",
+                    )
+            group = ", ".join(own[column] for column in asked)
+        out.append(
+            Member(
+                label,
+                str(row["donor"]),
+                group,
+                folder / str(row["folder"]),
+                str(row["state"]),
+                str(row["reason"]),
+            )
+        )
+    return str(record.get("name", folder.name)), out
 
 
 # --- what came out -------------------------------------------------------------------------------

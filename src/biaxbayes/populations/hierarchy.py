@@ -28,14 +28,16 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.populations.integrated import (
+    correlation_factor,
     draw_means,
     gather,
     integrate,
+    inverse_from,
     invert,
     invert_donors,
+    log_lkj,
     room_for,
 )
-from biaxbayes.populations.small_matrices import correlation_factor, inverse_from, log_lkj
 
 __all__ = ["Layout", "augment", "log_marginal", "update"]
 

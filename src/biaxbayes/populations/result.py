@@ -16,12 +16,14 @@ from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.parameters import MATERIAL, STRETCH
 from biaxbayes.populations.ensemble import Design
-from biaxbayes.populations.following import CURVE_DRAWS, derived, following
 from biaxbayes.populations.model import LINEAR, LOG, Grouping, PooledValue
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.sampler import History, Sampled
 from biaxbayes.populations.specimens import Source
 from biaxbayes.populations.verdicts import (
+    CURVE_DRAWS,
+    derived,
+    following,
     mean_verdicts,
     specimen_verdicts,
     spread_verdicts,

@@ -31,8 +31,8 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FAMILIES, Prior
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
-from biaxbayes.reports.methods import PRIOR_NUMBERS, prior_in_words
 from biaxbayes.reports.page import EXPLORE, NAME, page_template
+from biaxbayes.reports.parameters import PRIOR_NUMBERS, prior_in_words
 from biaxbayes.reports.words import as_html, cut
 from biaxbayes.text_files import atomic_write_text
 

@@ -16,7 +16,7 @@ from biaxbayes.identifiability.stated import cure
 from biaxbayes.options import Settings
 from biaxbayes.parameters import STRETCH, Quantity, mounting_names
 from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
-from biaxbayes.reports.methods import prior_in_words, unit_of
+from biaxbayes.reports.parameters import prior_in_words, unit_of
 from biaxbayes.reports.words import cut
 from biaxbayes.runs.provenance import parse_options
 from biaxbayes.runs.run import Run

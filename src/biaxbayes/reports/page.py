@@ -23,8 +23,7 @@ from biaxbayes.reports.facts import (
     test_rows,
     version_facts,
 )
-from biaxbayes.reports.methods import methods
-from biaxbayes.reports.parameters import Row, parameter_rows, percent_stretch
+from biaxbayes.reports.parameters import Row, methods, parameter_rows, percent_stretch
 from biaxbayes.reports.words import (
     GLOSSARY,
     as_html,

@@ -1,14 +1,18 @@
-"""study.html: all specimens of a study on one page."""
+"""study.html, all specimens of a study on one page, and the tables and figure beside it."""
 
 from __future__ import annotations
 
+import io
 import math
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING
+from biaxbayes.csv_tables import write_csv
 from biaxbayes.figures.labels import number
 from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
@@ -18,8 +22,9 @@ from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.reports.words import chosen_terms, cut, derived_words
 from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
 
-__all__ = ["FIGURE", "KNOWN_QUANTITIES", "named", "study_page", "unit_text"]
+__all__ = ["FIGURE", "KNOWN_QUANTITIES", "named", "study_page", "unit_text", "write_study"]
 
 FIGURE = "study-specimens"
 TERMS = (
@@ -226,3 +231,71 @@ def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
             )
         out.append({"a": cut(a, 40), "b": cut(b, 40), "rows": rows})
     return out
+
+
+# --- the files of a study: tables, figure and page -----------------------------------------------
+
+
+TABLE, PAGE = "study", "study.html"
+PICTURES = ("pdf", "png")
+
+
+def write_study(result: StudyResult) -> list[Path]:
+    """Write every file of a study into its folder.
+
+    Parameters
+    ----------
+    result : StudyResult
+
+    Returns
+    -------
+    list of Path
+        What was written; ``study.parquet`` only where pyarrow is installed.
+    """
+    from biaxbayes.figures.compare import study_figure
+    from biaxbayes.figures.style import figure_bytes
+
+    folder = result.folder
+    written = []
+    tables = {
+        TABLE: result.table,
+        "study-groups": result.groups,
+        "study-contrasts": result.contrasts,
+        "study-distances": result.distances,
+    }
+    for stem, table in tables.items():
+        path = folder / f"{stem}.csv"
+        if table.empty and stem != TABLE:
+            path.unlink(missing_ok=True)
+            continue
+        write_csv(path, table, digits=8)
+        written.append(path)
+    parquet = _parquet(result.table)
+    if parquet is not None:
+        path = folder / f"{TABLE}.parquet"
+        atomic_write_bytes(path, parquet)
+        written.append(path)
+    some = np.isfinite(result.table["q50"].astype(float)).any()
+    figure = study_figure(result.table) if some else None
+    for suffix in PICTURES:
+        path = folder / f"{FIGURE}.{suffix}"
+        if figure is None:
+            path.unlink(missing_ok=True)
+        else:
+            atomic_write_bytes(path, figure_bytes(figure, suffix))
+            written.append(path)
+    page = folder / PAGE
+    atomic_write_text(page, study_page(result))
+    return [*written, page]
+
+
+def _parquet(table: pd.DataFrame) -> bytes | None:
+    """The table with typed columns, where pyarrow is there to write it."""
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        return None
+    typed = table.convert_dtypes()
+    buffer = io.BytesIO()
+    typed.to_parquet(buffer, engine="pyarrow", index=False)
+    return buffer.getvalue()
