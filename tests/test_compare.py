@@ -10,7 +10,8 @@ import pytest
 from scipy.stats import ks_2samp, mannwhitneyu, norm
 
 from biaxbayes.cli import main
-from biaxbayes.comparison.compare import Member, compare, differing_settings, distance, labels_of
+from biaxbayes.comparison.compare import Member, compare, differing_settings, labels_of
+from biaxbayes.comparison.distance import distance
 from biaxbayes.errors import InputError
 from biaxbayes.figures.compare import forest_figure, matrix_figure
 from biaxbayes.identifiability.determined import derived_quantities

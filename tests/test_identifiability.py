@@ -17,12 +17,7 @@ from biaxbayes.figures.run.identifiability import VERDICT_COLOURS, identifiabili
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import identify, identify_draws
-from biaxbayes.identifiability.marginals import (
-    Scale,
-    count_modes,
-    density,
-    find_edges,
-)
+from biaxbayes.identifiability.marginals import Scale, count_modes, density, find_edges
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.identifiability.sloppiness import find_partners, sloppiness
 from biaxbayes.identifiability.verdict import (

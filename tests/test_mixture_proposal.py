@@ -7,11 +7,7 @@ from scipy.stats import norm
 from analytic_targets import TARGETS, Target, largest_departures, limit, one_step
 from biaxbayes.sampling.adaptation import add_components
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
-from biaxbayes.sampling.proposal import (
-    MixtureProposal,
-    first_proposal,
-    fit_mixture_proposal,
-)
+from biaxbayes.sampling.proposal import MixtureProposal, first_proposal, fit_mixture_proposal
 from biaxbayes.sampling.target import bounds_array
 
 

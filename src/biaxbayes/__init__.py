@@ -25,7 +25,7 @@ _EXPORTS = {
     "check_specimen": "biaxbayes.specimens.check",
     "check": "biaxbayes.jobs.specimen_files",
     "convert": "biaxbayes.jobs.specimen_files",
-    "simulate": "biaxbayes.jobs.specimen_files",
+    "simulate": "biaxbayes.jobs.simulate",
     "Choice": "biaxbayes.machines.conversion",
     "virtual_specimen": "biaxbayes.specimens.virtual_specimen",
     "Dimensions": "biaxbayes.specimens.virtual_specimen",

@@ -14,13 +14,7 @@ from biaxbayes.calibration.ranks import calibration_table, verdict
 from studies.page import put, table
 from studies.population.calibration import GROUPS, RANKED_DRAWS
 from studies.population.records import kept
-from studies.population.virtual import (
-    CENTRES,
-    PARAMETERS,
-    SD_DONORS,
-    SD_SPECIMENS,
-    on_scale,
-)
+from studies.population.virtual import CENTRES, PARAMETERS, SD_DONORS, SD_SPECIMENS, on_scale
 
 __all__ = ["TABLES", "write_tables"]
 

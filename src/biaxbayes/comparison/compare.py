@@ -1,8 +1,5 @@
 """Several runs side by side: what each determines, and how far apart they are.
 
-A quantity that follows from the parameters has no prior of its own; its prior is what the
-parameters' priors make of it.
-
 A difference in a parameter that one of the runs does not determine is no difference between
 tissues: the same curves could have been described by other values of it. The stresses, the
 stiffness and the structure tensor are compared as well, and each is judged by how much the data
@@ -19,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from biaxbayes.comparison.distance import contractions, distance, prior_material
 from biaxbayes.errors import InputError
 from biaxbayes.identifiability.determined import (
     STRESS,
@@ -39,84 +37,11 @@ __all__ = [
     "DISJOINT",
     "WARNING",
     "Comparison",
-    "Distance",
     "Member",
     "compare",
-    "contractions",
     "differing_settings",
-    "distance",
     "labels_of",
-    "prior_material",
-    "spread",
 ]
-
-
-# --- how far two posteriors of one quantity lie apart --------------------------------------------
-
-
-@dataclass(frozen=True)
-class Distance:
-    """Difference of a quantity between two posteriors whose draws are independent.
-
-    Attributes
-    ----------
-    low, median, high : float
-        90 % interval and median of b - a.
-    standardised : float
-        (mean b - mean a) / sqrt(var a + var b).
-    probability_greater : float
-        Probability that b is larger than a.
-    kolmogorov : float
-        Largest difference of the two cumulative distributions: 0 where they are the same, 1
-        where they do not overlap. It does not depend on the scale of the quantity.
-    """
-
-    low: float
-    median: float
-    high: float
-    standardised: float
-    probability_greater: float
-    kolmogorov: float
-
-
-def distance(a: np.ndarray, b: np.ndarray, *, seed: int = 0) -> Distance:
-    """Compare draws of one quantity.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (n,), (m,)
-        Finite draws of two runs.
-    seed : int
-        For the random pairing behind the interval of the difference.
-
-    Returns
-    -------
-    Distance
-    """
-    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    rng = np.random.default_rng(seed)
-    n = max(a.size, b.size)
-    difference = np.resize(rng.permutation(b), n) - np.resize(rng.permutation(a), n)
-    low, median, high = np.quantile(difference, [0.05, 0.5, 0.95])
-    spread = float(np.sqrt(a.var() + b.var()))
-    apart = float(b.mean() - a.mean())
-    if spread > 0.0:
-        standardised = apart / spread
-    else:
-        standardised = float(np.copysign(np.inf, apart)) if apart else 0.0
-    ordered_a, ordered_b = np.sort(a), np.sort(b)
-    # P(b > a) + P(b = a) / 2 over all pairs
-    below = np.searchsorted(ordered_a, b, "left") + np.searchsorted(ordered_a, b, "right")
-    pooled = np.concatenate([ordered_a, ordered_b])
-    cumulative = [np.searchsorted(s, pooled, "right") / s.size for s in (ordered_a, ordered_b)]
-    return Distance(
-        float(low),
-        float(median),
-        float(high),
-        standardised,
-        float(0.5 * below.mean() / a.size),
-        float(np.abs(cumulative[0] - cumulative[1]).max()),
-    )
 
 
 # --- whether runs can be compared at all: what else than the tissue differs between them ---------
@@ -188,62 +113,6 @@ def _same_specimens(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
                     "of the settings, and their draws are not independent evidence"
                 )
     return notes
-
-
-# --- materials drawn from the priors of a run, and how much less its posterior spreads -----------
-
-
-PRIOR_DRAWS = 4096
-
-
-def prior_material(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
-    """Materials drawn from the priors of a run.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    draws : DataFrame
-        Its draws, for the names.
-    """
-    rng = np.random.default_rng(0)
-    level = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
-    columns: dict[str, np.ndarray] = {}
-    scales = judged_scales(posterior.priors, posterior.quantities, draws)
-    for scale in scales:
-        if scale.parameter.kind == MATERIAL and isinstance(scale.prior, Prior):
-            columns[scale.name] = scale.prior.ppf(rng.permutation(level))
-        elif scale.parameter.kind == MATERIAL and isinstance(scale.prior, int | float):
-            columns[scale.name] = np.full(PRIOR_DRAWS, float(scale.prior))
-    for scale in scales:
-        if isinstance(scale.prior, Tie) and scale.parameter.kind == MATERIAL:
-            columns[scale.name] = scale.prior.factor * columns[scale.prior.other]
-    return pd.DataFrame(columns)
-
-
-def spread(quantity: Derived) -> float:
-    """Half the width of the middle 68 %: of the logarithm, where the quantity has a unit."""
-    values = quantity.values
-    with np.errstate(divide="ignore", invalid="ignore"):
-        moved = np.log(values) if quantity.unit else values
-    moved = moved[np.isfinite(moved)]
-    if not moved.size:
-        return np.inf
-    low, high = np.quantile(moved, [0.1587, 0.8413])
-    return max(0.5 * float(high - low), 1e-12)
-
-
-def contractions(prior: Sequence[Derived], posterior: Sequence[Derived]) -> list[float]:
-    """Share by which the data shrink the variance of each quantity.
-
-    Parameters
-    ----------
-    prior, posterior : sequence of Derived
-        The same quantities of draws from both.
-    """
-    return [
-        1.0 - (spread(after) / spread(before)) ** 2
-        for before, after in zip(prior, posterior, strict=True)
-    ]
 
 
 # --- several runs side by side: what each determines, and how far apart they are -----------------

@@ -13,14 +13,7 @@ import numpy as np
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.comparison.law_comparison import (
-    WHOLE,
-    Part,
-    Prediction,
-    Task,
-    parts_of,
-    sample_part,
-)
+from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, Task, parts_of, sample_part
 from biaxbayes.comparison.law_weights import LawComparison, judged_laws
 from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError, Interrupted, RunError
@@ -251,11 +244,7 @@ def write_laws(compared: LawComparison, specimen: Specimen, folder: Path) -> Non
     specimen : Specimen
     folder : path
     """
-    from biaxbayes.figures.laws import (
-        law_bands_figure,
-        law_misfit_figure,
-        law_mounting_figure,
-    )
+    from biaxbayes.figures.laws import law_bands_figure, law_misfit_figure, law_mounting_figure
     from biaxbayes.figures.style import save_figure
     from biaxbayes.reports.comparison import laws_page
 

@@ -1,9 +1,9 @@
-"""What the verbs are given, opened and checked; and folders to write into."""
+"""What the verbs are given, opened and checked; and files and folders to write into."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -20,18 +20,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from biaxbayes.runs.run import Run
+    from biaxbayes.sampling.sampler import Progress
 
 __all__ = [
     "PathLike",
     "RunLike",
     "SpecimenLike",
+    "Stop",
+    "Tell",
+    "check_new",
     "draw_figure",
     "is_run",
     "made_folder",
+    "never",
     "opened_run",
     "opened_specimen",
+    "opened_style",
     "readable_specimen",
     "refuse_model",
+    "silent",
     "usable_run",
     "write_table",
 ]
@@ -39,6 +46,18 @@ __all__ = [
 PathLike = str | Path
 RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
+
+Tell = Callable[["Progress"], None]
+Stop = Callable[[], int]
+
+
+def silent(progress: Progress) -> None:
+    """Where nobody watches."""
+
+
+def never() -> int:
+    """Where nobody stops anything."""
+    return 0
 
 
 def opened_specimen(
@@ -203,4 +222,21 @@ def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
         raise InputError(
             f"--{names[0][:60].replace('_', '-')} does not go with a run, which has its own",
             remedy="give the specimen's CSV instead",
+        )
+
+
+def opened_style(style: Any) -> dict[str, Any] | None:
+    """A matplotlib style, or the file to read it from."""
+    from biaxbayes.figures.style import read_style
+
+    return read_style(style) if isinstance(style, str | Path) else style
+
+
+def check_new(path: Path, overwrite: bool) -> None:
+    """Refuse to replace a file of the user's unasked."""
+    if path.is_dir():
+        raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
+    if path.exists() and not overwrite:
+        raise InputError(
+            "exists already", file=path, remedy="choose another name, or add --overwrite"
         )

@@ -1,8 +1,7 @@
-"""The verbs for what a user takes away from a run: predictions, figures, report and cards."""
+"""The verbs for what a user takes away from a run: predictions, report and cards."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,15 +14,13 @@ from biaxbayes.jobs.opening import (
     RunLike,
     made_folder,
     opened_run,
+    opened_style,
     usable_run,
     write_table,
 )
 from biaxbayes.options import (
     CARD_PROGRAMS,
     DRAW_AT,
-    PICTURES,
-    PLOT_TAKES,
-    PLOTS,
     REFERENCES,
     REPORTS,
     STRESSES,
@@ -41,15 +38,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "WITHOUT_JUDGEMENT",
     "cards_folder",
     "check_cards",
-    "check_figure",
     "export",
     "inflate",
-    "picture",
-    "picture_name",
-    "plot",
     "predict",
     "report",
     "report_text",
@@ -58,13 +50,6 @@ __all__ = [
 
 NEW_SPECIMENS = 20
 """Cards of new specimens where no number is asked for."""
-
-
-def _style(style: Any) -> dict[str, Any] | None:
-    """A matplotlib style, or the file to read it from."""
-    from biaxbayes.figures.style import read_style
-
-    return read_style(style) if isinstance(style, str | Path) else style
 
 
 @documented(PredictionOptions, FigureOptions, without=("seed",))
@@ -110,7 +95,7 @@ def predict(
 
     how, rest = PredictionOptions.taken(options)
     drawn = FigureOptions.of(rest)
-    style = _style(drawn.style)
+    style = opened_style(drawn.style)
     if (path is None) == (stretch is None):
         raise InputError("give either a path or the largest stretch of one")
     if path is not None and ratio is not None:
@@ -232,7 +217,7 @@ def inflate(
 
     how, rest = PredictionOptions.taken(options)
     drawn = FigureOptions.of(rest)
-    style = _style(drawn.style)
+    style = opened_style(drawn.style)
     if pressure_kPa is not None and circumferential_stretch is not None:
         raise InputError(
             "--pressure and --circumferential-stretch exclude each other",
@@ -257,129 +242,6 @@ def inflate(
         )
         _predicted(made_folder(out) / "inflation", table, figure, drawn.suffix, style)
     return table
-
-
-def plot(
-    run: RunLike,
-    figure: str = "corner",
-    *,
-    out: PathLike | None = None,
-    suffix: str | None = None,
-    style: Any = None,
-    truth: Any = None,
-    compare: Any = None,
-    parameters: Sequence[str] = (),
-    anyway: bool = True,
-    **how: Any,
-) -> Figure:
-    """A figure of a run, in the style of a paper.
-
-    Parameters
-    ----------
-    run : Run or path-like
-    figure : {"corner", "bands", "identifiability", "mounting", "trace", "profile"}
-    out : path-like, optional
-        File to write; see :func:`picture`. Not one of the run's own figures.
-    suffix : {"pdf", "svg", "png"}, optional
-        Kind of file; default that of ``out``, else pdf.
-    style : mapping or path-like, optional
-        Of matplotlib, or the file to read it from.
-    truth : mapping or path-like, optional
-        Known values to draw, or the JSON to read them from: corner, bands and mounting.
-    compare : Run, path-like or DataFrame, optional
-        Another run, or its draws, to draw over this one: corner.
-    parameters : sequence of str
-        What to show: profile and trace.
-    anyway : bool
-        Take draws that the run itself calls unusable.
-    **how
-        ``width_mm`` and what the figure takes; see :func:`~biaxbayes.jobs.run_figure`.
-    """
-    from biaxbayes.figures.style import save_figure
-    from biaxbayes.jobs.run_figure import read_truth, run_figure
-
-    check_figure(figure, truth=truth, compare=compare, parameters=parameters)
-    target = None if out is None else picture(out, suffix)
-    how["style"] = _style(style)
-    opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
-    if target is not None:
-        _refuse_own(opened, target)
-    if parameters:
-        key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
-        how[key] = tuple(dict.fromkeys(parameters))
-    if truth is not None:
-        known = isinstance(truth, str | Path)
-        how["truth"] = read_truth(truth, opened.specimen.name) if known else truth
-    if isinstance(compare, pd.DataFrame):
-        how["compare"] = compare
-    elif compare is not None:
-        other = opened_run(compare) if anyway else usable_run(compare)
-        how |= {"compare": other.draws, "names": _told_apart(opened, other)}
-    drawn = run_figure(opened, figure, **how)
-    if target is not None:
-        save_figure(drawn, target, how["style"])
-    return drawn
-
-
-WITHOUT_JUDGEMENT = ("trace", "profile")
-"""Traces are there to see why a run has not converged; a profile rests on no draws."""
-
-
-def check_figure(figure: str, **given: Any) -> None:
-    """Refuse what a figure does not take: truth, compare or parameters."""
-    for name, figures in PLOT_TAKES.items():
-        taken = given.get(name)
-        none = taken is None or (name == "parameters" and not taken)
-        if not none and figure not in figures:
-            raise InputError(
-                f"--{name.removesuffix('s')} does not go with --figure {figure}",
-                remedy=f"it goes with {' and '.join(figures)}",
-            )
-
-
-def picture(out: PathLike, suffix: str | None = None) -> Path:
-    """The file of a figure: ``out`` with the ending of its format."""
-    path = Path(out)
-    ending = path.suffix.lower().removeprefix(".")
-    if ending not in PICTURES:
-        return path.with_name(f"{path.name}.{suffix or PICTURES[0]}")
-    if suffix not in (None, ending):
-        raise InputError(
-            f"--format {suffix} does not go with the file name {path.name!r}",
-            remedy="leave one of them out",
-        )
-    return path
-
-
-def picture_name(
-    figure: str,
-    width_mm: float,
-    *,
-    compare: Path | None = None,
-    parameters: Sequence[str] = (),
-    suffix: str | None = None,
-) -> str:
-    """Name of a figure that is asked for, which no figure of the run itself has."""
-    told = [PLOTS[figure], *dict.fromkeys(parameters)]
-    told += [] if compare is None else ["with", compare.resolve().name]
-    name = "-".join([*told, f"{width_mm:g}mm"])
-    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
-    return f"{safe[:120]}.{suffix or PICTURES[0]}"
-
-
-def _refuse_own(run: Run, target: Path) -> None:
-    """Refuse to draw another figure in place of one that belongs to the run's own files."""
-    files = run.provenance.get("files") or {}
-    if target.name in files and target.resolve().parent == run.path.resolve():
-        raise InputError(
-            "is a figure of the run itself", file=target, remedy="choose another name with --out"
-        )
-
-
-def _told_apart(run: Run, other: Run) -> tuple[str, str]:
-    """What tells two runs apart: the specimen, or else the folder."""
-    names = run.specimen.name, other.specimen.name
-    return names if names[0] != names[1] else (run.path.name, other.path.name)
 
 
 def report_text(run: RunLike, kind: str = "html") -> str:

@@ -17,13 +17,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.executors.executor import Beside
 from biaxbayes.figures.style import figure_bytes, own_garbage
 from biaxbayes.identifiability.determined import determined, mounting_stated
-from biaxbayes.identifiability.held_edges import (
-    EDGES,
-    HeldEdge,
-    held_edges,
-    held_from,
-    held_table,
-)
+from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_edges, held_from, held_table
 from biaxbayes.identifiability.identify import (
     Identifiability,
     ParameterVerdict,
@@ -31,10 +25,7 @@ from biaxbayes.identifiability.identify import (
     identify_draws,
 )
 from biaxbayes.identifiability.law_range import LAW_FITS, LawRange, law_range
-from biaxbayes.identifiability.marginals import (
-    BOUND_TAIL,
-    PRIOR_TAIL,
-)
+from biaxbayes.identifiability.marginals import BOUND_TAIL, PRIOR_TAIL
 from biaxbayes.identifiability.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
 from biaxbayes.model.posterior import Posterior

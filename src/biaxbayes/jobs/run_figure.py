@@ -1,22 +1,19 @@
-"""The figures of a run, by name, and the known values drawn beside them."""
+"""The verb that draws a figure of a run: figures by name, and known values beside them."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
 from biaxbayes.errors import InputError
-from biaxbayes.figures.run.bands import bands_figure
-from biaxbayes.figures.run.corner import corner_figure
-from biaxbayes.figures.run.identifiability import identifiability_figure
-from biaxbayes.figures.run.mounting import mounting_figure
-from biaxbayes.figures.run.profile import profile_figure
-from biaxbayes.figures.run.trace import trace_figure
-from biaxbayes.identifiability.identify import identify
-from biaxbayes.identifiability.profile import profiles
+from biaxbayes.jobs.opening import PathLike, RunLike, opened_run, opened_style, usable_run
 from biaxbayes.laws import all_parameters
+from biaxbayes.options import PICTURES, PLOT_TAKES, PLOTS
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
 from biaxbayes.text_files import read_text
@@ -24,7 +21,15 @@ from biaxbayes.text_files import read_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["read_truth", "run_figure"]
+__all__ = [
+    "WITHOUT_JUDGEMENT",
+    "check_figure",
+    "picture",
+    "picture_name",
+    "plot",
+    "read_truth",
+    "run_figure",
+]
 
 
 # --- known values of a virtual specimen, read to be drawn beside what was inferred ---------------
@@ -112,28 +117,42 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
 
 
 def _corner(run: Run, how: dict[str, Any]) -> Figure:
+    from biaxbayes.figures.run.corner import corner_figure
+
     return corner_figure(run.draws, known=run.quantities, **how)
 
 
 def _bands(run: Run, how: dict[str, Any]) -> Figure:
+    from biaxbayes.figures.run.bands import bands_figure
+
     return bands_figure(run.specimen, run.draws, settings=run.posterior().settings, **how)
 
 
 def _mounting(run: Run, how: dict[str, Any]) -> Figure:
+    from biaxbayes.figures.run.mounting import mounting_figure
+
     return mounting_figure(run.specimen, run.draws, **how)
 
 
 def _trace(run: Run, how: dict[str, Any]) -> Figure:
+    from biaxbayes.figures.run.trace import trace_figure
+
     summary = run.summary
     rhat = dict(zip(summary["parameter"], summary["rhat"], strict=True))
     return trace_figure(run.chains, unit=run.specimen.unit, rhat=rhat, known=run.quantities, **how)
 
 
 def _identifiability(run: Run, how: dict[str, Any]) -> Figure:
+    from biaxbayes.figures.run.identifiability import identifiability_figure
+    from biaxbayes.identifiability.identify import identify
+
     return identifiability_figure(identify(run), **how)
 
 
 def _profile(run: Run, how: dict[str, Any]) -> Figure:
+    from biaxbayes.figures.run.profile import profile_figure
+    from biaxbayes.identifiability.profile import profiles
+
     posterior = run.posterior()
     names = how.pop("names", None) or [n for n in posterior.law.names if n in posterior.free]
     if how["width_mm"] < 120.0 and len(names) > MOST_IN_COLUMN:
@@ -152,3 +171,128 @@ _FIGURES = {
     "trace": _trace,
     "profile": _profile,
 }
+
+
+# --- a figure that is asked for ------------------------------------------------------------------
+
+
+def plot(
+    run: RunLike,
+    figure: str = "corner",
+    *,
+    out: PathLike | None = None,
+    suffix: str | None = None,
+    style: Any = None,
+    truth: Any = None,
+    compare: Any = None,
+    parameters: Sequence[str] = (),
+    anyway: bool = True,
+    **how: Any,
+) -> Figure:
+    """A figure of a run, in the style of a paper.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    figure : {"corner", "bands", "identifiability", "mounting", "trace", "profile"}
+    out : path-like, optional
+        File to write; see :func:`picture`. Not one of the run's own figures.
+    suffix : {"pdf", "svg", "png"}, optional
+        Kind of file; default that of ``out``, else pdf.
+    style : mapping or path-like, optional
+        Of matplotlib, or the file to read it from.
+    truth : mapping or path-like, optional
+        Known values to draw, or the JSON to read them from: corner, bands and mounting.
+    compare : Run, path-like or DataFrame, optional
+        Another run, or its draws, to draw over this one: corner.
+    parameters : sequence of str
+        What to show: profile and trace.
+    anyway : bool
+        Take draws that the run itself calls unusable.
+    **how
+        ``width_mm`` and what the figure takes; see :func:`run_figure`.
+    """
+    from biaxbayes.figures.style import save_figure
+
+    check_figure(figure, truth=truth, compare=compare, parameters=parameters)
+    target = None if out is None else picture(out, suffix)
+    how["style"] = opened_style(style)
+    opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
+    if target is not None:
+        _refuse_own(opened, target)
+    if parameters:
+        key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
+        how[key] = tuple(dict.fromkeys(parameters))
+    if truth is not None:
+        known = isinstance(truth, str | Path)
+        how["truth"] = read_truth(truth, opened.specimen.name) if known else truth
+    if isinstance(compare, pd.DataFrame):
+        how["compare"] = compare
+    elif compare is not None:
+        other = opened_run(compare) if anyway else usable_run(compare)
+        how |= {"compare": other.draws, "names": _told_apart(opened, other)}
+    drawn = run_figure(opened, figure, **how)
+    if target is not None:
+        save_figure(drawn, target, how["style"])
+    return drawn
+
+
+WITHOUT_JUDGEMENT = ("trace", "profile")
+"""Traces are there to see why a run has not converged; a profile rests on no draws."""
+
+
+def check_figure(figure: str, **given: Any) -> None:
+    """Refuse what a figure does not take: truth, compare or parameters."""
+    for name, figures in PLOT_TAKES.items():
+        taken = given.get(name)
+        none = taken is None or (name == "parameters" and not taken)
+        if not none and figure not in figures:
+            raise InputError(
+                f"--{name.removesuffix('s')} does not go with --figure {figure}",
+                remedy=f"it goes with {' and '.join(figures)}",
+            )
+
+
+def picture(out: PathLike, suffix: str | None = None) -> Path:
+    """The file of a figure: ``out`` with the ending of its format."""
+    path = Path(out)
+    ending = path.suffix.lower().removeprefix(".")
+    if ending not in PICTURES:
+        return path.with_name(f"{path.name}.{suffix or PICTURES[0]}")
+    if suffix not in (None, ending):
+        raise InputError(
+            f"--format {suffix} does not go with the file name {path.name!r}",
+            remedy="leave one of them out",
+        )
+    return path
+
+
+def picture_name(
+    figure: str,
+    width_mm: float,
+    *,
+    compare: Path | None = None,
+    parameters: Sequence[str] = (),
+    suffix: str | None = None,
+) -> str:
+    """Name of a figure that is asked for, which no figure of the run itself has."""
+    told = [PLOTS[figure], *dict.fromkeys(parameters)]
+    told += [] if compare is None else ["with", compare.resolve().name]
+    name = "-".join([*told, f"{width_mm:g}mm"])
+    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+    return f"{safe[:120]}.{suffix or PICTURES[0]}"
+
+
+def _refuse_own(run: Run, target: Path) -> None:
+    """Refuse to draw another figure in place of one that belongs to the run's own files."""
+    files = run.provenance.get("files") or {}
+    if target.name in files and target.resolve().parent == run.path.resolve():
+        raise InputError(
+            "is a figure of the run itself", file=target, remedy="choose another name with --out"
+        )
+
+
+def _told_apart(run: Run, other: Run) -> tuple[str, str]:
+    """What tells two runs apart: the specimen, or else the folder."""
+    names = run.specimen.name, other.specimen.name
+    return names if names[0] != names[1] else (run.path.name, other.path.name)

@@ -8,13 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.conversion import (
-    Choice,
-    Recording,
-    chosen_number,
-    cycle_label,
-    gauge_note,
-)
+from biaxbayes.machines.conversion import Choice, Recording, chosen_number, cycle_label, gauge_note
 from biaxbayes.machines.raw_table import RawTable, Unit
 from biaxbayes.specimens.specimen import rest_rows
 

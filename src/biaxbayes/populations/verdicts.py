@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.comparison.compare import contractions
+from biaxbayes.comparison.distance import contractions
 from biaxbayes.identifiability.determined import NORMAL_90, Derived, derived_quantities
 from biaxbayes.identifiability.evidence import evidence_of_draws
 from biaxbayes.identifiability.identify import ParameterVerdict, identify_draws, judged

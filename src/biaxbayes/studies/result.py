@@ -19,7 +19,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.calibration.simulated_specimen import prior_value
-from biaxbayes.comparison.compare import contractions, prior_material
+from biaxbayes.comparison.distance import contractions, prior_material
 from biaxbayes.csv_tables import read_csv
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.identifiability.determined import derived_quantities, some_draws
