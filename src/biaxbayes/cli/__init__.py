@@ -42,10 +42,9 @@ VERBS = {
 
 MODULES = {
     "runs": ("sample", "batch", "fit", "calibrate"),
-    "populations": ("population",),
     "specimens": ("check", "convert", "simulate"),
-    "findings": ("identify", "profile", "compare", "design", "ledger"),
-    "laws": ("laws",),
+    "findings": ("identify", "profile", "design", "ledger"),
+    "comparisons": ("compare", "laws", "population"),
     "outputs": ("predict", "plot", "report", "export"),
 }
 """Which module of this package has the command of a verb, by the verb's name."""

@@ -1,4 +1,4 @@
-"""``biaxbayes identify``, ``profile``, ``compare``, ``ledger`` and ``design``: what data say."""
+"""``biaxbayes identify``, ``profile``, ``ledger`` and ``design``: what data say."""
 
 from __future__ import annotations
 
@@ -20,22 +20,20 @@ from biaxbayes.cli.options import (
     model_options,
     mounting_force_option,
     options,
-    overwrite_run_option,
     quiet_option,
     read_model_options,
     refuse_given,
 )
-from biaxbayes.cli.progress import graceful_stop, open_usable_run, plain, progress_line
+from biaxbayes.cli.progress import open_usable_run, plain, progress_line
 from biaxbayes.errors import NotConverged
-from biaxbayes.options import DesignOptions, LedgerPlan, ProfileOptions, SamplingPlan
+from biaxbayes.options import DesignOptions, LedgerPlan, ProfileOptions
 
 if TYPE_CHECKING:
-    from biaxbayes.comparison.compare import Comparison
     from biaxbayes.comparison.mounting_bias import Ledger
     from biaxbayes.jobs.products import Identified
     from biaxbayes.optimal_design.design import Design
 
-__all__ = ["compare", "design", "identify", "ledger", "profile"]
+__all__ = ["design", "identify", "ledger", "profile"]
 
 NOT_CONVERGED = NotConverged.exit_code
 
@@ -164,106 +162,6 @@ def profile(
     for one in found:
         click.echo(one.in_words())
     click.echo(f"curves in {folder / 'profile.csv'}, figure {folder / 'profile.pdf'}")
-
-
-# --- compare: several runs side by side ----------------------------------------------------------
-
-
-@click.command("compare")
-@argument("sources", metavar="RUN|CSV...", nargs=-1, required=True)
-@click.option("--labels", metavar="A,B,...", help="Names of the runs, in their order.")
-@file_option(
-    "out",
-    "Folder of the tables, figures and the page.",
-    default=Path("comparison"),
-    show_default=True,
-)
-@options(SamplingPlan, "seed", seed={"help": "For specimens to sample."})
-@model_options
-@options(SamplingPlan, "ess", "workers")
-@click.option(
-    "--anyway",
-    is_flag=True,
-    help="Take runs whose chains have not converged, and records that cannot be loading curves.",
-)
-@overwrite_run_option
-@quiet_option
-def compare(
-    sources: tuple[Path, ...],
-    labels: str | None,
-    out: Path,
-    seed: int,
-    mounting_force: tuple[float, float] | None,
-    ess: float,
-    workers: int | None,
-    anyway: bool,
-    overwrite: bool,
-    quiet: bool,
-    **model: Any,
-) -> int:
-    r"""Compare runs of different layers, specimens or settings.
-
-    Writes the matrix of verdicts, the overlaid posteriors, the forest of intervals, the distances
-    between the runs and a page, compare.html. A specimen CSV is sampled first, with the model
-    options given here, into a run folder inside of --out.
-
-    \b
-    biaxbayes compare intima.run media.run adventitia.run --out layers
-    biaxbayes compare media.run media.csv --fix alpha=41 --labels "free,alpha from histology"
-    """
-    chosen = read_model_options(**model)
-    from biaxbayes import api
-
-    names = None if labels is None else [name.strip() for name in labels.split(",")]
-    api.check_comparison(sources, names)
-    runs = [open_usable_run(s, anyway=anyway) if s.is_dir() else s for s in sources]
-    with progress_line(quiet=quiet) as tell, graceful_stop() as stop:
-        found = api.compare(
-            runs,
-            labels=names,
-            out=out,
-            mounting_force=mounting_force,
-            anyway=anyway,
-            overwrite=overwrite,
-            progress=tell,
-            stop=stop,
-            seed=seed,
-            ess=ess,
-            workers=workers,
-            **chosen,
-        )
-    if not quiet:
-        _tell_compared(found, out)
-    if not found.converged:
-        click.echo("biaxbayes: not every run has converged, see compare.html", err=True)
-    return 0 if found.converged else NOT_CONVERGED
-
-
-def _tell_compared(found: Comparison, out: Path) -> None:
-    from biaxbayes.comparison.compare import WARNING
-
-    for label, verdicts in zip(found.labels, found.verdicts, strict=True):
-        click.echo(f"{label}:")
-        for parameter in verdicts.parameters:
-            share = ""
-            if parameter.evidence is not None:
-                share = f"{min(100.0 * max(parameter.evidence.contraction, 0.0), 99.9):.1f} %"
-            click.echo(f"  {parameter.name:<22}{parameter.verdict:<22}{share:>8}")
-    apart = found.distances[found.distances["determined_in_both"]]
-    click.echo("\ndetermined in both, largest distances (in sd):")
-    for (a, b), rows in apart.groupby(["run_a", "run_b"], sort=False):
-        most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
-        cells = [f"{_name(r)} {r['standardised']:+.1f}" for r in most.to_dict("records")]
-        click.echo(f"  {b} minus {a}: {', '.join(cells)}")
-    for note in found.notes:
-        click.echo(f"note: {note}")
-    click.echo(f"note: {WARNING}")
-    click.echo(f"\n{out / 'compare.html'}")
-
-
-def _name(row: dict[Any, Any]) -> str:
-    at = row["total_stretch"]
-    return str(row["quantity"]) if at != at or at is None else f"{row['quantity']} at {at:.4g}"
 
 
 # --- ledger: what ignoring the mounting stretch costs --------------------------------------------
