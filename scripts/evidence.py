@@ -78,7 +78,7 @@ PAGES = {
     ),
     "robustness": Page(
         "docs/robustness.md",
-        ("runs", "jobs", "specimens", "machines", "studies", "text_files.py", "csv_tables.py"),
+        ("runs", "jobs", "specimens", "machines", "studies", "text_files.py"),
         (
             f"{STUDY} fuzz --write docs/robustness.md",
             f"{STUDY} crashes --calls 24 --write docs/robustness.md",

@@ -20,7 +20,6 @@ from biaxbayes import __version__
 from biaxbayes.cards import abaqus, febio, febio_mixture
 from biaxbayes.cards.card import Card, exportable, safe_label, unit_system
 from biaxbayes.cards.febio_mixture import MIXTURES
-from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws.dispersed_fibres import fibre_strain
 from biaxbayes.laws.goh import GOH
@@ -28,7 +27,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.laws.response import MaterialResponse
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import atomic_write_text, write_csv
 
 __all__ = [
     "AGREEMENT",

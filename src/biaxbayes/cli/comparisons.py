@@ -20,12 +20,7 @@ from biaxbayes.cli.options import (
 )
 from biaxbayes.cli.progress import graceful_stop, open_usable_run, plain, progress_line
 from biaxbayes.errors import NotConverged
-from biaxbayes.options import (
-    LawsPlan,
-    ModelOptions,
-    PopulationOptions,
-    SamplingPlan,
-)
+from biaxbayes.options import LawsPlan, ModelOptions, PopulationOptions, SamplingPlan
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.compare import Comparison

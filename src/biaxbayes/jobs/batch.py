@@ -23,7 +23,6 @@ from typing import Any
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.csv_tables import csv_text
 from biaxbayes.errors import BiaxbayesError, CannotResume, Interrupted, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess, Outcome
 from biaxbayes.jobs.sample import Sampling
@@ -50,7 +49,7 @@ from biaxbayes.studies.result import (
     study_table,
 )
 from biaxbayes.studies.study_file import Study
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import atomic_write_text, csv_text
 
 __all__ = ["Batch", "LayerTask", "SpecimenTask", "compare_layers", "try_specimen"]
 

@@ -22,7 +22,6 @@ from biaxbayes.calibration.simulated_specimen import (
     priors_toml,
     protocol_prior,
 )
-from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.figures.run.trace import rank_figure
@@ -37,7 +36,7 @@ from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Plan, Progress
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import atomic_write_text, write_csv
 
 __all__ = ["CalibrationStudy", "Outcome", "read_ranks", "study_of"]
 

@@ -15,7 +15,6 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, Task, parts_of, sample_part
 from biaxbayes.comparison.law_weights import LawComparison, judged_laws
-from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.executors.executor import Executor
 from biaxbayes.laws import LAWS
@@ -24,7 +23,7 @@ from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Progress
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import atomic_write_text, write_csv
 
 __all__ = ["chosen_laws", "compared_laws", "write_laws"]
 

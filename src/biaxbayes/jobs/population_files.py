@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.jobs.opening import draw_figure
 from biaxbayes.laws.law import Law
@@ -23,7 +22,7 @@ from biaxbayes.populations.result import Population
 from biaxbayes.reports.population import PAGE, population_page
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive
 from biaxbayes.specimens.specimen import Protocol, Specimen
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
 __all__ = [
     "FIGURES",

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from biaxbayes.csv_tables import read_csv, write_csv
 from biaxbayes.errors import InputError
 from biaxbayes.executors.executor import Beside
 from biaxbayes.figures.style import figure_bytes, own_garbage
@@ -31,7 +30,7 @@ from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten
 from biaxbayes.sampling.sampler import Draws
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,7 +8,6 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError
 from biaxbayes.jobs.opening import (
     SpecimenLike,
@@ -20,7 +19,7 @@ from biaxbayes.jobs.opening import (
 from biaxbayes.options import ALL_FITS, FIT_WORDS, FitOptions, documented
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import atomic_write_text, write_csv
 
 if TYPE_CHECKING:
     from biaxbayes.fitting.result import FitResult

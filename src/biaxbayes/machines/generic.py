@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biaxbayes.csv_tables import cells_of
 from biaxbayes.errors import InputError
 from biaxbayes.machines.conversion import (
     Choice,
@@ -21,6 +20,7 @@ from biaxbayes.machines.conversion import (
 )
 from biaxbayes.machines.raw_table import UNITS, RawTable, Unit, stem_of, unit_named
 from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.text_files import cells_of
 
 __all__ = ["TARGETS", "Column", "column_map", "parse_columns", "recordings"]
 

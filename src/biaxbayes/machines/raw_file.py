@@ -14,10 +14,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from biaxbayes.csv_tables import rows_of
 from biaxbayes.errors import InputError
 from biaxbayes.machines.raw_table import SAMPLE, RawTable, assembled_table, is_numeric
-from biaxbayes.text_files import SIGNATURES, read_bytes
+from biaxbayes.text_files import SIGNATURES, read_bytes, rows_of
 
 __all__ = ["ALL_SHEETS", "read_raw_tables"]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from biaxbayes.csv_tables import DECIMAL_COMMA, bad_cell, number_in, one_line
 from biaxbayes.errors import InputError
+from biaxbayes.text_files import DECIMAL_COMMA, bad_cell, number_in, one_line
 
 __all__ = [
     "SAMPLE",

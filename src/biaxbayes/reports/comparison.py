@@ -11,7 +11,6 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
-from biaxbayes.csv_tables import write_csv
 from biaxbayes.errors import InputError
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.stated import MEASURED, Stated, cure
@@ -19,7 +18,7 @@ from biaxbayes.parameters import Quantities
 from biaxbayes.reports.page import embedded, page_template
 from biaxbayes.reports.study_page import named, unit_text
 from biaxbayes.reports.words import chosen_terms
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

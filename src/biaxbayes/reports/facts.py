@@ -8,7 +8,6 @@ from typing import Any
 
 import pandas as pd
 
-from biaxbayes.csv_tables import read_csv
 from biaxbayes.errors import InputError
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_from
 from biaxbayes.identifiability.law_range import LAW_FITS
@@ -21,6 +20,7 @@ from biaxbayes.reports.words import cut
 from biaxbayes.runs.provenance import parse_options
 from biaxbayes.runs.run import Run
 from biaxbayes.specimens.findings import Finding
+from biaxbayes.text_files import read_csv
 
 __all__ = [
     "HeldRow",

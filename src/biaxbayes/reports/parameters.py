@@ -10,13 +10,13 @@ from typing import Any
 
 import pandas as pd
 
-from biaxbayes.csv_tables import read_csv
 from biaxbayes.figures.labels import number
 from biaxbayes.identifiability.determined import MEASURED, determined, mounting_stated
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.parameters import MATERIAL, STRETCH, Quantity
 from biaxbayes.reports.words import cut
 from biaxbayes.runs.run import Run
+from biaxbayes.text_files import read_csv
 
 __all__ = [
     "PRIOR_NUMBERS",

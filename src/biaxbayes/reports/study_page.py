@@ -12,7 +12,6 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING
-from biaxbayes.csv_tables import write_csv
 from biaxbayes.figures.labels import number
 from biaxbayes.identifiability.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
@@ -22,7 +21,7 @@ from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.reports.words import chosen_terms, cut, derived_words
 from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
 __all__ = ["FIGURE", "KNOWN_QUANTITIES", "named", "study_page", "unit_text", "write_study"]
 

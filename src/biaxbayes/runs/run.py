@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.csv_tables import read_csv, write_csv
 from biaxbayes.errors import RunError
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
@@ -32,6 +31,7 @@ from biaxbayes.runs.provenance import parse_options, stored_law
 from biaxbayes.sampling.convergence import Convergence
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.text_files import read_csv, write_csv
 
 if TYPE_CHECKING:
     from biaxbayes.identifiability.stated import Stated

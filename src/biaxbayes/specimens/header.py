@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from biaxbayes.csv_tables import cells_of, number_in, one_line
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.plausibility import NUMBER_RANGES, STRETCH_RANGE
+from biaxbayes.text_files import cells_of, number_in, one_line
 
 __all__ = [
     "KNOWN_KEYS",

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from biaxbayes.csv_tables import one_line, rows_text
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.header import METADATA_KEYS, Header, measured_stretch, read_header
 from biaxbayes.specimens.plausibility import STRESS_LIMIT_KPA, check_load, check_stretch, check_time
@@ -20,7 +19,7 @@ from biaxbayes.specimens.specimen import (
     rest_rows,
 )
 from biaxbayes.specimens.table import STRETCHES, Table, read_table
-from biaxbayes.text_files import atomic_write_text, read_lines
+from biaxbayes.text_files import atomic_write_text, one_line, read_lines, rows_text
 
 __all__ = [
     "STRESS_LIMIT_KPA",

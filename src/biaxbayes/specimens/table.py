@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from biaxbayes.csv_tables import bad_cell, cells_of, number_in, one_line, rows_of
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.plausibility import STRETCH_RANGE, STRETCH_REMEDY
 from biaxbayes.specimens.specimen import STRESS_PAIRS
-from biaxbayes.text_files import read_lines
+from biaxbayes.text_files import bad_cell, cells_of, number_in, one_line, read_lines, rows_of
 
 __all__ = [
     "KNOWN_COLUMNS",

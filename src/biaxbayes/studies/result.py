@@ -20,7 +20,6 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.calibration.simulated_specimen import prior_value
 from biaxbayes.comparison.distance import contractions, prior_material
-from biaxbayes.csv_tables import read_csv
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.identifiability.determined import derived_quantities, some_draws
 from biaxbayes.identifiability.verdict import Thresholds
@@ -32,6 +31,7 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.studies.groups import DETERMINED, group_summaries, layer_contrasts
 from biaxbayes.studies.study_file import Study, StudySpecimen
+from biaxbayes.text_files import read_csv
 
 __all__ = [
     "COLUMNS",
