@@ -17,6 +17,7 @@ import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.published import MATERIALS, PublishedMaterial
@@ -51,36 +52,38 @@ def table6_specimen(
 ) -> tuple[Specimen, Truth]:
     """The shipped specimen of this name, with any seed, of this or another material."""
     published = published or MATERIALS[name]
-    assert published.thickness_mm is not None
     return virtual_specimen(
         published.material,
         name=name,
-        mounting_stretch=published.mounting_stretch,
-        measured_stretch=published.measured_stretch,
-        increments=INCREMENTS,
-        dimensions=Dimensions(EDGE_MM, EDGE_MM, published.thickness_mm),
         machine=Machine(noise_N=NOISE_N, misfit=misfit),
         seed=seed,
         labels={"layer": LAYERS[name], **AXES},
-        source=published.source,
+        **conditions(published),
     )
+
+
+def conditions(published: PublishedMaterial) -> dict[str, Any]:
+    """The test of Table 2 that a published material was determined from."""
+    assert published.thickness_mm is not None
+    return {
+        "mounting_stretch": published.mounting_stretch,
+        "measured_stretch": published.measured_stretch,
+        "increments": INCREMENTS,
+        "dimensions": Dimensions(EDGE_MM, EDGE_MM, published.thickness_mm),
+        "source": published.source,
+    }
 
 
 def hooked_media(name: str, seed: int) -> tuple[Specimen, Truth]:
     """The media of donor 2 as above, but on hooks."""
     published = MATERIALS["donor2-media"]
-    assert published.thickness_mm is not None
     return hooked_specimen(
         published.material,
         name=name,
-        mounting_stretch=published.mounting_stretch,
-        measured_stretch=published.measured_stretch,
-        increments=INCREMENTS,
-        dimensions=Dimensions(EDGE_MM, EDGE_MM, published.thickness_mm),
         machine=Machine(noise_N=NOISE_N),
         seed=seed,
         labels={"layer": "media", **AXES},
-        source=published.source,
+        **conditions(published),
     )
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
 import shutil
 import subprocess
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +80,16 @@ class Page:
         while not self.seen("Page.loadEventFired", first):
             self.events.append(self._next(60.0))
 
+    def resize(self, width: int, height: int = 800) -> None:
+        """Show as much as a screen of this size does, in CSS pixels; narrow ones are phones."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=width < 600,
+        )
+
     def seen(self, method: str, first: int = 0) -> list[dict[str, Any]]:
         """Parameters of the events of a kind."""
         return [e["params"] for e in self.events[first:] if e.get("method") == method]
@@ -113,3 +125,16 @@ class Page:
             self._buffer += more
         message, _, self._buffer = self._buffer.partition(b"\0")
         return json.loads(message)
+
+
+@contextlib.contextmanager
+def shown(path: Path, profile: Path) -> Iterator[Page]:
+    """A file in a browser of its own, whose profile is removed in the end."""
+    page = Page(profile)
+    try:
+        page.open(path)
+        yield page
+    finally:
+        page.close()
+        # Chromium may leave files behind while it ends; the profile is removed at leisure.
+        shutil.rmtree(profile, ignore_errors=True)

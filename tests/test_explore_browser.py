@@ -37,13 +37,7 @@ CHOSEN = "[...explore.shown.weights]"
 def opened(run, folder: Path):
     """The page of a run in a browser, ready."""
     shown = browser.Page(folder)
-    shown.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=1280,
-        height=1400,
-        deviceScaleFactor=1,
-        mobile=False,
-    )
+    shown.resize(1280, 1400)
     shown.open(run.path / "explore.html")
     shown.evaluate("opened.then(() => 1)")
     return shown
@@ -408,8 +402,7 @@ def swipe(page, across: float, down: float) -> None:
 
 
 def test_a_finger_brushes_sideways_and_scrolls_up_and_down(hostile):
-    size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
-    hostile.call("Emulation.setDeviceMetricsOverride", **size)
+    hostile.resize(390, 844)
     hostile.call("Emulation.setTouchEmulationEnabled", enabled=True)
     time.sleep(0.5)  # the panels take their new places
     try:
@@ -426,13 +419,7 @@ def test_a_finger_brushes_sideways_and_scrolls_up_and_down(hostile):
 
 @pytest.mark.parametrize("width", [320, 390, 768, 1280])
 def test_nothing_sticks_out(hostile, width):
-    hostile.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width,
-        height=900,
-        deviceScaleFactor=1,
-        mobile=width < 600,
-    )
+    hostile.resize(width, 900)
     time.sleep(0.3)
     assert hostile.evaluate("document.documentElement.scrollWidth") <= width
     wide = "Math.max(...[...document.querySelectorAll('.frame, .canvas, p, h1, h2, fieldset')].map"

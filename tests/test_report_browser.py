@@ -21,15 +21,8 @@ pytestmark = pytest.mark.skipif(not browser.CHROMIUM, reason="no Chromium here")
 def page(hostile_run, tmp_path_factory):
     folder = shutil.copytree(hostile_run.path, tmp_path_factory.mktemp("report") / "hostile")
     path = write_report(folder, open_run(folder))
-    # Chromium may leave files behind while it ends; the profile is removed at leisure.
-    profile = tmp_path_factory.mktemp("profile")
-    shown = browser.Page(profile)
-    try:
-        shown.open(path)
+    with browser.shown(path, tmp_path_factory.mktemp("profile")) as shown:
         yield shown
-    finally:
-        shown.close()
-        shutil.rmtree(profile, ignore_errors=True)
 
 
 def test_loads_without_errors_and_without_the_network(page):
@@ -67,13 +60,7 @@ def test_hostile_names_stay_text(page):
 
 @pytest.mark.parametrize("width", [320, 390, 768, 1280])
 def test_nothing_sticks_out(page, width):
-    page.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width,
-        height=800,
-        deviceScaleFactor=1,
-        mobile=width < 600,
-    )
+    page.resize(width)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert (
         page.evaluate(
@@ -86,13 +73,7 @@ def test_nothing_sticks_out(page, width):
 
 @pytest.mark.parametrize("width", [390, 1280])
 def test_a_figure_that_goes_on_says_so(page, width):
-    page.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width,
-        height=800,
-        deviceScaleFactor=1,
-        mobile=width < 600,
-    )
+    page.resize(width)
     found = page.evaluate(
         "[...document.querySelectorAll('figure')].map(f => "
         "[f.querySelector('.scroll').scrollWidth > f.querySelector('.scroll').clientWidth, "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -314,25 +313,13 @@ def test_what_follows_from_parameters_in_words(name, words):
 def shown(page, tmp_path_factory):
     if not browser.CHROMIUM:
         pytest.skip("no Chromium here")
-    profile = tmp_path_factory.mktemp("profile")
-    tab = browser.Page(profile)
-    try:
-        tab.open(page[0])
+    with browser.shown(page[0], tmp_path_factory.mktemp("profile")) as tab:
         yield tab
-    finally:
-        tab.close()
-        shutil.rmtree(profile, ignore_errors=True)
 
 
 @pytest.mark.parametrize("width", [390, 1280])
 def test_nothing_sticks_out_or_goes_on_unsaid(shown, width):
-    shown.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width,
-        height=800,
-        deviceScaleFactor=1,
-        mobile=width < 600,
-    )
+    shown.resize(width)
     assert shown.evaluate("document.documentElement.scrollWidth") <= width
     right = "Math.max(...[...document.querySelectorAll('h1, h2, h3, p, li, dt, dd, nav')]"
     assert shown.evaluate(f"{right}.map(e => e.getBoundingClientRect().right))") <= width

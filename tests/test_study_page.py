@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -130,14 +129,8 @@ def test_the_page_counts_what_is_reliable(result):
 def shown(result, tmp_path_factory):
     if not browser.CHROMIUM:
         pytest.skip("no Chromium here")
-    profile = tmp_path_factory.mktemp("profile")
-    page = browser.Page(profile)
-    try:
-        page.open(result.folder / "study.html")
+    with browser.shown(result.folder / "study.html", tmp_path_factory.mktemp("profile")) as page:
         yield page
-    finally:
-        page.close()
-        shutil.rmtree(profile, ignore_errors=True)
 
 
 def test_opens_without_errors_and_without_the_network(shown):
@@ -156,24 +149,12 @@ def test_opens_without_errors_and_without_the_network(shown):
 
 @pytest.mark.parametrize("width", [320, 390, 1280])
 def test_nothing_sticks_out(shown, width):
-    shown.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=width,
-        height=800,
-        deviceScaleFactor=1,
-        mobile=width < 600,
-    )
+    shown.resize(width)
     assert shown.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_nothing_is_cut_off_on_a_screen(shown):
-    shown.call(
-        "Emulation.setDeviceMetricsOverride",
-        width=1280,
-        height=800,
-        deviceScaleFactor=1,
-        mobile=False,
-    )
+    shown.resize(1280)
     cut = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth)"
     assert shown.evaluate(f"{cut}.map(e => e.getAttribute('aria-label'))") == []
 

@@ -18,7 +18,7 @@ __all__ = [
     "NotConverged",
     "RunError",
     "TaredSpecimen",
-    "one_line",
+    "printable",
 ]
 
 
@@ -63,7 +63,7 @@ class InputError(BiaxbayesError):
         text = ", ".join(where) + ": " + problem if where else problem
         if remedy:
             text += f"; {remedy}"
-        super().__init__(one_line(text))
+        super().__init__(printable(text))
 
 
 class TaredSpecimen(InputError):
@@ -74,7 +74,7 @@ class RunError(BiaxbayesError):
     """A run folder cannot be read, written or continued."""
 
     def __init__(self, problem: str) -> None:
-        super().__init__(one_line(problem))
+        super().__init__(printable(problem))
 
 
 class CannotResume(RunError):
@@ -93,6 +93,6 @@ class Interrupted(BiaxbayesError):
     exit_code = 130
 
 
-def one_line(text: str) -> str:
+def printable(text: str) -> str:
     """Text from a file may hold line breaks and control characters; a message may not."""
     return "".join(ch if ch.isprintable() else " " for ch in text)

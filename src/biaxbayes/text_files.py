@@ -20,7 +20,7 @@ from itertools import islice, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,6 +39,7 @@ __all__ = [
     "read_csv",
     "read_lines",
     "read_text",
+    "read_toml",
     "rows_of",
     "rows_text",
     "sync_folder",
@@ -215,6 +216,24 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def read_toml(path: Path) -> dict[str, Any]:
+    """Table of a TOML file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read as text, or is not TOML.
+    """
+    import tomllib
+
+    try:
+        return tomllib.loads(read_text(path))
+    except ValueError as error:
+        raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
+    except RecursionError:
+        raise InputError("not valid TOML (nested too deeply)", file=path) from None
+
+
 # --- tables as comma-separated text: one reader for the files of others, one writer for our own --
 
 # --- one cell: its number, or why it is none ----------------------------------------------------
@@ -269,7 +288,7 @@ def bad_cell(text: str, path: Path, row: int, column: str) -> InputError:
 
 def one_line(text: str) -> str:
     """Text of a name: printable, in one line, with single spaces, none at the ends."""
-    return " ".join("".join(ch if ch.isprintable() else " " for ch in text).split())
+    return " ".join(printable(text).split())
 
 
 # --- rows of cells ------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from biaxbayes.errors import BiaxbayesError, InputError, one_line
+from biaxbayes.errors import BiaxbayesError, InputError, printable
 
 __all__ = ["main"]
 
@@ -143,5 +143,5 @@ def _outcome(arguments: list[str] | None) -> int:
 
 def _ended(problem: str, code: int) -> int:
     with contextlib.suppress(OSError):
-        click.echo(f"biaxbayes: {one_line(problem)}", err=True)
+        click.echo(f"biaxbayes: {printable(problem)}", err=True)
     return code

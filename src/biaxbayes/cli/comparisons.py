@@ -18,8 +18,8 @@ from biaxbayes.cli.options import (
     quiet_option,
     read_model_options,
 )
-from biaxbayes.cli.progress import graceful_stop, open_usable_run, plain, progress_line
-from biaxbayes.errors import NotConverged
+from biaxbayes.cli.progress import graceful_stop, open_usable_run, progress_line
+from biaxbayes.errors import NotConverged, printable
 from biaxbayes.options import LawsPlan, ModelOptions, PopulationOptions, SamplingPlan
 
 if TYPE_CHECKING:
@@ -281,7 +281,7 @@ def population(
             **chosen,
         )
     for label, reason in found.left_out.items():
-        click.echo(f"biaxbayes: left out: {plain(label)}: {plain(reason)}", err=True)
+        click.echo(f"biaxbayes: left out: {printable(label)}: {printable(reason)}", err=True)
     if not quiet:
         click.echo(_closing(found))
     elif found.state != "converged":
@@ -301,12 +301,12 @@ def _closing(found: PopulationFound) -> str:
         return f"{three_digits(row[f'{side}_q50']) + mark:>11}"
 
     said = found.state if found.state == "converged" else f"{found.state.upper()}: {found.reason}"
-    lines = [f"{plain(found.name)}: {said}"]
+    lines = [f"{printable(found.name)}: {said}"]
     for group, part in found.groups.groupby("group", sort=False):
         first = part.iloc[0]
         lines += [
             "",
-            f"{plain(str(group))}: {counted(first['specimens'], 'specimen')} of "
+            f"{printable(str(group))}: {counted(first['specimens'], 'specimen')} of "
             f"{counted(first['donors'], 'donor')}",
             f"{'quantity':<22}{'unit':<6}{'median':>9}{'5 %':>9}{'95 %':>9}"
             f"{'sd donors':>10}{'sd spec.':>11}    {'new specimen':<19}verdict on the median",
@@ -321,6 +321,6 @@ def _closing(found: PopulationFound) -> str:
     lines += ["", "sds of logs where the scale is log (population.csv)"]
     if any((found.groups[f"{side}_verdict"] == PRIOR).any() for side in SDS):
         lines.append(f"{MARK} {PRIOR}: the specimens say little of this sd")
-    lines += [f"note: {plain(note)}" for note in found.notes]
+    lines += [f"note: {printable(note)}" for note in found.notes]
     lines += ["", f"all tables and draws are in {found.folder}"]
     return "\n".join(lines)

@@ -24,8 +24,8 @@ from biaxbayes.cli.options import (
     read_model_options,
     refuse_given,
 )
-from biaxbayes.cli.progress import open_usable_run, plain, progress_line
-from biaxbayes.errors import NotConverged
+from biaxbayes.cli.progress import open_usable_run, progress_line
+from biaxbayes.errors import NotConverged, printable
 from biaxbayes.options import DesignOptions, LedgerPlan, ProfileOptions
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def identify(run: Path, as_json: bool, no_figure: bool) -> int:
         click.echo(json.dumps(said["json"], indent=2, allow_nan=False, ensure_ascii=False))
     else:
         for line in said["lines"]:
-            click.echo(plain(line))
+            click.echo(printable(line))
         click.echo(f"\nevidence in {run / 'identifiability.csv'}")
     return 0 if said["state"] == "converged" else NOT_CONVERGED
 

@@ -23,7 +23,6 @@ __all__ = [
     "StoppedAtOnce",
     "graceful_stop",
     "open_usable_run",
-    "plain",
     "progress_line",
 ]
 
@@ -122,8 +121,3 @@ def open_usable_run(path: Path, *, anyway: bool) -> Run:
     elif run.state == "tentative":
         click.echo("note: this run is tentative: few effective draws", err=True)
     return run
-
-
-def plain(text: str) -> str:
-    """Text that moves no cursor."""
-    return "".join(c if c.isprintable() else " " for c in text)

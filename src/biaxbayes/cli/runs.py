@@ -23,8 +23,8 @@ from biaxbayes.cli.options import (
     read_model_options,
     refuse_given,
 )
-from biaxbayes.cli.progress import graceful_stop, plain, progress_line
-from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.cli.progress import graceful_stop, progress_line
+from biaxbayes.errors import InputError, NotConverged, printable
 from biaxbayes.options import (
     ALL_FITS,
     FIT_METHODS,
@@ -191,7 +191,7 @@ def batch(
     if not quiet:
         click.echo(_study_closing(result))
     for label, reason in result.failures.items():
-        click.echo(f"biaxbayes: {plain(label)}: {plain(reason)}", err=True)
+        click.echo(f"biaxbayes: {printable(label)}: {printable(reason)}", err=True)
     return 0 if result.converged else NOT_CONVERGED
 
 
@@ -216,7 +216,8 @@ def _study_closing(result: StudyResult) -> str:
     lines = [f"{'specimen':<28}{'donor':<12}{'layer':<14}state"]
     for s in result.specimens.to_dict("records"):
         cells = [
-            plain(str(s[k]))[: n - 2] for k, n in (("specimen", 28), ("donor", 12), ("layer", 14))
+            printable(str(s[k]))[: n - 2]
+            for k, n in (("specimen", 28), ("donor", 12), ("layer", 14))
         ]
         lines.append(f"{cells[0]:<28}{cells[1]:<12}{cells[2]:<14}{s['state']}")
     counts = ", ".join(f"{n} {state}" for state, n in result.states.items())

@@ -28,7 +28,7 @@ from biaxbayes.populations.sampler import History, Plan, State, draw
 from biaxbayes.populations.specimens import Source, individual_of, pooled_names
 from biaxbayes.populations.spreading import Spreading
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.folder import clear_leftovers
+from biaxbayes.runs.folder import clear_leftovers, names_in
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
@@ -168,13 +168,7 @@ class PopulationJob:
         return grouping, _notes(kept, grouping, sources)
 
     def _make_folder(self) -> None:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
-        except OSError as error:
-            raise RunError(
-                f"{self.folder}: cannot be used ({error.strerror}); choose another --out"
-            ) from None
+        names = names_in(self.folder)
         if names and not names & {RECORD, checkpoint.NAME, checkpoint.PREVIOUS}:
             raise RunError(
                 f"{self.folder}: is a folder that is not a population's; choose another --out"

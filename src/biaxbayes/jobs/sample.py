@@ -31,6 +31,7 @@ from biaxbayes.runs.folder import (
     finish_moving,
     is_run,
     manifest,
+    names_in,
     staged,
 )
 from biaxbayes.runs.lock import folder_lock
@@ -162,13 +163,7 @@ class Sampling:
 
     def _make_folder(self) -> None:
         """Make the folder, and do not write into one that holds something else than a run."""
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
-        except OSError as error:
-            raise RunError(
-                f"{self.folder}: cannot be used ({error.strerror}); choose another --out"
-            ) from None
+        names = names_in(self.folder)
         ours = not names or names & {checkpoint.NAME, checkpoint.PREVIOUS} or is_run(self.folder)
         if not ours:
             raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")

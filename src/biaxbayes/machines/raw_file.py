@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, printable
 from biaxbayes.machines.raw_table import SAMPLE, RawTable, assembled_table, is_numeric
 from biaxbayes.text_files import SIGNATURES, read_bytes, rows_of
 
@@ -250,4 +250,4 @@ def _cells(sheet: Any, path: Path) -> list[tuple[int, list[str]]]:
 
 def _text(value: object) -> str:
     text = repr(value) if isinstance(value, float) else str(value)
-    return "".join(ch if ch.isprintable() else " " for ch in text)
+    return printable(text)

@@ -25,7 +25,6 @@ A priors file is TOML::
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -40,7 +39,7 @@ from biaxbayes.options import PopulationOptions
 from biaxbayes.parameters import MOUNTED, STRETCH, Parameter
 from biaxbayes.populations.ensemble import Design, Individual
 from biaxbayes.populations.hierarchy import Layout
-from biaxbayes.text_files import read_text
+from biaxbayes.text_files import read_toml
 
 __all__ = ["Grouping", "PooledValue", "PopulationPriors", "design_of", "pooled_values"]
 
@@ -205,10 +204,7 @@ class PopulationPriors:
         InputError
             Naming the key that cannot be used.
         """
-        try:
-            table = tomllib.loads(read_text(path))
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
+        table = read_toml(path)
         known = ("mean", "sd_donors", "sd_specimens", "correlations")
         for key, value in table.items():
             if key not in known or not isinstance(value, dict):

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, printable
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_from
 from biaxbayes.identifiability.law_range import LAW_FITS
 from biaxbayes.identifiability.stated import cure
@@ -305,7 +305,7 @@ def closing_message(run: Run) -> str:
         if not record.get("layer")
         else (f"{record['specimen']} ({record['layer']})")
     )
-    lines = [f"{_plain(name)}: {_verdict(record)}", *_found(run), ""]
+    lines = [f"{printable(name)}: {_verdict(record)}", *_found(run), ""]
     lines += _summary_lines(run)
     lines += ["", _readings(record)]
     lines += _thinning(record)
@@ -313,7 +313,7 @@ def closing_message(run: Run) -> str:
     lines += _held(run)
     lines += _stated(run)
     lines += _misses(run)
-    lines += [_plain(f"note: {note}") for note in record["notes"][:3]]
+    lines += [printable(f"note: {note}") for note in record["notes"][:3]]
     if record["sampler"]["message"]:
         lines.append(f"note: {record['sampler']['message']}")
     lines += ["", f"open {run.path}/report.html; tables, figures and draws are beside it"]
@@ -322,7 +322,7 @@ def closing_message(run: Run) -> str:
 
 def _found(run: Run) -> list[str]:
     """What was odd about the record before it was sampled."""
-    return [_plain(text) for text in record_findings(run)]
+    return [printable(text) for text in record_findings(run)]
 
 
 def _verdict(record: dict[str, Any]) -> str:
@@ -345,7 +345,7 @@ def _summary_lines(run: Run) -> list[str]:
         ends = refits.get(name, (row.q05, row.q95))
         cells = "".join(f"{_number(float(str(v))):>10}" for v in (row.q50, *ends))
         cells += "  not identified: range of refits" if name in refits else ""
-        lines.append(f"{_plain(str(row.parameter))[:25]:<26}{row.unit:<6}{cells}")
+        lines.append(f"{printable(str(row.parameter))[:25]:<26}{row.unit:<6}{cells}")
     if len(lines) > 24:
         hidden = len(lines) - 22
         lines = [*lines[:22], f"... and {hidden} more rows in summary.csv"]
@@ -399,7 +399,7 @@ def _identifiability(run: Run) -> list[str]:
     loose = [f"{r.parameter}: {r.verdict}" for r in table.itertuples() if r.verdict != "identified"]
     if not loose:
         return ["every parameter is identified"]
-    said = ["not determined on its own: " + "; ".join(_plain(t) for t in loose)]
+    said = ["not determined on its own: " + "; ".join(printable(t) for t in loose)]
     if _refits(run):
         said.append(
             "the mounting stretch rests on the toe of the model, which these data contradict; "
@@ -413,16 +413,16 @@ def _stated(run: Run) -> list[str]:
     lines = []
     for name, stated in run.stated.items():
         said = stated.in_words(run.quantities[name].parameter)
-        lines.append(_plain(f"{name} of the tissue: {said}; {stated.reason}"))
+        lines.append(printable(f"{name} of the tissue: {said}; {stated.reason}"))
     cure = mounting_cure(run)
-    lines += [_plain(cure)] if cure else []
+    lines += [printable(cure)] if cure else []
     better = run.provenance.get("identifiability", {}).get("better_law", "")
-    return [*lines, *([_plain(better)] if better else [])]
+    return [*lines, *([printable(better)] if better else [])]
 
 
 def _held(run: Run) -> list[str]:
     """What holds with a parameter at an end of its range that the data do not exclude."""
-    return [_plain(held.summary(run.law.names, run.quantities)) for held in kept_edges(run)]
+    return [printable(held.summary(run.law.names, run.quantities)) for held in kept_edges(run)]
 
 
 def _verdicts(run: Run) -> pd.DataFrame | None:
@@ -436,8 +436,4 @@ def _misses(run: Run) -> list[str]:
     """Paths that the model must not be used for, two at most."""
     said = missed_paths(run)
     more = [f"... and {len(said) - 2} more protocols (report.html)"] if len(said) > 2 else []
-    return [_plain(text) for text in said[:2]] + more
-
-
-def _plain(text: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in text)
+    return [printable(text) for text in said[:2]] + more

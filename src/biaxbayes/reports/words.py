@@ -8,6 +8,7 @@ from markupsafe import Markup, escape
 
 from biaxbayes.options import FIT_WORDS
 from biaxbayes.parameters import Quantity
+from biaxbayes.text_files import one_line
 
 __all__ = [
     "GLOSSARY",
@@ -45,7 +46,7 @@ _LATEX = {
 
 def cut(text: object, length: int = 120) -> str:
     """One line without control or direction-changing characters, at most ``length`` long."""
-    line = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
+    line = one_line(str(text))
     return line if len(line) <= length else line[: length - 1].rstrip() + "…"
 
 

@@ -361,3 +361,20 @@ def _content(path: Path) -> bytes:
         return read_bytes(path, limit=MAX_BYTES)
     except InputError as error:
         raise RunError(f"{path}: {error.problem}") from None
+
+
+def names_in(folder: Path) -> set[str]:
+    """Names of what lies in a folder, hidden files apart; it is made where it is not there.
+
+    Raises
+    ------
+    RunError
+        If it cannot be made or read.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return {p.name for p in folder.iterdir() if not p.name.startswith(".")}
+    except OSError as error:
+        raise RunError(
+            f"{folder}: cannot be used ({error.strerror}); choose another --out"
+        ) from None

@@ -26,7 +26,6 @@ The format is TOML; paths are relative to the file::
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,7 +35,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws import law_named
 from biaxbayes.model.priors import Prior, Tie, parse_priors
 from biaxbayes.options import ModelOptions, SamplingPlan, stated
-from biaxbayes.text_files import read_text
+from biaxbayes.text_files import one_line, read_toml
 
 __all__ = ["DEFAULT_OPTIONS", "Study", "StudySpecimen", "read_study", "study_of_files"]
 
@@ -170,12 +169,7 @@ def read_study(path: Path) -> Study:
     InputError
         Naming the file and the key that cannot be used.
     """
-    try:
-        table = tomllib.loads(read_text(path))
-    except ValueError as error:
-        raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
-    except RecursionError:
-        raise InputError("not valid TOML (nested too deeply)", file=path) from None
+    table = read_toml(path)
     _check_keys(table, STUDY_KEYS, "a study", path)
     numbers = {
         key: _number(key, table.get(key, getattr(SamplingPlan, key)), key, path) for key in NUMBERS
@@ -302,7 +296,7 @@ def _text(table: Mapping[str, object], key: str, where: str, path: Path) -> str 
         return None
     if not isinstance(value, str) or not value.strip() or len(value) > LONGEST:
         raise InputError(f"{where}{key} must be text of at most {LONGEST} characters", file=path)
-    return " ".join("".join(c if c.isprintable() else " " for c in value).split())
+    return one_line(value)
 
 
 def _options(table: object, common: Mapping[str, Any], where: str, path: Path) -> dict[str, Any]:
