@@ -12,8 +12,7 @@ from biaxbayes.cards import export
 from biaxbayes.cards.abaqus import read_abaqus, write_abaqus
 from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable, plain_text, safe_label
 from biaxbayes.cards.export import MANIFEST, biaxial_stress, export_cards, relative_deviation
-from biaxbayes.cards.febio import read_febio, write_febio
-from biaxbayes.cards.febio_mixture import read_mixture
+from biaxbayes.cards.febio import read_febio, read_mixture, write_febio
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH, GOHLaw

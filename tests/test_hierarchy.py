@@ -10,11 +10,11 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from biaxbayes.populations import sampler
-from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Tuning
+from biaxbayes.populations.ensemble import Design, Ensemble, Individual
 from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
 from biaxbayes.populations.predictive import cut_median
 from biaxbayes.populations.sampler import Plan, draw
-from biaxbayes.populations.spreading import Spreading
+from biaxbayes.populations.tuning import Spreading, Tuning
 
 INF = math.inf
 GROUP = np.array([0, 0, 1, 1, 0, 1])

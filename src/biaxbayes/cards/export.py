@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes import __version__
-from biaxbayes.cards import abaqus, febio, febio_mixture
+from biaxbayes.cards import abaqus, febio
 from biaxbayes.cards.card import Card, exportable, safe_label, unit_system
-from biaxbayes.cards.febio_mixture import MIXTURES
+from biaxbayes.cards.febio import MIXTURES
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws.dispersed_fibres import fibre_strain
 from biaxbayes.laws.goh import GOH
@@ -126,14 +126,14 @@ def relative_deviation(
 
 
 Writer = Callable[[Card, str], str]
-Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard | febio_mixture.MixtureCard]
+Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard | febio.MixtureCard]
 
 PROGRAMS: dict[str, tuple[Writer, Reader, str]] = {
     "abaqus": (abaqus.write_abaqus, abaqus.read_abaqus, abaqus.SUFFIX),
     "febio": (febio.write_febio, febio.read_febio, febio.SUFFIX),
 }
 """Writer, reader and file ending of each program, for materials of GOH."""
-MIXTURE = (febio_mixture.write_mixture, febio_mixture.read_mixture, febio.SUFFIX)
+MIXTURE = (febio.write_mixture, febio.read_mixture, febio.SUFFIX)
 NO_CARD = {
     ("fung", "abaqus"): "Abaqus' Fung form has no neo-Hookean part, and c0 is above zero here",
 }

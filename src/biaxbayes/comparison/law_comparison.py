@@ -15,7 +15,7 @@ Evidences are not used: those of likelihoods with different powers cannot be com
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -26,7 +26,7 @@ import pandas as pd
 from biaxbayes.errors import NotConverged
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.prediction.bands import evenly_chosen
+from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 
@@ -36,6 +36,7 @@ __all__ = [
     "Part",
     "Prediction",
     "Task",
+    "mixed_percentiles",
     "only",
     "parts_of",
     "sample_part",
@@ -259,3 +260,30 @@ def weighted_density(log_density: np.ndarray, weight: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         mixed: np.ndarray = np.logaddexp.reduce(log_density + np.log(weight)[:, None], axis=0)
     return mixed
+
+
+def mixed_percentiles(
+    model: Sequence[np.ndarray],
+    sd: Sequence[np.ndarray],
+    weight: np.ndarray,
+    levels: tuple[float, ...],
+) -> list[np.ndarray]:
+    """Percentiles of a mixture: each law gives draws in proportion to its weight.
+
+    Parameters
+    ----------
+    model, sd : sequence of ndarray, shape (draws, readings)
+        Of each law: its curves, and the sds of readings about them.
+    weight : ndarray, shape (laws,)
+    levels : tuple of float
+    """
+    size = min(len(m) for m in model)
+    counts = np.round(weight * size).astype(int)
+    counts[np.argmax(weight)] += size - counts.sum()
+    chosen = [evenly_chosen(len(m), max(int(n), 1)) for m, n in zip(model, counts, strict=True)]
+    kept = [k for k, n in enumerate(counts) if n > 0]
+    return mixture_percentiles(
+        np.vstack([model[k][chosen[k]] for k in kept]),
+        np.vstack([sd[k][chosen[k]] for k in kept]),
+        levels,
+    )

@@ -22,6 +22,7 @@ from biaxbayes.comparison.law_comparison import (
     WHOLE,
     Part,
     Prediction,
+    mixed_percentiles,
     only,
     parts_of,
     stacking_weights,
@@ -38,7 +39,7 @@ from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
-from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles, tails
+from biaxbayes.prediction.bands import evenly_chosen, tails
 from biaxbayes.prediction.draws import protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 
@@ -341,7 +342,7 @@ def _part_table(
             (STACKED, blind[i]),
         ):
             (density,), (square,) = _left_out_scores([own], [w])
-            low, high = _mixed_band(own, w, tails(probability))
+            low, high = mixed_percentiles(own.model, own.sd, w, tails(probability))
             scale = w @ np.array(own.per_kPa)
             rows.append(
                 {
@@ -396,33 +397,6 @@ def _stated_table(
     return pd.DataFrame(rows, columns=list(STATED_COLUMNS))
 
 
-def _mixed_band(
-    part: _LeftOut, weight: np.ndarray, levels: tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Band of a new reading under a mixture, in the unit of the specimen."""
-    low, high = _mixed_percentiles(part.model, part.sd, weight, levels)
-    return low, high
-
-
-def _mixed_percentiles(
-    model: Sequence[np.ndarray],
-    sd: Sequence[np.ndarray],
-    weight: np.ndarray,
-    levels: tuple[float, ...],
-) -> list[np.ndarray]:
-    """Percentiles of a mixture: each law gives draws in proportion to its weight."""
-    size = min(len(m) for m in model)
-    counts = np.round(weight * size).astype(int)
-    counts[np.argmax(weight)] += size - counts.sum()
-    chosen = [evenly_chosen(len(m), max(int(n), 1)) for m, n in zip(model, counts, strict=True)]
-    kept = [k for k, n in enumerate(counts) if n > 0]
-    return mixture_percentiles(
-        np.vstack([model[k][chosen[k]] for k in kept]),
-        np.vstack([sd[k][chosen[k]] for k in kept]),
-        levels,
-    )
-
-
 def _bands(
     specimen: Specimen,
     used: Sequence[str],
@@ -445,8 +419,8 @@ def _bands(
     shape = curves.measured.shape
     levels = (tails(probability)[0], 0.5, tails(probability)[1])
     names = [f"q{100 * q:04.1f}".removesuffix(".0") for q in levels]
-    credible = _mixed_percentiles(model, [1e-300 * s for s in sd], weight, levels)
-    predictive = _mixed_percentiles(model, sd, weight, levels)
+    credible = mixed_percentiles(model, [1e-300 * s for s in sd], weight, levels)
+    predictive = mixed_percentiles(model, sd, weight, levels)
     # a Cauchy stress is the nominal one times the measured stretch
     scale = curves.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
     tables = []

@@ -15,7 +15,6 @@ import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
 from biaxbayes.jobs.population_files import RECORD, Member, PopulationFound, write_population
 from biaxbayes.options import PopulationOptions
-from biaxbayes.populations.ensemble import Tuning
 from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
@@ -26,7 +25,7 @@ from biaxbayes.populations.model import (
 from biaxbayes.populations.result import Population, judged
 from biaxbayes.populations.sampler import History, Plan, State, draw
 from biaxbayes.populations.specimens import Source, individual_of, pooled_names
-from biaxbayes.populations.spreading import Spreading
+from biaxbayes.populations.tuning import Spreading, Tuning
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import clear_leftovers, names_in
 from biaxbayes.runs.lock import folder_lock

@@ -24,10 +24,9 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
-from biaxbayes.populations.spreading import Spreading, memberships
-from biaxbayes.sampling.proposal import TransportedMixture
+from biaxbayes.populations.tuning import Tuning, memberships
 
-__all__ = ["JOINT", "Design", "Ensemble", "Individual", "Tuning"]
+__all__ = ["JOINT", "Design", "Ensemble", "Individual"]
 
 POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 1, 2, 3
 """Draws of the run (a round) and of the mixture offered to a specimen, and moves of all together, a
@@ -101,31 +100,6 @@ class Design:
         """Log density and centred values of specimen i."""
         log, values = self.individuals[i].density(u)
         return log, values - self.centre
-
-
-@dataclass(frozen=True, eq=False)
-class Tuning:
-    """What the warm-up found; frozen afterwards.
-
-    Attributes
-    ----------
-    archives : tuple of ndarray, shape (A, d)
-        Coordinates of each specimen, for differential evolution.
-    proposals : tuple of TransportedMixture
-        Empty before the first fit.
-    directions : ndarray, shape (L, n, dmax)
-        Principal components times their sd; none before the first fit.
-    steps : ndarray, shape (L,)
-        How far a joint move goes along each.
-    spreading : Spreading, optional
-        For moves that draw specimens apart or together along them.
-    """
-
-    archives: tuple[np.ndarray, ...]
-    proposals: tuple[TransportedMixture, ...]
-    directions: np.ndarray
-    steps: np.ndarray
-    spreading: Spreading | None = None
 
 
 @njit(cache=True)

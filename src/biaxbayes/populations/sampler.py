@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble, Tuning
-from biaxbayes.populations.spreading import Spreading
+from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble
+from biaxbayes.populations.tuning import Spreading, Tuning
 from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress

@@ -1,9 +1,10 @@
-"""Moves that draw specimens apart or together: what an sd is slow to do one specimen at a time.
+"""What the warm-up of a population finds, and the moves that draw specimens apart or together.
 
-Where single posteriors are long ridges an sd between specimens and the places of all specimens on
-their ridges hold one another. Along a direction g of all specimens together (a principal component
-of the warm-up) specimen i stands at s_i; the deviations of the s_i from their mean over a group, or
-over a donor, are stretched by one factor, and g carries the specimens there.
+The moves do what an sd is slow to do one specimen at a time. Where single posteriors are long ridges
+an sd between specimens and the places of all specimens on their ridges hold one another. Along a
+direction g of all specimens together (a principal component of the warm-up) specimen i stands at
+s_i; the deviations of the s_i from their mean over a group, or over a donor, are stretched by one
+factor, and g carries the specimens there.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Spreading", "memberships"]
+from biaxbayes.sampling.proposal import TransportedMixture
+
+__all__ = ["Spreading", "Tuning", "memberships"]
 
 LEAST_SHARE = 1e-9
 """A specimen that takes less part in a direction, beside the one with most, is left out of it."""
@@ -72,3 +75,28 @@ class Spreading:
         # deviations from a mean have one dimension less than there are specimens that take part
         dimensions = taking.sum() - np.count_nonzero(weight)
         return new, log_factor * float(dimensions)
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """What the warm-up found; frozen afterwards.
+
+    Attributes
+    ----------
+    archives : tuple of ndarray, shape (A, d)
+        Coordinates of each specimen, for differential evolution.
+    proposals : tuple of TransportedMixture
+        Empty before the first fit.
+    directions : ndarray, shape (L, n, dmax)
+        Principal components times their sd; none before the first fit.
+    steps : ndarray, shape (L,)
+        How far a joint move goes along each.
+    spreading : Spreading, optional
+        For moves that draw specimens apart or together along them.
+    """
+
+    archives: tuple[np.ndarray, ...]
+    proposals: tuple[TransportedMixture, ...]
+    directions: np.ndarray
+    steps: np.ndarray
+    spreading: Spreading | None = None
