@@ -85,7 +85,7 @@ import logging, os, signal, sys, time
 from pathlib import Path
 
 import executor_tasks as tasks
-from biaxbayes.cli.progress import graceful_stop
+from biaxbayes.progress_bar import graceful_stop
 from biaxbayes.executors.executor import Workers
 
 if __name__ == "__main__":

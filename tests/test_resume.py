@@ -23,9 +23,9 @@ import pytest
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.cli.progress import StoppedAtOnce, graceful_stop
 from biaxbayes.errors import RunError
 from biaxbayes.jobs import sample as sampling
+from biaxbayes.progress_bar import StoppedAtOnce, graceful_stop
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
 from biaxbayes.runs.folder import PROVENANCE

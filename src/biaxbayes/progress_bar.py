@@ -1,19 +1,30 @@
-"""A live line on a terminal or in a notebook that says how far a long verb has come."""
+"""How far a long verb has come, in a live line; and a stop that finishes what is under way."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import importlib.util
+import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress as Bar
 
-__all__ = ["live_bar", "shown_progress", "with_progress"]
+__all__ = [
+    "StoppedAtOnce",
+    "graceful_stop",
+    "live_bar",
+    "progress_line",
+    "shown_progress",
+    "with_progress",
+]
 
 
 def live_bar(console: Console) -> Bar:
@@ -137,3 +148,70 @@ def with_progress(verb: Verb) -> Verb:
             return verb(*arguments, progress=tell, **options)
 
     return watched  # type: ignore[return-value]
+
+
+# --- progress on a terminal, silence elsewhere; and a stop that finishes the block first ---------
+
+
+STOPS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+
+
+class StoppedAtOnce(KeyboardInterrupt):
+    """A second signal came; its number is the argument."""
+
+
+@contextlib.contextmanager
+def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
+    """A live line with phase, share and times; yields what to call with each Progress.
+
+    Notes are printed whether the line is shown or not.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield _tell_note
+        return
+    from rich.console import Console
+
+    with shown_progress(Console(stderr=True)) as tell:
+        yield tell
+
+
+def _tell_note(progress: Any) -> None:
+    if progress.note:
+        print(f"biaxbayes: {progress.note}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def graceful_stop() -> Iterator[Callable[[], int]]:
+    """Turn the first Ctrl-C, SIGTERM or hang-up into a request; the second acts at once.
+
+    Signals that whoever started the program had ignored (nohup, a shell's background job) stay
+    ignored.
+
+    Yields
+    ------
+    callable
+        The number of the signal once a stop was asked for, else 0.
+    """
+    asked = 0
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: asked
+        return
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        if asked:
+            raise StoppedAtOnce(number)
+        asked = number
+        with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
+            os.write(2, b"stopping after this block; once more to stop at once\n")
+
+    previous = {n: signal.getsignal(n) for n in STOPS}
+    for number, handler in previous.items():
+        if handler not in (signal.SIG_IGN, None):
+            signal.signal(number, handle)
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in previous.items():
+            if handler is not None:
+                signal.signal(number, handler)

@@ -31,7 +31,7 @@ import biaxbayes
 import virtual_biotester
 from biaxbayes import read_specimen, write_specimen
 from biaxbayes.cli import main
-from biaxbayes.cli.progress import open_usable_run
+from biaxbayes.cli.options import open_usable_run
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.jobs.sample import Sampling
 from biaxbayes.model.posterior import Posterior

@@ -13,14 +13,15 @@ from biaxbayes.cli.options import (
     file_option,
     model_options,
     mounting_force_option,
+    open_usable_run,
     options,
     overwrite_run_option,
     quiet_option,
     read_model_options,
 )
-from biaxbayes.cli.progress import graceful_stop, open_usable_run, progress_line
 from biaxbayes.errors import NotConverged, printable
 from biaxbayes.options import LawsPlan, ModelOptions, PopulationOptions, SamplingPlan
+from biaxbayes.progress_bar import graceful_stop, progress_line
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.compare import Comparison

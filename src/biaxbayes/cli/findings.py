@@ -19,14 +19,15 @@ from biaxbayes.cli.options import (
     fix_option,
     model_options,
     mounting_force_option,
+    open_usable_run,
     options,
     quiet_option,
     read_model_options,
     refuse_given,
 )
-from biaxbayes.cli.progress import open_usable_run, progress_line
 from biaxbayes.errors import NotConverged, printable
 from biaxbayes.options import DesignOptions, LedgerPlan, ProfileOptions
+from biaxbayes.progress_bar import progress_line
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.mounting_bias import Ledger

@@ -1,4 +1,4 @@
-"""Options of the commands, made of the tables of :mod:`biaxbayes.options`; how they are read."""
+"""What commands share: options made of the tables of :mod:`biaxbayes.options`, and usable runs."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from biaxbayes.options import ModelOptions, Option, Options, stated
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
+    from biaxbayes.runs.run import Run
 
 __all__ = [
     "MODEL",
@@ -28,6 +29,7 @@ __all__ = [
     "fixed_values",
     "model_options",
     "mounting_force_option",
+    "open_usable_run",
     "options",
     "overwrite_run_option",
     "quiet_option",
@@ -228,3 +230,32 @@ def refuse_given(context: click.Context, names: tuple[str, ...], problem: str, *
     for name in names:
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise InputError(problem.format(f"--{name.replace('_', '-')}"), **more)
+
+
+# --- a run for what builds on it: draws that have not converged are refused, or used -------------
+
+
+def open_usable_run(path: Path, *, anyway: bool) -> Run:
+    """Open a run folder.
+
+    Parameters
+    ----------
+    path : Path
+    anyway : bool
+        Take draws that the run itself calls unusable.
+
+    Raises
+    ------
+    RunError
+        If the folder is no run, or its draws are not those of a GOH posterior.
+    NotConverged
+        If its draws are unusable and ``anyway`` is not given.
+    """
+    from biaxbayes import api
+
+    run = api.usable_run(path, anyway=anyway)
+    if run.state == "unusable":
+        click.echo("warning: the chains of this run have not converged", err=True)
+    elif run.state == "tentative":
+        click.echo("note: this run is tentative: few effective draws", err=True)
+    return run

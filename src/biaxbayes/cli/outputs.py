@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.cli.options import Pair, anyway_option, argument, file_option, options
-from biaxbayes.cli.progress import open_usable_run
+from biaxbayes.cli.options import (
+    Pair,
+    anyway_option,
+    argument,
+    file_option,
+    open_usable_run,
+    options,
+)
 from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.options import (
     AXES,

@@ -23,7 +23,6 @@ from biaxbayes.cli.options import (
     read_model_options,
     refuse_given,
 )
-from biaxbayes.cli.progress import graceful_stop, progress_line
 from biaxbayes.errors import InputError, NotConverged, printable
 from biaxbayes.options import (
     ALL_FITS,
@@ -34,6 +33,7 @@ from biaxbayes.options import (
     FitOptions,
     SamplingPlan,
 )
+from biaxbayes.progress_bar import graceful_stop, progress_line
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -1,10 +1,10 @@
 """What the warm-up of a population finds, and the moves that draw specimens apart or together.
 
-The moves do what an sd is slow to do one specimen at a time. Where single posteriors are long ridges
-an sd between specimens and the places of all specimens on their ridges hold one another. Along a
-direction g of all specimens together (a principal component of the warm-up) specimen i stands at
-s_i; the deviations of the s_i from their mean over a group, or over a donor, are stretched by one
-factor, and g carries the specimens there.
+The moves do what an sd is slow to do one specimen at a time. Where single posteriors are long
+ridges an sd between specimens and the places of all specimens on their ridges hold one another.
+Along a direction g of all specimens together (a principal component of the warm-up) specimen i
+stands at s_i; the deviations of the s_i from their mean over a group, or over a donor, are
+stretched by one factor, and g carries the specimens there.
 """
 
 from __future__ import annotations
