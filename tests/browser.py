@@ -13,6 +13,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+AXE = Path(os.environ.get("BIAXBAYES_AXE", ""))
+needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="BIAXBAYES_AXE names no axe.min.js")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or ""
 SWITCHES = (
     "--headless",
@@ -101,6 +105,18 @@ class Page:
         )
         assert "exceptionDetails" not in told, told["exceptionDetails"]
         return told["result"].get("value")
+
+    def audit(self, scheme: str) -> dict[str, Any]:
+        """What axe finds of the page in a colour scheme: how many passes, and its violations."""
+        self.call(
+            "Emulation.setEmulatedMedia",
+            features=[{"name": "prefers-color-scheme", "value": scheme}],
+        )
+        self.evaluate(AXE.read_text(encoding="utf-8") + "; 1")
+        return self.evaluate(
+            "axe.run().then(r => ({passes: r.passes.length, violations: "
+            "r.violations.map(v => [v.impact, v.id, v.nodes.length, v.nodes[0].html])}))"
+        )
 
     def close(self) -> None:
         """End the browser."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import statistics
 import time
@@ -430,22 +429,10 @@ def test_nothing_sticks_out(hostile, width):
     assert hostile.evaluate("document.documentElement.scrollWidth") <= width
 
 
-@pytest.mark.skipif(
-    not Path(os.environ.get("BIAXBAYES_AXE", "")).is_file(),
-    reason="BIAXBAYES_AXE names no axe.min.js",
-)
+@browser.needs_axe
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_accessible(media, scheme):
     media.call("Page.setBypassCSP", enabled=True)
-    media.call(
-        "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}]
-    )
-    media.evaluate(Path(os.environ["BIAXBAYES_AXE"]).read_text(encoding="utf-8") + "; 1")
-    found = json.loads(
-        media.evaluate(
-            "axe.run().then(r => JSON.stringify({passes: r.passes.length, violations: "
-            "r.violations.map(v => [v.impact, v.id, v.nodes.length, v.nodes[0].html])}))"
-        )
-    )
+    found = media.audit(scheme)
     assert found["passes"] > 20
     assert found["violations"] == []

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -114,21 +111,9 @@ def test_prints_on_few_pages_without_navigation(page):
         page.call("Emulation.setEmulatedMedia", media="")
 
 
-@pytest.mark.skipif(
-    not Path(os.environ.get("BIAXBAYES_AXE", "")).is_file(),
-    reason="BIAXBAYES_AXE names no axe.min.js",
-)
+@browser.needs_axe
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_accessible(page, scheme):
-    page.call(
-        "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}]
-    )
-    page.evaluate(Path(os.environ["BIAXBAYES_AXE"]).read_text(encoding="utf-8") + "; 1")
-    found = json.loads(
-        page.evaluate(
-            "axe.run().then(r => JSON.stringify({passes: r.passes.length, violations: "
-            "r.violations.map(v => [v.impact, v.id, v.nodes.length, v.nodes[0].html])}))"
-        )
-    )
+    found = page.audit(scheme)
     assert found["passes"] > 20
     assert found["violations"] == []

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -159,21 +156,9 @@ def test_nothing_is_cut_off_on_a_screen(shown):
     assert shown.evaluate(f"{cut}.map(e => e.getAttribute('aria-label'))") == []
 
 
-@pytest.mark.skipif(
-    not Path(os.environ.get("BIAXBAYES_AXE", "")).is_file(),
-    reason="BIAXBAYES_AXE names no axe.min.js",
-)
+@browser.needs_axe
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_accessible(shown, scheme):
-    shown.call(
-        "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}]
-    )
-    shown.evaluate(Path(os.environ["BIAXBAYES_AXE"]).read_text(encoding="utf-8") + "; 1")
-    found = json.loads(
-        shown.evaluate(
-            "axe.run().then(r => JSON.stringify({passes: r.passes.length, violations: "
-            "r.violations.map(v => [v.impact, v.id, v.nodes.length, v.nodes[0].html])}))"
-        )
-    )
+    found = shown.audit(scheme)
     assert found["passes"] > 20
     assert found["violations"] == []

@@ -236,21 +236,7 @@ def refuse_given(context: click.Context, names: tuple[str, ...], problem: str, *
 
 
 def open_usable_run(path: Path, *, anyway: bool) -> Run:
-    """Open a run folder.
-
-    Parameters
-    ----------
-    path : Path
-    anyway : bool
-        Take draws that the run itself calls unusable.
-
-    Raises
-    ------
-    RunError
-        If the folder is no run, or its draws are not those of a GOH posterior.
-    NotConverged
-        If its draws are unusable and ``anyway`` is not given.
-    """
+    """Open a run folder as :func:`~biaxbayes.jobs.opening.usable_run`, and say how good it is."""
     from biaxbayes import api
 
     run = api.usable_run(path, anyway=anyway)

@@ -17,7 +17,7 @@ from biaxbayes.identifiability.stated import MEASURED, Stated, cure
 from biaxbayes.parameters import Quantities
 from biaxbayes.reports.page import embedded, page_template
 from biaxbayes.reports.study_page import named, unit_text
-from biaxbayes.reports.words import chosen_terms
+from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
 if TYPE_CHECKING:
@@ -35,13 +35,7 @@ TERMS = (
     "median, 90 % interval",
     "determined",
     "contraction",
-    "verdict",
-    "identified",
-    "one-sided",
-    "only in combination",
-    "not identified",
-    "prior-dominated",
-    "no verdict, fixed",
+    *VERDICT_TERMS,
     "edge, hypothesis",
     "mounting stretch",
     "within the law",

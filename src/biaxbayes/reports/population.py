@@ -16,7 +16,7 @@ from biaxbayes.parameters import STRETCH, unit_words
 from biaxbayes.populations.result import SDS
 from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text
-from biaxbayes.reports.words import chosen_terms, counted, cut
+from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms, counted, cut
 from biaxbayes.studies.groups import KNOWN
 
 __all__ = ["PAGE", "population_methods", "population_page", "three_digits"]
@@ -63,13 +63,7 @@ TERMS = (
     "new specimen",
     "new donor",
     "determined",
-    "verdict",
-    "identified",
-    "one-sided",
-    "only in combination",
-    "not identified",
-    "prior-dominated",
-    "no verdict, fixed",
+    *VERDICT_TERMS,
     "predictive p",
     "mounting stretch",
     "within the law",

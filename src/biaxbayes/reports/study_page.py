@@ -18,7 +18,7 @@ from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
 from biaxbayes.reports.page import page_template, pictures
-from biaxbayes.reports.words import chosen_terms, cut, derived_words
+from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms, cut, derived_words
 from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
@@ -34,13 +34,7 @@ TERMS = (
     "within the law",
     "stated of the tissue",
     "determined",
-    "verdict",
-    "identified",
-    "one-sided",
-    "only in combination",
-    "not identified",
-    "prior-dominated",
-    "no verdict, fixed",
+    *VERDICT_TERMS,
     "converged, tentative, unusable",
     "structure tensor",
     "tangent stiffness, small-strain stiffness",

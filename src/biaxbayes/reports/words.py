@@ -14,6 +14,7 @@ __all__ = [
     "GLOSSARY",
     "NATS",
     "SEVERAL",
+    "VERDICT_TERMS",
     "as_html",
     "as_latex",
     "as_markdown",
@@ -213,6 +214,18 @@ SEVERAL = {
     "is better",
 }
 """Further terms of pages that speak of several specimens, or laws."""
+
+
+VERDICT_TERMS = (
+    "verdict",
+    "identified",
+    "one-sided",
+    "only in combination",
+    "not identified",
+    "prior-dominated",
+    "no verdict, fixed",
+)
+"""Of the glossary, what verdicts are told in."""
 
 
 def chosen_terms(*terms: str) -> list[tuple[str, str]]:
