@@ -378,7 +378,7 @@ def simulate(
     if material == "list":
         _tell_materials()
         return
-    from biaxbayes.jobs import specimen_files
+    from biaxbayes.jobs.simulate import simulate as simulated
 
     if out is None:
         raise InputError("no file to write", remedy="give --out FILE")
@@ -389,7 +389,7 @@ def simulate(
         chosen = _stated_goh(goh)
     elif law or values:
         chosen = _stated_material(law, values)
-    specimen, truth = specimen_files.simulate(out, overwrite=overwrite, material=chosen, **test)
+    specimen, truth = simulated(out, overwrite=overwrite, material=chosen, **test)
     _tell_simulated(specimen, truth, out)
 
 
@@ -445,13 +445,13 @@ def _tell_materials() -> None:
 
 
 def _tell_simulated(specimen: Specimen, truth: Truth, out: Path) -> None:
-    from biaxbayes.jobs import specimen_files
+    from biaxbayes.jobs.simulate import truth_file
 
     rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
     paths = f"{len(specimen.protocols)} protocol{'s' if len(specimen.protocols) > 1 else ''}"
     click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
     first = next(iter(truth.disturbed_mounting_force.values()))
-    truths = specimen_files.truth_file(out)
+    truths = truth_file(out)
     click.echo(f"mounting load {first[0]:.4g}, {first[1]:.4g} {unit}; truth in {truths}")
     if specimen.is_tared:
         click.echo("no mounting load: 'sample' will treat the file as tared", err=True)
