@@ -1,5 +1,6 @@
 """The pages agree with the code and with one another: scripts, rooms, verbs, navigation."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -81,6 +82,41 @@ def test_the_map_of_rooms_is_complete():
     rooms |= {p.stem for p in SOURCE.glob("*.py") if p.stem != "__init__"}
     assert named == rooms
     assert len(told(DOCS / "layout.md").splitlines()) < 70
+
+
+UPWARDS = {("fitting", "model")}
+"""Of the effective readings, which fits weigh by and error models are made of."""
+
+
+def test_rooms_import_from_rooms_above_them_alone():
+    """While they are loaded; what is imported in a function is free to."""
+    table = told(DOCS / "layout.md").split("| to add |")[0]
+    rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+    order = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    found = set()
+    for path in SOURCE.rglob("*.py"):
+        room = path.relative_to(SOURCE).with_suffix("").parts[0]
+        for node in ast.parse(told(path)).body:
+            module = getattr(node, "module", None) or ""
+            if not isinstance(node, ast.ImportFrom) or not module.startswith("biaxbayes."):
+                continue
+            other = module.split(".")[1]
+            if room in order and order.index(other) > order.index(room):
+                found.add((room, other))
+    assert found <= UPWARDS
+
+
+def test_no_imports_go_round_in_a_circle():
+    wanted: dict[str, set[str]] = {}
+    for path in SOURCE.rglob("*.py"):
+        name = ".".join(("biaxbayes", *path.relative_to(SOURCE).with_suffix("").parts))
+        nodes = [n for n in ast.parse(told(path)).body if isinstance(n, ast.ImportFrom)]
+        names = {f"{n.module}.{a.name}" for n in nodes for a in n.names}
+        wanted[name.removesuffix(".__init__")] = names | {str(n.module) for n in nodes}
+    graph = {name: (names & wanted.keys()) - {name} for name, names in wanted.items()}
+    while leaves := {name for name, names in graph.items() if not names & graph.keys()}:
+        graph = {name: names for name, names in graph.items() if name not in leaves}
+    assert not graph
 
 
 def test_the_readme_is_short_and_begins_with_use():
