@@ -18,7 +18,8 @@ import pytest
 import executor_tasks as tasks
 from biaxbayes.errors import InputError
 from biaxbayes.executors import cluster
-from biaxbayes.executors.executor import Beside, InThisProcess, Workers, executor_for
+from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.executor import InThisProcess, Workers, executor_for
 
 
 def test_every_task_is_done_once_and_in_several_processes():
@@ -243,7 +244,7 @@ def gone(pid: int) -> bool:
 
 SLEEP_BESIDE = """
 import time
-from biaxbayes.executors.executor import Beside
+from biaxbayes.executors.beside import Beside
 with Beside(lambda: time.sleep(600), 2) as beside:
     print(beside._process.pid, flush=True)
 """

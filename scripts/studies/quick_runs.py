@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest import mock
 
-from biaxbayes.executors.executor import Beside
+from biaxbayes.executors.beside import Beside
 from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.law_range import LawRange
 from biaxbayes.identifiability.verdict import Thresholds

@@ -22,7 +22,7 @@ from biaxbayes import figures, jobs, reports
 from biaxbayes.cli import group
 from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.executors.executor import Beside
+from biaxbayes.executors.beside import Beside
 from biaxbayes.identifiability.identify import Identifiability, identify
 from biaxbayes.identifiability.law_range import LawRange
 from biaxbayes.jobs import products as run_products

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import InputError
-from biaxbayes.executors.executor import Beside
+from biaxbayes.executors.beside import Beside
 from biaxbayes.figures.style import figure_bytes, own_garbage
 from biaxbayes.identifiability.determined import determined, mounting_stated
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_edges, held_from, held_table

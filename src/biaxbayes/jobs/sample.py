@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
-from biaxbayes.executors.executor import Beside
+from biaxbayes.executors.beside import Beside
 from biaxbayes.identifiability.identify import fits_of_laws
 from biaxbayes.identifiability.law_range import LawRange
 from biaxbayes.identifiability.toe import swapped_columns
