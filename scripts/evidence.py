@@ -67,6 +67,11 @@ class Page:
 
 
 STUDY = "python scripts/study.py"
+CONVERT_AORTA = (
+    "biaxbayes convert {real}/aorta-tbad/p*.csv --machine generic --geometry unloaded "
+    "--columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa "
+    "--protocol-names 0.5to1,1to1,1to0.75,1to0.5,0.75to1 --overwrite"
+)
 PAGES = {
     "paper": Page(
         "docs/paper.md",
@@ -121,10 +126,7 @@ PAGES = {
         "docs/model-error.md",
         (*POSTERIOR, "identifiability", "prediction"),
         (
-            "biaxbayes convert {real}/aorta-tbad/p*.csv --machine generic --geometry unloaded "
-            "--columns stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa "
-            "--protocol-names 0.5to1,1to1,1to0.75,1to0.5,0.75to1 --overwrite "
-            "--out {work}/aorta.csv",
+            f"{CONVERT_AORTA} --out {{work}}/aorta.csv",
             f"{STUDY} leave_out {{work}}/aorta.csv --out {{work}}/leave-out.csv "
             "--page docs/model-error.md",
             f"{STUDY} model_error run --specimens 105 --folder {{work}}/model-error "
@@ -147,19 +149,36 @@ PAGES = {
             "--page docs/mounting-stretch.md",
         ),
     ),
+    "laws": Page(
+        "docs/laws-evidence.md",
+        (*POSTERIOR, "comparison"),
+        (
+            f"{CONVERT_AORTA} --out {{work}}/aorta.csv",
+            "biaxbayes laws {work}/aorta.csv --out {work}/aorta --workers 2 --resume",
+            f"{STUDY} laws_measured {{work}}/aorta --place laws-aorta --page docs/laws-evidence.md",
+            "biaxbayes convert {real}/valve-pymecht/biax-data.csv --machine generic --columns "
+            "stretch_x=lambda_1,stretch_y=lambda_2,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa "
+            "--overwrite --out {work}/valve.csv",
+            "biaxbayes laws {work}/valve.csv --mounting ignored --out {work}/valve --workers 2 "
+            "--resume",
+            f"{STUDY} laws_measured {{work}}/valve --place laws-valve --page docs/laws-evidence.md",
+            f"{STUDY} law_truths --folder {{work}}/truths --count 20 --workers 2",
+            f"{STUDY} law_truths --folder {{work}}/truths --page docs/laws-evidence.md",
+        ),
+    ),
     "population": Page(
-        "docs/population.md",
+        "docs/population-evidence.md",
         (*POSTERIOR, "populations"),
         (
             f"{STUDY} population calibration --studies 200 --workers 2 --folder {{work}}",
             f"{STUDY} population ridge --studies 20 --workers 2 --folder {{work}}",
-            f"{STUDY} population alike --studies 6 --workers 2 --folder {{work}}",
+            f"{STUDY} population alike --studies 20 --workers 2 --folder {{work}}",
             f"{STUDY} population common-misfit --studies 20 --workers 2 --folder {{work}}",
             f"{STUDY} population own-misfit --studies 20 --workers 2 --folder {{work}}",
             f"{STUDY} population no-misfit --studies 20 --workers 2 --folder {{work}}",
             f"{STUDY} population agreement --folder {{work}}",
             f"{STUDY} population time --specimens 10 20 40 100 --folder {{work}}",
-            f"{STUDY} population table --folder {{work}} --page docs/population.md",
+            f"{STUDY} population table --folder {{work}} --page docs/population-evidence.md",
         ),
         ("numpyro",),
     ),

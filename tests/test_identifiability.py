@@ -231,6 +231,22 @@ def test_partners_reproduce_a_known_conditional_spread():
     assert found["free"].names == () and found["free"].spread_given_all > 0.98
 
 
+def test_partners_that_tell_nothing_alone_are_found_together():
+    rng = np.random.default_rng(6)
+    a, b, c, free, noise = rng.normal(size=(5, 12000))
+    names = ("y", "a", "b", "c", "free")
+    # neither a nor b alone takes a fifth off the spread of a product
+    product = a * b + 0.1 * noise
+    found = find_partners(np.column_stack([product, a, b, c, free]), names)["y"]
+    assert set(found.names) == {"a", "b"}
+    assert found.spread_given_partners == pytest.approx(0.1 / np.sqrt(1.01), rel=0.05)
+    # each of three leaves 0.82 of the spread, all of them 0.1
+    total = a + b + c + 0.17 * noise
+    found = find_partners(np.column_stack([total, a, b, c, free]), names)["y"]
+    assert set(found.names) == {"a", "b", "c"}
+    assert found.spread_given_partners == pytest.approx(0.17 / np.sqrt(3.03), rel=0.05)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_modes_are_counted_and_noise_is_not(seed):
     rng = np.random.default_rng(seed)

@@ -79,14 +79,10 @@ def check_monotone(seed: int) -> None:
     base = judged(specimen)
     worse = judged(replace(specimen, load_noise=2.0 * specimen.noise_sd))
     loose = judged(specimen, mounting_sd=0.2)
-    again: list[Identifiability] = []
     for name in MOUNTING:
         first, second, wide = base[name], worse[name], loose[name]
         told = (seed, name, first.words, second.words, wide.words)
-        if strength(second) > strength(first):
-            # a word that another seed changes lies on its threshold, within Monte Carlo error
-            again = again or [judged(specimen, seed) for seed in (5, 6)]
-            assert strength(second) <= max(strength(other[name]) for other in again), told
+        assert strength(second) <= strength(first), told
         assert first.stated is not None and second.stated is not None and wide.stated is not None
         assert first.stated.is_value or not second.stated.is_value, told
         assert first.evidence is not None and wide.evidence is not None

@@ -1,4 +1,4 @@
-"""The studies behind docs/population.md: their truths, their records and what is made of them."""
+"""The studies behind docs/population-evidence.md: truths, records and what is made of them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from scipy.stats import norm
 
 from biaxbayes.populations.hierarchy import LEAST_INSIDE
 from studies.population.calibration import GROUPS, PRIORS, Truths, values_of
-from studies.population.records import kept, run_all
-from studies.population.tables import _Pooled
+from studies.population.tables import Pooled
 from studies.population.virtual import CENTRES, PARAMETERS, PLANS, Plan, made, on_scale
+from studies.records import kept, run_all
 
 
 def test_truths_are_cut_as_the_model_cuts_them():
@@ -93,7 +93,7 @@ def test_widths_coverage_and_errors_of_pooled_records():
         "mean": intervals(centre[None] + 0.05, 0.1)[0],
         **{"sd_donors": [[0.1] * 5] * 3, "sd_specimens": [[0.1] * 5] * 3},
     }
-    of = _Pooled([json.loads(json.dumps(record))] * 2)
+    of = Pooled([json.loads(json.dumps(record))] * 2)
     assert of.width() == pytest.approx(0.25)
     assert of.held(of.single) == pytest.approx(1.0) and of.held(of.pooled) == pytest.approx(0.0)
     ours, theirs = of.errors()

@@ -14,8 +14,12 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
+from biaxbayes.text_files import write_csv
 from studies.page import DATA, table
 
 if TYPE_CHECKING:
@@ -177,9 +181,7 @@ def write_page(folder: Path, docs: Path) -> None:
         if ranks is not None and ranks["rank"].notna().any():
             found[case] = ranks
     tables = {c: calibration_table(r[r["rank"].notna()], RANKED_DRAWS) for c, r in found.items()}
-    lines = [HEAD, *_summary(found, tables)]
-    for case, judged in tables.items():
-        lines += ["", f"## {title(case)}", "", f"    {case.command}", "", *_rows(judged)]
+    lines = [TITLE, *_result(tables)]
     for name in FIGURES:
         drawn = next((c for c in found if c.name == name), None)
         if drawn is None:
@@ -190,7 +192,31 @@ def write_page(folder: Path, docs: Path) -> None:
         n = int(tables[drawn]["replications"].max())
         lines += ["", f"![{title(drawn)}](figures/calibration-{name}.png)", ""]
         lines += [f"*{title(drawn)}, {n} replications. {CAPTION}*"]
-    atomic_write_text(docs / "calibration.md", "\n".join(lines) + "\n")
+    lines += ["", *_summary(found, tables), "", METHOD]
+    atomic_write_text(docs / "calibration.md", "\n".join(lines))
+    each = [t.assign(study=title(c), command=c.command) for c, t in tables.items()]
+    columns = ["study", *(n for n in each[0] if n not in ("study", "command")), "command"]
+    write_csv(docs / "tables" / "calibration.csv", pd.concat(each)[columns], digits=4)
+
+
+def _result(tables: dict[Case, pd.DataFrame]) -> list[str]:
+    """What all studies say, in a paragraph."""
+    from biaxbayes.calibration.ranks import verdict
+
+    judged = {case: verdict(t) for case, t in tables.items() if case.noise != "effective"}
+    sound = {c: p for c, (_, p) in judged.items() if not c.broken}
+    caught = [not uniform for c, (uniform, _) in judged.items() if c.broken]
+    count = sum(int(tables[c]["replications"].max()) for c in sound)
+    covered = pd.concat([tables[c]["coverage_90"] for c in sound])
+    text = (
+        f"**Intervals hold the truth as often as they say. Over {count:,} simulated specimens in "
+        f"{len(sound)} studies ranks are uniform in {sum(p >= 0.05 for p in sound.values())} "
+        f"(smallest p {min(sound.values()):.2g}); intervals of 90 % hold "
+        f"{100 * covered.min():.0f} to {100 * covered.max():.0f} % of the truths of every quantity "
+        f"(mean {100 * covered.mean():.1f}). Of {len(caught)} studies that were broken on purpose "
+        f"{sum(caught)} are caught.**"
+    )
+    return wrap(text, 100)
 
 
 def title(case: Case) -> str:
@@ -227,26 +253,12 @@ def _summary(found: dict, tables: dict) -> list[str]:
     header += ["quantities outside their band", "p, all together", ""]
     lines = table(header, rows, left=4).splitlines()
     missing = "; ".join(title(case) for case in CASES if case not in found)
+    lines += ["", "[Every quantity of every study](tables/calibration.csv)"]
     return [*lines, "", f"Not run yet: {missing}."] if missing else lines
 
 
-def _rows(found) -> list[str]:
-    """Lines of one case's table, from its quantities' coverage."""
-    levels = (50, 80, 90, 95)
-    rows = [
-        [row["parameter"], f"{row['uniformity_p']:.2g}", row["inside_band"]]
-        + [
-            f"{100 * row[f'coverage_{v}']:.1f} "
-            f"({100 * row[f'coverage_{v}_low']:.1f}-{100 * row[f'coverage_{v}_high']:.1f})"
-            for v in levels
-        ]
-        for row in found.to_dict("records")
-    ]
-    header = ["quantity", "p", "in band", *(f"{v} % (95 % interval)" for v in levels)]
-    return table(header, rows).splitlines()
-
-
-HEAD = """# Calibration
+TITLE = "# Calibration\n"
+METHOD = """## How it is checked
 
 An interval that says 90 % should hold the truth nine times in ten. `biaxbayes calibrate` checks
 it on a specimen's own protocols, dimensions and load noise (simulation-based calibration, Talts
@@ -291,6 +303,9 @@ Made with
 where `three-ratios.csv` is that of `biaxbayes simulate --material donor2-media --ratio 1:1
 --ratio 1:0.5 --ratio 0.5:1 --increments 20 --noise-N 0.0006 --out three-ratios.csv`. (`--break`
 is a hidden option of `biaxbayes calibrate`.)
+
+The same for other laws stands on [their page](laws.md), for populations on
+[theirs](population-evidence.md).
 """
 CAPTION = (
     "The empirical distribution function of the ranks less the uniform one, against the rank; the "

@@ -4,7 +4,7 @@
     python scripts/study.py population calibration --folder FOLDER --studies 200 --workers 2
     python scripts/study.py population ridge --folder FOLDER --studies 20
     python scripts/study.py population time --folder FOLDER --specimens 10 20 40 100
-    python scripts/study.py population table --folder FOLDER --page docs/population.md
+    python scripts/study.py population table --folder FOLDER --page docs/population-evidence.md
 
 ``agreement``: six specimens of three protocols in two groups, and NUTS on all of it at once.
 ``calibration``: studies whose truths are drawn from the model's own priors. ``ridge``: twelve
@@ -63,12 +63,12 @@ def main() -> None:
         time_them(asked.folder, asked.specimens, asked.runs, asked.workers)
     elif asked.what == "calibration":
         from studies.population.calibration import calibrate
-        from studies.population.records import run_all
+        from studies.records import run_all
 
         run_all(calibrate, seeds, records, asked.workers)
     else:
         from studies.population.pooled import pooled_study
-        from studies.population.records import run_all
+        from studies.records import run_all
 
         run_all(partial(pooled_study, asked.what), seeds, records, asked.workers)
 
@@ -76,7 +76,7 @@ def main() -> None:
 def agree(folder: Path, draws: int, warmup: int) -> None:
     """The six specimens where they are not there yet, and NUTS anew."""
     from studies.population.agreement import SEED, make_six, nuts
-    from studies.population.records import run_all
+    from studies.records import run_all
 
     if not (folder / "six" / "population" / "population.nc").exists():
         make_six(folder / "six")
@@ -85,8 +85,8 @@ def agree(folder: Path, draws: int, warmup: int) -> None:
 
 def time_them(folder: Path, counts: list[int], runs: int, workers: int) -> None:
     """Populations of the specimens of one finished study."""
-    from studies.population.records import run_all
     from studies.population.timing import finished_runs, timed
+    from studies.records import run_all
 
     study = finished_runs(folder / "many", runs)
 

@@ -1,8 +1,8 @@
-"""The tables of docs/population.md from the records of the studies."""
+"""The tables of docs/population-evidence.md from the records of the studies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -11,23 +11,37 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.calibration.ranks import calibration_table, verdict
+from biaxbayes.text_files import write_csv
 from studies.page import put, table
-from studies.population.calibration import GROUPS, RANKED_DRAWS
-from studies.population.records import kept
-from studies.population.virtual import CENTRES, PARAMETERS, SD_DONORS, SD_SPECIMENS, on_scale
+from studies.population.calibration import RANKED_DRAWS
+from studies.population.virtual import (
+    CENTRES,
+    PARAMETERS,
+    SD_DONORS,
+    SD_SPECIMENS,
+    on_scale,
+)
+from studies.records import kept
 
-__all__ = ["TABLES", "write_tables"]
+__all__ = ["KINDS", "TABLES", "calibrated", "kind_of", "pooled", "write_tables"]
 
 Records = list[dict[str, Any]]
 
 
 def write_tables(folder: Path, page: Path | None) -> None:
-    """Print what the records of a folder say, and put it into a page."""
+    """Print what the records of a folder say, and put it into a page, long tables beside it."""
     for name, made in TABLES.items():
         text = made(folder)
         print(f"\n{name}\n\n{text}")
         if page and text:
             put(page, f"population-{name}", text)
+    if page:
+        for name, rows in {"agreement": agreed, "calibration": calibrated}.items():
+            if not (found := rows(folder)).empty:
+                write_csv(page.parent / "tables" / f"population-{name}.csv", found, digits=4)
+        from studies.population.drawing import draw_evidence
+
+        draw_evidence(folder, page.parent / "figures" / "population-evidence.png")
 
 
 def _paragraph(text: str) -> str:
@@ -49,90 +63,99 @@ def _not_converged(records: Records) -> str:
 # --- agreement with NUTS -------------------------------------------------------------------------
 
 
-def agreement(folder: Path) -> str:
-    """Means and sds beside those of NUTS."""
+def agreed(folder: Path) -> pd.DataFrame:
+    """Means and sds of every hyperparameter beside those of NUTS."""
     found = kept(folder / "agreement.jsonl")
-    if not found:
-        return ""
-    record = found[-1]
     rows = [
-        [
-            r["quantity"],
-            *(f"{x:.4g}" for x in (*r["mean"], *r["sd"])),
-            f"{r['z_mean']:.1f}",
-            f"{r['z_sd']:.1f}",
-            *(f"{x:.0f}" for x in r["ess"]),
-        ]
-        for r in record["rows"]
+        {
+            "quantity": r["quantity"],
+            **{
+                f"{k}{of}": x
+                for k in ("mean", "sd")
+                for of, x in zip(("", "_nuts"), r[k], strict=True)
+            },
+            "z_of_mean": r["z_mean"],
+            "z_of_sd": r["z_sd"],
+            **dict(zip(("ess", "ess_nuts"), r["ess"], strict=True)),
+        }
+        for r in (found[-1]["rows"] if found else ())
     ]
-    z = np.abs([[r["z_mean"], r["z_sd"]] for r in record["rows"]])
-    head = ["quantity", "mean", "NUTS", "sd", "NUTS", "z of mean", "z of sd", "ESS", "ESS of NUTS"]
-    said = (
-        f"The largest of the {z.size} differences is {z.max():.1f} Monte Carlo errors, their root "
-        f"mean square {np.sqrt((z**2).mean()):.1f}. NUTS made {record['draws']} draws in 4 chains "
-        f"({record['divergences']} divergences, R-hat at most "
-        f"{max(r['rhat'] for r in record['rows']):.3f})."
+    return pd.DataFrame(rows)
+
+
+def agreement(folder: Path) -> str:
+    """How far means and sds are from those of NUTS."""
+    rows = agreed(folder)
+    if rows.empty:
+        return ""
+    record = kept(folder / "agreement.jsonl")[-1]
+    z = np.abs(rows[["z_of_mean", "z_of_sd"]].to_numpy())
+    worst = rows.loc[z.max(axis=1).argmax()]
+    return _paragraph(
+        f"The largest of the {z.size} differences is {z.max():.1f} Monte Carlo errors "
+        f"({worst['quantity']}), their root mean square {np.sqrt((z**2).mean()):.1f}. NUTS made "
+        f"{record['draws']} draws in 4 chains ({record['divergences']} divergences, R-hat at most "
+        f"{max(r['rhat'] for r in record['rows']):.3f}). "
+        "[All of them](tables/population-agreement.csv)"
     )
-    return table(head, rows) + "\n" + _paragraph(said)
 
 
 # --- calibration ---------------------------------------------------------------------------------
 
+KINDS = {
+    "hyperparameters": "means and sds",
+    "specimen": "the first specimen, pooled",
+    "new specimen": "values of a new specimen",
+    "stress": "its stress",
+}
 
-def calibration(folder: Path) -> str:
-    """Uniformity and coverage over the studies."""
-    records = kept(folder / "calibration.jsonl")
-    if not records:
-        return ""
+
+def calibrated(folder: Path) -> pd.DataFrame:
+    """Uniformity and coverage of every quantity over the studies."""
     ranks = pd.DataFrame(
         [
             {"parameter": name, "unit": "", "rank": rank, "below": r["below"][name]}
-            for r in records
+            for r in kept(folder / "calibration.jsonl")
             for name, rank in r["rank"].items()
         ]
     )
-    judged = calibration_table(ranks, RANKED_DRAWS)
-    kind = judged["parameter"].map(_kind)
+    return calibration_table(ranks, RANKED_DRAWS) if len(ranks) else ranks
+
+
+def calibration(folder: Path) -> str:
+    """Uniformity and coverage over the studies, by kinds of quantities."""
+    judged = calibrated(folder)
+    if judged.empty:
+        return ""
+    records = kept(folder / "calibration.jsonl")
+    kind = judged["parameter"].map(kind_of)
     rows = []
-    for part in ("hyperparameters", "specimen", "new specimen"):
-        for row in judged[kind == part].to_dict("records"):
-            rows.append([row["parameter"], f"{row['uniformity_p']:.2g}", *_shares(row)])
-    bands = judged[kind == "stress"]
-    for group in GROUPS:
-        for axis in "xy":
-            of = f"new stress_{axis} at "
-            own = bands[
-                bands["parameter"].str.startswith(of) & bands["parameter"].str.endswith(group)
-            ]
-            for row in own.to_dict("records"):
-                rows.append([row["parameter"], f"{row['uniformity_p']:.2g}", *_shares(row)])
-    hyper = judged[kind == "hyperparameters"]
-    outside = int((hyper["inside_band"] == "no").sum())
-    new, stress = (_range(judged[kind == k]["coverage_90"]) for k in ("new specimen", "stress"))
+    for name, words in KINDS.items():
+        of = judged[kind == name]
+        outside = int((of["inside_band"] == "no").sum())
+        rows.append(
+            [words, len(of), f"{verdict(of)[1]:.2g}", outside]
+            + [_range(of[f"coverage_{level}"]) for level in (50, 80, 90)]
+        )
     thrown = sum(r["rejected"] for r in records)
     said = (
-        f"{len(records)} studies. Hyperparameters: all together p = {verdict(hyper)[1]:.2g}; "
-        f"{outside} of {len(hyper)} leave their own 95 % band. All {len(judged)} quantities "
-        f"together: p = {verdict(judged)[1]:.2g}. Intervals of 90 % of a new specimen's parameters "
-        f"hold {new} of the truths (mean {judged[kind == 'new specimen']['coverage_90'].mean():.3f}"
-        f"), those of its stress {stress} (mean "
-        f"{judged[kind == 'stress']['coverage_90'].mean():.3f}). {_not_converged(records)}. "
-        f"{thrown} studies were drawn anew because a specimen had no stable mounted state."
+        f"{len(records)} studies. All {len(judged)} quantities together: p = "
+        f"{verdict(judged)[1]:.2g}. {_not_converged(records)}. {thrown} studies were drawn anew "
+        "because a specimen had no stable mounted state. "
+        "[Every quantity](tables/population-calibration.csv)"
     )
-    head = ["quantity", "p", "50 %", "80 %", "90 %"]
+    head = ["quantities", "number", "p together", "outside their 95 % band"]
+    head += [f"held by intervals of {level} %" for level in (50, 80, 90)]
     return _paragraph(said) + "\n\n" + table(head, rows)
 
 
-def _kind(name: str) -> str:
+def kind_of(name: str) -> str:
+    """Which of the kinds a ranked quantity is."""
     if name.startswith("new stress"):
         return "stress"
     if name.startswith("new "):
         return "new specimen"
     return "specimen" if name.endswith(" of s0") else "hyperparameters"
-
-
-def _shares(row: Mapping[Any, Any]) -> list[str]:
-    return [f"{row[f'coverage_{level}']:.3f}" for level in (50, 80, 90)]
 
 
 def _range(values: pd.Series) -> str:
@@ -142,7 +165,7 @@ def _range(values: pd.Series) -> str:
 # --- pooling -------------------------------------------------------------------------------------
 
 
-class _Pooled:
+class Pooled:
     """Records of one kind as arrays; single, pooled (studies, n, 3, p), mean (studies, 3, p)."""
 
     def __init__(self, records: Records) -> None:
@@ -177,10 +200,21 @@ class _Pooled:
         first, second = (np.sqrt((x**2).mean(axis=0)) for x in pair)
         return first, second
 
+    def scatter(self) -> np.ndarray:
+        """Rms by which the mean of the true values misses the group's mean, (p,)."""
+        missed = self.truth.mean(axis=1) - self.centre
+        return np.asarray(np.sqrt((missed**2).mean(axis=0)))
+
     def mean_held(self) -> np.ndarray:
         """Share of the 90 % intervals of the group's mean that hold it, (p,)."""
         inside = (self.mean[:, 0] <= self.centre) & (self.centre <= self.mean[:, 2])
         return np.asarray(inside.mean(axis=0))
+
+
+def pooled(folder: Path, kind: str) -> Pooled | None:
+    """Records of one kind of study, or None."""
+    records = kept(folder / f"{kind}.jsonl")
+    return Pooled(records) if records else None
 
 
 def ridge(folder: Path) -> str:
@@ -190,14 +224,13 @@ def ridge(folder: Path) -> str:
         ("ridge", "Nine of twelve media with an equibiaxial test alone, three with three"),
         ("alike", "All twelve with an equibiaxial test alone"),
     ):
-        records = kept(folder / f"{kind}.jsonl")
-        if not records:
+        of = pooled(folder, kind)
+        if of is None:
             continue
-        of = _Pooled(records)
         held, own = of.held(of.pooled), of.held(of.single)
         width, (error, plain), mean = of.width(), of.errors(), of.mean_held()
         ours, theirs = of.errors(of_these=True)
-        floor = np.sqrt(((of.truth.mean(axis=1) - of.centre) ** 2).mean(axis=0))
+        floor = of.scatter()
         rows = [
             [name, f"{width[k]:.2f}", f"{own[k]:.2f}", f"{held[k]:.2f}"]
             + [f"{x[k]:.3g}" for x in (error, plain, floor)]
@@ -208,7 +241,7 @@ def ridge(folder: Path) -> str:
         head = ["parameter", "width, pooled over alone", "held alone", "held pooled"]
         head += ["rms error of the mean", "of the mean of medians", "of the mean of the truths"]
         head += ["ratio of the first two", "the same about the truths' mean", "mean held"]
-        text = f"{said}: {len(records)} studies; {_not_converged(records)}."
+        text = f"{said}: {len(of.records)} studies; {_not_converged(of.records)}."
         parts.append(_paragraph(text) + "\n\n" + table(head, rows))
     return "\n".join(parts)
 
@@ -222,16 +255,15 @@ def misfit(folder: Path) -> str:
         ("own-misfit", "A misfit of each specimen's own"),
         ("no-misfit", "The same specimens without misfit, independent noise"),
     ):
-        records = kept(folder / f"{kind}.jsonl")
-        if not records:
+        of = pooled(folder, kind)
+        if of is None:
             continue
-        of = _Pooled(records)
         own, held, mean = of.held(of.single), of.held(of.pooled), of.mean_held()
         medians = of.sd_specimens[:, 1]
         # total variance of a specimen about the group's mean, donors and specimens together
         total = np.sqrt(medians**2 + of.sd_donors[:, 1] ** 2)
         true = np.hypot(SD_DONORS, SD_SPECIMENS)
-        paired = [r for r in records if r["seed"] in sharp and kind != "no-misfit"]
+        paired = [r for r in of.records if r["seed"] in sharp and kind != "no-misfit"]
         own_sd = np.array([r["sd_specimens"][1] for r in paired])
         sharp_sd = np.array([sharp[r["seed"]]["sd_specimens"][1] for r in paired])
         without = np.median(own_sd / sharp_sd, axis=0) if paired else np.ones(0)
@@ -249,11 +281,11 @@ def misfit(folder: Path) -> str:
         head += ["rms error of the mean over its stated sd", "sd_specimens over the true one"]
         head += ["total sd over the true one"]
         head += [f"sd_specimens over that without misfit, {len(paired)} studies"] if paired else []
-        beta = np.concatenate([r["beta"] for r in records])
+        beta = np.concatenate([r["beta"] for r in of.records])
         text = (
-            f"{said}: {len(records)} studies of {of.truth.shape[1]} specimens; weights "
+            f"{said}: {len(of.records)} studies of {of.truth.shape[1]} specimens; weights "
             f"{beta.min():.2f} to {beta.max():.2f}, median {np.median(beta):.2f}; "
-            f"{_not_converged(records)}."
+            f"{_not_converged(of.records)}."
         )
         parts.append(_paragraph(text) + "\n\n" + table(head, rows))
     return "\n".join(parts)

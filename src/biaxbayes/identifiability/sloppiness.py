@@ -3,7 +3,8 @@
 The conditional spread is the residual spread of a polynomial regression of the parameter on the
 others (all on their sampling scales): cubic in each, with all products of two. Partners are those
 that alone tell much about the parameter (or it about them), since on a ridge all move together,
-and those that are needed besides to explain its spread.
+and the fewest that are needed besides to explain its spread. Every set of up to three is tried:
+one that adds the best partner at a time stops where two tell nothing alone and much together.
 
 Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
 in units of its prior standard deviation. The eigenvector is straight, the ridge of a posterior is
@@ -14,7 +15,9 @@ was walked.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations, permutations
 
 import numpy as np
 import pandas as pd
@@ -35,9 +38,10 @@ __all__ = ["Direction", "Partners", "Sloppiness", "find_partners", "sloppiness"]
 
 DRAWS = 3000
 MOST_PARTNERS = 3
-WORTH = 0.8  # another partner must shrink the remaining spread to this share, at least
+WORTH = 0.8  # partners must shrink the spread to this share, at least
 TOGETHER = 0.6  # two parameters move together where one leaves this share of the other's spread
 NEAR = 1.25  # partners suffice once the spread is this close to that given everything
+ALIKE = 1.1  # or, where no three come so near, this close to that given the best three
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class Partners:
     Attributes
     ----------
     names : tuple of str
-        In the order of what they explain.
+        Those that tell much alone first.
     spread_given_all : float
         Standard deviation given all other parameters, over the marginal one.
     spread_given_partners : float
@@ -76,50 +80,85 @@ def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partn
     few = values[::step]
     spread = few.std(axis=0)
     z = (few - few.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    z = np.clip(z, -6.0, 6.0)  # a far draw must not steer the polynomial
-    d = len(names)
-    pair = np.ones((d, d))
-    for i in range(d):
-        for j in range(d):
-            if i != j and spread[i] > 0.0:
-                pair[i, j] = _spread_given(z, i, [j])
+    known = _Regressions.of(np.clip(z, -6.0, 6.0))  # a far draw must not steer the polynomial
+    pair = np.ones((len(names), len(names)))
+    for i, j in permutations(range(len(names)), 2):
+        pair[i, j] = known.spread(i, (j,))
     pair = np.minimum(pair, pair.T)
-    return {name: _partners_of(z, j, names, pair[j]) for j, name in enumerate(names)}
+    return {name: _partners_of(known, j, names, pair[j]) for j, name in enumerate(names)}
 
 
-def _partners_of(z: np.ndarray, target: int, names: tuple[str, ...], pair: np.ndarray) -> Partners:
+def _partners_of(
+    known: _Regressions, target: int, names: tuple[str, ...], pair: np.ndarray
+) -> Partners:
+    """The fewest parameters that tell about as much of one as all others, or as any three."""
     others = [j for j in range(len(names)) if j != target]
-    if not others or not z[:, target].std() > 0.0:
+    if not others:
         return Partners((), 1.0, 1.0)
-    full = _spread_given(z, target, others)
-    chosen = [j for j in sorted(others, key=lambda j: pair[j]) if pair[j] <= TOGETHER]
-    chosen = chosen[:MOST_PARTNERS]
-    spread = _spread_given(z, target, chosen) if chosen else 1.0
-    while spread > NEAR * full and len(chosen) < MOST_PARTNERS:
-        left = [j for j in others if j not in chosen]
-        tried = [_spread_given(z, target, [*chosen, j]) for j in left]
-        best = int(np.argmin(tried)) if tried else 0
-        if not tried or tried[best] > WORTH * spread:
-            break
-        chosen.append(left[best])
-        spread = tried[best]
+    full = known.spread(target, others)
+    together = [j for j in sorted(others, key=lambda j: pair[j]) if pair[j] <= TOGETHER]
+    together = together[:MOST_PARTNERS]
+    left = [j for j in others if j not in together]
+    best: list[tuple[float, list[int]]] = []  # of each size
+    for more in range(min(MOST_PARTNERS - len(together), len(left)) + 1):
+        tried = [[*together, *added] for added in combinations(left, more)]
+        best.append(min((known.spread(target, given), given) for given in tried))
+    enough = max(NEAR * full, ALIKE * best[-1][0])
+    spread, chosen = next(found for found in best if found[0] <= enough)
+    if spread > WORTH and not together:
+        return Partners((), full, 1.0)
     return Partners(tuple(names[j] for j in chosen), full, spread)
 
 
-def _spread_given(z: np.ndarray, target: int, given: list[int]) -> float:
-    """Residual spread of the regression over the marginal spread."""
-    columns = [np.ones(len(z))]
-    for i, a in enumerate(given):
-        columns += [z[:, a], z[:, a] ** 2, z[:, a] ** 3]
-        columns += [z[:, a] * z[:, b] for b in given[:i]]
-    features = np.column_stack(columns)
-    y = z[:, target]
-    # Normal equations with a whisper of ridge: neighbouring powers are nearly collinear.
-    gram = features.T @ features
-    gram[np.diag_indices_from(gram)] += 1e-9 * len(z)
-    residual = y - features @ np.linalg.solve(gram, features.T @ y)
-    freedom = max(len(z) - features.shape[1], 1)
-    return float(min(np.sqrt((residual @ residual) / freedom) / y.std(), 1.0))
+@dataclass(frozen=True)
+class _Regressions:
+    """Sums of squares and products of all terms, from which every regression follows.
+
+    Attributes
+    ----------
+    gram : ndarray, shape (m, m)
+        Of one, the first three powers of each parameter, and all products of two.
+    power : ndarray, shape (d, 3)
+        Columns of the powers of each parameter.
+    product : ndarray, shape (d, d)
+        Columns of the products; those of a parameter with itself are not used.
+    draws : int
+    """
+
+    gram: np.ndarray
+    power: np.ndarray
+    product: np.ndarray
+    draws: int
+
+    @classmethod
+    def of(cls, z: np.ndarray) -> _Regressions:
+        """From standardised draws, shape (n, d)."""
+        d = z.shape[1]
+        product = np.zeros((d, d), dtype=int)
+        columns = [np.ones(len(z)), *z.T, *(z**2).T, *(z**3).T]
+        for i, j in combinations(range(d), 2):
+            product[i, j] = product[j, i] = len(columns)
+            columns.append(z[:, i] * z[:, j])
+        terms = np.array(columns)
+        power = 1 + np.arange(d)[:, None] + d * np.arange(3)
+        return cls(terms @ terms.T, power, product, len(z))
+
+    def spread(self, target: int, given: Sequence[int]) -> float:
+        """Residual spread of a parameter given others, over its marginal spread."""
+        y = self.power[target, 0]
+        total = self.gram[y, y] - self.gram[0, y] ** 2 / self.draws
+        if not total > 0.0:
+            return 1.0
+        used = [0, *self.power[list(given)].ravel()]
+        used += [self.product[i, j] for i, j in combinations(given, 2)]
+        gram, with_y = self.gram[np.ix_(used, used)], self.gram[used, y]
+        # normal equations with a whisper of ridge: neighbouring powers are nearly collinear
+        ridged = gram + 1e-9 * self.draws * np.eye(len(used))
+        c = np.linalg.solve(ridged, with_y)
+        # |y - F c|^2 = y.y - 2 c.F'y + c.F'F c
+        residual = max(self.gram[y, y] - 2.0 * c @ with_y + c @ gram @ c, 0.0)
+        freedom = max(self.draws - len(used), 1)
+        return float(min(np.sqrt(residual / freedom * self.draws / total), 1.0))
 
 
 # --- stiff and sloppy directions: what combination of parameters is known -------------------------
