@@ -364,7 +364,7 @@ def _tell_ledger(found: Ledger, folder: Path) -> None:
 
 
 def _cell(row: Any, name: str) -> str:
-    from biaxbayes.figures.labels import number
+    from biaxbayes.figures.numbers import number
 
     low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))
     if low == high:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ import pandas as pd
 
 from biaxbayes.csv_tables import read_csv, write_csv
 from biaxbayes.errors import InputError
-from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.beside import Beside, Standby
 from biaxbayes.figures.style import figure_bytes, own_garbage
 from biaxbayes.identifiability.determined import determined, mounting_stated
 from biaxbayes.identifiability.held_edges import (
@@ -410,6 +411,30 @@ def write_identifiability_products(
 
 FORMATS = ("pdf", "png")
 
+Task = tuple[str, tuple[Any, ...]]
+"""What is drawn, by the stem of its files, and what of."""
+
+_drawing: ContextVar[Standby[Task, dict[str, bytes]] | None] = ContextVar("drawing", default=None)
+
+
+@contextlib.contextmanager
+def drawing_beside(workers: int) -> Iterator[None]:
+    """Have a process get ready to draw the figures of a run that is sampled within.
+
+    It imports matplotlib, which this process then never holds.
+
+    Parameters
+    ----------
+    workers : int
+        Processors that may be used; with one the figures are drawn here.
+    """
+    with Standby(_ready, _drawn, workers) as process:
+        token = _drawing.set(process)
+        try:
+            yield
+        finally:
+            _drawing.reset(token)
+
 
 def write_products(
     folder: Path,
@@ -422,57 +447,77 @@ def write_products(
     """Write the products of a run into its folder; the verdicts.
 
     Unusable draws get the traces that show why, and no figure of a posterior that is none. With two
-    ``workers`` the corner, which takes as long as the other figures, is drawn beside them, and the
-    ``laws`` were fitted beside the sampling.
+    ``workers`` the figures are drawn beside the verdicts, the corner, which takes as long as the
+    others, beside these, and the ``laws`` were fitted beside the sampling.
     """
-    from biaxbayes.figures.run.bands import bands_figure
-    from biaxbayes.figures.run.corner import corner_figure
-    from biaxbayes.figures.run.identifiability import identifiability_figure
-    from biaxbayes.reports.explore import can_be_explored, write_explore
-
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
     known = posterior.quantities
-    drawn = state != "unusable"
-    with Beside(
-        lambda: _pictures(lambda: corner_figure(table, known=known)), workers if drawn else 1
-    ) as corner:
+    with contextlib.ExitStack() as stack:
+        drawing = _drawing.get() or stack.enter_context(Standby(_ready, _drawn, workers))
+        if state != "unusable":  # the largest figure first
+            drawing.begin(("corner", (table, known)))
+            drawing.begin(("stress-bands", (posterior.specimen, table, posterior.settings)))
+            drawing.begin(("explore", (posterior, table, state)))
+        if state != "converged":
+            drawing.begin(("trace", (draws.quantities, posterior.specimen.unit, known)))
         fits = laws.result() if state == "converged" else None
         found = identify_draws(posterior, table, state, fits=fits)
         found = found.with_held(held_edges(posterior, found.open_edges()))
+        if state != "unusable":
+            drawing.begin(("identifiability", (found,)))
         write_identifiability(found, folder / "identifiability.csv")
         write_law_fits(found, posterior, folder)
         write_held_edges(found, folder)
-        if state != "converged":
-            from biaxbayes.figures.run.trace import trace_figure
-
-            unit = posterior.specimen.unit
-            traces = _pictures(lambda: trace_figure(draws.quantities, unit=unit, known=known))
-            _save(folder, "trace", traces)
-        if not drawn:
-            return found
-        if not corner.begun:  # the largest figure first, while least is in memory
-            _save(folder, "corner", corner.result())
-        specimen, settings = posterior.specimen, posterior.settings
-        bands = _pictures(lambda: bands_figure(specimen, table, settings=settings))
-        _save(folder, "stress-bands", bands)
-        _save(folder, "identifiability", _pictures(lambda: identifiability_figure(found)))
-        if can_be_explored(known, table):
-            write_explore(folder, posterior, table, state)
-        if corner.begun:
-            _save(folder, "corner", corner.result())
+        for files in drawing.results():
+            for name, content in files.items():
+                atomic_write_bytes(folder / name, content)
     return found
 
 
-def _pictures(draw: Callable[[], Figure]) -> dict[str, bytes]:
-    """A figure in every format, by the ending of its file."""
+def _ready() -> None:
+    """Import what all figures need."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_pdf  # noqa: F401
+
+    import biaxbayes.figures.run.bands
+    import biaxbayes.figures.run.corner
+    import biaxbayes.figures.run.identifiability
+    import biaxbayes.reports.explore  # noqa: F401
+
+
+def _drawn(task: Task) -> dict[str, bytes]:
+    """The files of a task, by their names."""
+    stem, of = task
+    if stem == "explore":
+        from biaxbayes.reports.explore import EXPLORE, can_be_explored, explore_page
+        from biaxbayes.reports.page import NAME
+
+        posterior, table, state = of
+        if not can_be_explored(posterior.quantities, table):
+            return {}
+        return {EXPLORE: explore_page(posterior, table, state, report=NAME).encode()}
     with own_garbage():
-        figure = draw()
-        pictures = {suffix: figure_bytes(figure, suffix) for suffix in FORMATS}
+        figure = _figure(stem, *of)
+        pictures = {f"{stem}.{suffix}": figure_bytes(figure, suffix) for suffix in FORMATS}
         del figure
     return pictures
 
 
-def _save(folder: Path, stem: str, pictures: Mapping[str, bytes]) -> None:
-    for suffix, picture in pictures.items():
-        atomic_write_bytes(folder / f"{stem}.{suffix}", picture)
+def _figure(stem: str, *of: Any) -> Figure:
+    """The figure with this stem of a run."""
+    if stem == "corner":
+        from biaxbayes.figures.run.corner import corner_figure
+
+        return corner_figure(of[0], known=of[1])
+    if stem == "stress-bands":
+        from biaxbayes.figures.run.bands import bands_figure
+
+        return bands_figure(of[0], of[1], settings=of[2])
+    if stem == "trace":
+        from biaxbayes.figures.run.trace import trace_figure
+
+        return trace_figure(of[0], unit=of[1], known=of[2])
+    from biaxbayes.figures.run.identifiability import identifiability_figure
+
+    return identifiability_figure(*of)

@@ -101,6 +101,8 @@ class Sampling:
         stop: Callable[[], int] = lambda: False,
     ) -> Path:
         """Sample, write the run folder, and return its path."""
+        from biaxbayes.jobs.products import drawing_beside
+
         tell = progress or _warn
         clock = time.perf_counter()
         self._make_folder()
@@ -112,6 +114,7 @@ class Sampling:
                 tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
             fit_clock = time.perf_counter()
+            stack.enter_context(drawing_beside(self.plan.workers))
             stack.enter_context(Beside(compile_kernels, self._compilers()))
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
             swapped = swapped_columns(

@@ -10,7 +10,7 @@ from functools import partial
 import pandas as pd
 
 from biaxbayes.csv_tables import read_csv
-from biaxbayes.figures.labels import number
+from biaxbayes.figures.numbers import number
 from biaxbayes.identifiability.determined import MEASURED, determined, mounting_stated
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.parameters import STRETCH, Quantity
