@@ -40,6 +40,7 @@ from biaxbayes.identifiability.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten
+from biaxbayes.runs.said import IDENTIFIED, write_said
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text
 
@@ -346,7 +347,14 @@ def identified(
         fits = fits_of_laws(posterior)
     verdicts = identify_draws(posterior, draws, state, fits=fits)
     verdicts = verdicts.with_held(_held_edges(verdicts, posterior, kept))
-    if state != "converged":
+    return _with_curves(verdicts, posterior, draws)
+
+
+def _with_curves(
+    verdicts: Identifiability, posterior: Posterior, draws: pd.DataFrame
+) -> Identified:
+    """Verdicts with what the curves determine, of converged draws."""
+    if verdicts.state != "converged":
         return Identified(verdicts, None, None)
     table = determined(
         draws,
@@ -391,6 +399,17 @@ def write_identifiability_products(
         If a file cannot be written.
     """
     found = identified(posterior, draws, state, kept=kept)
+    _write_tables(found, posterior, folder)
+    if figure:
+        from biaxbayes.figures.run.identifiability import identifiability_figure
+        from biaxbayes.figures.style import save_figure
+
+        save_figure(identifiability_figure(found.verdicts), folder / "identifiability.pdf")
+    return found
+
+
+def _write_tables(found: Identified, posterior: Posterior, folder: Path) -> None:
+    """Every table of what was found."""
     write_identifiability(found.verdicts, folder / "identifiability.csv")
     write_law_fits(found.verdicts, posterior, folder)
     write_held_edges(found.verdicts, folder)
@@ -398,12 +417,6 @@ def write_identifiability_products(
         write_csv(folder / "determined.csv", found.determined, digits=DIGITS)
     if found.directions is not None:
         write_csv(folder / "same-curves.csv", found.directions.path.to_frame(), digits=DIGITS)
-    if figure:
-        from biaxbayes.figures.run.identifiability import identifiability_figure
-        from biaxbayes.figures.style import save_figure
-
-        save_figure(identifiability_figure(found.verdicts), folder / "identifiability.pdf")
-    return found
 
 
 # --- what a run folder holds besides the draws: figures, verdicts, report ------------------------
@@ -446,10 +459,13 @@ def write_products(
 ) -> Identifiability:
     """Write the products of a run into its folder; the verdicts.
 
-    Unusable draws get the traces that show why, and no figure of a posterior that is none. With two
-    ``workers`` the figures are drawn beside the verdicts, the corner, which takes as long as the
-    others, beside these, and the ``laws`` were fitted beside the sampling.
+    What ``identify`` says of the run is kept for it. Unusable draws get the traces that show why,
+    and no figure of a posterior that is none. With two ``workers`` the figures are drawn beside the
+    verdicts, the corner, which takes as long as the others, beside these, and the ``laws`` were
+    fitted beside the sampling.
     """
+    from biaxbayes.jobs.identified import said_of
+
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
     known = posterior.quantities
@@ -466,9 +482,10 @@ def write_products(
         found = found.with_held(held_edges(posterior, found.open_edges()))
         if state != "unusable":
             drawing.begin(("identifiability", (found,)))
-        write_identifiability(found, folder / "identifiability.csv")
-        write_law_fits(found, posterior, folder)
-        write_held_edges(found, folder)
+        judged = _with_curves(found, posterior, table)
+        _write_tables(judged, posterior, folder)
+        if state != "unusable":  # what identify says of the run is known now
+            write_said(folder, IDENTIFIED, said_of(judged))
         for files in drawing.results():
             for name, content in files.items():
                 atomic_write_bytes(folder / name, content)

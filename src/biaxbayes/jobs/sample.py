@@ -36,6 +36,7 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run
+from biaxbayes.runs.said import IDENTIFIED, IDENTIFIED_FIGURE, IDENTIFIED_TABLES, seal_said
 from biaxbayes.runs.summary import summarise, with_verdicts, write_summary
 from biaxbayes.sampling.kernels import are_compiled, compile_kernels
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
@@ -250,8 +251,9 @@ class Sampling:
         record["identifiability"] = thresholds_record(found)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
         write_report(folder, Run(folder, record))
-        record["files"] = manifest(folder)
+        record["files"] = manifest(folder, without=(IDENTIFIED,))  # which holds the record's digest
         atomic_write_text(folder / PROVENANCE, _json(record))
+        seal_said(folder, IDENTIFIED, (*IDENTIFIED_TABLES, IDENTIFIED_FIGURE))
 
 
 def _warn(progress: Progress) -> None:
