@@ -38,6 +38,7 @@ __all__ = [
     "plain",
     "print_style",
     "read_style",
+    "return_memory",
     "save_figure",
     "settle",
 ]
@@ -167,7 +168,7 @@ def own_garbage() -> Iterator[None]:
     if not gc.isenabled():
         yield
         return
-    _return_memory()
+    return_memory()
     gc.disable()
     gc.freeze()
     try:
@@ -179,7 +180,7 @@ def own_garbage() -> Iterator[None]:
         gc.enable()
 
 
-def _return_memory() -> None:
+def return_memory() -> None:
     """Give back what the C library keeps of freed memory, where it can be asked to."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)

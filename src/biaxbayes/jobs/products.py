@@ -16,7 +16,7 @@ import pandas as pd
 from biaxbayes.csv_tables import read_csv, write_csv
 from biaxbayes.errors import InputError
 from biaxbayes.executors.beside import Beside, Standby
-from biaxbayes.figures.style import figure_bytes, own_garbage
+from biaxbayes.figures.style import figure_bytes, own_garbage, return_memory
 from biaxbayes.identifiability.determined import determined, mounting_stated
 from biaxbayes.identifiability.held_edges import (
     EDGES,
@@ -469,6 +469,7 @@ def write_products(
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
     known = posterior.quantities
+    return_memory()
     with contextlib.ExitStack() as stack:
         drawing = _drawing.get() or stack.enter_context(Standby(_ready, _drawn, workers))
         if state != "unusable":  # the largest figure first
