@@ -18,7 +18,7 @@ import pytest
 import executor_tasks as tasks
 from biaxbayes.errors import InputError
 from biaxbayes.executors import cluster
-from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.beside import Beside, Standby
 from biaxbayes.executors.executor import InThisProcess, Workers, executor_for
 
 
@@ -215,6 +215,48 @@ def test_work_is_not_forked_from_among_threads():
     finally:
         done.set()
         other.join()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_tasks_on_standby_are_worked_on_in_one_process_and_come_back_in_order(workers):
+    ready: list[int] = []
+
+    def squared(values):
+        return values**2, len(ready), os.getpid()
+
+    with Standby(lambda: ready.append(1), squared, workers) as standby:
+        for k in range(3):
+            standby.begin(np.full(200_000, float(k)))  # more than a pipe holds
+        found = standby.results()
+    assert [float(values[0]) for values, _, _ in found] == [0.0, 1.0, 4.0]
+    elsewhere = standby.begun
+    assert elsewhere or workers == 1 or sys.platform != "linux" or threading.active_count() > 1
+    # only where there is a process is it made ready, before the first task
+    assert {n for _, n, _ in found} == {int(elsewhere)} and len(ready) == 0
+    assert (os.getpid() in {pid for _, _, pid in found}) is not elsewhere
+
+
+@pytest.mark.parametrize("begun", [0, 1])
+def test_a_standby_that_dies_leaves_its_tasks_to_this_process(begun):
+    home = os.getpid()
+
+    def die_elsewhere(task):
+        if os.getpid() != home:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return task + 1
+
+    with Standby(lambda: None, die_elsewhere, 2) as standby:
+        for k in range(begun + 1):
+            standby.begin(k)
+        assert standby.results() == list(range(1, begun + 2))
+
+
+def test_a_standby_without_tasks_ends():
+    with Standby(lambda: None, abs, 2) as standby:
+        assert standby.results() == []
+    with Standby(lambda: time.sleep(600), abs, 2) as standby:
+        standby.begin(-1)
+    assert not standby.begun or not standby._process.is_alive()
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import re
 import shutil
 import sys
@@ -35,6 +36,7 @@ from biaxbayes.options import (
 )
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.specimens.virtual_specimen import Truth
+from quick_posteriors import runs_of_few_walkers
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -249,6 +251,29 @@ def test_identify_says_the_same_again_until_something_changes(run, tmp_path, cap
     assert not (copy / "identifiability.pdf").exists()
     assert command("identify", copy) == first[0][0]
     assert (copy / "identifiability.pdf").read_bytes() == figure
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [1, 2])
+def test_of_a_run_as_it_was_sampled_identify_says_at_once_what_it_would_find(
+    workers, tmp_path, capsys, monkeypatch
+):
+    folder = tmp_path / "run"
+    with runs_of_few_walkers():
+        biaxbayes.sample(DATA / "donor2-media.csv", out=folder, workers=workers, ess=500)
+    with monkeypatch.context() as refused:
+        refused.setattr(biaxbayes.api, "identify", lambda *_, **__: pytest.fail("judged again"))
+        at_once = [
+            (command("identify", folder, *o), capsys.readouterr().out) for o in ([], ["--json"])
+        ]
+    before = {p.name: p.read_bytes() for p in folder.iterdir() if p.suffix in (".csv", ".pdf")}
+    said = json.loads((folder / "identify.json").read_text())
+    (folder / "identify.json").unlink()
+    assert (command("identify", folder), capsys.readouterr().out) == at_once[0]
+    assert (command("identify", folder, "--json"), capsys.readouterr().out) == at_once[1]
+    assert said == json.loads((folder / "identify.json").read_text())
+    assert {"determined.csv", "same-curves.csv"} <= set(before)
+    assert all((folder / name).read_bytes() == content for name, content in before.items())
 
 
 @pytest.mark.long

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +30,6 @@ from biaxbayes.progress_bar import progress_line
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.mounting_bias import Ledger
-    from biaxbayes.jobs.products import Identified
     from biaxbayes.optimal_design.design import Design
 
 __all__ = ["design", "identify", "ledger", "profile"]
@@ -42,9 +40,6 @@ NOT_CONVERGED = NotConverged.exit_code
 # --- identify: which parameters the data determine -----------------------------------------------
 
 
-SHOWN = ("Hx", "Hy", "Hz", "small-strain stiffness xx", "small-strain stiffness yy")
-
-
 @click.command("identify")
 @argument("run")
 @click.option("--json", "as_json", is_flag=True, help="Verdicts and evidence as JSON.")
@@ -53,16 +48,22 @@ def identify(run: Path, as_json: bool, no_figure: bool) -> int:
     """Say which parameters of RUN the data determine, alone or only in combination.
 
     Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder,
-    and identify.json, from which the same is said again at once.
+    and identify.json, from which the same is said again at once: of a run as it was sampled, too.
     Exit code 3 where the chains have not converged: there is no verdict then.
     """
-    from biaxbayes.runs.said import keep_said, said_before
+    from biaxbayes.runs.said import (
+        IDENTIFIED,
+        IDENTIFIED_FIGURE,
+        IDENTIFIED_TABLES,
+        keep_said,
+        said_before,
+    )
 
-    made = [*IDENTIFIED_FILES, *([] if no_figure else ["identifiability.pdf"])]
-    said = said_before(run, SAID, made)
+    made = [*IDENTIFIED_TABLES, *([] if no_figure else [IDENTIFIED_FIGURE])]
+    said = said_before(run, IDENTIFIED, made)
     if said is None:
         said = _identified(run, figure=not no_figure)
-        keep_said(run, SAID, made, said)
+        keep_said(run, IDENTIFIED, made, said)
     if as_json:
         click.echo(json.dumps(said["json"], indent=2, allow_nan=False, ensure_ascii=False))
     else:
@@ -72,45 +73,12 @@ def identify(run: Path, as_json: bool, no_figure: bool) -> int:
     return 0 if said["state"] == "converged" else NOT_CONVERGED
 
 
-SAID = "identify.json"
-IDENTIFIED_FILES = ("identifiability.csv", "determined.csv", "same-curves.csv")
-
-
 def _identified(run: Path, *, figure: bool) -> dict[str, Any]:
     """What is found of a run: its state, lines to read, the same as JSON."""
     from biaxbayes import api
-    from biaxbayes.jobs.products import verdicts_as_json
+    from biaxbayes.jobs.identified import said_of
 
-    found = api.identify(run, out=run, figure=figure)
-    lines = found.verdicts.in_words()
-    if found.determined is not None:
-        directions = found.directions.in_words() if found.directions else []
-        words = [*_determined_words(found), *directions]
-        lines = [*lines, "", "what the curves themselves say:", *(f"  {line}" for line in words)]
-    told = verdicts_as_json(found.verdicts, found.determined, found.directions)
-    return {"state": found.state, "lines": lines, "json": json.loads(told)}
-
-
-def _determined_words(found: Identified) -> list[str]:
-    """A few quantities, and the stress at the end of the first test."""
-    from biaxbayes.identifiability.determined import FARTHEST
-
-    assert found.determined is not None
-    table = found.determined
-    stress = table[table["quantity"].isin(("Cauchy stress x", "Cauchy stress y"))]
-    shown = [*table[table["quantity"].isin(SHOWN)].itertuples(), *list(stress.itertuples())[2:4]]
-    lines = []
-    for row in shown:
-        where = f" at {row.stretch_x:g}, {row.stretch_y:g}" if "stress" in str(row.quantity) else ""
-        numbers = f"{row.median:.3g} ({row.low_90:.3g} to {row.high_90:.3g})"
-        line = f"{row.quantity}{where} {numbers} {row.unit}".rstrip()
-        ends = [float(str(v)) for v in (row.tissue_low_90, row.tissue_high_90)]
-        if not math.isnan(ends[0]):  # the interval to state: with the error of the model
-            line += f"; of the tissue {ends[0]:.3g} to {ends[1]:.3g}"
-        elif str(row.quantity).startswith("Cauchy stress"):
-            line += f"; of the tissue not stated, the mounting stretch may be {FARTHEST:g} or more"
-        lines.append(line)
-    return lines
+    return said_of(api.identify(run, out=run, figure=figure))
 
 
 # --- profile: the likelihood along one parameter, everything else re-optimised -------------------
@@ -263,7 +231,7 @@ def _tell_ledger(found: Ledger, folder: Path) -> None:
 
 
 def _cell(row: Any, name: str) -> str:
-    from biaxbayes.figures.labels import number
+    from biaxbayes.figures.numbers import number
 
     low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))
     if low == high:

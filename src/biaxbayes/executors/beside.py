@@ -1,4 +1,7 @@
-"""One piece of work in a process beside this one, which goes on with something else meanwhile.
+"""Work in a process beside this one, which goes on with something else meanwhile.
+
+:class:`Beside` does one piece of work that is known now, :class:`Standby` gets ready now for pieces
+that are known later.
 
 The process is forked, so that nothing has to be sent to it or imported again. Where that is not
 safe (other threads may hold locks, and not all systems fork well) the work is done here, when its
@@ -19,8 +22,9 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
-__all__ = ["Beside"]
+__all__ = ["Beside", "Standby"]
 
+Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
@@ -38,7 +42,7 @@ class Beside(Generic[Result]):
     def __init__(self, work: Callable[[], Result], workers: int) -> None:
         self._work = work
         self._process: Any = None
-        if workers < 2 or sys.platform != "linux" or not _alone():
+        if not _may_fork(workers):
             return
         context = multiprocessing.get_context("fork")
         self._answer, answer = context.Pipe(duplex=False)
@@ -70,6 +74,89 @@ class Beside(Generic[Result]):
         if self.begun:
             self._process.kill()  # its handlers of gentler signals are those of a run
             self._process.join()
+
+
+class Standby(Generic[Task, Result]):
+    """A process that gets ready now and works on tasks as they come, within a ``with`` statement.
+
+    What it takes to get ready, such as imports, this process need not hold.
+
+    Parameters
+    ----------
+    ready : callable
+        Without arguments; what is done before the first task.
+    work : callable
+        Of a task that can be pickled; it writes nothing but caches, and its result can be pickled.
+    workers : int
+        Processors that may be used; with one the tasks wait for :meth:`results`. With more, the
+        first task is worked on beside the others.
+    """
+
+    def __init__(
+        self, ready: Callable[[], object], work: Callable[[Task], Result], workers: int
+    ) -> None:
+        self._work = work
+        self._tasks: list[Task] = []
+        self._process: Any = None
+        if not _may_fork(workers):
+            return
+        context = multiprocessing.get_context("fork")
+        self._answer, answer = context.Pipe(duplex=False)
+        self._queue: Any = context.Queue()
+        arguments = (lambda: _all_worked(ready, work, self._queue), answer, os.getpid())
+        self._process = context.Process(target=_send, args=arguments)
+        with answer, contextlib.suppress(OSError):  # no memory, no more processes
+            self._process.start()
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a process; else the tasks wait for :meth:`results`."""
+        return self._process is not None and self._process.pid is not None
+
+    def begin(self, task: Task) -> None:
+        """Hand a task over."""
+        self._tasks.append(task)
+        if self.begun:
+            self._queue.put(task)
+
+    def results(self) -> list[Result]:
+        """Results of all tasks in their order; exceptions are raised here."""
+        if self.begun:
+            self._queue.put(None)
+            with contextlib.suppress(EOFError, OSError), self._answer:
+                found: list[Result] = self._answer.recv()
+                self._process.join()
+                return found
+        return [self._work(task) for task in self._tasks]  # why it failed there is best seen here
+
+    def __enter__(self) -> Standby[Task, Result]:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process: nobody will hand tasks to it."""
+        if self.begun:
+            self._process.kill()
+            self._process.join()
+            self._queue.cancel_join_thread()
+            self._queue.close()
+
+
+def _all_worked(
+    ready: Callable[[], object], work: Callable[[Task], Result], queue: Any
+) -> list[Result]:
+    """Results of the tasks of a queue, which ends with None."""
+    ready()
+    first = queue.get()
+    if first is None:
+        return []
+    with Beside(lambda: work(first), 2) as longest:
+        others = [work(task) for task in iter(queue.get, None)]
+        return [longest.result(), *others]
+
+
+def _may_fork(workers: int) -> bool:
+    """Whether there are processors for it, and forking is safe."""
+    return workers > 1 and sys.platform == "linux" and _alone()
 
 
 def _alone() -> bool:

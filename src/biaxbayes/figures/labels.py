@@ -1,4 +1,4 @@
-"""Labels of figures: numbers with the digits they deserve, texts that fit, ticks that keep apart.
+"""Labels of figures: texts that fit, ticks that keep apart.
 
 Widths are those of matplotlib's own typesetting. Its locators take every tick label for three times
 as wide as high, which in panels of a centimetre lets labels such as 0.995 run into each other and
@@ -7,7 +7,6 @@ into the next panel; :class:`FewTicks` asks for the labels' widths instead.
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterator
 from functools import lru_cache
@@ -16,48 +15,12 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
+from biaxbayes.figures.numbers import number, range_text
 from biaxbayes.figures.style import MM, font_points, plain
 
 __all__ = ["few_ticks", "number", "range_text", "round_values", "shortened", "text_mm"]
 
 POINT_MM = 1.0 / 72.0 / MM
-
-
-# --- numbers as a figure prints them: as many digits as their interval deserves ------------------
-
-
-def number(value: float, low: float, high: float, *, log: bool = False) -> str:
-    """A value with two digits of the width of its interval.
-
-    Parameters
-    ----------
-    value, low, high : float
-        The value and its interval.
-    log : bool
-        Two significant digits of the value itself, for quantities that span decades.
-    """
-    width = abs(high - low)
-    if log or not (width > 0.0 and math.isfinite(width)):
-        text = f"{value:.{2 if log else 4}g}"
-        return _signed(f"{float(text):g}" if 1e-3 <= abs(value) < 1e5 else text)
-    digits = 1 - math.floor(math.log10(width))
-    if digits > 8 or digits < -4:
-        return _signed(f"{value:.4g}")
-    return _signed(f"{round(value, digits):.{max(digits, 0)}f}")
-
-
-def range_text(low: float, high: float, piled: tuple[bool, bool], *, log: bool = False) -> str:
-    """An interval; one-sided where the draws pile up at its (low, high) end."""
-    first, last = (number(v, low, high, log=log) for v in (low, high))
-    if piled == (True, False):
-        return f"< {last}"
-    if piled == (False, True):
-        return f"> {first}"
-    return f"{first}–{last}"
-
-
-def _signed(text: str) -> str:
-    return text.replace("-", "\N{MINUS SIGN}")
 
 
 # --- texts that fit ------------------------------------------------------------------------------

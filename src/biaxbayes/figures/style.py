@@ -38,6 +38,7 @@ __all__ = [
     "plain",
     "print_style",
     "read_style",
+    "return_memory",
     "save_figure",
     "settle",
 ]
@@ -167,7 +168,7 @@ def own_garbage() -> Iterator[None]:
     if not gc.isenabled():
         yield
         return
-    _return_memory()
+    return_memory()
     gc.disable()
     gc.freeze()
     try:
@@ -179,7 +180,7 @@ def own_garbage() -> Iterator[None]:
         gc.enable()
 
 
-def _return_memory() -> None:
+def return_memory() -> None:
     """Give back what the C library keeps of freed memory, where it can be asked to."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
@@ -356,22 +357,29 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
 def _letters_alone(suffix: str) -> Iterator[None]:
     """Fonts go into a PDF without tables for setting text, which it places letter by letter.
 
-    To cut these down to the letters that are used takes longer than all else about a font.
+    To read these and cut them down to the letters that are used takes longer than all else about a
+    font. Nor do its letters need names.
     """
-    dropped: Any = None
-    if suffix == "pdf":
-        from fontTools.subset import Options
-
-        dropped = getattr(Options, "_drop_tables_default", None)
-    if not isinstance(dropped, list):
+    if suffix != "pdf":
         yield
         return
-    kept = list(dropped)
-    dropped.extend(_SETTING)
+    from fontTools import subset
+
+    whole = subset.load_font
+
+    def letters(file: Any, options: Any, *rest: Any, **how: Any) -> Any:
+        options.glyph_names = False
+        font = whole(file, options, *rest, **how)
+        for table in _SETTING:
+            if table in font:
+                del font[table]
+        return font
+
+    subset.load_font = letters
     try:
         yield
     finally:
-        dropped[:] = kept
+        subset.load_font = whole
 
 
 _SETTING = ("GDEF", "GPOS", "GSUB", "kern")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import InputError
-from biaxbayes.executors.beside import Beside
-from biaxbayes.figures.style import figure_bytes, own_garbage
+from biaxbayes.executors.beside import Beside, Standby
+from biaxbayes.figures.style import figure_bytes, own_garbage, return_memory
 from biaxbayes.identifiability.determined import determined, mounting_stated
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_edges, held_from, held_table
 from biaxbayes.identifiability.identify import (
@@ -29,6 +30,7 @@ from biaxbayes.identifiability.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten
+from biaxbayes.runs.said import IDENTIFIED, write_said
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
@@ -335,7 +337,14 @@ def identified(
         fits = fits_of_laws(posterior)
     verdicts = identify_draws(posterior, draws, state, fits=fits)
     verdicts = verdicts.with_held(_held_edges(verdicts, posterior, kept))
-    if state != "converged":
+    return _with_curves(verdicts, posterior, draws)
+
+
+def _with_curves(
+    verdicts: Identifiability, posterior: Posterior, draws: pd.DataFrame
+) -> Identified:
+    """Verdicts with what the curves determine, of converged draws."""
+    if verdicts.state != "converged":
         return Identified(verdicts, None, None)
     table = determined(
         draws,
@@ -380,13 +389,7 @@ def write_identifiability_products(
         If a file cannot be written.
     """
     found = identified(posterior, draws, state, kept=kept)
-    write_identifiability(found.verdicts, folder / "identifiability.csv")
-    write_law_fits(found.verdicts, posterior, folder)
-    write_held_edges(found.verdicts, folder)
-    if found.determined is not None:
-        write_csv(folder / "determined.csv", found.determined, digits=DIGITS)
-    if found.directions is not None:
-        write_csv(folder / "same-curves.csv", found.directions.path.to_frame(), digits=DIGITS)
+    _write_tables(found, posterior, folder)
     if figure:
         from biaxbayes.figures.run.identifiability import identifiability_figure
         from biaxbayes.figures.style import save_figure
@@ -395,10 +398,45 @@ def write_identifiability_products(
     return found
 
 
+def _write_tables(found: Identified, posterior: Posterior, folder: Path) -> None:
+    """Every table of what was found."""
+    write_identifiability(found.verdicts, folder / "identifiability.csv")
+    write_law_fits(found.verdicts, posterior, folder)
+    write_held_edges(found.verdicts, folder)
+    if found.determined is not None:
+        write_csv(folder / "determined.csv", found.determined, digits=DIGITS)
+    if found.directions is not None:
+        write_csv(folder / "same-curves.csv", found.directions.path.to_frame(), digits=DIGITS)
+
+
 # --- what a run folder holds besides the draws: figures, verdicts, report ------------------------
 
 
 FORMATS = ("pdf", "png")
+
+Task = tuple[str, tuple[Any, ...]]
+"""What is drawn, by the stem of its files, and what of."""
+
+_drawing: ContextVar[Standby[Task, dict[str, bytes]] | None] = ContextVar("drawing", default=None)
+
+
+@contextlib.contextmanager
+def drawing_beside(workers: int) -> Iterator[None]:
+    """Have a process get ready to draw the figures of a run that is sampled within.
+
+    It imports matplotlib, which this process then never holds.
+
+    Parameters
+    ----------
+    workers : int
+        Processors that may be used; with one the figures are drawn here.
+    """
+    with Standby(_ready, _drawn, workers) as process:
+        token = _drawing.set(process)
+        try:
+            yield
+        finally:
+            _drawing.reset(token)
 
 
 def write_products(
@@ -411,58 +449,83 @@ def write_products(
 ) -> Identifiability:
     """Write the products of a run into its folder; the verdicts.
 
-    Unusable draws get the traces that show why, and no figure of a posterior that is none. With two
-    ``workers`` the corner, which takes as long as the other figures, is drawn beside them, and the
-    ``laws`` were fitted beside the sampling.
+    What ``identify`` says of the run is kept for it. Unusable draws get the traces that show why,
+    and no figure of a posterior that is none. With two ``workers`` the figures are drawn beside the
+    verdicts, the corner, which takes as long as the others, beside these, and the ``laws`` were
+    fitted beside the sampling.
     """
-    from biaxbayes.figures.run.bands import bands_figure
-    from biaxbayes.figures.run.corner import corner_figure
-    from biaxbayes.figures.run.identifiability import identifiability_figure
-    from biaxbayes.reports.explore import can_be_explored, write_explore
+    from biaxbayes.jobs.identified import said_of
 
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
     known = posterior.quantities
-    drawn = state != "unusable"
-    with Beside(
-        lambda: _pictures(lambda: corner_figure(table, known=known)), workers if drawn else 1
-    ) as corner:
+    return_memory()
+    with contextlib.ExitStack() as stack:
+        drawing = _drawing.get() or stack.enter_context(Standby(_ready, _drawn, workers))
+        if state != "unusable":  # the largest figure first
+            drawing.begin(("corner", (table, known)))
+            drawing.begin(("stress-bands", (posterior.specimen, table, posterior.settings)))
+            drawing.begin(("explore", (posterior, table, state)))
+        if state != "converged":
+            drawing.begin(("trace", (draws.quantities, posterior.specimen.unit, known)))
         fits = laws.result() if state == "converged" else None
         found = identify_draws(posterior, table, state, fits=fits)
         found = found.with_held(held_edges(posterior, found.open_edges()))
-        write_identifiability(found, folder / "identifiability.csv")
-        write_law_fits(found, posterior, folder)
-        write_held_edges(found, folder)
-        if state != "converged":
-            from biaxbayes.figures.run.trace import trace_figure
-
-            unit = posterior.specimen.unit
-            traces = _pictures(lambda: trace_figure(draws.quantities, unit=unit, known=known))
-            _save(folder, "trace", traces)
-        if not drawn:
-            return found
-        if not corner.begun:  # the largest figure first, while least is in memory
-            _save(folder, "corner", corner.result())
-        specimen, settings = posterior.specimen, posterior.settings
-        bands = _pictures(lambda: bands_figure(specimen, table, settings=settings))
-        _save(folder, "stress-bands", bands)
-        _save(folder, "identifiability", _pictures(lambda: identifiability_figure(found)))
-        if can_be_explored(known, table):
-            write_explore(folder, posterior, table, state)
-        if corner.begun:
-            _save(folder, "corner", corner.result())
+        if state != "unusable":
+            drawing.begin(("identifiability", (found,)))
+        judged = _with_curves(found, posterior, table)
+        _write_tables(judged, posterior, folder)
+        if state != "unusable":  # what identify says of the run is known now
+            write_said(folder, IDENTIFIED, said_of(judged))
+        for files in drawing.results():
+            for name, content in files.items():
+                atomic_write_bytes(folder / name, content)
     return found
 
 
-def _pictures(draw: Callable[[], Figure]) -> dict[str, bytes]:
-    """A figure in every format, by the ending of its file."""
+def _ready() -> None:
+    """Import what all figures need."""
+    import matplotlib.backends.backend_agg
+    import matplotlib.backends.backend_pdf  # noqa: F401
+
+    import biaxbayes.figures.run.bands
+    import biaxbayes.figures.run.corner
+    import biaxbayes.figures.run.identifiability
+    import biaxbayes.reports.explore  # noqa: F401
+
+
+def _drawn(task: Task) -> dict[str, bytes]:
+    """The files of a task, by their names."""
+    stem, of = task
+    if stem == "explore":
+        from biaxbayes.reports.explore import EXPLORE, can_be_explored, explore_page
+        from biaxbayes.reports.page import NAME
+
+        posterior, table, state = of
+        if not can_be_explored(posterior.quantities, table):
+            return {}
+        return {EXPLORE: explore_page(posterior, table, state, report=NAME).encode()}
     with own_garbage():
-        figure = draw()
-        pictures = {suffix: figure_bytes(figure, suffix) for suffix in FORMATS}
+        figure = _figure(stem, *of)
+        pictures = {f"{stem}.{suffix}": figure_bytes(figure, suffix) for suffix in FORMATS}
         del figure
     return pictures
 
 
-def _save(folder: Path, stem: str, pictures: Mapping[str, bytes]) -> None:
-    for suffix, picture in pictures.items():
-        atomic_write_bytes(folder / f"{stem}.{suffix}", picture)
+def _figure(stem: str, *of: Any) -> Figure:
+    """The figure with this stem of a run."""
+    if stem == "corner":
+        from biaxbayes.figures.run.corner import corner_figure
+
+        return corner_figure(of[0], known=of[1])
+    if stem == "stress-bands":
+        from biaxbayes.figures.run.bands import bands_figure
+
+        return bands_figure(of[0], of[1], settings=of[2])
+    if stem == "trace":
+        from biaxbayes.figures.run.trace import trace_figure
+
+        return trace_figure(of[0], unit=of[1], known=of[2])
+    from biaxbayes.figures.run.identifiability import identifiability_figure
+
+    return identifiability_figure(*of)

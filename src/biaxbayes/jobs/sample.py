@@ -37,6 +37,7 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run, summarise, with_verdicts, write_summary
+from biaxbayes.runs.said import IDENTIFIED, IDENTIFIED_FIGURE, IDENTIFIED_TABLES, seal_said
 from biaxbayes.sampling.kernels import are_compiled, compile_kernels
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
 from biaxbayes.specimens.check import refuse_no_loading_curve
@@ -101,6 +102,8 @@ class Sampling:
         stop: Callable[[], int] = lambda: False,
     ) -> Path:
         """Sample, write the run folder, and return its path."""
+        from biaxbayes.jobs.products import drawing_beside
+
         tell = progress or _warn
         clock = time.perf_counter()
         self._make_folder()
@@ -112,6 +115,7 @@ class Sampling:
                 tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
             fit_clock = time.perf_counter()
+            stack.enter_context(drawing_beside(self.plan.workers))
             stack.enter_context(Beside(compile_kernels, self._compilers()))
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
             swapped = swapped_columns(
@@ -241,8 +245,9 @@ class Sampling:
         record["identifiability"] = thresholds_record(found)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
         write_report(folder, Run(folder, record))
-        record["files"] = manifest(folder)
+        record["files"] = manifest(folder, without=(IDENTIFIED,))  # which holds the record's digest
         atomic_write_text(folder / PROVENANCE, _json(record))
+        seal_said(folder, IDENTIFIED, (*IDENTIFIED_TABLES, IDENTIFIED_FIGURE))
 
 
 def _warn(progress: Progress) -> None:

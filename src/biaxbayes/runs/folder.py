@@ -18,7 +18,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -118,8 +118,9 @@ def finish_moving(folder: Path) -> list[str]:
         if listed and name not in listed and _digest(folder / name) == digest:
             (folder / name).unlink(missing_ok=True)
     other = is_run(folder) and _posterior_of(folder) != _posterior_of(ready)
-    gone = _without_derived(folder, listed) if listed and other else []
     waiting = sorted(p for p in ready.iterdir() if p.is_file() and not p.is_symlink())
+    new = {p.name for p in waiting}
+    gone = _without_derived(folder, {*listed, *new}) if listed and other else []
     for path in sorted(waiting, key=lambda p: p.name == PROVENANCE):
         path.replace(folder / path.name)
     sync_folder(folder)
@@ -133,11 +134,11 @@ def _posterior_of(folder: Path) -> tuple[Any, ...]:
     return tuple(record.get(key) for key in ("specimen_sha256", "settings", "seed"))
 
 
-def _without_derived(folder: Path, listed: dict[str, str]) -> list[str]:
+def _without_derived(folder: Path, new: set[str]) -> list[str]:
     """Remove what verbs made of the draws before; what the user changed or added stays."""
     before, gone = _listed(folder / PROVENANCE), []
     for path in sorted(folder.iterdir()):
-        if path.is_symlink() or path.name in listed or path.name in before:
+        if path.is_symlink() or path.name in new or path.name in before:
             continue
         if path.is_file() and DERIVED.fullmatch(path.name):
             path.unlink()
@@ -160,9 +161,10 @@ def clear_leftovers(folder: Path) -> None:
                 path.unlink()
 
 
-def manifest(folder: Path) -> dict[str, str]:
+def manifest(folder: Path, *, without: Sequence[str] = ()) -> dict[str, str]:
     """SHA-256 of every file in a folder, but for the provenance that is to hold them."""
-    names = sorted(p.name for p in folder.iterdir() if p.is_file() and p.name != PROVENANCE)
+    left = (PROVENANCE, *without)
+    names = sorted(p.name for p in folder.iterdir() if p.is_file() and p.name not in left)
     return {name: _digest(folder / name) for name in names}
 
 

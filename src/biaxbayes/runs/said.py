@@ -14,7 +14,20 @@ from typing import Any
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.text_files import atomic_write_text, read_bytes
 
-__all__ = ["keep_said", "said_before"]
+__all__ = [
+    "IDENTIFIED",
+    "IDENTIFIED_FIGURE",
+    "IDENTIFIED_TABLES",
+    "keep_said",
+    "said_before",
+    "seal_said",
+    "write_said",
+]
+
+IDENTIFIED = "identify.json"
+"""What ``identify`` said of a run."""
+IDENTIFIED_TABLES = ("identifiability.csv", "determined.csv", "same-curves.csv")
+IDENTIFIED_FIGURE = "identifiability.pdf"
 
 READ = ("provenance.json", "specimen.csv", "posterior.nc", "law-fits.csv", "edges.csv")
 """What is read of a run to judge it."""
@@ -53,8 +66,36 @@ def keep_said(folder: Path, name: str, made: Sequence[str], said: dict[str, Any]
     InputError
         If the file cannot be written.
     """
-    record = {"of": _digests(folder, made), "said": said}
-    atomic_write_text(folder / name, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+    write_said(folder, name, said)
+    seal_said(folder, name, made)
+
+
+def write_said(folder: Path, name: str, said: dict[str, Any]) -> None:
+    """Write what is said of a run that is not finished yet; :func:`seal_said` makes it valid.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    _write(folder / name, {"of": {}, "said": said})
+
+
+def seal_said(folder: Path, name: str, made: Sequence[str]) -> None:
+    """Put down what it is that was said of; nothing where nothing was said.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    path = folder / name
+    if path.is_file():
+        _write(path, json.loads(read_bytes(path)) | {"of": _digests(folder, made)})
+
+
+def _write(path: Path, record: dict[str, Any]) -> None:
+    atomic_write_text(path, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
 
 
 def _digests(folder: Path, made: Sequence[str]) -> dict[str, str]:
