@@ -384,8 +384,10 @@ def _with_components(
         log_weight = fresh_log_prob - proposal.log_density(fresh)
         top = log_weight.max()
         log_mean = top + np.log(np.exp(log_weight - top).sum() / size)
-        points, first = np.unique(np.concatenate([points, fresh]), axis=0, return_index=True)
-        log_prob = np.concatenate([log_prob, fresh_log_prob])[first]
+        points = np.concatenate([points, fresh])
+        # A walker that stays is the same point; a move changes the first coordinate, too.
+        _, first = np.unique(points[:, 0], return_index=True)
+        points, log_prob = points[first], np.concatenate([log_prob, fresh_log_prob])[first]
         before = proposal
         proposal = add_components(proposal, points, log_prob, float(log_mean))
         if proposal is before:

@@ -19,7 +19,6 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from scipy.special import logsumexp
 
 from biaxbayes.sampling.student_mixture import Mirrors, StudentMixture, fit_mixture
 from biaxbayes.sampling.transport_map import TransportMap, fit_transport_map
@@ -209,7 +208,7 @@ class MixtureProposal:
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond a bound."""
         parts = self.log_densities(x)
-        return parts[0] if len(parts) == 1 else np.asarray(logsumexp(parts, axis=0))
+        return np.asarray(np.logaddexp.reduce(parts, axis=0))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What a checkpoint needs to build the proposal again."""

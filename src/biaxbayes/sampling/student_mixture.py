@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -77,25 +78,27 @@ class StudentMixture:
         """
         if mirrors is None:
             mirrors = Mirrors(np.empty(0, dtype=np.int64), np.empty((0, 0)))
-        log_scale = self._log_scale()
-        top = log_scale.max()
+        top, scale = self._scale
         return top + _log_density(
             np.ascontiguousarray(x.T),
-            np.exp(log_scale - top),
+            scale,
             self.means,
             self.inverses,
             self.degrees,
             *mirrors,
         )
 
-    def _log_scale(self) -> np.ndarray:
-        """Log weight of each component times the normaliser of its t density."""
+    @cached_property
+    def _scale(self) -> tuple[float, np.ndarray]:
+        """Weights times the normalisers of the t densities: log of the largest, all over that."""
         d, nu = self.means.shape[1], self.degrees
         log_norm = (
             math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu) - 0.5 * d * math.log(nu * math.pi)
         )
         log_det = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
-        return np.log(self.weights) + log_norm - log_det
+        log_scale = np.log(self.weights) + log_norm - log_det
+        top = float(log_scale.max())
+        return top, np.exp(log_scale - top)
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Independent draws, shape (size, d)."""
