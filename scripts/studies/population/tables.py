@@ -318,9 +318,8 @@ def times(folder: Path) -> str:
             f"From {first['specimens']} to {last['specimens']} specimens processor time grows as "
             f"the power {power:.2f} of their number. {last['distinct']} finished runs; where there "
             "are more specimens they are the same again as of other donors. A machine of "
-            f"{first['processors']} processors shared with other work (load {min(loads):.1f} to "
-            f"{max(loads):.1f} at the start of a population), {threads}: wall times are those of a "
-            "busy machine, and processor time is longer on it than on a quiet one."
+            f"{first['processors']} processors with load {min(loads):.1f} to {max(loads):.1f} at "
+            f"the start of a population, {threads}; on a busy one processor time is longer, too."
         )
     return table(head, rows, left=0) + "\n" + _paragraph(said)
 
