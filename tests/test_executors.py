@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -249,6 +251,27 @@ def test_a_standby_that_dies_leaves_its_tasks_to_this_process(begun):
         for k in range(begun + 1):
             standby.begin(k)
         assert standby.results() == list(range(1, begun + 2))
+
+
+def test_a_standby_gets_a_task_as_it_was_handed_over():
+    with Standby(lambda: None, len, 2) as standby:
+        names = ["a"]
+        standby.begin(names)
+        names.append("b")
+        assert standby.results() == [1 if standby.begun else 2]
+        if standby.begun:
+            with pytest.raises((AttributeError, TypeError, pickle.PicklingError)):
+                standby.begin(lambda: None)  # type: ignore[arg-type]
+
+
+def test_without_semaphores_a_standby_works_in_this_process(monkeypatch):
+    def none(*_):
+        raise OSError("no semaphores")
+
+    monkeypatch.setattr(multiprocessing.get_context("fork"), "Queue", none)
+    with Standby(lambda: None, abs, 2) as standby:
+        standby.begin(-3)
+        assert standby.results() == [3] and not standby.begun
 
 
 def test_a_standby_without_tasks_ends():

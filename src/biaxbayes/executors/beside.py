@@ -15,6 +15,7 @@ import contextlib
 import ctypes
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -101,8 +102,11 @@ class Standby(Generic[Task, Result]):
         if not _may_fork(workers):
             return
         context = multiprocessing.get_context("fork")
+        try:
+            self._queue: Any = context.Queue()
+        except OSError:  # no semaphores on this machine
+            return
         self._answer, answer = context.Pipe(duplex=False)
-        self._queue: Any = context.Queue()
         arguments = (lambda: _all_worked(ready, work, self._queue), answer, os.getpid())
         self._process = context.Process(target=_send, args=arguments)
         with answer, contextlib.suppress(OSError):  # no memory, no more processes
@@ -117,7 +121,7 @@ class Standby(Generic[Task, Result]):
         """Hand a task over."""
         self._tasks.append(task)
         if self.begun:
-            self._queue.put(task)
+            self._queue.put(pickle.dumps(task))  # as it is now, and refused here if it cannot be
 
     def results(self) -> list[Result]:
         """Results of all tasks in their order; exceptions are raised here."""
@@ -149,8 +153,8 @@ def _all_worked(
     first = queue.get()
     if first is None:
         return []
-    with Beside(lambda: work(first), 2) as longest:
-        others = [work(task) for task in iter(queue.get, None)]
+    with Beside(lambda: work(pickle.loads(first)), 2) as longest:
+        others = [work(pickle.loads(task)) for task in iter(queue.get, None)]
         return [longest.result(), *others]
 
 

@@ -55,7 +55,7 @@ CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD
 PICTURE = r"\.(pdf|png|svg)"
 DERIVED = re.compile(
     rf"(prediction|inflation|ledger|design|profile)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
-    rf"|(identifiability|determined|same-curves)\.csv|report\.(html|md|tex)|explore\.html"
+    rf"|(identifiability|determined|same-curves|law-fits|edges)\.csv|report\.(html|md|tex)|explore\.html"
     r"|identify\.json"
     rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
 )
