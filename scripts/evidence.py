@@ -141,8 +141,8 @@ PAGES = {
             "laws",
             "mechanics",
             "fitting",
-            "identifiability/stated.py",
-            "identifiability/law_range.py",
+            "identifiability/mounting_stretch/stated.py",
+            "identifiability/mounting_stretch/law_range.py",
         ),
         (
             f"{STUDY} toes --first 300 --count 15 --sharp 60 --fits {{work}}/fits "

@@ -10,7 +10,7 @@ import pytest
 
 from biaxbayes import GOH, Protocol, Specimen, write_specimen
 from biaxbayes.cli import main
-from biaxbayes.identifiability.toe import goh_description, mounting_refits, thinned
+from biaxbayes.identifiability.mounting_stretch.toe import goh_description, mounting_refits, thinned
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.preparation import prepare
 from biaxbayes.specimens.check import check_specimen

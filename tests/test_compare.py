@@ -15,7 +15,7 @@ from biaxbayes.comparison.distance import distance
 from biaxbayes.errors import InputError
 from biaxbayes.figures.compare import forest_figure, matrix_figure
 from biaxbayes.identifiability.determined import derived_quantities
-from biaxbayes.identifiability.stated import Stated
+from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.laws.goh import GOH
 from biaxbayes.reports.comparison import write_comparison
 from goh_functions import GOH_LAW

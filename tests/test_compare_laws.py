@@ -19,7 +19,7 @@ from biaxbayes.comparison.law_comparison import (
 )
 from biaxbayes.comparison.law_weights import STACKED
 from biaxbayes.errors import InputError, Interrupted
-from biaxbayes.identifiability.stated import stated_by_predictions
+from biaxbayes.identifiability.mounting_stretch.stated import stated_by_predictions
 from biaxbayes.specimens.specimen_file import write_specimen
 from quick_posteriors import small_specimen
 

@@ -9,7 +9,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.toe import mounting_refits
+from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.jobs.products import write_identifiability
 from biaxbayes.laws.goh import GOH

@@ -12,7 +12,7 @@ from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.identifiability.identify import identify
-from biaxbayes.identifiability.profile import profiles
+from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.jobs.outputs import report_text
 from biaxbayes.runs.run import open_run
 from readable import assert_readable, in_view

@@ -15,9 +15,9 @@ from biaxbayes.cli.findings import profile as command
 from biaxbayes.errors import InputError
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.figures.style import figure_bytes
-from biaxbayes.identifiability.conditional_fit import Target
-from biaxbayes.identifiability.profile import THRESHOLD, profile_likelihood, profiles
-from biaxbayes.identifiability.profile_walk import Walk, axis_of
+from biaxbayes.identifiability.profile.conditional_fit import Target
+from biaxbayes.identifiability.profile.profile import THRESHOLD, profile_likelihood, profiles
+from biaxbayes.identifiability.profile.walk import Walk, axis_of
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen

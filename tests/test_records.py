@@ -113,7 +113,7 @@ def test_exchanged_force_columns_and_a_wrong_unit_are_said(tmp_path):
 
 
 def test_columns_that_fit_as_they_are_are_not_exchanged():
-    from biaxbayes.identifiability.toe import described, swapped_columns
+    from biaxbayes.identifiability.mounting_stretch.toe import described, swapped_columns
 
     assert not called_swapped(GOOD)
     other = changed(GOOD, lambda c: c[:, [0, 1, 3, 2]])
@@ -160,7 +160,7 @@ def sound(seed: int) -> Specimen:
 
 
 def called_swapped(specimen: Specimen) -> bool:
-    from biaxbayes.identifiability.toe import described, swapped_columns
+    from biaxbayes.identifiability.mounting_stretch.toe import described, swapped_columns
 
     return swapped_columns(specimen, described(specimen).residuals) is not None
 

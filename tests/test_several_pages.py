@@ -15,7 +15,7 @@ from biaxbayes.comparison.law_weights import STACKED, STATED_COLUMNS, LawCompari
 from biaxbayes.figures.laws import law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
 from biaxbayes.figures.style import figure_bytes
-from biaxbayes.identifiability.stated import Stated
+from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
 from biaxbayes.reports import comparison, population, study_page

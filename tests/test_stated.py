@@ -11,14 +11,18 @@ import pytest
 
 import biaxbayes
 from biaxbayes.fitting.constrained import LawFit, fit_law
-from biaxbayes.identifiability.law_range import (
+from biaxbayes.identifiability.mounting_stretch.law_range import (
     ALIKE,
     LawRange,
     better_law,
     distinctly_better,
     law_fits,
 )
-from biaxbayes.identifiability.stated import Stated, stated_by_laws, stated_mounting
+from biaxbayes.identifiability.mounting_stretch.stated import (
+    Stated,
+    stated_by_laws,
+    stated_mounting,
+)
 from biaxbayes.parameters import MOUNTED
 from quick_posteriors import small_specimen
 

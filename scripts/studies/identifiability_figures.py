@@ -17,7 +17,7 @@ from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.figures.style import save_figure
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.profile import profile_likelihood
+from biaxbayes.identifiability.profile.profile import profile_likelihood
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan

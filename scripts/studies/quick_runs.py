@@ -9,7 +9,7 @@ from unittest import mock
 
 from biaxbayes.executors.beside import Beside
 from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.identifiability.law_range import LawRange
+from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Draws

@@ -24,8 +24,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.law_range import LawRange, law_fits
-from biaxbayes.identifiability.stated import stated_by_laws
+from biaxbayes.identifiability.mounting_stretch.law_range import LawRange, law_fits
+from biaxbayes.identifiability.mounting_stretch.stated import stated_by_laws
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.model.priors import Prior
 from biaxbayes.specimens.specimen import Protocol, Specimen

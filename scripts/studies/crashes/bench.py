@@ -24,7 +24,7 @@ from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.executors.beside import Beside
 from biaxbayes.identifiability.identify import Identifiability, identify
-from biaxbayes.identifiability.law_range import LawRange
+from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
 from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior

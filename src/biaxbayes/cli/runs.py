@@ -283,7 +283,7 @@ def fit(
     With --out the table goes into fits.csv, the fits over the data into fits.pdf and fits.png.
     """
     from biaxbayes import api
-    from biaxbayes.identifiability.toe import poor_fit
+    from biaxbayes.identifiability.mounting_stretch.toe import poor_fit
     from biaxbayes.jobs.opening import opened_specimen
     from biaxbayes.laws import law_named
 

@@ -27,7 +27,7 @@ from biaxbayes.identifiability.determined import (
 )
 from biaxbayes.identifiability.identify import Identifiability, identify_draws
 from biaxbayes.identifiability.marginals import judged_scales
-from biaxbayes.identifiability.stated import Stated
+from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.identifiability.verdict import IDENTIFIED, ONE_SIDED, Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie

@@ -30,8 +30,8 @@ from biaxbayes.comparison.law_comparison import (
 )
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.constrained import LawFit
-from biaxbayes.identifiability.law_range import LawRange
-from biaxbayes.identifiability.stated import MEASURED, stated_by_predictions
+from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
+from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, stated_by_predictions
 from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.model.curves import Curves
 from biaxbayes.model.effective_readings import misses_smoothly
@@ -68,7 +68,7 @@ class LawComparison:
         Bands of the mixture over the record, as of :func:`~biaxbayes.prediction.bands.bands`.
     stated : DataFrame
         ``stated.csv``: what can be stated of each mounting stretch of the tissue, by
-        :func:`~biaxbayes.identifiability.stated.stated_by_predictions`.
+        :func:`~biaxbayes.identifiability.mounting_stretch.stated.stated_by_predictions`.
     left_out : dict of str to str
         Laws that are not part of the mixture, and why.
     """

@@ -27,7 +27,7 @@ from biaxbayes.figures.style import (
 from biaxbayes.identifiability.bounded_density import Span, at_edges, curve, interval, span
 from biaxbayes.identifiability.determined import STRESS
 from biaxbayes.identifiability.identify import ParameterVerdict
-from biaxbayes.identifiability.stated import Stated
+from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.identifiability.verdict import COMBINATION, FIXED, IDENTIFIED, NO_VERDICT, PRIOR
 from biaxbayes.parameters import Quantity
 from biaxbayes.studies.groups import KNOWN

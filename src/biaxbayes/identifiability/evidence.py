@@ -19,8 +19,8 @@ from biaxbayes.identifiability.marginals import (
     edge_distances,
     find_edges,
 )
+from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
 from biaxbayes.identifiability.sloppiness import Partners, find_partners
-from biaxbayes.identifiability.toe import mounting_refits
 from biaxbayes.identifiability.verdict import Evidence, Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior

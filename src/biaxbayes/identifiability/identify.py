@@ -15,14 +15,18 @@ import pandas as pd
 
 from biaxbayes.identifiability.evidence import Found, evidence_of_run
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edges
-from biaxbayes.identifiability.law_range import LawRange, distinctly_better, law_fits
 from biaxbayes.identifiability.marginals import (
     Density,
     Edge,
     Scale,
     judged_scales,
 )
-from biaxbayes.identifiability.stated import Stated, stated_mounting
+from biaxbayes.identifiability.mounting_stretch.law_range import (
+    LawRange,
+    distinctly_better,
+    law_fits,
+)
+from biaxbayes.identifiability.mounting_stretch.stated import Stated, stated_mounting
 from biaxbayes.identifiability.verdict import (
     FIXED,
     NO_VERDICT,

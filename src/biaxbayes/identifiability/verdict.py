@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 from biaxbayes.identifiability.marginals import Edge, Scale, end_in_words
+from biaxbayes.identifiability.mounting_stretch.stated import ends_by_prior_words
 from biaxbayes.identifiability.sloppiness import Partners
-from biaxbayes.identifiability.stated import ends_by_prior_words
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import Parameter
 

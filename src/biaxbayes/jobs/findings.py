@@ -36,7 +36,7 @@ from biaxbayes.sampling.sampler import Progress
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.mounting_bias import Ledger
-    from biaxbayes.identifiability.profile import Profile
+    from biaxbayes.identifiability.profile.profile import Profile
     from biaxbayes.jobs.products import Identified
     from biaxbayes.optimal_design.design import Design
 
@@ -95,7 +95,7 @@ def profile(
     """
     from biaxbayes.figures.run.profile import profile_figure
     from biaxbayes.figures.style import save_figure
-    from biaxbayes.identifiability.profile import profiles
+    from biaxbayes.identifiability.profile.profile import profiles
     from biaxbayes.jobs.products import write_profiles
     from biaxbayes.model.preparation import prepare
 

@@ -24,9 +24,9 @@ from biaxbayes.identifiability.identify import (
     fits_of_laws,
     identify_draws,
 )
-from biaxbayes.identifiability.law_range import LAW_FITS, LawRange, law_range
 from biaxbayes.identifiability.marginals import BOUND_TAIL, PRIOR_TAIL
-from biaxbayes.identifiability.profile import FLAT, THRESHOLD, Profile
+from biaxbayes.identifiability.mounting_stretch.law_range import LAW_FITS, LawRange, law_range
+from biaxbayes.identifiability.profile.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten

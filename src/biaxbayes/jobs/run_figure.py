@@ -151,7 +151,7 @@ def _identifiability(run: Run, how: dict[str, Any]) -> Figure:
 
 def _profile(run: Run, how: dict[str, Any]) -> Figure:
     from biaxbayes.figures.run.profile import profile_figure
-    from biaxbayes.identifiability.profile import profiles
+    from biaxbayes.identifiability.profile.profile import profiles
 
     posterior = run.posterior()
     names = how.pop("names", None) or [n for n in posterior.law.names if n in posterior.free]

@@ -14,8 +14,8 @@ from typing import Any
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
 from biaxbayes.executors.beside import Beside
 from biaxbayes.identifiability.identify import fits_of_laws
-from biaxbayes.identifiability.law_range import LawRange
-from biaxbayes.identifiability.toe import swapped_columns
+from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
+from biaxbayes.identifiability.mounting_stretch.toe import swapped_columns
 from biaxbayes.jobs.opening import opened_specimen, readable_specimen
 from biaxbayes.laws import law_named
 from biaxbayes.model.posterior import Posterior

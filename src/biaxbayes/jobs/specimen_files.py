@@ -90,8 +90,12 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: str | Path | None
     data = opened_specimen(specimen)
     findings = list(check_specimen(data))
     if fit:
-        from biaxbayes.identifiability.law_range import better_law
-        from biaxbayes.identifiability.toe import described, goh_description, swapped_columns
+        from biaxbayes.identifiability.mounting_stretch.law_range import better_law
+        from biaxbayes.identifiability.mounting_stretch.toe import (
+            described,
+            goh_description,
+            swapped_columns,
+        )
 
         best = described(data)
         swapped = swapped_columns(data, best.residuals)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.stated import Stated
+from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.parameters import MATERIAL, STRETCH

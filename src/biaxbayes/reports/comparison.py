@@ -13,7 +13,7 @@ from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.errors import InputError
 from biaxbayes.figures.style import figure_bytes
-from biaxbayes.identifiability.stated import MEASURED, Stated, cure
+from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, Stated, cure
 from biaxbayes.parameters import Quantities
 from biaxbayes.reports.page import embedded, page_template
 from biaxbayes.reports.study_page import named, unit_text

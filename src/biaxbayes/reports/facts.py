@@ -10,8 +10,8 @@ import pandas as pd
 
 from biaxbayes.errors import InputError, printable
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_from
-from biaxbayes.identifiability.law_range import LAW_FITS
-from biaxbayes.identifiability.stated import cure
+from biaxbayes.identifiability.mounting_stretch.law_range import LAW_FITS
+from biaxbayes.identifiability.mounting_stretch.stated import cure
 from biaxbayes.options import Settings
 from biaxbayes.parameters import STRETCH, Quantity, mounting_names
 from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks

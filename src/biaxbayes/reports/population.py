@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.identifiability.stated import Stated
+from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import STRETCH, unit_words
 from biaxbayes.populations.result import SDS

@@ -34,7 +34,7 @@ from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.text_files import read_csv, write_csv
 
 if TYPE_CHECKING:
-    from biaxbayes.identifiability.stated import Stated
+    from biaxbayes.identifiability.mounting_stretch.stated import Stated
 
 __all__ = [
     "COLUMNS",
@@ -239,7 +239,7 @@ class Run:
 
         Empty where there is no such file, or it states nothing of them.
         """
-        from biaxbayes.identifiability.stated import Stated
+        from biaxbayes.identifiability.mounting_stretch.stated import Stated
 
         path, out = self.path / "identifiability.csv", {}
         if path.is_symlink() or not path.is_file():

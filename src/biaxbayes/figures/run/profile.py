@@ -10,7 +10,7 @@ import numpy as np
 
 from biaxbayes.figures.quantities import axis_text
 from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, colour, plain, print_style
-from biaxbayes.identifiability.profile import THRESHOLD, Profile
+from biaxbayes.identifiability.profile.profile import THRESHOLD, Profile
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
 

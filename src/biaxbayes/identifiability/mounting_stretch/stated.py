@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from biaxbayes.fitting.constrained import LawFit
-from biaxbayes.identifiability.law_range import FEWEST, LawRange
+from biaxbayes.identifiability.mounting_stretch.law_range import FEWEST, LawRange
 from biaxbayes.parameters import Parameter, mounting_names
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def stated_mounting(
     intervals : mapping of str to (float, float)
         90 % intervals within the law, by the names of the mounting stretches.
     found : LawRange or None
-        From :func:`~biaxbayes.identifiability.law_range.law_fits`.
+        From :func:`~biaxbayes.identifiability.mounting_stretch.law_range.law_fits`.
     by_prior : mapping of str to (bool, bool), optional
         Whether the prior decides the low and the high end of an interval.
     """
@@ -155,7 +155,7 @@ def stated_by_laws(
     Parameters
     ----------
     found : LawRange or None
-        From :func:`~biaxbayes.identifiability.law_range.law_fits`.
+        From :func:`~biaxbayes.identifiability.mounting_stretch.law_range.law_fits`.
     index, axis : int
         Of the mounted state, and 0 for x, 1 for y.
     law : str
@@ -224,7 +224,7 @@ def stated_by_predictions(
     smooth : bool
         Whether the law that fits best misses the record smoothly.
     softens : bool
-        As of :meth:`~biaxbayes.identifiability.law_range.LawRange.softens`.
+        As of :meth:`~biaxbayes.identifiability.mounting_stretch.law_range.LawRange.softens`.
     """
     ordered = sorted(intervals, key=lambda law: -density[law])
     near = [law for law in ordered if density[ordered[0]] - density[law] <= NEAR_DENSITY]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from biaxbayes.identifiability.conditional_fit import HeldFit, Target
+from biaxbayes.identifiability.profile.conditional_fit import HeldFit, Target
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import CONTENT

@@ -1,7 +1,7 @@
 """Profile likelihood of one parameter: everything else re-optimised along the way.
 
 The curve is D(value) - min D, with the deviance of
-:mod:`biaxbayes.identifiability.conditional_fit`; values where it stays below 2.71 (90 % of
+:mod:`biaxbayes.identifiability.profile.conditional_fit`; values where it stays below 2.71 (90 % of
 chi-square with one degree of freedom) make the interval. No prior has a part in it. In words:
 
 - ``finite``: the curve crosses the threshold on both sides;
@@ -22,8 +22,8 @@ import pandas as pd
 
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.executors.executor import executor_for
-from biaxbayes.identifiability.conditional_fit import HeldFit, Target
-from biaxbayes.identifiability.profile_walk import THRESHOLD, Walk, axis_of
+from biaxbayes.identifiability.profile.conditional_fit import HeldFit, Target
+from biaxbayes.identifiability.profile.walk import THRESHOLD, Walk, axis_of
 from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, fitted

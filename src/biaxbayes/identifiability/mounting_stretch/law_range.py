@@ -38,7 +38,7 @@ FEWEST = 2
 RUBBER = 1.5
 """A sheet of rubber without fibres carries so many times more load a stretch over its first part
 than up to a stretch of 1.2. A law that says more of tissue has put the mounted state too near."""
-# Tuned with those of what is stated of the mounting stretch (identifiability/stated.py).
+# Tuned with those of what is stated of the mounting stretch (stated.py).
 BETTER = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
 LEAST_SHARE = 2e-3

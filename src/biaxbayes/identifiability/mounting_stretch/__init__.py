@@ -1,0 +1,1 @@
+"""Whether the data tell the mounting stretch, and what can be stated of it under any law."""

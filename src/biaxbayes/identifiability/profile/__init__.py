@@ -1,0 +1,1 @@
+"""Profile likelihoods: one parameter held, everything else fitted again."""
