@@ -7,29 +7,24 @@ and run, wider where few draws lie, the table in the free corner and the size in
 
 from __future__ import annotations
 
-import math
-import sys
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy.integrate import trapezoid
-from scipy.ndimage import gaussian_filter
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.labels import few_ticks, number, range_text, shortened
-from biaxbayes.figures.quantities import MEAN, AxisText, corner_columns
-from biaxbayes.figures.run.free_corner import Heading, write_table
+from biaxbayes.figures.labels import few_ticks
+from biaxbayes.figures.quantities import AxisText, corner_columns
+from biaxbayes.figures.run.free_corner import NARROW_MM, Column, Found, tabulate
+from biaxbayes.figures.run.regions import CELLS_1D, FILL, cells, corner_package, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
     blank_figure,
     colour,
-    font_points,
     plain,
     print_style,
 )
@@ -38,74 +33,27 @@ from biaxbayes.identifiability.bounded_density import (
     at_edges,
     curve,
     interval,
-    robust_sd,
     span,
 )
 from biaxbayes.options import CONTENT
-from biaxbayes.parameters import Quantities, mounting_names
+from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import evenly_chosen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["CONTENTS", "axis_span", "corner_figure", "overlay_figure", "regions"]
+__all__ = ["axis_span", "corner_figure", "overlay_figure"]
 
-CONTENTS = (0.5, 0.9, 0.99)
-"""Shares of the draws that the regions hold."""
-SHADES = (0.18, 0.42, 0.78)
-"""Their darkness, the widest first."""
-FILL = 0.3
-"""Opacity of the region of 50 % and of the marginal in an overlay."""
-VISIBLE, VISIBLE_PAIR = 40_000, 20_000
-"""Draws of a quantity and of a pair that are looked at; more would change nothing to the eye."""
+VISIBLE = 40_000
+"""Draws of a quantity that are looked at; more would change nothing to the eye."""
 WIDE_SPREAD = 8.0
 """Ratio of the 99.5 % to the 0.5 % point from which a scale gets a logarithmic axis."""
 PANEL_MM, LEAST_PANEL_MM = 46.0, 8.0
 """Largest panel, for few quantities, and the smallest that can be read."""
 GAP = 0.09
 """Space between panels, as a share of a panel."""
-NARROW_MM = 120.0
-"""Below this width symbol and unit stand one above the other."""
-CELLS, CELLS_1D = 1.5, 3.0
-"""Width (sd) of the smoothing kernel in cells of the histograms."""
-WIDER = 1.25
-"""Width of the kernel of a pair, relative to Scott's."""
-WIDEST = 1.5
-"""Times that the kernel of a pair is doubled at most, for draws beyond the region of 90 %."""
 DASHES = (0, (3, 2))
-MOST_NAME_MM = 32.0
-"""Width of the name of a run in the table."""
-
-
-class Column(NamedTuple):
-    """One quantity of the figure: its axis, and run by run its draws (None: not varied).
-
-    Those that are drawn, and all, which the table in the corner tells the numbers of.
-    """
-
-    name: str
-    quantity: AxisText
-    axis: Span
-    draws: list[np.ndarray | None]
-    every: list[np.ndarray | None]
-    own: list[Span | None]
-
-
-class Found(NamedTuple):
-    """Median and interval of one quantity in one run."""
-
-    median: float
-    low: float
-    high: float
-    piled: tuple[bool, bool]
-
-    def cells(self, *, log: bool) -> list[str]:
-        """As two cells of the table."""
-        if self.low == self.high:
-            return [f"{self.median:.4g}", "fixed"]
-        median = number(self.median, self.low, self.high, log=log)
-        return [median, range_text(self.low, self.high, self.piled, log=log)]
 
 
 def corner_figure(
@@ -181,7 +129,7 @@ def corner_figure(
                 ax.axhline(value, color="black", linewidth=0.7, linestyle=DASHES)
         _arrange(figure, grid, columns, width_mm)
         legend = names if compare is not None else None
-        _tabulate(figure, columns, rows, true_values, legend, probability, width_mm)
+        tabulate(figure, columns, rows, true_values, legend, probability, width_mm)
     return figure
 
 
@@ -237,72 +185,6 @@ def overlay_figure(
     return figure
 
 
-def regions(
-    ax: Axes,
-    draws: Sequence[np.ndarray],
-    axes: Sequence[Span],
-    hue: str,
-    *,
-    filled: bool | None,
-) -> None:
-    """Draw a joint posterior as regions of stated content.
-
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes
-    draws : two ndarrays, shape (n,)
-    axes : two Spans
-        Ranges that the draws are smoothed on.
-    hue : str
-    filled : bool or None
-        Three shaded regions, or the outline of the one that holds 90 %, or None: the region of
-        50 % in that outline.
-    """
-    chosen = evenly_chosen(len(draws[0]), VISIBLE_PAIR)
-    draws = [d[chosen] for d in draws]
-    bins = _bins(draws, axes)
-    centres = [a.back((np.arange(n) + 0.5) / n) for a, n in zip(axes, bins, strict=True)]
-    density, at_draws = _smooth(draws, axes, bins)
-    look = _look(hue, filled)
-    # corner counts the mass of the density; smoothing has spread that of the draws
-    edges = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
-    look["levels"] = [density[density >= edge].sum() / density.sum() for edge in edges]
-    _corner().hist2d(
-        *(c.ravel() for c in np.meshgrid(*centres, indexing="ij")),
-        weights=density.ravel(),
-        ax=ax,
-        range=[(a.low, a.high) for a in axes],
-        axes_scale=["log" if a.log else "linear" for a in axes],
-        bins=bins,
-        **look,
-    )
-
-
-def _smooth(
-    draws: Sequence[np.ndarray], axes: Sequence[Span], bins: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Draws of a pair counted in cells and smoothed, the wider the fewer lie about a draw.
-
-    The density in the cells, and at the draws. Width of the kernel (Abramson 1982):
-    h (f90 / f)^(1/2) where the density f is below that at the edge of the region of 90 %. One
-    width for all leaves islands of single draws.
-    """
-    at = [a.forward(d) * n for a, d, n in zip(axes, draws, bins, strict=True)]
-    seen = np.all([(u >= 0.0) & (u <= n) for u, n in zip(at, bins, strict=True)], axis=0)
-    cell = [np.minimum(u[seen].astype(int), n - 1) for u, n in zip(at, bins, strict=True)]
-    counts = np.bincount(np.ravel_multi_index(cell, bins), minlength=bins[0] * bins[1])
-    counts = counts.reshape(bins).astype(float)
-    pilot = gaussian_filter(counts, CELLS)
-    edge = np.quantile(pilot[tuple(cell)], 1.0 - CONTENTS[1])
-    # log2 of the width; between two powers of two a cell's draws are shared by both kernels
-    wider = np.clip(0.5 * np.log2(edge / np.maximum(pilot, 1e-300)), 0.0, WIDEST)
-    density = np.zeros_like(counts)
-    for k in range(math.ceil(WIDEST) + 1):
-        share = counts * np.maximum(1.0 - np.abs(wider - k), 0.0)
-        density += gaussian_filter(share, CELLS * 2.0**k)
-    return density, density[tuple(cell)]
-
-
 # --- draws into panels, by corner ----------------------------------------------------------------
 
 
@@ -313,24 +195,6 @@ class _Panel(NamedTuple):
 
     def subplots_adjust(self, **places: float) -> None:
         """Leave the panel where it is."""
-
-
-@cache
-def _corner() -> Any:
-    """The corner package, without its way into ArviZ: no figure takes it, the import takes seconds.
-
-    Who imports corner after this gets it whole.
-    """
-    if "corner" in sys.modules or "arviz" in sys.modules:
-        return import_module("corner")
-    sys.modules["arviz"] = None  # type: ignore[assignment]
-    try:
-        found = import_module("corner")
-    finally:
-        del sys.modules["arviz"]
-        for name in [n for n in sys.modules if n.split(".")[0] == "corner"]:
-            del sys.modules[name]
-    return found
 
 
 def _columns(
@@ -390,12 +254,12 @@ def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | N
         draws, axis = up.draws[run], up.own[run]
         if draws is None or axis is None:
             continue
-        _corner().corner(
+        corner_package().corner(
             draws[:, None],
             fig=_Panel([grid[i, i]]),
             range=[(axis.low, axis.high)],
             axes_scale=["log" if axis.log else "linear"],
-            bins=_bins([draws], [axis]),
+            bins=cells([draws], [axis]),
             weights=np.ones(len(draws)),  # counts without weights are smoothed as integers
             smooth1d=CELLS_1D,
             hist_kwargs={"color": hue, "linewidth": 0.9},
@@ -405,41 +269,6 @@ def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | N
             first, other = across.draws[run], across.own[run]
             if first is not None and other is not None:
                 regions(grid[i, j], (first, draws), (other, axis), hue, filled=filled)
-
-
-def _look(hue: str, filled: bool | None) -> dict[str, Any]:
-    """Colours and levels of :func:`corner.hist2d`."""
-    from matplotlib.colors import to_rgb
-
-    look: dict[str, Any] = {"color": hue, "plot_datapoints": False, "plot_density": False}
-    look |= {"quiet": True, "no_fill_contours": True, "fill_contours": filled is not False}
-    if filled is False:
-        return look | {"levels": (0.9,), "contour_kwargs": {"linewidths": 0.9}}
-    if filled is None:
-        fills: dict[str, Any] = {"colors": ["none", "none", (*to_rgb(hue), FILL)]}
-        edges: dict[str, Any] = {"linewidths": [0.8, 0.0]}
-        return look | {"levels": CONTENTS[:2], "contourf_kwargs": fills, "contour_kwargs": edges}
-    # Shades are mixed with white, not made transparent: panels stay small in a vector file.
-    shades = [tuple(1.0 - s * (1.0 - np.array(to_rgb(hue)))) for s in SHADES]
-    fills = {"colors": ["none", *shades], "antialiased": True}
-    edges = {"colors": shades, "linewidths": 0.3}
-    return look | {"levels": CONTENTS, "contourf_kwargs": fills, "contour_kwargs": edges}
-
-
-def _bins(values: Sequence[np.ndarray], axes: Sequence[Span]) -> list[int]:
-    """Cells of each axis, such that a kernel of so many cells is as wide as it should be.
-
-    Silverman's h = 0.9 sd n^(-1/5) for one quantity, Scott's h = sd n^(-1/6) for a pair, narrower
-    on a ridge so that it stays narrow.
-    """
-    moved = [a.forward(v) for a, v in zip(axes, values, strict=True)]
-    sd, n = np.array([max(robust_sd(u), 1e-6) for u in moved]), min(len(moved[0]), 20_000)
-    if len(moved) == 1:
-        return [int(np.clip(CELLS_1D / h, 60, 1000)) for h in 0.9 * sd * n**-0.2]
-    r = np.corrcoef(np.clip(moved, 0.0, 1.0))[0, 1] if n > 2 else 0.0
-    # sd of one quantity where the other is known: sd sqrt(1 - r^2); halfway to it, in logs
-    ridge = (1.0 - min(abs(np.nan_to_num(r)), 0.999) ** 2) ** 0.25
-    return [int(np.clip(CELLS / h, 30, 250)) for h in WIDER * ridge * sd * n ** (-1.0 / 6.0)]
 
 
 def _marginal(
@@ -582,50 +411,3 @@ def _legend(figure: Figure, labels: Sequence[str]) -> None:
         title="filled 50 %, outline 90 % of the draws, within the law",
         alignment="left",
     )
-
-
-# --- the table in the free corner ----------------------------------------------------------------
-
-
-def _tabulate(
-    figure: Figure,
-    columns: list[Column],
-    rows: list[list[Found | None]],
-    truth: list[float | None],
-    names: tuple[str, str] | None,
-    probability: float,
-    width_mm: float,
-) -> None:
-    """Medians and intervals; the headings are the legend."""
-    wide, size = width_mm >= NARROW_MM, font_points("legend.fontsize")
-    content = f"{100 * probability:g} %"
-    headings = []
-    for run in range(len(rows[0])):
-        hue = colour(RUNS[run])
-        name = "" if names is None else shortened(names[run], MOST_NAME_MM, size)
-        head = f"{content} interval" if wide and names is None else content
-        headings += [
-            Heading("median", 3 * run + 1, hue, name),
-            Heading(head, 3 * run, hue, name),
-        ]
-    known = any(v is not None for v in truth)
-    if known:
-        headings.append(Heading("truth", 2))
-    table = []
-    for column, found, value in zip(columns, rows, truth, strict=True):
-        q = column.quantity
-        cells = [q.label if wide else q.symbol]
-        for one in found:
-            cells += ["", ""] if one is None else one.cells(log=column.axis.log)
-        table.append([*cells, "" if value is None else f"{value:.5g}"][: len(headings) + 1])
-    notes = [(f"regions: {', '.join(f'{100 * c:g}' for c in CONTENTS)} % of the draws", "0.3")]
-    if any(c.name in mounting_names("stretch") for c in columns):
-        notes.append(("all within the law", "0.3"))
-    if names is not None:
-        other = shortened(names[1], MOST_NAME_MM if wide else 18.0, size)
-        notes.append((f"outlines: {other}{', 90 %' if wide else ''}", colour(RUNS[1])))
-    if known:
-        notes.append(("dashed: truth", "0.3"))
-    if any(MEAN in c.quantity.symbol for c in columns):
-        notes.append(("bar: mean over protocols" if wide else "bar: mean", "0.3"))
-    write_table(figure, headings, table, notes, 1.45 if wide else 1.25)

@@ -1,17 +1,102 @@
-"""A table in the corner that the panels of a figure leave free: as much of it as has room."""
+"""The table in the corner that the panels of a figure leave free: as much of it as has room."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from biaxbayes.figures.labels import POINT_MM, text_mm
-from biaxbayes.figures.style import MM, font_points
+import numpy as np
+
+from biaxbayes.figures.labels import POINT_MM, number, range_text, shortened, text_mm
+from biaxbayes.figures.quantities import MEAN, AxisText
+from biaxbayes.figures.run.regions import CONTENTS
+from biaxbayes.figures.style import MM, RUNS, colour, font_points
+from biaxbayes.identifiability.bounded_density import Span
+from biaxbayes.parameters import mounting_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Heading", "write_table"]
+__all__ = ["NARROW_MM", "Column", "Found", "tabulate"]
+
+NARROW_MM = 120.0
+"""Below this width symbol and unit stand one above the other."""
+MOST_NAME_MM = 32.0
+"""Width of the name of a run in the table."""
+
+
+class Column(NamedTuple):
+    """One quantity of the figure: its axis, and run by run its draws (None: not varied).
+
+    Those that are drawn, and all, which the table in the corner tells the numbers of.
+    """
+
+    name: str
+    quantity: AxisText
+    axis: Span
+    draws: list[np.ndarray | None]
+    every: list[np.ndarray | None]
+    own: list[Span | None]
+
+
+class Found(NamedTuple):
+    """Median and interval of one quantity in one run."""
+
+    median: float
+    low: float
+    high: float
+    piled: tuple[bool, bool]
+
+    def cells(self, *, log: bool) -> list[str]:
+        """As two cells of the table."""
+        if self.low == self.high:
+            return [f"{self.median:.4g}", "fixed"]
+        median = number(self.median, self.low, self.high, log=log)
+        return [median, range_text(self.low, self.high, self.piled, log=log)]
+
+
+def tabulate(
+    figure: Figure,
+    columns: list[Column],
+    rows: list[list[Found | None]],
+    truth: list[float | None],
+    names: tuple[str, str] | None,
+    probability: float,
+    width_mm: float,
+) -> None:
+    """Medians and intervals; the headings are the legend."""
+    wide, size = width_mm >= NARROW_MM, font_points("legend.fontsize")
+    content = f"{100 * probability:g} %"
+    headings = []
+    for run in range(len(rows[0])):
+        hue = colour(RUNS[run])
+        name = "" if names is None else shortened(names[run], MOST_NAME_MM, size)
+        head = f"{content} interval" if wide and names is None else content
+        headings += [
+            Heading("median", 3 * run + 1, hue, name),
+            Heading(head, 3 * run, hue, name),
+        ]
+    known = any(v is not None for v in truth)
+    if known:
+        headings.append(Heading("truth", 2))
+    table = []
+    for column, found, value in zip(columns, rows, truth, strict=True):
+        q = column.quantity
+        cells = [q.label if wide else q.symbol]
+        for one in found:
+            cells += ["", ""] if one is None else one.cells(log=column.axis.log)
+        table.append([*cells, "" if value is None else f"{value:.5g}"][: len(headings) + 1])
+    notes = [(f"regions: {', '.join(f'{100 * c:g}' for c in CONTENTS)} % of the draws", "0.3")]
+    if any(c.name in mounting_names("stretch") for c in columns):
+        notes.append(("all within the law", "0.3"))
+    if names is not None:
+        other = shortened(names[1], MOST_NAME_MM if wide else 18.0, size)
+        notes.append((f"outlines: {other}{', 90 %' if wide else ''}", colour(RUNS[1])))
+    if known:
+        notes.append(("dashed: truth", "0.3"))
+    if any(MEAN in c.quantity.symbol for c in columns):
+        notes.append(("bar: mean over protocols" if wide else "bar: mean", "0.3"))
+    write_table(figure, headings, table, notes, 1.45 if wide else 1.25)
 
 
 class Heading(NamedTuple):

@@ -14,7 +14,7 @@ from biaxbayes.comparison.mounting_bias import TREATMENTS, Ledger
 from biaxbayes.errors import InputError
 from biaxbayes.figures.labels import few_ticks, number, shortened
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.run.corner import CONTENTS, regions
+from biaxbayes.figures.run.regions import CONTENTS, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,

@@ -1,0 +1,159 @@
+"""The joint posterior of two quantities as regions of stated content, drawn by the corner package.
+
+Ours is the density: draws in cells, smoothed by a kernel whose width suits each pair and run, wider
+where few draws lie.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from biaxbayes.identifiability.bounded_density import Span, robust_sd
+from biaxbayes.prediction.bands import evenly_chosen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["CELLS_1D", "CONTENTS", "FILL", "cells", "corner_package", "regions"]
+
+CONTENTS = (0.5, 0.9, 0.99)
+"""Shares of the draws that the regions hold."""
+SHADES = (0.18, 0.42, 0.78)
+"""Their darkness, the widest first."""
+FILL = 0.3
+"""Opacity of the region of 50 % and of the marginal in an overlay."""
+CELLS, CELLS_1D = 1.5, 3.0
+"""Width (sd) of the smoothing kernel in cells of the histograms."""
+WIDER = 1.25
+"""Width of the kernel of a pair, relative to Scott's."""
+WIDEST = 1.5
+"""Times that the kernel of a pair is doubled at most, for draws beyond the region of 90 %."""
+VISIBLE_PAIR = 20_000
+"""Draws of a pair that are looked at; more would change nothing to the eye."""
+
+
+def regions(
+    ax: Axes,
+    draws: Sequence[np.ndarray],
+    axes: Sequence[Span],
+    hue: str,
+    *,
+    filled: bool | None,
+) -> None:
+    """Draw a joint posterior as regions of stated content.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+    draws : two ndarrays, shape (n,)
+    axes : two Spans
+        Ranges that the draws are smoothed on.
+    hue : str
+    filled : bool or None
+        Three shaded regions, or the outline of the one that holds 90 %, or None: the region of
+        50 % in that outline.
+    """
+    chosen = evenly_chosen(len(draws[0]), VISIBLE_PAIR)
+    draws = [d[chosen] for d in draws]
+    bins = cells(draws, axes)
+    centres = [a.back((np.arange(n) + 0.5) / n) for a, n in zip(axes, bins, strict=True)]
+    density, at_draws = _smooth(draws, axes, bins)
+    look = _look(hue, filled)
+    # corner counts the mass of the density; smoothing has spread that of the draws
+    edges = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
+    look["levels"] = [density[density >= edge].sum() / density.sum() for edge in edges]
+    corner_package().hist2d(
+        *(c.ravel() for c in np.meshgrid(*centres, indexing="ij")),
+        weights=density.ravel(),
+        ax=ax,
+        range=[(a.low, a.high) for a in axes],
+        axes_scale=["log" if a.log else "linear" for a in axes],
+        bins=bins,
+        **look,
+    )
+
+
+def _smooth(
+    draws: Sequence[np.ndarray], axes: Sequence[Span], bins: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draws of a pair counted in cells and smoothed, the wider the fewer lie about a draw.
+
+    The density in the cells, and at the draws. Width of the kernel (Abramson 1982):
+    h (f90 / f)^(1/2) where the density f is below that at the edge of the region of 90 %. One
+    width for all leaves islands of single draws.
+    """
+    at = [a.forward(d) * n for a, d, n in zip(axes, draws, bins, strict=True)]
+    seen = np.all([(u >= 0.0) & (u <= n) for u, n in zip(at, bins, strict=True)], axis=0)
+    cell = [np.minimum(u[seen].astype(int), n - 1) for u, n in zip(at, bins, strict=True)]
+    counts = np.bincount(np.ravel_multi_index(cell, bins), minlength=bins[0] * bins[1])
+    counts = counts.reshape(bins).astype(float)
+    pilot = gaussian_filter(counts, CELLS)
+    edge = np.quantile(pilot[tuple(cell)], 1.0 - CONTENTS[1])
+    # log2 of the width; between two powers of two a cell's draws are shared by both kernels
+    wider = np.clip(0.5 * np.log2(edge / np.maximum(pilot, 1e-300)), 0.0, WIDEST)
+    density = np.zeros_like(counts)
+    for k in range(math.ceil(WIDEST) + 1):
+        share = counts * np.maximum(1.0 - np.abs(wider - k), 0.0)
+        density += gaussian_filter(share, CELLS * 2.0**k)
+    return density, density[tuple(cell)]
+
+
+def cells(values: Sequence[np.ndarray], axes: Sequence[Span]) -> list[int]:
+    """Cells of each axis, such that a kernel of so many cells is as wide as it should be.
+
+    Silverman's h = 0.9 sd n^(-1/5) for one quantity, Scott's h = sd n^(-1/6) for a pair, narrower
+    on a ridge so that it stays narrow.
+    """
+    moved = [a.forward(v) for a, v in zip(axes, values, strict=True)]
+    sd, n = np.array([max(robust_sd(u), 1e-6) for u in moved]), min(len(moved[0]), 20_000)
+    if len(moved) == 1:
+        return [int(np.clip(CELLS_1D / h, 60, 1000)) for h in 0.9 * sd * n**-0.2]
+    r = np.corrcoef(np.clip(moved, 0.0, 1.0))[0, 1] if n > 2 else 0.0
+    # sd of one quantity where the other is known: sd sqrt(1 - r^2); halfway to it, in logs
+    ridge = (1.0 - min(abs(np.nan_to_num(r)), 0.999) ** 2) ** 0.25
+    return [int(np.clip(CELLS / h, 30, 250)) for h in WIDER * ridge * sd * n ** (-1.0 / 6.0)]
+
+
+def _look(hue: str, filled: bool | None) -> dict[str, Any]:
+    """Colours and levels of :func:`corner.hist2d`."""
+    from matplotlib.colors import to_rgb
+
+    look: dict[str, Any] = {"color": hue, "plot_datapoints": False, "plot_density": False}
+    look |= {"quiet": True, "no_fill_contours": True, "fill_contours": filled is not False}
+    if filled is False:
+        return look | {"levels": (0.9,), "contour_kwargs": {"linewidths": 0.9}}
+    if filled is None:
+        fills: dict[str, Any] = {"colors": ["none", "none", (*to_rgb(hue), FILL)]}
+        edges: dict[str, Any] = {"linewidths": [0.8, 0.0]}
+        return look | {"levels": CONTENTS[:2], "contourf_kwargs": fills, "contour_kwargs": edges}
+    # Shades are mixed with white, not made transparent: panels stay small in a vector file.
+    shades = [tuple(1.0 - s * (1.0 - np.array(to_rgb(hue)))) for s in SHADES]
+    fills = {"colors": ["none", *shades], "antialiased": True}
+    edges = {"colors": shades, "linewidths": 0.3}
+    return look | {"levels": CONTENTS, "contourf_kwargs": fills, "contour_kwargs": edges}
+
+
+@cache
+def corner_package() -> Any:
+    """The corner package, without its way into ArviZ: no figure takes it, the import takes seconds.
+
+    Who imports corner after this gets it whole.
+    """
+    if "corner" in sys.modules or "arviz" in sys.modules:
+        return import_module("corner")
+    sys.modules["arviz"] = None  # type: ignore[assignment]
+    try:
+        found = import_module("corner")
+    finally:
+        del sys.modules["arviz"]
+        for name in [n for n in sys.modules if n.split(".")[0] == "corner"]:
+            del sys.modules[name]
+    return found
