@@ -96,13 +96,14 @@ def without_figures() -> Iterator[None]:
     """Run folders with their verdicts, without the figures, which other tests look at."""
     from biaxbayes.identifiability.identify import identify_draws
     from biaxbayes.jobs import products as run_products
+    from biaxbayes.jobs.identified import write_identifiability
     from biaxbayes.reports import page
     from biaxbayes.runs.archive import flatten
 
     def verdicts_alone(folder, posterior, draws, laws, *, workers):
         table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})
         found = identify_draws(posterior, table, draws.convergence.state)
-        run_products.write_identifiability(found, folder / "identifiability.csv")
+        write_identifiability(found, folder / "identifiability.csv")
         return found
 
     with pytest.MonkeyPatch.context() as patched:

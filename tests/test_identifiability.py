@@ -28,12 +28,12 @@ from biaxbayes.identifiability.verdict import (
     ONE_SIDED,
     PRIOR,
 )
-from biaxbayes.jobs.products import (
+from biaxbayes.jobs.identified import (
     thresholds_record,
     write_identifiability,
     write_identifiability_products,
 )
-from biaxbayes.jobs.products import verdicts_as_json as as_json
+from biaxbayes.jobs.identified import verdicts_as_json as as_json
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior

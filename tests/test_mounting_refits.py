@@ -11,7 +11,7 @@ import biaxbayes
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
-from biaxbayes.jobs.products import write_identifiability
+from biaxbayes.jobs.identified import write_identifiability
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare

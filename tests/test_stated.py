@@ -205,13 +205,13 @@ def test_laws_are_fitted_to_a_goh_specimen():
 
 
 def test_judging_a_run_again_reads_the_fits_that_it_keeps(media_run, copied, monkeypatch):
-    from biaxbayes.jobs import products
+    from biaxbayes.jobs import identified
 
     run = copied(media_run.path)
     was = (run / "identifiability.csv").read_bytes()
     fits = (run / "law-fits.csv").read_bytes()
     with monkeypatch.context() as refused:
-        refused.setattr(products, "fits_of_laws", lambda *_: pytest.fail("fitted again"))
+        refused.setattr(identified, "fits_of_laws", lambda *_: pytest.fail("fitted again"))
         biaxbayes.identify(run, out=run, figure=False)
     assert (run / "identifiability.csv").read_bytes() == was
     assert (run / "law-fits.csv").read_bytes() == fits

@@ -119,7 +119,7 @@ def profile(
     """
     chosen = read_model_options(**model)
     from biaxbayes import api
-    from biaxbayes.jobs.products import profiles_as_json
+    from biaxbayes.jobs.identified import profiles_as_json
 
     folder = out or Path(f"{specimen.stem}-profile")
     found = api.profile(

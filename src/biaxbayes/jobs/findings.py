@@ -37,7 +37,7 @@ from biaxbayes.sampling.sampler import Progress
 if TYPE_CHECKING:
     from biaxbayes.comparison.mounting_bias import Ledger
     from biaxbayes.identifiability.profile.profile import Profile
-    from biaxbayes.jobs.products import Identified
+    from biaxbayes.jobs.identified import Identified
     from biaxbayes.optimal_design.design import Design
 
 __all__ = ["design", "identify", "ledger", "profile"]
@@ -55,7 +55,7 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
     figure : bool
         Whether to draw the figure there.
     """
-    from biaxbayes.jobs.products import identified, write_identifiability_products
+    from biaxbayes.jobs.identified import identified, write_identifiability_products
 
     opened = opened_run(run)
     judged = opened.posterior(), opened.draws, opened.state
@@ -96,7 +96,7 @@ def profile(
     from biaxbayes.figures.run.profile import profile_figure
     from biaxbayes.figures.style import save_figure
     from biaxbayes.identifiability.profile.profile import profiles
-    from biaxbayes.jobs.products import write_profiles
+    from biaxbayes.jobs.identified import write_profiles
     from biaxbayes.model.preparation import prepare
 
     if is_run(source):

@@ -219,7 +219,8 @@ class Sampling:
         laws: Beside[LawRange | None],
         clock: float,
     ) -> None:
-        from biaxbayes.jobs.products import thresholds_record, write_products
+        from biaxbayes.jobs.identified import thresholds_record
+        from biaxbayes.jobs.products import write_products
         from biaxbayes.reports.page import write_report
 
         specimen = self.specimen
