@@ -9,7 +9,7 @@ import biaxbayes
 import quick_posteriors
 from biaxbayes.cli import main
 from biaxbayes.fitting.fit import fit, fit_all
-from biaxbayes.fitting.rounding import half_digits
+from biaxbayes.fitting.result import half_digits
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen_file import read_specimen
 

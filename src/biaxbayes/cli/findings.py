@@ -231,7 +231,7 @@ def _tell_ledger(found: Ledger, folder: Path) -> None:
 
 
 def _cell(row: Any, name: str) -> str:
-    from biaxbayes.figures.numbers import number
+    from biaxbayes.figures.quantities import number
 
     low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))
     if low == high:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
-from biaxbayes.figures.numbers import number, range_text
+from biaxbayes.figures.quantities import number, range_text
 from biaxbayes.figures.style import MM, font_points, plain
 
 __all__ = ["few_ticks", "number", "range_text", "round_values", "shortened", "text_mm"]

@@ -1,7 +1,11 @@
-"""How the quantities of a draw are called on an axis, and where physics ends them."""
+"""Quantities as figures and pages print them: their names, where physics ends them, their digits.
+
+A number has as many digits as its interval deserves. Nothing of matplotlib is imported here.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +15,16 @@ from biaxbayes.figures.style import plain
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import MATERIAL, STRETCH, Quantities, Quantity
 
-__all__ = ["MEAN", "AxisText", "axis_text", "corner_columns", "known_or_default", "quantity"]
+__all__ = [
+    "MEAN",
+    "AxisText",
+    "axis_text",
+    "corner_columns",
+    "known_or_default",
+    "number",
+    "quantity",
+    "range_text",
+]
 
 MEAN = r"\bar{\lambda}"
 """Symbol of a mean over the mounted states."""
@@ -107,3 +120,40 @@ def corner_columns(
         if np.ptp(values) > 1e-12 * max(float(np.abs(values).max()), 1e-300):
             out[p.name] = (shown, values)
     return out
+
+
+# --- numbers, with as many digits as their interval deserves -------------------------------------
+
+
+def number(value: float, low: float, high: float, *, log: bool = False) -> str:
+    """A value with two digits of the width of its interval.
+
+    Parameters
+    ----------
+    value, low, high : float
+        The value and its interval.
+    log : bool
+        Two significant digits of the value itself, for quantities that span decades.
+    """
+    width = abs(high - low)
+    if log or not (width > 0.0 and math.isfinite(width)):
+        text = f"{value:.{2 if log else 4}g}"
+        return _signed(f"{float(text):g}" if 1e-3 <= abs(value) < 1e5 else text)
+    digits = 1 - math.floor(math.log10(width))
+    if digits > 8 or digits < -4:
+        return _signed(f"{value:.4g}")
+    return _signed(f"{round(value, digits):.{max(digits, 0)}f}")
+
+
+def range_text(low: float, high: float, piled: tuple[bool, bool], *, log: bool = False) -> str:
+    """An interval; one-sided where the draws pile up at its (low, high) end."""
+    first, last = (number(v, low, high, log=log) for v in (low, high))
+    if piled == (True, False):
+        return f"< {last}"
+    if piled == (False, True):
+        return f"> {first}"
+    return f"{first}–{last}"
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "\N{MINUS SIGN}")

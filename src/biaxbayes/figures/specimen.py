@@ -1,22 +1,28 @@
-"""A specimen as recorded: one panel a protocol, load against stretch in both directions."""
+"""A specimen as recorded and its deterministic fits: a panel or two a protocol.
+
+Load against stretch in both directions; below the fits what each misses of the data.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from biaxbayes.figures.style import MM, blank_figure, colour, plain, print_style
+from biaxbayes.figures.style import COLUMN_MM, MM, PAGE_MM, blank_figure, colour, plain, print_style
+from biaxbayes.options import FIT_METHODS
 from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from biaxbayes.fitting.result import FitResult
     from biaxbayes.specimens.specimen import Protocol
 
-__all__ = ["specimen_figure"]
+__all__ = ["fits_figure", "specimen_figure"]
 
 MARKERS = {"x": "o", "y": "s"}
 POINTS = 300
@@ -102,3 +108,91 @@ def _panel(ax: Axes, protocol: Protocol) -> None:
     ax.axhline(0.0, color="0.75", linewidth=0.5, zorder=0)
     ax.margins(x=0.04, y=0.06)
     ax.locator_params(axis="x", nbins=5)
+
+
+# --- fits over the data they were made of, and what each misses ----------------------------------
+
+
+MOST = 6
+"""Protocols that are drawn; what is left out is said."""
+DATA_POINTS = 40
+DASHES = {"x": "-", "y": "--"}
+HEIGHTS = (3.0, 1.4)
+
+
+def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
+    """Draw fits over the data: loads above, measured minus fitted below.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    fits : sequence of FitResult
+        The fits of ``zeroed`` are drawn with the mounting force put back on.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A column of two panels a protocol, the first six.
+    """
+    from matplotlib.lines import Line2D
+
+    shown = specimen.protocols[:MOST]
+    columns = min(3, len(shown))
+    blocks = -(-len(shown) // columns)
+    width = COLUMN_MM if columns == 1 else PAGE_MM
+    with print_style():
+        figure = blank_figure(width * MM, (78.0 * blocks + 18.0) * MM, "constrained")
+        grid = figure.subplots(
+            2 * blocks, columns, squeeze=False, height_ratios=HEIGHTS * blocks, sharex="col"
+        )
+        colours = {method: f"C{k}" for k, method in enumerate(FIT_METHODS)}
+        for k, protocol in enumerate(shown):
+            upper, lower = (grid[2 * (k // columns) + i, k % columns] for i in range(2))
+            load, moving = specimen.load(protocol), slice(protocol.rest_rows, None)
+            every = np.unique(np.linspace(0, protocol.rows - 1, DATA_POINTS).round().astype(int))
+            for axis, name in enumerate("xy"):
+                stretch = getattr(protocol, f"stretch_{name}")
+                path = stretch if np.ptp(stretch) > 0.0 else protocol.stretch_x
+                upper.plot(
+                    path[every],
+                    load[every, axis],
+                    MARKERS[name],
+                    markersize=2.5,
+                    markerfacecolor="none",
+                    markeredgewidth=0.5,
+                    color="0.3",
+                )
+                for found in fits:
+                    missed = found.residuals[k][:, axis]
+                    how = {"linestyle": DASHES[name], "color": colours[found.method]}
+                    upper.plot(path[moving], load[moving, axis] - missed, linewidth=0.8, **how)
+                    lower.plot(path[moving], missed, linewidth=0.6, **how)
+            lower.axhline(0.0, color="0.6", linewidth=0.5, zorder=0)
+            if len(specimen.protocols) > 1:
+                upper.set_title(plain(protocol.name, 30))
+            if k % columns == 0:
+                upper.set_ylabel(LOADS[specimen.stress_pair])
+                lower.set_ylabel(f"data − fit ({specimen.unit})")
+            lower.tick_params(labelbottom=True)
+            lower.locator_params(axis="x", nbins=5)
+        for ax in grid[-2:, (len(shown) - 1) % columns + 1 :].flat:
+            ax.remove()
+        left = len(specimen.protocols) - len(shown)
+        figure.supxlabel(
+            "measured stretch" + (f" ({left} more protocols not drawn)" if left else "")
+        )
+        handles = [
+            Line2D(
+                [], [], color="0.3", marker=MARKERS[n], markerfacecolor="none", ls=DASHES[n], ms=3
+            )
+            for n in "xy"
+        ]
+        names = [
+            f"{n}: {plain(getattr(specimen, f'axis_{n}') or 'data and fit', 20)}" for n in "xy"
+        ]
+        handles += [Line2D([], [], color=colours[f.method]) for f in fits]
+        names += [f.method for f in fits]
+        figure.legend(
+            handles, names, loc="outside upper center", ncols=3 if columns == 1 else len(names)
+        )
+    return figure

@@ -345,7 +345,7 @@ def write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: str | Path
     """
     import pandas as pd
 
-    from biaxbayes.figures.fits import fits_figure
+    from biaxbayes.figures.specimen import fits_figure
 
     target = made_folder(folder)
     rows = []

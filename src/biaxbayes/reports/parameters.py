@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from biaxbayes.figures.numbers import number
+from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.determined import MEASURED, determined, mounting_stated
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.parameters import MATERIAL, STRETCH, Quantity

@@ -12,7 +12,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING
-from biaxbayes.figures.numbers import number
+from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
