@@ -149,11 +149,11 @@ def test_what_a_first_run_compiles_beside_its_work_is_what_sampling_calls(tmp_pa
     """After the small example sampling compiles nothing that takes long, in any process."""
     program = (
         "import time\n"
-        "from biaxbayes.sampling import kernels\n"
-        "before = kernels.are_compiled()\n"
+        "from biaxbayes.sampling import sampler\n"
+        "before = sampler.are_compiled()\n"
         "start = time.process_time()\n"
-        "kernels.compile_kernels()\n"
-        "print(before, kernels.are_compiled(), time.process_time() - start)\n"
+        "sampler.compile_kernels()\n"
+        "print(before, sampler.are_compiled(), time.process_time() - start)\n"
     )
 
     def compiled() -> tuple[str, str, float]:

@@ -38,8 +38,14 @@ from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run, summarise, with_verdicts, write_summary
 from biaxbayes.runs.said import IDENTIFIED, IDENTIFIED_FIGURE, IDENTIFIED_TABLES, seal_said
-from biaxbayes.sampling.kernels import are_compiled, compile_kernels
-from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
+from biaxbayes.sampling.sampler import (
+    Draws,
+    Plan,
+    Progress,
+    State,
+    are_compiled,
+    compile_kernels,
+)
 from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen

@@ -10,8 +10,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
@@ -20,6 +22,7 @@ from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
     Start,
     dispersed_starts,
+    search,
     tempered_points,
 )
 from biaxbayes.sampling.proposal import MixtureProposal
@@ -28,7 +31,17 @@ from biaxbayes.sampling.target import Target
 if TYPE_CHECKING:
     from biaxbayes.sampling.ensembles import Ensembles
 
-__all__ = ["Draws", "Plan", "Progress", "State", "draw", "ensembles_at", "first_state"]
+__all__ = [
+    "Draws",
+    "Plan",
+    "Progress",
+    "State",
+    "are_compiled",
+    "compile_kernels",
+    "draw",
+    "ensembles_at",
+    "first_state",
+]
 
 FIRST_BLOCK = 128
 LONGEST_BLOCK = 8 * FIRST_BLOCK
@@ -352,3 +365,30 @@ def _judge(target: Target, state: State, plan: Plan) -> tuple[Convergence, dict[
     kept = _quantities(target, state.chain)
     judged = {name: values for name, values in kept.items() if name not in target.unjudged}
     return assess(judged, target_ess=plan.ess), kept
+
+
+# --- what sampling compiles, ahead of its use: a first run can do it beside other work -----------
+#
+# Compiled code is kept between runs (biaxbayes.compilation): a process that compiles it fills the
+# cache for every other.
+
+LAST = "independence_move._accept"
+"""The function that an example of sampling compiles last."""
+
+
+def are_compiled() -> bool:
+    """Whether an earlier run has left compiled code behind."""
+    config: Any = numba.config
+    return any(Path(config.CACHE_DIR).rglob(f"{LAST}-*.nbi"))
+
+
+def compile_kernels() -> None:
+    """Compile everything that :func:`search` and :func:`draw` call, by a small example."""
+    target = Target(_half_normal, np.array([[0.0, np.inf], [-np.inf, np.inf]]))
+    plan = Plan(ess=20, seed=0, max_steps=1)
+    draw(target, search(target, np.array([[0.5, 0.0]]), np.ones(2), plan.search_rng()), plan)
+
+
+def _half_normal(x: np.ndarray) -> np.ndarray:
+    """Log density of independent normals, the first of them cut at zero; x of shape (n, 2)."""
+    return np.where(x[:, 0] >= 0.0, -0.5 * (x**2).sum(axis=1), -np.inf)
