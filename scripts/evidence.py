@@ -13,7 +13,6 @@ it was interrupted: commands that are done are not run again, and studies keep w
 from __future__ import annotations
 
 import argparse
-import ast
 import os
 import shlex
 import shutil
@@ -25,11 +24,14 @@ from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
 
+from code_changes import differing
 from studies.page import ROOT, Stamp, put_stamp, stamp_of
 from study import studies
 
 SOURCE = "src/biaxbayes"
 REAL = "BIAXBAYES_REAL"
+NAMED = 3
+"""Of the definitions that differ, how many `--check` names."""
 POSTERIOR = ("laws", "mechanics", "model", "sampling")
 
 
@@ -206,41 +208,10 @@ def git(*arguments: str) -> str | None:
     return done.stdout.strip() if done.returncode == 0 else None
 
 
-def changed_code(commit: str, sources: list[str]) -> list[str]:
-    """Files whose code differs between a commit and now; docstrings and comments are no code."""
-    found = git("diff", "--name-only", "--no-renames", commit, "HEAD", "--", *sources) or ""
-    return [f for f in found.splitlines() if code_of(commit, f) != code_of("HEAD", f)]
-
-
-def code_of(commit: str, file: str) -> str | None:
-    """What a file of a commit computes; None where it is not there."""
-    text = git("show", f"{commit}:{file}")
-    if text is None or not file.endswith(".py"):
-        return text
-    tree = ast.parse(text)
-    for node in ast.walk(tree):
-        if isinstance(getattr(node, "body", None), list):
-            node.body = [part for part in node.body if not is_text(part)]  # type: ignore[attr-defined]
-    return ast.dump(tree)
-
-
-def is_text(node: ast.AST) -> bool:
-    """Whether a statement is a text alone: a docstring of what it stands in or below."""
-    value = node.value if isinstance(node, ast.Expr) else None
-    return isinstance(value, ast.Constant) and isinstance(value.value, str)
-
-
 def commits_since(stamp: Stamp, sources: list[str]) -> int | None:
-    """How many commits have changed the code since a page was made; None without git."""
-    since = [f"{stamp.commit}..HEAD"]
-    if git("cat-file", "-e", f"{stamp.commit}^{{commit}}") is None:
-        # not a commit of this clone: by its day
-        since = [f"--since={stamp.day} 23:59:59", "HEAD"]
-    elif not (files := changed_code(stamp.commit, sources)):
-        return 0  # nothing, or what nobody computes with: docstrings, comments, layout
-    else:
-        sources = files
-    found = git("rev-list", "--count", *since, "--", *sources)
+    """How many commits have touched the code since the day of a page; None without git."""
+    since = f"--since={stamp.day} 23:59:59"
+    found = git("rev-list", "--count", since, "HEAD", "--", *sources)
     return None if found is None else int(found)
 
 
@@ -249,21 +220,27 @@ def age(page: Page) -> tuple[bool, str]:
     stamp = stamp_of(ROOT / page.path)
     if stamp is None:
         return True, "does not say what made it"
-    count = commits_since(stamp, page.sources)
     of = f"commit {stamp.commit} of {stamp.day}"
-    if count is None:
-        return True, f"{of}; whether the code is newer is not known outside a git checkout"
-    if count == 0:
-        return False, f"{of}: current"
-    changes = "1 commit has" if count == 1 else f"{count} commits have"
-    return True, f"{of}: OLDER, {changes} changed {', '.join(page.rooms)} since"
+    changes = differing(ROOT, stamp.commit, page.sources, SOURCE)
+    if changes is None:  # not a commit of this clone: by its day
+        count = commits_since(stamp, page.sources)
+        if count is None:
+            return True, f"{of}; whether the code is newer is not known outside a git checkout"
+        told = "1 commit has" if count == 1 else f"{count} commits have"
+        told += f" changed {', '.join(page.rooms)} since"
+    else:
+        count = len(changes)
+        told = "1 definition differs" if count == 1 else f"{count} definitions differ"
+        told += ", among them " if count > NAMED else ": "
+        told += ", ".join(changes[:NAMED])
+    return (True, f"{of}: OLDER, {told}") if count else (False, f"{of}: current")
 
 
 def check(names: list[str]) -> None:
     """Print how old every page is."""
     ages = {name: age(PAGES[name]) for name in names}
     for name, (_, words) in ages.items():
-        print(f"{PAGES[name].path:26}{words}")
+        print(f"{PAGES[name].path:28}{words}")
     older = [name for name, (old, _) in ages.items() if old]
     print(f"{len(older)} of {len(names)} pages of measured figures are older than their code")
     print(f"studies that remake no page: {', '.join(sorted(set(studies()) - used_studies()))}")

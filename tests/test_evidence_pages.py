@@ -45,7 +45,7 @@ def checkout(tmp_path, monkeypatch):
 
 def changed(root: Path, room: str, text: str) -> None:
     (root / "src" / "biaxbayes" / room / "code.py").write_text(text)
-    evidence.git("add", "src")
+    evidence.git("add", "--all", "src")
     assert evidence.git("commit", "--quiet", "-m", text) is not None
 
 
@@ -81,35 +81,88 @@ def test_the_commands_are_those_that_studies_take():
             assert name in text, f"{page.path} does not name its study {name}"
 
 
+def stamp_now(root: Path) -> None:
+    commit, day = (evidence.git("log", "-1", "--format=%h %cs") or "").split(" ")
+    put_stamp(root / "page.md", Stamp(commit, day, day, "python page.py"))
+
+
 def test_a_page_is_older_where_the_code_it_speaks_of_has_changed(checkout):
-    page = checkout / "page.md"
     assert told() == "does not say what made it"
-    commit = evidence.git("rev-parse", "--short", "HEAD")
-    put_stamp(page, Stamp(str(commit), "2024-05-06", "2024-05-07", "python x"))
+    stamp_now(checkout)
     assert told().endswith(": current")
-    changed(checkout, "figures", "second")
+    changed(checkout, "figures", "second = 2")
     assert told().endswith(": current")
-    changed(checkout, "laws", "second")
-    assert "OLDER, 1 commit has changed laws" in told()
-    changed(checkout, "laws", "third")
-    assert "OLDER, 2 commits have changed laws" in told()
+    changed(checkout, "laws", "second = 2; third = 3")
+    assert told().endswith("OLDER, 2 definitions differ: laws/code.py second, laws/code.py third")
+    changed(
+        checkout, "laws", "a = b = c = 1\ndef f(): return 2\nfor x in 1, 2: f()\nclass A: k = 1"
+    )
+    assert "OLDER, 4 definitions differ, among them laws/code.py a, laws/code.py f, " in told()
     changed(checkout, "laws", "first")  # as when the page was made
     assert told().endswith(": current")
 
 
-def test_words_about_the_code_make_no_page_older(checkout):
-    def committed(text: str) -> None:
-        (checkout / "src" / "biaxbayes" / "laws" / "code.py").write_text(text)
-        evidence.git("commit", "--quiet", "-a", "-m", "words")
+CODE = '''import math
 
-    code = 'def f(x):\n    """Twice."""\n    return 2 * x\n'
-    committed(code)
-    commit, day = (evidence.git("log", "-1", "--format=%h %cs") or "").split(" ")
-    put_stamp(checkout / "page.md", Stamp(commit, day, day, "python page.py"))
-    committed('"""A room."""\n\n' + code.replace("Twice.", "Two times x.").replace("2 *", "2 *  "))
+SCALE = 2.0
+
+
+def f(x):
+    """Twice."""
+    return SCALE * x
+
+
+def g(x):
+    from math import sqrt
+
+    return sqrt(x)
+'''
+
+
+def test_words_about_the_code_make_no_page_older(checkout):
+    changed(checkout, "laws", CODE)
+    stamp_now(checkout)
+    changed(
+        checkout,
+        "laws",
+        '"""A room."""\n\n' + CODE.replace("Twice.", "2 x.").replace("* x", "*  x # x"),
+    )
     assert told().endswith("current")
-    committed(code.replace("2 *", "3 *"))
-    assert "OLDER, " in told()
+    changed(
+        checkout, "laws", CODE.replace("import math\n", "from math import sqrt, pi\n__all__ = []\n")
+    )
+    assert told().endswith("current")
+
+
+def test_code_that_only_moved_makes_no_page_older(checkout):
+    changed(checkout, "laws", CODE)
+    stamp_now(checkout)
+    head, tail = CODE.split("\n\n\ndef g")
+    new = checkout / "src" / "biaxbayes" / "laws" / "roots.py"
+    new.write_text(f"from biaxbayes.laws.code import SCALE\n\ndef g{tail}")
+    changed(checkout, "laws", head)
+    assert told().endswith(": current")
+    changed(checkout, "figures", head)
+    changed(checkout, "laws", "from biaxbayes.figures.code import f")  # and out of its rooms
+    assert told().endswith(": current")
+    new.write_text(new.read_text().replace("sqrt(x)", "sqrt(2 * x)"))
+    changed(checkout, "laws", head)
+    assert told().endswith("OLDER, 1 definition differs: laws/roots.py g")
+    new.unlink()  # removed, and nothing in its place
+    changed(checkout, "laws", head + "\n")
+    assert told().endswith(": current")
+    changed(checkout, "laws", head.replace("2.0", "3.0"))
+    assert told().endswith("OLDER, 1 definition differs: laws/code.py SCALE")
+
+
+def test_a_file_that_is_no_code_counts_by_its_content(checkout):
+    table = checkout / "src" / "biaxbayes" / "laws" / "table.csv"
+    table.write_text("1,2\n")
+    changed(checkout, "laws", CODE)
+    stamp_now(checkout)
+    table.write_text("1,3\n")
+    changed(checkout, "laws", CODE)
+    assert told().endswith("OLDER, 1 definition differs: laws/table.csv")
 
 
 def test_a_commit_of_another_clone_counts_by_its_day(checkout):

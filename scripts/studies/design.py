@@ -4,7 +4,8 @@ For the best candidates, outcomes are simulated, added to the specimen and sampl
 reduction of every spread stands beside the predicted one. A candidate that ranks higher but whose
 numbers the design itself does not trust (a reweighting with few effective draws, marked in its
 table) is sampled too, and held against the bound from below that the design states for it. Prints
-a table; --write puts it into a page between its marks.
+a short table; --write puts it into a page between its marks, and every quantity into a CSV file
+beside the page.
 
     python scripts/study.py design data/donor2-media.csv --outcomes 20
 """
@@ -28,7 +29,7 @@ from biaxbayes.optimal_design.design import design
 from biaxbayes.optimal_design.information_gain import Expected, targets
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import read_specimen
-from studies.page import put, table
+from studies.page import put, table, write_table
 
 __all__ = ["Resampled", "resample"]
 
@@ -123,40 +124,68 @@ def main() -> None:
     planned = design(posterior, draws)
     pairs = list(zip(planned.expected, planned.candidates, strict=True))
     trusted = [i for i, (expected, _) in enumerate(pairs) if expected.trusted]
-    text = ""
+    found_anew = []
     for expected, candidate in pairs[: trusted[options.best - 1] + 1]:
         again = resample(
             posterior, draws, candidate, outcomes=options.outcomes, plan=plan, seed=options.seed
         )
-        told = f"\n{options.specimen.stem}: {expected.name}, {again.outcomes} outcomes sampled"
-        told += "" if expected.trusted else "; not trusted, judged by its bound"
-        beside = compared(expected, planned.quantities, again)
-        told += "\n\n" + table(list(beside.columns), beside.to_numpy().tolist())
-        print(told, flush=True)
-        text += told
+        found_anew.append(compared(expected, planned.quantities, again))
+        print(found_anew[-1].to_string(index=False), flush=True)
+    beside = pd.concat(found_anew, ignore_index=True)
+    print(summary(beside))
     if options.write:
-        put(options.write, f"design {options.specimen.stem}", text)
+        write_place(options.write, options.specimen.stem, beside)
 
 
 def compared(expected: Expected, quantities: tuple[str, ...], again: Resampled) -> pd.DataFrame:
-    """Predicted and sampled reduction of each spread."""
-    rows = []
+    """Predicted and sampled reduction of each spread, in per cent with their standard errors."""
+    rows: list[dict[str, object]] = []
     for name, value, error in zip(again.quantities, again.reduction, again.error, strict=True):
         i = quantities.index(name)
-        row = {"quantity": name}
-        seen = f"{100 * value:.1f} ± {100 * error:.1f} %"
+        row: dict[str, object] = {"candidate": expected.name, "outcomes": again.outcomes}
+        row |= {"quantity": name, "sampled_percent": 100 * value, "sampled_se": 100 * error}
         if expected.trusted:
             total = float(np.hypot(error, expected.error[i]))
-            row["predicted"] = (
-                f"{100 * expected.reduction[i]:.1f} ± {100 * expected.error[i]:.1f} %"
-            )
-            row["sampled"] = seen
-            row["difference, se"] = f"{(value - expected.reduction[i]) / total:+.1f}"
+            row["predicted_percent"] = 100 * expected.reduction[i]
+            row["predicted_se"] = 100 * expected.error[i]
+            row["difference_in_se"] = (value - expected.reduction[i]) / total
         else:
-            row["predicted at least"] = f"{100 * expected.at_least[i]:.1f} %"
-            row["sampled"] = seen
+            row["predicted_at_least_percent"] = 100 * expected.at_least[i]
         rows.append(row)
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows).reindex(columns=list(COLUMNS))
+
+
+COLUMNS = (
+    *("candidate", "outcomes", "quantity", "predicted_percent", "predicted_se"),
+    *("sampled_percent", "sampled_se", "difference_in_se", "predicted_at_least_percent"),
+)
+SHOWN = ("k1", "alpha", "kappa", "mounting_stretch_x")
+"""Quantities on the page: what equibiaxial tests leave open, and what they tell least of."""
+
+
+def summary(beside: pd.DataFrame) -> str:
+    """A row a candidate: how far predictions and sampling are apart."""
+    rows = []
+    for (name, outcomes), part in beside.groupby(["candidate", "outcomes"], sort=False):
+        of = part.set_index("quantity")
+        if part["difference_in_se"].notna().all():
+            gap = part["difference_in_se"]
+            apart = f"{np.abs(gap).max():.1f}, {np.sqrt((gap**2).mean()):.1f}"
+        else:
+            apart = "not trusted"
+        predicted = of["predicted_percent"].fillna(of["predicted_at_least_percent"])
+        each = [f"{predicted[q]:.1f}, {of['sampled_percent'][q]:.1f}" for q in SHOWN]
+        rows.append([name, outcomes, *each, apart])
+    header = ["candidate", "outcomes", *(f"{q}, %" for q in SHOWN), "difference in se: most, rms"]
+    return table(header, rows)
+
+
+def write_place(page: Path, specimen: str, beside: pd.DataFrame) -> None:
+    """Put the short table of a specimen into a page, all quantities beside the page."""
+    link = write_table(page.parent, f"design-{specimen}", COLUMNS, beside)
+    count = beside["quantity"].nunique()
+    told = f"{specimen}; [all {count} quantities with their errors]({link}).\n\n{summary(beside)}"
+    put(page, f"design {specimen}", told)
 
 
 if __name__ == "__main__":

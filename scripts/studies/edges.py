@@ -23,7 +23,7 @@ from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 from studies.model_error.truths import RATIOS
-from studies.page import put, table
+from studies.page import put, table, write_table
 
 KAPPAS = (0.0, 0.1)
 MEDIANS, LOG_SD = (8.0, 15.0, 4.0), 0.3  # C1 and k1 in kPa, k2
@@ -67,23 +67,48 @@ def judge(task: tuple[float, int]) -> list[dict[str, object]]:
     return rows
 
 
-def summary(found: pd.DataFrame) -> str:
-    """Shares of specimens whose intervals hold the truth."""
+def summary(found: pd.DataFrame) -> pd.DataFrame:
+    """Of every true kappa and parameter, the share of specimens whose intervals hold the truth."""
     rows = []
     for (kappa, name), part in found.groupby(["kappa", "parameter"], sort=False):
-        told, held = part[part["told"]], part["held"].dropna()
         rows.append(
-            [
-                f"{kappa:g}",
-                str(name),
-                str(len(part)),
-                f"{part['free'].mean():.2f}",
-                f"{len(told)}",
-                f"{held.mean():.2f}" if len(held) else "–",
-            ]
+            {
+                "kappa": kappa,
+                "parameter": name,
+                "specimens": len(part),
+                "free_holds": part["free"].mean(),
+                "edge_possible": int(part["told"].sum()),
+                "held_holds": part["held"].mean(),
+            }
         )
-    heads = ["kappa", "parameter", "specimens", "free: holds", "edge possible", "held: holds"]
-    return table(heads, rows, left=2)
+    return pd.DataFrame(rows)
+
+
+def page_table(shares: pd.DataFrame, link: str) -> str:
+    """A row a parameter, beside what was counted."""
+    wide = shares.pivot(index="parameter", columns="kappa")
+    wide = wide.loc[list(dict.fromkeys(shares["parameter"]))]
+    edge, inside = KAPPAS
+    count, possible = shares["specimens"].iloc[0], shares.groupby("kappa")["edge_possible"].first()
+    rows = [
+        [name]
+        + [f"{row['free_holds', edge]:.2f}"]
+        + [f"{row['held_holds', edge]:.2f}" if np.isfinite(row["held_holds", edge]) else "–"]
+        + [f"{row['free_holds', inside]:.2f}"]
+        for name, row in wide.iterrows()
+    ]
+    heads = ["parameter", f"kappa {edge:g}: free", "edge held", f"kappa {inside:g}: free"]
+    return (
+        f"{count} specimens of each kappa; the edge is possible for {possible[edge]} of kappa "
+        f"{edge:g} and {possible[inside]} of kappa {inside:g} ([all]({link})).\n\n"
+        f"{table(heads, rows)}"
+    )
+
+
+def write_place(page: Path, shares: pd.DataFrame) -> None:
+    """Put the short table into a page, all shares beside the page."""
+    link = write_table(page.parent, "held-edges", list(shares.columns), shares)
+    put(page, "edges", page_table(shares, link))
 
 
 def main() -> None:
@@ -97,10 +122,10 @@ def main() -> None:
     tasks = [(kappa, seed) for kappa in KAPPAS for seed in seeds]
     with ProcessPoolExecutor(options.workers) as pool:
         rows = [row for part in pool.map(judge, tasks) for row in part]
-    text = summary(pd.DataFrame(rows))
-    print(text)
+    shares = summary(pd.DataFrame(rows))
+    print(shares.to_string(index=False))
     if options.write:
-        put(options.write, "edges", text)
+        write_place(options.write, shares)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
     python scripts/study.py intervals --seeds 50 --workers 2
 
-Writes the tables between the markers of data/README.md. A truth on a physical edge (kappa 0,
-alpha 90 degrees) is judged by the one-sided 90 % interval that starts at that edge. Truths that are
-drawn around the printed ones, and inside all ranges, are judged by central intervals.
+Writes the tables between the markers of data/README.md, with every interval in docs/tables. A truth
+on a physical edge (kappa 0, alpha 90 degrees) is judged by the one-sided 90 % interval that starts
+at that edge. Truths that are drawn around the printed ones, and inside all ranges, are judged by
+central intervals.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+import pandas as pd
 
 from biaxbayes import read_specimen
 from biaxbayes.calibration.ranks import coverage
@@ -33,7 +35,8 @@ from biaxbayes.parameters import mounting_names
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.virtual_specimen import Truth
 from make_specimens import MISFIT, table6_specimen
-from studies.page import DATA, SPECIMENS, put, table
+from studies.figure import figure
+from studies.page import DATA, SPECIMENS, put, table, write_table
 
 HOOKED = ("hooked-media", "hooked-weisbecker")
 NOISES = ("effective", "independent")
@@ -137,32 +140,46 @@ def one_seed(task: Task) -> tuple[Task, dict[str, float] | None]:
     return task, found
 
 
-def shipped_table() -> str:
-    rows: list[list[str]] = []
+def shipped_intervals() -> pd.DataFrame:
+    """Every interval of the shipped specimens beside its truth, and how well the chains did."""
+    rows: list[dict[str, object]] = []
     for name in (*SPECIMENS, *HOOKED):
         truth = truth_of(name)
-        results = {
-            n: sampled(read_specimen(DATA / f"{name}.csv"), n, Plan(workers=2)) for n in NOISES
-        }
-        for parameter in PARAMETERS:
-            cells: list[str] = []
-            for noise in NOISES:
-                draws = results[noise].quantities[parameter]
-                low, high = interval(parameter, draws, truth[parameter])
-                inside = "yes" if low <= truth[parameter] <= high else "**no**"
-                cells += [f"{low:.4g} to {high:.4g}", inside]
-            rows.append([name, parameter, f"{truth[parameter]:g}", *cells])
-        states = [_state(noise, found) for noise, found in results.items()]
-        print(f"{name}: {', '.join(states)}", flush=True)
-        rows.append([name, "*convergence*", "", states[0], "", states[1], ""])
-    header = ["specimen", "parameter", "truth", NOISES[0], "", NOISES[1], ""]
+        for noise in NOISES:
+            found = sampled(read_specimen(DATA / f"{name}.csv"), noise, Plan(workers=2))
+            judged = found.convergence
+            print(f"{name}, {noise}: {judged.state}", flush=True)
+            for parameter in PARAMETERS:
+                low, high = interval(parameter, found.quantities[parameter], truth[parameter])
+                rows.append(
+                    {
+                        "specimen": name,
+                        "noise": noise,
+                        "parameter": parameter,
+                        "truth": truth[parameter],
+                        "low": low,
+                        "high": high,
+                        "held": "yes" if low <= truth[parameter] <= high else "no",
+                        "state": judged.state,
+                        "rhat": judged.worst_rhat,
+                        "ess": round(judged.worst_ess),
+                    }
+                )
+    return pd.DataFrame(rows)
+
+
+def shipped_table(found: pd.DataFrame) -> str:
+    """How many truths of each shipped specimen are held, and which are not."""
+    rows = []
+    for name, of_specimen in found.groupby("specimen", sort=False):
+        cells = [str(name)]
+        for noise in NOISES:
+            held = of_specimen[of_specimen["noise"] == noise].set_index("parameter")["held"]
+            missed = ", ".join(p for p in held.index if held[p] == "no")
+            cells += [f"{(held == 'yes').sum()} of {len(held)}", missed]
+        rows.append(cells)
+    header = ["specimen", *(cell for noise in NOISES for cell in (noise, "missed"))]
     return table(header, rows, left=len(header))
-
-
-def _state(noise: str, found: Draws) -> str:
-    """How well the chains converged, in words."""
-    judged = found.convergence
-    return f"{noise}: {judged.state}, R-hat {judged.worst_rhat:.4f}, ESS {judged.worst_ess:.0f}"
 
 
 Found = dict[Task, dict[str, float] | None]
@@ -210,15 +227,77 @@ def _lost(found: Found, study: str, noise: str, names: Sequence[str]) -> int:
     return len(all_of) - len(_of(found, study, noise, names))
 
 
-def printed_table(found: Found) -> str:
-    """How many intervals hold a printed truth."""
+def printed_shares(found: Found) -> pd.DataFrame:
+    """How many intervals hold a printed truth, of every specimen, noise model and parameter."""
     rows = []
     for name in SPECIMENS:
         for noise in NOISES:
             held = _of(found, PRINTED, noise, [name])
-            shares = [f"{sum(h[p] for h in held):.0f}/{len(held)}" for p in PARAMETERS]
-            rows.append([name, noise, *shares, _lost(found, PRINTED, noise, [name])])
-    return table(["specimen", "noise", *PARAMETERS, "not converged"], rows, left=2)
+            shares = {p: int(sum(h[p] for h in held)) for p in PARAMETERS}
+            lost = _lost(found, PRINTED, noise, [name])
+            rows.append(
+                {"specimen": name, "noise": noise, **shares, "seeds": len(held), "not_used": lost}
+            )
+    return pd.DataFrame(rows)
+
+
+def printed_table(shares: pd.DataFrame) -> str:
+    """How many intervals hold a printed truth, all specimens together."""
+    sums = shares.groupby("noise", sort=False).sum(numeric_only=True)
+    rows = [
+        [noise, *(f"{of[p] / of['seeds']:.2f}" for p in PARAMETERS), int(of["not_used"])]
+        for noise, of in sums.iterrows()
+    ]
+    return table(["noise", *PARAMETERS, "not converged"], rows)
+
+
+def draw_shares(shares: pd.DataFrame, path: Path) -> None:
+    """Draw the share of printed truths that intervals hold, a marker a specimen."""
+    with figure(path, 1, len(NOISES), height=2.5, sharey=True) as (drawing, axes):
+        for ax, noise in zip(axes[0], NOISES, strict=True):
+            for k, (_, of) in enumerate(shares[shares["noise"] == noise].iterrows()):
+                at = np.arange(len(PARAMETERS)) + 0.13 * (k - 2)
+                held = [of[p] / of["seeds"] for p in PARAMETERS]
+                ax.plot(
+                    at, held, "osv^D"[k], ms=4, mfc="none", color=COLOURS[k], label=of["specimen"]
+                )
+            ax.axhline(LEVEL, color="0.6", lw=0.8, zorder=0)
+            ax.set_xticks(range(len(PARAMETERS)), SHORT)
+            ax.set(title=f"{noise} noise", ylim=(0.0, 1.04))
+        axes[0, 0].set_ylabel("share of seeds whose\n90 % interval holds the truth")
+        drawing.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5)
+
+
+def write_place(page: Path, shipped: pd.DataFrame, shares: pd.DataFrame, drawn: str) -> None:
+    """Put the short tables into a page, all intervals and the figure beside the documentation."""
+    docs = page.parent.parent / "docs"
+    told = shipped.assign(rhat=shipped["rhat"].map("{:.4f}".format))
+    links = [
+        f"../docs/{write_table(docs, name, list(rows.columns), rows)}"
+        for name, rows in (("shipped-intervals", told), ("seed-intervals", shares))
+    ]
+    draw_shares(shares, docs / "figures" / "seed-intervals.png")
+    seeds = int((shares["seeds"] + shares["not_used"]).max())
+    converged = (shipped["state"] == "converged").all()
+    middle = [
+        SHIPPED_WORDS.format(
+            link=links[0],
+            seeds=seeds,
+            all_runs="all runs converged" if converged else "not all runs converged",
+            rhat=shipped["rhat"].max(),
+            ess=shipped["ess"].min(),
+        ),
+        shipped_table(shipped),
+        PRINTED_WORDS.format(seeds=seeds, link=links[1]),
+        printed_table(shares),
+        drawn,
+    ]
+    put(page, "intervals", "\n".join(middle))
+
+
+COLOURS = ("#000000", "#E69F00", "#0072B2", "#009E73", "#D55E00")
+SHORT = (*LAW.names, "lm x", "lm y")
+"""The parameters as the figure has them."""
 
 
 def drawn_table(found: Found) -> str:
@@ -242,11 +321,15 @@ def drawn_table(found: Found) -> str:
     return table(header, rows, left=2)
 
 
-PRINTED_WORDS = """The same intervals over {seeds} seeds that are not shipped: how many hold the
-truth. The materials are those of the paper, and most lie on an edge of a range (kappa = 0,
-alpha = 90 degrees). Where a truth is at the end of a ridge, k1, k2 and alpha are at the end of
-their intervals too, and a central interval can fail however good the inference is: this table shows
-what happens to tissue like the paper's, not whether intervals are what they say.
+SHIPPED_WORDS = """How many 90 % intervals of the shipped specimens hold the truth (one-sided where
+that is a physical edge), made by `python scripts/study.py intervals --seeds {seeds}`: [all
+intervals]({link}); {all_runs}, R-hat at most {rhat:.4f}, at least {ess:.0f} effective draws.
+"""
+PRINTED_WORDS = """The same intervals over {seeds} seeds that are not shipped: share that hold the
+truth ([by specimen]({link})). The materials are those of the paper, and most lie on an edge of a
+range (kappa = 0, alpha = 90 degrees). Where a truth is at the end of a ridge, k1, k2 and alpha are
+at the end of their intervals too, and a central interval can fail however good the inference is:
+this table shows what happens to tissue like the paper's, not whether intervals are what they say.
 """
 DRAWN_WORDS = f"""Truths inside their ranges: how many 90 % intervals hold them, per cent with a
 95 % binomial interval, all five specimens together. Dimensions and protocols are those of the
@@ -270,17 +353,8 @@ def main() -> None:
     parser.add_argument("--page", type=Path, default=DATA / "README.md")
     options = parser.parse_args()
     found = sampled_seeds(options.seeds, options.workers, options.record)
-    middle = [
-        "90 % intervals of the shipped specimens beside the truth (one-sided where the truth is a",
-        f"physical edge), made by `python scripts/study.py intervals --seeds {options.seeds}`:",
-        "",
-        shipped_table(),
-        PRINTED_WORDS.format(seeds=options.seeds),
-        printed_table(found),
-        DRAWN_WORDS,
-        drawn_table(found),
-    ]
-    put(options.page, "intervals", "\n".join(middle))
+    drawn = f"{DRAWN_WORDS}\n{drawn_table(found)}"
+    write_place(options.page, shipped_intervals(), printed_shares(found), drawn)
 
 
 if __name__ == "__main__":

@@ -6,8 +6,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import atomic_write_text, write_csv
 
 __all__ = [
     "DATA",
@@ -21,6 +22,7 @@ __all__ = [
     "put_stamp",
     "stamp_of",
     "table",
+    "write_table",
 ]
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,9 +38,17 @@ def table(header: Sequence[str], rows: Sequence[Sequence[object]], *, left: int 
     return "\n".join([head, rule, *lines]) + "\n"
 
 
-def image(name: str, text: str) -> str:
-    """An image of the page's own figures, with its caption."""
-    return f"![{text}](figures/{name})\n\n*{text}*\n"
+def write_table(folder: Path, name: str, header: Sequence[str], rows: Any) -> str:
+    """Write every row of a long table to ``tables/name.csv`` of a folder of pages; its link."""
+    import pandas as pd
+
+    write_csv(folder / "tables" / f"{name}.csv", pd.DataFrame(rows, columns=list(header)), digits=4)
+    return f"tables/{name}.csv"
+
+
+def image(name: str, text: str, alt: str = "") -> str:
+    """An image of the page's own figures, with its caption; ``alt`` where that is long."""
+    return f"![{alt or text}](figures/{name})\n\n*{text}*\n"
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -21,13 +21,14 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+import pandas as pd
 
 from biaxbayes.errors import BiaxbayesError
 from studies.model_error.candidates import CANDIDATES
 from studies.model_error.kept_draws import kept, write
-from studies.model_error.tables import coverage_table, judge_all
+from studies.model_error.tables import coverage, draw_coverage, judge_all, page_table
 from studies.model_error.truths import make_case
-from studies.page import put
+from studies.page import put, write_table
 
 
 def run(folder: Path, seeds: range, candidates: list[str], ess: float) -> None:
@@ -50,11 +51,22 @@ def run(folder: Path, seeds: range, candidates: list[str], ess: float) -> None:
             print(f"{seed} {case.kind} {candidate}: {cpu:.1f} s", flush=True)
 
 
+TABLES = {"model-error": "model-error", "candidates": "model-error-candidates"}
+
+
+def write_place(page: Path, place: str, found: pd.DataFrame, specimens: int, far: int) -> None:
+    """Put the short table into a page, all of it beside the page; of one candidate its figure."""
+    link = write_table(page.parent, TABLES[place], list(found.columns), found)
+    put(page, place, page_table(found, specimens, far, link))
+    if place == "model-error":
+        draw_coverage(found, page.parent / "figures" / "model-error.png")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["run", "table"])
     parser.add_argument("--folder", type=Path, default=Path("model-error"))
-    parser.add_argument("--page", type=Path, help="Put the table into this page.")
+    parser.add_argument("--page", type=Path, help="Put the table into this page, all beside it.")
     parser.add_argument("--specimens", type=int, default=120)
     parser.add_argument("--candidates", nargs="+", help="These alone.")
     parser.add_argument("--ess", type=float, default=200.0)
@@ -66,10 +78,13 @@ def main() -> None:
         run(options.folder, seeds, options.candidates or list(CANDIDATES), options.ess)
         return
     wanted = options.candidates or [*CANDIDATES, "sandwich"]
-    text = coverage_table(judge_all(options.folder, range(options.specimens), wanted))
-    print(text)
+    data = judge_all(options.folder, range(options.specimens), wanted)
+    found = coverage(data)
+    print(found.to_string(index=False))
     if options.page:
-        put(options.page, "model-error", text)
+        place = "model-error" if options.candidates else "candidates"
+        each = data.drop_duplicates("seed")["far"]
+        write_place(options.page, place, found, len(each), int(each.sum()))
 
 
 if __name__ == "__main__":
