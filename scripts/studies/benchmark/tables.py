@@ -166,18 +166,19 @@ def _result(tables: dict[str, pd.DataFrame]) -> str:
         f"{_mean(of['ours_over_emcee']):.0f} times ({noise} noise)"
         for noise, of in samplers.groupby("noise", sort=False)
     ]
+    ratios = samplers["ours_over_emcee"]
     told = (
         f"**In effective draws a second, warm-up excluded, the sampler is {' and '.join(means)} as "
         "fast as emcee's stretch move on the same compiled density, in the geometric mean over "
-        f"{samplers['specimen'].nunique()} specimens; {samplers['ours_over_emcee'].min():.0f} times "
-        "at least."
+        f"{samplers['specimen'].nunique()} specimens; {ratios.min():.0f} times at least."
     )
     if "agreement" in tables:
         a = tables["agreement"]
-        most = [np.abs(a[f"{k}_largest"]).max() for k in ("straightened", "nautilus")]
+        most = max(np.abs(a[f"{k}_largest"]).max() for k in ("straightened", "nautilus"))
         told += (
             " Straightened NUTS and nautilus find the same posteriors: of "
-            f"{a['nautilus_quantiles'].sum()} quantiles each none differs by more than {max(most):.1f} standard errors."
+            f"{a['nautilus_quantiles'].sum()} quantiles each none differs by more than {most:.1f} "
+            "standard errors."
         )
     return told + "**"
 
