@@ -216,3 +216,19 @@ def test_continuous_integration_prints_the_ages_and_never_fails_for_them():
     assert "--check" in line and line.rstrip().endswith("|| true")
     made = subprocess.run(["bash", "-n", ROOT / ".ci" / "run"], capture_output=True)
     assert made.returncode == 0
+
+
+LONGEST_TABLE = 16  # rows
+GUIDES = {"docs/studies.md"}
+"""Pages on use that have a measured figure further down."""
+
+
+def test_pages_open_with_their_result_and_long_tables_stand_beside_them():
+    linked = set()
+    for page in evidence.PAGES.values():
+        text = (ROOT / page.path).read_text(encoding="utf-8")
+        lengths = [len(t.splitlines()) - 2 for t in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)]
+        assert max(lengths, default=0) <= LONGEST_TABLE, page.path
+        assert page.path in GUIDES or "\n**" in text.split("\n## ")[0], f"{page.path}: no result"
+        linked |= set(re.findall(r"tables/([\w-]+\.csv)", text))
+    assert linked == {path.name for path in (ROOT / "docs" / "tables").iterdir()}

@@ -172,7 +172,7 @@ def summary(beside: pd.DataFrame) -> str:
             gap = part["difference_in_se"]
             apart = f"{np.abs(gap).max():.1f}, {np.sqrt((gap**2).mean()):.1f}"
         else:
-            apart = "not trusted"
+            apart = "not trusted: at least"
         predicted = of["predicted_percent"].fillna(of["predicted_at_least_percent"])
         each = [f"{predicted[q]:.1f}, {of['sampled_percent'][q]:.1f}" for q in SHOWN]
         rows.append([name, outcomes, *each, apart])

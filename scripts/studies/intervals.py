@@ -271,7 +271,8 @@ def draw_shares(shares: pd.DataFrame, path: Path) -> None:
 def write_place(page: Path, shipped: pd.DataFrame, shares: pd.DataFrame, drawn: str) -> None:
     """Put the short tables into a page, all intervals and the figure beside the documentation."""
     docs = page.parent.parent / "docs"
-    told = shipped.assign(rhat=shipped["rhat"].map("{:.4f}".format))
+    digits = {"truth": "{:g}", "rhat": "{:.4f}"}
+    told = shipped.assign(**{c: shipped[c].map(text.format) for c, text in digits.items()})
     links = [
         f"../docs/{write_table(docs, name, list(rows.columns), rows)}"
         for name, rows in (("shipped-intervals", told), ("seed-intervals", shares))

@@ -42,7 +42,7 @@ from studies.benchmark.nuts import nuts, straightened, straightened_nuts
 from studies.benchmark.outcome import Outcome
 from studies.benchmark.samplers import emcee_reseeded, ours
 from studies.benchmark.scalar_codes import lab_script, pymecht_density, seconds_of
-from studies.benchmark.tables import page
+from studies.benchmark.tables import page, write_page
 from studies.benchmark.whole import whole_commands
 from studies.page import DATA, SPECIMENS
 
@@ -159,10 +159,9 @@ def main() -> None:
         found = measured(options)
     if options.json:
         atomic_write_text(options.json, json.dumps(found, indent=1) + "\n")
-    text = page(found)
-    print(text)
+    print(page(found))
     if options.write:
-        atomic_write_text(options.write, text)
+        write_page(found, options.write)
 
 
 def joined(paths: list[Path]) -> dict[str, Any]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
-from studies.page import table
+from studies.page import write_table
 from studies.paper.printed import TABLE5, TABLE6, TRUTH, VIRTUAL
 from studies.paper.table6 import bias
 
@@ -113,13 +115,18 @@ CHECKS = (
 )
 
 
-def section() -> tuple[str, list[str]]:
+def section(folder: Path) -> tuple[str, list[str]]:
     """Markdown, and the disagreements for the summary."""
     rows, disagreements = [], []
     for claim, check in CHECKS:
         found, holds = check()
-        rows.append([claim, found, "yes" if holds else "**no**"])
+        rows.append([claim, found, "yes" if holds else "no"])
         if not holds:
             disagreements.append(f"- Text: **{claim}**: {found}.")
-    text = "### Smaller statements\n\n" + table(["the paper says", "found", "holds"], rows, left=3)
+    link = write_table(folder, "paper-statements", ["the_paper_says", "found", "holds"], rows)
+    held = sum(holds == "yes" for *_, holds in rows)
+    text = (
+        f"### Smaller statements\n\n{held} of {len(rows)}, on prestretches, layers, bounds and the "
+        f"direction of the bias, [hold]({link}).\n"
+    )
     return text, disagreements
