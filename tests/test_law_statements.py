@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 from scipy.stats import spearmanr
 
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.laws.amplitudes import LOAD_SHARE, MATRIX_SHARE, Screening
+from biaxbayes.laws.amplitudes import LOAD_SHARE, MATRIX_SHARE, Screening, best_pair
 from biaxbayes.laws.law import SamplingLayout
 from biaxbayes.laws.response import Material, exponents
 from biaxbayes.mechanics.mounting import load_per_stress
@@ -320,7 +321,38 @@ def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(na
                 assert np.all(np.abs(np.subtract(moved, at_edge)) <= near)
 
 
-# --- priors that follow from stretch and stress --------------------------------------------------
+@pytest.mark.parametrize("known", [(None, None), (0.7, None), (None, 0.4), (0.7, 0.4)])
+def test_the_best_pair_of_amplitudes_is_that_of_nonnegative_least_squares(known):
+    rng = np.random.default_rng(8)
+    a, b = rng.random((2, 40, 12))
+    # also where one of the two, or both, are best left out
+    y = rng.uniform(-1.0, 1.5, (40, 1)) * a + rng.uniform(-1.0, 1.5, (40, 1)) * b
+    u, v, cost = best_pair(a, b, y, list(known))
+    for i in range(40):
+        columns = np.column_stack([a[i], b[i]])
+        free = [k for k in range(2) if known[k] is None]
+        best = np.array([0.0 if k is None else k for k in known])
+        best[free] = nnls(columns[:, free], y[i] - columns @ best)[0] if free else best[free]
+        np.testing.assert_allclose((u[i], v[i]), best, atol=1e-12)
+        np.testing.assert_allclose(cost[i], ((columns @ best - y[i]) ** 2).sum(), atol=1e-12)
+
+
+# --- default priors, and priors that follow from stretch and stress -------------------------------
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_default_priors_are_as_wide_as_the_page_on_laws_says(name):
+    for p in law_named(name).parameters:
+        family, first, second = p.prior
+        if family == "lognormal":
+            assert 5.0 <= first <= 50.0
+            # a factor of 30 to 60 either way holds 90 %
+            assert second in (2.0, 2.5)
+        elif family == "normal":
+            assert (p.name, first, second) == ("b_xy", 0.0, 30.0)
+        else:
+            assert family == "uniform"
+            assert (first, second) == p.range
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -212,6 +212,7 @@ def test_three_protocols_without_noise_give_the_parameters_back(name):
         ("fung", {"c0": 1, "c": 1, "b_x": 1, "b_y": 1, "b_z": 2}, "b_z is no parameter"),
         ("fung", {"c0": 1, "c0_kPa": 1, "c": 1, "b_x": 1, "b_y": 1, "b_xy": 0}, "given twice"),
         ("hgo", {"C1": 1, "k1": 1, "k2": 1, "alpha": 91}, "between 0 and 90 degrees"),
+        ("goh", {"C1": 1, "k1": 1, "k2": 1, "alpha": 90.5, "kappa": 0}, "between 0 and 90 degrees"),
     ],
 )
 def test_materials_that_are_none(name, values, said):
