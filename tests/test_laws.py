@@ -9,6 +9,7 @@ import biaxbayes
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.fit import fit
 from biaxbayes.laws import LAWS, law_named
+from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.law import SamplingLayout
 from biaxbayes.laws.response import constants_at, energy, to_natural
 from biaxbayes.mechanics.virtual_test import virtual_test
@@ -212,13 +213,34 @@ def test_three_protocols_without_noise_give_the_parameters_back(name):
         ("fung", {"c0": 1, "c": 1, "b_x": 1, "b_y": 1, "b_z": 2}, "b_z is no parameter"),
         ("fung", {"c0": 1, "c0_kPa": 1, "c": 1, "b_x": 1, "b_y": 1, "b_xy": 0}, "given twice"),
         ("hgo", {"C1": 1, "k1": 1, "k2": 1, "alpha": 91}, "between 0 and 90 degrees"),
-        ("goh", {"C1": 1, "k1": 1, "k2": 1, "alpha": 90.5, "kappa": 0}, "between 0 and 90 degrees"),
     ],
 )
 def test_materials_that_are_none(name, values, said):
     with pytest.raises(InputError) as error:
         biaxbayes.law(name, **values)
     assert said in f"{error.value}"
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((1.0, 1.0, np.nan, 45.0, 0.1), "finite"),
+        ((1.0, -1e-9, 1.0, 45.0, 0.1), "negative"),
+        ((1.0, 1.0, 1.0, 90.01, 0.1), "between 0 and 90"),
+        ((1.0, 1.0, 1.0, -0.01, 0.1), "between 0 and 90"),
+        ((1.0, 1.0, 1.0, 45.0, 0.334), "between 0 and 1/3"),
+        ((1.0, 1.0, 1.0, 45.0, -1e-9), "between 0 and 1/3"),
+    ],
+)
+def test_goh_materials_that_are_none(values, said):
+    with pytest.raises(ValueError, match=said):
+        GOH(*values)
+
+
+def test_goh_materials_at_the_edges_of_what_they_may_be():
+    for alpha in (0.0, 90.0):
+        for kappa in (0.0, 1.0 / 3.0):
+            assert GOH(0.0, 0.0, 0.0, alpha, kappa).kappa == kappa
 
 
 @pytest.mark.parametrize(
