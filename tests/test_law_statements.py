@@ -225,6 +225,21 @@ def test_screened_points_keep_what_is_held(name):
 
 
 @pytest.mark.parametrize("name", LAWS)
+def test_screened_points_with_every_amplitude_held_have_the_cost_they_say(name):
+    law = law_named(name)
+    held = tuple(law.names.index(n) for n in law.amplitudes or ("C1", "k1"))
+    data = readings(name, with_mounting=False, held=held)
+    points, _, costs, _ = law.screen(data, np.random.default_rng(4))
+    assert np.isfinite(costs).mean() > 0.3
+    for point, said in zip(points[:50], costs[:50], strict=True):
+        np.testing.assert_array_equal(point[list(held)], data.point[list(held)])
+        if np.isfinite(said):
+            load = np.array(law.at_point(point).cauchy(*data.stretch))
+            load *= data.load_factor(data.stretch[None])[0]
+            assert np.sum((load - data.load) ** 2) == pytest.approx(said, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
 def test_some_screened_points_describe_what_the_law_made(name):
     """A hundredth of random shapes lie within a fifth of the loads."""
     data = readings(name, with_mounting=False)

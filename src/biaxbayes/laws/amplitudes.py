@@ -181,7 +181,9 @@ def screened(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.nd
     size = np.maximum(np.sqrt((columns**2).sum(axis=1)), 1e-300)
     cost = np.full(data.size, np.inf)
     fine = np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(wanted).all(axis=1)
-    for s in np.flatnonzero(fine):
+    if not sought:  # SciPy's solver takes no matrix without columns
+        cost[fine] = (wanted[fine] ** 2).sum(axis=1)
+    for s in np.flatnonzero(fine) if sought else ():
         best, miss = nnls(columns[s] / size[s], wanted[s])
         points[s, sought] = np.minimum(best / size[s], law.upper[sought])
         cost[s] = miss * miss
