@@ -120,11 +120,16 @@ def test_intervals_beside_the_truth(docs):
     }
     found[intervals.PRINTED, "donor1", "effective", 3] = None
     shares = intervals.printed_shares(found)
-    page = page_with(docs.parent / "data" / "README.md", "intervals")
+    page = page_with(docs.parent / "data" / "README.md", "result", "intervals")
+    shipped.loc[shipped["parameter"] == "kappa", "truth"] = 0.0
     intervals.write_place(page, shipped, shares, "Drawn ones.")
     text = page.read_text()
     assert "| donor1 | 6 of 7 | k1 | 6 of 7 | k1 |" in text
-    assert "| effective | 0.26 |" in text and "| independent | 0.25 |" in text
+    assert "of 6 true values 90 % intervals hold 5 with `--noise effective` and 5 with" in text
+    assert "where 5 would be" in text and "(1 more are physical edges" in text
+    row = next(line for line in text.splitlines() if line.startswith("| effective | 0.26 |"))
+    assert row.split(" | ")[5] == "0.25"  # donor1, one seed short, has a kappa of 0
+    assert "| independent | 0.25 |" in text
     assert "../docs/tables/shipped-intervals.csv" in text and "Drawn ones." in text
     assert "1.0004,20703" in (docs / "tables" / "shipped-intervals.csv").read_text()
 
