@@ -159,8 +159,9 @@ def test_the_benchmark_says_what_was_not_reached(docs):
     benchmark.write_page({"cases": [case]}, docs / "benchmark.md")
     text = (docs / "benchmark.md").read_text()
     assert "| 4,000 | 10.0 | 400 | 1.00 (0.50 to 2.00) | not in 20 |" in text
-    assert "400 times (independent noise)" in text and "dynesty 100 (least 100)" in text
+    assert "400 times (independent noise)" in text and "density | 100 | 100 |" in text
     assert "| 698.975 ± 0.003 | -0.001 ± 0.005 | -10.174 ± 0.395 |" in text
+    assert "NUTS has not converged on 0 of 1" in text and "errors on 1 of 1" in text
     kept = pd.read_csv(docs / "tables" / "benchmark-samplers.csv").iloc[0]
     assert np.isnan(kept["emcee_converged_s"]) and kept["ours_over_emcee"] == 400.0
     plain = {key: case[key] for key in ("specimen", "noise", "ours", "emcee")}
