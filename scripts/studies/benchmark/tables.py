@@ -244,9 +244,9 @@ def _others_text(tables: dict[str, pd.DataFrame]) -> list[str]:
         "Other samplers",
         table(["effective draws a second, ours over theirs", "geometric mean", "least"], rows),
         f"NUTS has not converged on {short} of {len(nuts)} posteriors (R-hat up to "
-        f"{nuts['NUTS_rhat'].max():.1f}); where it has not, its rate and its agreement with ours say "
-        "little. Straightened (below) it converges. Warm-up is included on both sides for NUTS and "
-        "dynesty (ours: at the length of the run timed above), and excluded for the two others: "
+        f"{nuts['NUTS_rhat'].max():.1f}); where it has not, its rate and its agreement with ours "
+        "say little. Straightened (below) it converges. Warm-up is included on both sides for NUTS "
+        "and dynesty (ours: at the length of the run timed above), and excluded for the others: "
         "the time of one evaluation with the effective draws an evaluation of plain emcee.",
     )
 
