@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from studies import design, edges, intervals
+from studies import design, edges, intervals, verdicts
 from studies.benchmark import tables as benchmark
 from studies.model_error import study as model_error
 from studies.model_error import tables as coverage
@@ -76,11 +77,12 @@ def test_held_edges_by_parameter(docs):
         for seed in range(4)
         for name in ("k1", "kappa")
     ]
-    page = page_with(docs / "page.md", "edges")
+    page = page_with(docs / "page.md", "result edges", "edges")
     edges.write_place(page, edges.summary(pd.DataFrame(rows)))
     text = page.read_text()
     assert "| k1 | 0.75 | 1.00 | 0.75 |" in text and "| kappa | 0.75 | – | 0.75 |" in text
     assert "possible for 4 of kappa 0 and 0 of kappa 0.1" in text
+    assert "in 75 to 75 % of specimens with kappa free, and in 100 to 100 %" in text
 
 
 def test_predicted_and_sampled_reductions(docs):
@@ -95,13 +97,31 @@ def test_predicted_and_sampled_reductions(docs):
         for name, trusted in (("1:0", True), ("0:1", False))
     ]  # fmt: skip
     beside = pd.concat([design.compared(e, names, again) for e in expected], ignore_index=True)
-    page = page_with(docs / "page.md", "design media")
+    page = page_with(docs / "page.md", "result design", "design media")
     design.write_place(page, "media", beside)
     text = page.read_text()
     assert "| 1:0 | 7 | 30.0, 20.0 |" in text and "| 2.0, 2.0 |" in text
+    assert "of 5 spreads" in text and "within 2.0 standard errors" in text
     assert "| 0:1 | 7 | 10.0, 20.0 |" in text and "| not trusted: at least |" in text
     kept = pd.read_csv(docs / "tables" / "design-media.csv")
     assert len(kept) == 2 * len(names) and kept["predicted_at_least_percent"].notna().sum() == 5
+
+
+def test_verdicts_on_specimens_of_known_answer(docs):
+    def seeds(kind, name):
+        richest = kind == next(iter(verdicts.KINDS))
+        return Counter({"identified": 3} if richest else {"one-sided (0)": 2, "prior-dominated": 1})
+
+    counts = {
+        kind: {name: seeds(kind, name) for name in verdicts.PARAMETERS} for kind in verdicts.KINDS
+    }
+    counts["equibiaxial to 1.2"]["C1"] = Counter({"prior-dominated": 1, "identified": 2})
+    page = page_with(docs / "page.md", "result verdicts", "verdicts")
+    verdicts.write_place(page, counts)
+    text = page.read_text()
+    assert "C1, k1, k2, alpha, kappa are identified on all of 3 seeds" in text
+    assert "equibiaxial to 1.2, k1, k2, alpha, kappa on none." in text
+    assert "| equibiaxial to 1.2 | identified 2, prior-dominated 1 | one-sided (0) 2, " in text
 
 
 def test_intervals_beside_the_truth(docs):
