@@ -62,8 +62,8 @@ def test_coverage_counts_what_intervals_hold(docs):
     model_error.write_place(page, "model-error", found, 4, 1)
     text = page.read_text()
     assert f"| {stress} | 0.75 (2.5 %) |" in text and "4 specimens, 1 of them" in text
-    assert "hold 75 % of the truths at measured stretches (50 to 100 % by kind of tissue)" in text
-    assert "of 4 low ends 75 %" in text
+    assert "in 75 % at measured stretches (50 to 100 % by kind of tissue)" in text
+    assert "4 as a low end (75 % hold)" in text
     assert "| median processor time | 1.5 s |" in text and "- two layers" not in text
     assert len(pd.read_csv(docs / "tables" / "model-error.csv")) == len(found)
     assert (docs / "figures" / "model-error.png").exists()

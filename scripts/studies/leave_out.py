@@ -226,7 +226,7 @@ def report(done: pd.DataFrame, unit: str) -> str:
     rows.append(["**mean**", *(f"**{v:.2f}**" for v in wide.mean())])
     for label, column in ((f"rms miss, {unit}", "rms"), (f"width of the band, {unit}", "width")):
         means = curves.groupby("model")[column].mean()[models]
-        rows.append([label, *(f"{v:.2g}" for v in means)])
+        rows.append([label, *(f"{v:#.2g}".rstrip(".") for v in means)])
     return table(["share inside the band", *models], rows)
 
 

@@ -118,7 +118,7 @@ def page_table(found: pd.DataFrame, specimens: int, far: int, link: str) -> str:
 
 
 def result(found: pd.DataFrame, specimens: int) -> str:
-    """What the intervals of the first candidate are worth, in three sentences."""
+    """What the intervals of the first candidate are worth, in two sentences."""
     one = found[found["candidate"] == found["candidate"].iloc[0]]
     measured, measured_model, total, total_model, *_, value, low_end, _ = GROUPS
     stated, values, ends = (what for what, *_ in STATED)
@@ -126,14 +126,13 @@ def result(found: pd.DataFrame, specimens: int) -> str:
     held = 100.0 * all_of["share_held"].reindex(list(GROUPS))
     kinds = one[(one["quantity"] == measured) & ~one["part"].isin(["", *MOUNTED])]["share_held"]
     return (
-        f"**{specimens} virtual specimens that GOH cannot represent. What is stated of the tissue: "
-        f"90 % intervals of stresses hold {held[measured]:.0f} % of the truths at measured "
-        f"stretches ({100 * kinds.min():.0f} to {100 * kinds.max():.0f} % by kind of tissue), and "
-        f"{held[total]:.0f} % at total stretches, where {all_of['count'][stated]:.0f} specimens "
-        f"have one; of {all_of['count'][values]:.0f} mounting stretches stated as a value "
-        f"{held[value]:.0f} % hold, of {all_of['count'][ends]:.0f} low ends {held[low_end]:.0f} %. "
-        "Intervals within GOH do not: of stresses they hold "
-        f"{held[measured_model]:.0f} % and {held[total_model]:.0f} %.**\n"
+        f"**Of {specimens} virtual specimens that GOH cannot represent, 90 % intervals of the "
+        f"tissue's stresses hold the truth in {held[measured]:.0f} % at measured stretches "
+        f"({100 * kinds.min():.0f} to {100 * kinds.max():.0f} % by kind of tissue) and in "
+        f"{held[total]:.0f} % at total ones (stated for {all_of['count'][stated]:.0f} specimens), "
+        f"those of the model in {held[measured_model]:.0f} % and {held[total_model]:.0f} %. Of the "
+        f"mounting stretches {all_of['count'][values]:.0f} are stated as a value ({held[value]:.0f} "
+        f"% hold) and {all_of['count'][ends]:.0f} as a low end ({held[low_end]:.0f} % hold).**"
     )
 
 
