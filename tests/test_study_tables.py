@@ -189,3 +189,20 @@ def test_the_benchmark_says_what_was_not_reached(docs):
     plain = {key: case[key] for key in ("specimen", "noise", "ours", "emcee")}
     benchmark.write_page({"cases": [plain]}, docs / "benchmark.md")
     assert "## Agreement" not in (docs / "benchmark.md").read_text()
+
+
+def test_what_an_evaluation_and_whole_commands_cost(docs):
+    found = {
+        "cases": [],
+        "density": {"rows": 101, "evaluation": 2e-6, "exponentials": 1e-6},
+        "by_points": {"50": 1.5e-6, "1000": 4e-6},
+        "by_walkers": {"16": 2.25e-6},
+        "commands": [
+            {"text": "sample", "seconds": 9.4, "parts": {"warm-up": 2.8}, "peak_MB": 483},
+            {"text": "report", "seconds": 1.9, "parts": {}, "peak_MB": 283},
+        ],
+    }
+    text = benchmark.page(found)
+    assert "1.50 us with 50, 4.00 us with 1,000." in text and "2.25 us with 16." in text
+    assert "| total, s | 9.4 | 1.9 |" in text and "| warm-up, s | 2.8 |  |" in text
+    assert "| peak memory, MB | 483 | 283 |" in text

@@ -35,12 +35,12 @@ HEAD = """## How it is measured
         --write docs/benchmark.md
 
 on a two-core virtual machine, every sampler on one core (without these options one command does
-all). Ours and plain emcee are those of the second run, in which only they ran; the other samplers,
-and the agreement of ours with them, those of the first. Ratios carry over to other machines,
-seconds do not. *Effective draws* are those of the worst parameter by one estimator
-(rank-normalised bulk ESS over all chains), for nested samplers Kish's from their weights. Where
-emcee's stretch move has not converged (R-hat above 1.01), its ESS is the estimate that it reports,
-which is too large.
+all), with two [noise models](model.md#errors). Ours and plain emcee are those of the second run, in
+which only they ran; the other samplers, and the agreement of ours with them, those of the first.
+Ratios carry over to other machines, seconds do not. *Effective draws* are those of the worst
+parameter by one estimator (rank-normalised bulk ESS over all chains), for nested samplers Kish's
+from their weights. Where emcee's stretch move has not converged (R-hat above 1.01), its ESS is the
+estimate that it reports, which is too large.
 """
 SAMPLERS = {
     "NUTS": "numpyro in logs and logits of the parameters, dense mass matrix, four chains of 600 "
@@ -174,7 +174,7 @@ def _result(tables: dict[str, pd.DataFrame]) -> str:
     told = (
         f"**In effective draws a second, warm-up excluded, the sampler is {' and '.join(means)} as "
         "fast as emcee's stretch move on the same compiled density, in the geometric mean over "
-        f"{samplers['specimen'].nunique()} specimens; {ratios.min():.0f} times at least."
+        f"{samplers['specimen'].nunique()} shipped specimens; {ratios.min():.0f} times at least."
     )
     if "agreement" in tables:
         a = tables["agreement"]
@@ -203,7 +203,7 @@ def _rates_text(samplers: pd.DataFrame) -> list[str]:
         mine += f"{row['ours_slowest_s']:.2f})"
         rows.append(
             [row["specimen"], row["noise"], f"{row['ours_per_s']:,.0f}"]
-            + [f"{row['emcee_per_s']:.1f}", f"{row['ours_over_emcee']:.0f}", mine, _emcee(row)]
+            + [f"{row['emcee_per_s']:.1f}", f"{row['ours_over_emcee']:,.0f}", mine, _emcee(row)]
         )
     header = ["specimen", "noise", "draws a second: ours", "emcee", "ratio", "seconds: ours"]
     return _section(
@@ -344,8 +344,10 @@ def draw_rates(tables: dict[str, pd.DataFrame], path: Path) -> None:
 
 def _density(found: dict[str, Any]) -> list[str]:
     d = found["density"]
-    points = ", ".join(f"{n} rows {1e6 * s:.2f}" for n, s in found["by_points"].items())
-    walkers = ", ".join(f"{n} {1e6 * s:.2f}" for n, s in found["by_walkers"].items())
+    points, walkers = (
+        ", ".join(f"{1e6 * s:.2f} us with {int(n):,}" for n, s in found[key].items())
+        for key in ("by_points", "by_walkers")
+    )
     return [
         "",
         "## One evaluation of the density",
@@ -355,21 +357,23 @@ def _density(found: dict[str, Any]) -> list[str]:
         f"{d['rows']} bare exponentials in a compiled loop: {1e6 * d['exponentials']:.2f} us "
         f"(ratio {d['evaluation'] / d['exponentials']:.1f}).",
         "",
-        f"Growth with the readings, us: {points}.",
+        f"Growth with the rows: {points}.",
         "",
-        f"Growth with the walkers of one call, us a walker: {walkers}.",
+        f"A walker of a call with many walkers: {walkers}.",
     ]
 
 
 def _commands(commands: list[dict[str, Any]]) -> list[str]:
     names = ("imports", "compile", "reading and n_eff", "fit", "warm-up", "sampling", "output")
-    rows = []
-    for c in commands:
-        cells = [f"{c['parts'][n]:.1f}" if n in c["parts"] else "" for n in names]
-        rows.append([c["text"], f"{c['seconds']:.1f}", *cells, f"{c['peak_MB']:.0f}"])
+    rows = [["total, s", *(f"{c['seconds']:.1f}" for c in commands)]]
+    for n in names:
+        rows.append(
+            [f"{n}, s", *(f"{c['parts'][n]:.1f}" if n in c["parts"] else "" for c in commands)]
+        )
+    rows.append(["peak memory, MB", *(f"{c['peak_MB']:.0f}" for c in commands)])
     return _section(
         "Whole commands",
-        "Wall time in seconds, two workers where a command has them, and peak memory.",
+        "Wall time, two workers where a command has them.",
         "",
-        table(["command", "total", *names, "peak memory, MB"], rows),
+        table(["", *(c["text"] for c in commands)], rows),
     )

@@ -132,7 +132,8 @@ def result(found: pd.DataFrame, specimens: int) -> str:
         f"{held[total]:.0f} % at total ones (stated for {all_of['count'][stated]:.0f} specimens), "
         f"those of the model in {held[measured_model]:.0f} % and {held[total_model]:.0f} %. Of the "
         f"mounting stretches {all_of['count'][values]:.0f} are stated as a value "
-        f"({held[value]:.0f} % hold) and {all_of['count'][ends]:.0f} as a low end ({held[low_end]:.0f} % hold).**"
+        f"({held[value]:.0f} % hold) and {all_of['count'][ends]:.0f} as a low end "
+        f"({held[low_end]:.0f} % hold).**"
     )
 
 
