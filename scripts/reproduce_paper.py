@@ -41,7 +41,8 @@ The paper is "Improved Mechanical Characterization of Soft Tissues Including Mou
 Math. Comput. Appl. 2024, 29(4), 55. `scripts/reproduce_paper.py` recomputes its tables, result
 figures and claims with the package's own fits; only the printed values are typed in. Methods
 ([what they do](glossary.md#the-deterministic-fits)): `standard` (the paper's SF) and `zeroed` (SFS)
-ignore the prestretch; `fip` (FIP), `linden` and our `constrained` infer it.
+ignore the prestretch (the mounting stretch less one); `fip` (FIP), `linden` and our `constrained`
+infer it.
 
 ## Not confirmed
 

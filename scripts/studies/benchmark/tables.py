@@ -173,7 +173,8 @@ def _result(tables: dict[str, pd.DataFrame]) -> str:
     ratios = samplers["ours_over_emcee"]
     told = (
         f"**In effective draws a second, warm-up excluded, the sampler is {' and '.join(means)} as "
-        "fast as emcee's stretch move on the same compiled density, in the geometric mean over "
+        "fast as emcee's stretch move in natural parameters on the same compiled density, in the "
+        "geometric mean over "
         f"{samplers['specimen'].nunique()} shipped specimens; {ratios.min():.0f} times at least."
     )
     if "agreement" in tables:

@@ -207,7 +207,8 @@ INTRODUCTION = """## Tables 3 and 4: the virtual experiments
 
 Equibiaxial, 100 equal increments to a total stretch of 1.2, no noise. MAE is the mean relative
 error of the parameters (Eq. 8), R2 that of the parameters against the true stress at the true
-stretch (both directions pooled with one mean). A parameter differs by more than one unit of its
-last printed digit from our optimum; MAE and R2 by more than 0.1 and 0.001 from those of the
-*printed* parameters, since rounding moves R2 by up to 0.013 (kappa of the media, zeroed, 1.020).
+stretch (both directions pooled with one mean). A parameter is said to differ where it is more than
+one unit of its last printed digit (some are cut) from our optimum; MAE and R2 where they are more
+than 0.1 and 0.001 from those of the *printed* parameters, since rounding these moves R2 by up to
+0.013 (kappa of the media, zeroed, 1.020).
 """
