@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from studies import design, edges, intervals
+from studies import design, edges, intervals, verdicts
 from studies.benchmark import tables as benchmark
 from studies.model_error import study as model_error
 from studies.model_error import tables as coverage
@@ -57,10 +58,12 @@ def test_coverage_counts_what_intervals_hold(docs):
     assert told.loc[(stress, coverage.FAR_PART), "of"] == 1
     assert told.loc[(stress, ""), "median_width_percent"] == pytest.approx(2.5)
     assert told.loc[(coverage.RUNS_SHORT, ""), "count"] == 1
-    page = page_with(docs / "page.md", "model-error")
+    page = page_with(docs / "page.md", "result", "model-error")
     model_error.write_place(page, "model-error", found, 4, 1)
     text = page.read_text()
     assert f"| {stress} | 0.75 (2.5 %) |" in text and "4 specimens, 1 of them" in text
+    assert "in 75 % at measured stretches (50 to 100 % by kind of tissue)" in text
+    assert "4 as a low end (75 % hold)" in text
     assert "| median processor time | 1.5 s |" in text and "- two layers" not in text
     assert len(pd.read_csv(docs / "tables" / "model-error.csv")) == len(found)
     assert (docs / "figures" / "model-error.png").exists()
@@ -74,11 +77,12 @@ def test_held_edges_by_parameter(docs):
         for seed in range(4)
         for name in ("k1", "kappa")
     ]
-    page = page_with(docs / "page.md", "edges")
+    page = page_with(docs / "page.md", "result edges", "edges")
     edges.write_place(page, edges.summary(pd.DataFrame(rows)))
     text = page.read_text()
     assert "| k1 | 0.75 | 1.00 | 0.75 |" in text and "| kappa | 0.75 | – | 0.75 |" in text
     assert "possible for 4 of kappa 0 and 0 of kappa 0.1" in text
+    assert "in 75 to 75 % of specimens with kappa free, and in 100 to 100 %" in text
 
 
 def test_predicted_and_sampled_reductions(docs):
@@ -93,13 +97,31 @@ def test_predicted_and_sampled_reductions(docs):
         for name, trusted in (("1:0", True), ("0:1", False))
     ]  # fmt: skip
     beside = pd.concat([design.compared(e, names, again) for e in expected], ignore_index=True)
-    page = page_with(docs / "page.md", "design media")
+    page = page_with(docs / "page.md", "result design", "design media")
     design.write_place(page, "media", beside)
     text = page.read_text()
     assert "| 1:0 | 7 | 30.0, 20.0 |" in text and "| 2.0, 2.0 |" in text
+    assert "of 5 spreads" in text and "within 2.0 standard errors" in text
     assert "| 0:1 | 7 | 10.0, 20.0 |" in text and "| not trusted: at least |" in text
     kept = pd.read_csv(docs / "tables" / "design-media.csv")
     assert len(kept) == 2 * len(names) and kept["predicted_at_least_percent"].notna().sum() == 5
+
+
+def test_verdicts_on_specimens_of_known_answer(docs):
+    def seeds(kind, name):
+        richest = kind == next(iter(verdicts.KINDS))
+        return Counter({"identified": 3} if richest else {"one-sided (0)": 2, "prior-dominated": 1})
+
+    counts = {
+        kind: {name: seeds(kind, name) for name in verdicts.PARAMETERS} for kind in verdicts.KINDS
+    }
+    counts["equibiaxial to 1.2"]["C1"] = Counter({"prior-dominated": 1, "identified": 2})
+    page = page_with(docs / "page.md", "result verdicts", "verdicts")
+    verdicts.write_place(page, counts)
+    text = page.read_text()
+    assert "C1, k1, k2, alpha, kappa are identified on all of 3 seeds" in text
+    assert "equibiaxial to 1.2, k1, k2, alpha, kappa on none." in text
+    assert "| equibiaxial to 1.2 | identified 2, prior-dominated 1 | one-sided (0) 2, " in text
 
 
 def test_intervals_beside_the_truth(docs):
@@ -120,11 +142,16 @@ def test_intervals_beside_the_truth(docs):
     }
     found[intervals.PRINTED, "donor1", "effective", 3] = None
     shares = intervals.printed_shares(found)
-    page = page_with(docs.parent / "data" / "README.md", "intervals")
+    page = page_with(docs.parent / "data" / "README.md", "result", "intervals")
+    shipped.loc[shipped["parameter"] == "kappa", "truth"] = 0.0
     intervals.write_place(page, shipped, shares, "Drawn ones.")
     text = page.read_text()
     assert "| donor1 | 6 of 7 | k1 | 6 of 7 | k1 |" in text
-    assert "| effective | 0.26 |" in text and "| independent | 0.25 |" in text
+    assert "of 6 true values 90 % intervals hold 5 with `--noise effective` and 5 with" in text
+    assert "where 5 would be" in text and "(1 more are physical edges" in text
+    row = next(line for line in text.splitlines() if line.startswith("| effective | 0.26 |"))
+    assert row.split(" | ")[5] == "0.25"  # donor1, one seed short, has a kappa of 0
+    assert "| independent | 0.25 |" in text
     assert "../docs/tables/shipped-intervals.csv" in text and "Drawn ones." in text
     assert "1.0004,20703" in (docs / "tables" / "shipped-intervals.csv").read_text()
 
@@ -154,10 +181,28 @@ def test_the_benchmark_says_what_was_not_reached(docs):
     benchmark.write_page({"cases": [case]}, docs / "benchmark.md")
     text = (docs / "benchmark.md").read_text()
     assert "| 4,000 | 10.0 | 400 | 1.00 (0.50 to 2.00) | not in 20 |" in text
-    assert "400 times (independent noise)" in text and "dynesty 100 (least 100)" in text
+    assert "400 times (independent noise)" in text and "density | 100 | 100 |" in text
     assert "| 698.975 ± 0.003 | -0.001 ± 0.005 | -10.174 ± 0.395 |" in text
+    assert "NUTS has not converged on 0 of 1" in text and "errors on 1 of 1" in text
     kept = pd.read_csv(docs / "tables" / "benchmark-samplers.csv").iloc[0]
     assert np.isnan(kept["emcee_converged_s"]) and kept["ours_over_emcee"] == 400.0
     plain = {key: case[key] for key in ("specimen", "noise", "ours", "emcee")}
     benchmark.write_page({"cases": [plain]}, docs / "benchmark.md")
     assert "## Agreement" not in (docs / "benchmark.md").read_text()
+
+
+def test_what_an_evaluation_and_whole_commands_cost(docs):
+    found = {
+        "cases": [],
+        "density": {"rows": 101, "evaluation": 2e-6, "exponentials": 1e-6},
+        "by_points": {"50": 1.5e-6, "1000": 4e-6},
+        "by_walkers": {"16": 2.25e-6},
+        "commands": [
+            {"text": "sample", "seconds": 9.4, "parts": {"warm-up": 2.8}, "peak_MB": 483},
+            {"text": "report", "seconds": 1.9, "parts": {}, "peak_MB": 283},
+        ],
+    }
+    text = benchmark.page(found)
+    assert "1.50 us with 50, 4.00 us with 1,000." in text and "2.25 us with 16." in text
+    assert "| total, s | 9.4 | 1.9 |" in text and "| warm-up, s | 2.8 |  |" in text
+    assert "| peak memory, MB | 483 | 283 |" in text

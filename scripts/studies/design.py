@@ -180,12 +180,23 @@ def summary(beside: pd.DataFrame) -> str:
     return table(header, rows)
 
 
+def result(folder: Path) -> str:
+    """How far predictions and sampling are apart at most, of all specimens kept beside a page."""
+    kept = pd.concat([pd.read_csv(path) for path in sorted(folder.glob("tables/design-*.csv"))])
+    gaps = kept["difference_in_se"].dropna()
+    return (
+        f"The reductions of {len(gaps)} spreads that `design` predicts agree with those of "
+        f"sampling again within {gaps.abs().max():.1f} standard errors."
+    )
+
+
 def write_place(page: Path, specimen: str, beside: pd.DataFrame) -> None:
-    """Put the short table of a specimen into a page, all quantities beside the page."""
+    """Put a specimen's short table and the result of all into a page, all quantities beside it."""
     link = write_table(page.parent, f"design-{specimen}", COLUMNS, beside)
     count = beside["quantity"].nunique()
     told = f"{specimen}; [all {count} quantities with their errors]({link}).\n\n{summary(beside)}"
     put(page, f"design {specimen}", told)
+    put(page, "result design", result(page.parent))
 
 
 if __name__ == "__main__":

@@ -105,8 +105,20 @@ def page_table(shares: pd.DataFrame, link: str) -> str:
     )
 
 
+def result(shares: pd.DataFrame) -> str:
+    """What holding an open edge is worth where it is true."""
+    at_edge = shares[(shares["kappa"] == KAPPAS[0]) & shares["held_holds"].notna()]
+    free, held = (100 * at_edge[c] for c in ("free_holds", "held_holds"))
+    return (
+        f"Where kappa is {KAPPAS[0]:g}, 90 % intervals of the others hold the truth in "
+        f"{free.min():.0f} to {free.max():.0f} % of specimens with kappa free, and in "
+        f"{held.min():.0f} to {held.max():.0f} % with kappa held at {KAPPAS[0]:g}."
+    )
+
+
 def write_place(page: Path, shares: pd.DataFrame) -> None:
-    """Put the short table into a page, all shares beside the page."""
+    """Put the short table and what it comes to into a page, all shares beside the page."""
+    put(page, "result edges", result(shares))
     link = write_table(page.parent, "held-edges", list(shares.columns), shares)
     put(page, "edges", page_table(shares, link))
 

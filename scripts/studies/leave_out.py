@@ -211,23 +211,23 @@ def main() -> None:
             done = pd.concat([done, found], ignore_index=True)
             done.to_csv(options.out, index=False)
             print(found.to_string(header=False), flush=True)
-    text = report(done)
+    text = report(done, specimen.unit)
     print(text)
     if options.page:
         put(options.page, "leave-out", text)
 
 
-def report(done: pd.DataFrame) -> str:
+def report(done: pd.DataFrame, unit: str) -> str:
     """Share of each curve inside its predictive band, and means over the curves."""
     curves = done.assign(curve=done["protocol"] + " " + done["direction"])
     models = [m for m in MODELS if m in set(done["model"])]
     wide = curves.pivot(index="curve", columns="model", values="inside")[models]
     rows = [[curve, *(f"{v:.2f}" for v in row)] for curve, row in wide.iterrows()]
     rows.append(["**mean**", *(f"**{v:.2f}**" for v in wide.mean())])
-    for label, column in (("rms miss", "rms"), ("mean width of the band", "width")):
+    for label, column in ((f"rms miss, {unit}", "rms"), (f"width of the band, {unit}", "width")):
         means = curves.groupby("model")[column].mean()[models]
-        rows.append([label, *(f"{v:.2g}" for v in means)])
-    return table(["left out", *models], rows)
+        rows.append([label, *(f"{v:#.2g}".rstrip(".") for v in means)])
+    return table(["share inside the band", *models], rows)
 
 
 if __name__ == "__main__":

@@ -76,16 +76,43 @@ def main() -> None:
     parser.add_argument("--write", type=Path, help="Markdown page whose table is replaced")
     options = parser.parse_args()
     seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)
-    rows = []
+    counts: Counts = {}
     for kind in KINDS:
         found = [verdicts(kind, seed) for seed in seeds]
-        counts = [Counter(f[name] for f in found).most_common() for name in PARAMETERS]
-        rows.append([kind, *(", ".join(f"{v} {n}" for v, n in count) for count in counts)])
-        print(*rows[-1], sep=" | ", flush=True)
-    text = table(["specimen", *PARAMETERS], rows, left=1 + len(PARAMETERS))
-    print(text)
+        counts[kind] = {name: Counter(f[name] for f in found) for name in PARAMETERS}
+        print(*row(kind, counts[kind]), sep=" | ", flush=True)
     if options.write:
-        put(options.write, "verdicts", text)
+        write_place(options.write, counts)
+
+
+Counts = dict[str, dict[str, Counter[str]]]
+"""How often each parameter of each kind got which verdict."""
+
+
+def row(kind: str, counts: dict[str, Counter[str]]) -> list[str]:
+    """A kind of specimen with the verdicts on its parameters, the most frequent first."""
+    return [kind, *(", ".join(f"{v} {n}" for v, n in c.most_common()) for c in counts.values())]
+
+
+def result(counts: Counts) -> str:
+    """What the richest and the poorest test tell of the parameters."""
+    richest, *_, poorest = KINDS
+    seeds = counts[richest][PARAMETERS[0]].total()
+    known, unknown = (
+        [name for name, of in counts[kind].items() if of["identified"] == wanted]
+        for kind, wanted in ((richest, seeds), (poorest, 0))
+    )
+    return (
+        f"**Verdicts on specimens of known answer: of {richest}, {', '.join(known)} are identified "
+        f"on all of {seeds} seeds; of {poorest}, {', '.join(unknown)} on none.**"
+    )
+
+
+def write_place(page: Path, counts: Counts) -> None:
+    """Put the table, and what it comes to, into a page."""
+    rows = [row(kind, of) for kind, of in counts.items()]
+    put(page, "result verdicts", result(counts))
+    put(page, "verdicts", table(["specimen", *PARAMETERS], rows, left=1 + len(PARAMETERS)))
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ import pandas as pd
 from biaxbayes.errors import BiaxbayesError
 from studies.model_error.candidates import CANDIDATES
 from studies.model_error.kept_draws import kept, write
-from studies.model_error.tables import coverage, draw_coverage, judge_all, page_table
+from studies.model_error.tables import coverage, draw_coverage, judge_all, page_table, result
 from studies.model_error.truths import make_case
 from studies.page import put, write_table
 
@@ -59,6 +59,7 @@ def write_place(page: Path, place: str, found: pd.DataFrame, specimens: int, far
     link = write_table(page.parent, TABLES[place], list(found.columns), found)
     put(page, place, page_table(found, specimens, far, link))
     if place == "model-error":
+        put(page, "result", result(found, specimens))
         draw_coverage(found, page.parent / "figures" / "model-error.png")
 
 

@@ -15,7 +15,7 @@ from studies.model_error.kept_draws import kept, read
 from studies.model_error.truths import make_case
 from studies.page import number, table
 
-__all__ = ["coverage", "draw_coverage", "judge_all", "page_table"]
+__all__ = ["coverage", "draw_coverage", "judge_all", "page_table", "result"]
 
 GROUPS = {
     "stress of the tissue at measured stretches": "tissue at measured stretches",
@@ -58,6 +58,7 @@ def judge_all(folder: Path, seeds: range, candidates: list[str]) -> pd.DataFrame
 
 
 FAR_PART = "mounted at 1.1 to 1.3"
+MOUNTED = ("mounted at up to 1.08", FAR_PART)
 PROCESSOR = "median processor time"
 RUNS_SHORT = "runs short of their target"
 
@@ -116,6 +117,26 @@ def page_table(found: pd.DataFrame, specimens: int, far: int, link: str) -> str:
     return head + table(["90 % intervals of", *names], rows)
 
 
+def result(found: pd.DataFrame, specimens: int) -> str:
+    """What the intervals of the first candidate are worth, in two sentences."""
+    one = found[found["candidate"] == found["candidate"].iloc[0]]
+    measured, measured_model, total, total_model, *_, value, low_end, _ = GROUPS
+    stated, values, ends = (what for what, *_ in STATED)
+    all_of = one[one["part"] == ""].set_index("quantity")
+    held = 100.0 * all_of["share_held"].reindex(list(GROUPS))
+    kinds = one[(one["quantity"] == measured) & ~one["part"].isin(["", *MOUNTED])]["share_held"]
+    return (
+        f"**Of {specimens} virtual specimens that GOH cannot represent, 90 % intervals of the "
+        f"tissue's stresses hold the truth in {held[measured]:.0f} % at measured stretches "
+        f"({100 * kinds.min():.0f} to {100 * kinds.max():.0f} % by kind of tissue) and in "
+        f"{held[total]:.0f} % at total ones (stated for {all_of['count'][stated]:.0f} specimens), "
+        f"those of the model in {held[measured_model]:.0f} % and {held[total_model]:.0f} %. Of the "
+        f"mounting stretches {all_of['count'][values]:.0f} are stated as a value "
+        f"({held[value]:.0f} % hold) and {all_of['count'][ends]:.0f} as a low end "
+        f"({held[low_end]:.0f} % hold).**"
+    )
+
+
 def _cell(row: Any) -> str:
     if np.isfinite(row.processor_s):
         return f"{row.processor_s:.1f} s"
@@ -129,7 +150,7 @@ def _covered(data: pd.DataFrame) -> Iterator[dict[str, object]]:
         of_group = data[data["group"] == group]
         parts = {"": of_group}
         if group in SPLIT:
-            parts["mounted at up to 1.08"] = of_group[~of_group["far"]]
+            parts[MOUNTED[0]] = of_group[~of_group["far"]]
             parts[FAR_PART] = of_group[of_group["far"]]
             parts |= {str(kind): part for kind, part in of_group.groupby("truth")}
         for part, found in parts.items():

@@ -12,6 +12,7 @@ from biaxbayes.laws.published import MATERIALS
 from studies.figure import figure
 from studies.page import image, table, write_table
 from studies.paper.experiments import mae, theta, total_path, virtual_specimen
+from studies.paper.figures34 import TITLE
 from studies.paper.printed import VIRTUAL
 
 __all__ = ["error_maps", "section"]
@@ -69,7 +70,10 @@ def _shrinks(rows: list[list[str]]) -> str:
     cells: dict[str, list[str]] = {}
     for _, method, error, _, shrinks, *_ in rows:
         cells.setdefault(f"{method}, {error}", []).append(f"{shrinks} %")
-    return table(["error", *VIRTUAL], [[name, *shares] for name, shares in cells.items()])
+    return table(
+        ["share where it shrinks with the maximal stretch", *VIRTUAL],
+        [[name, *shares] for name, shares in cells.items()],
+    )
 
 
 def _figure(folder: Path, maps: dict[tuple[str, str], dict[str, np.ndarray]]) -> str:
@@ -90,7 +94,7 @@ def _figure(folder: Path, maps: dict[tuple[str, str], dict[str, np.ndarray]]) ->
                     norm=norm, cmap="cividis", shading="nearest", rasterized=True,
                 )  # fmt: skip
                 if row == 0:
-                    ax.set_title(f"{material},\n{method}")
+                    ax.set_title(f"{TITLE[material]},\n{method}")
                 else:
                     ax.set_xlabel("prestretch, %")
             axes[row, 0].set_ylabel("largest total stretch")

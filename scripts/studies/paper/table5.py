@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import MultipleLocator
 
 from biaxbayes.fitting.fit import METHODS, FitResult, fit
 from biaxbayes.laws.goh import GOH
@@ -93,7 +94,7 @@ def section(folder: Path) -> tuple[str, list[str]]:
     link = write_table(folder, "paper-table-5", named, rows)
     named = ["specimen", "fit", *columns, "R2_against_truth"]
     refitted = write_table(folder, "paper-table-5-refits", named, refits)
-    header = ["specimen", "C1 kPa", "kappa", "lm x", "lm y"]
+    header = ["specimen", "C1 kPa", "kappa", "mounting stretch x", "y"]
     raised, lost = zip(*errors["standard"], strict=True)
     text = [
         INTRODUCTION,
@@ -130,6 +131,7 @@ def _figure9(folder: Path) -> str:
                             color=colour, label=f"fip, {'xy'[k]}",
                         )  # fmt: skip
             ax.set(title=f"specimen {name}", xlabel="total stretch")
+            ax.xaxis.set_major_locator(MultipleLocator(0.1))
         axes[0, 0].set_ylabel("Cauchy stress, kPa")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside upper center", ncols=4)
@@ -154,7 +156,7 @@ The rows agree on the record, though specimens 3 and 5 differ by up to a factor 
 parameter: two materials with two prestretches explain one measurement, as a posterior has to show.
 
 Of virtual specimens of all ten rows `fip`, `linden` and `constrained` return the row (largest
-relative error {worst:.0e}). [Without prestretch]({refitted}) `standard` raises C1 by {low:.1f} to
+relative error {worst:.0e}). [Without prestretch]({refitted}) `standard` raises C1 {low:.1f} to
 {high:.1f} times, with kappa 0; its R2 against the truth is {lost:.2f} at best, that of `zeroed`
 {zeroed:.2f}. The paper prints no such rows.
 """
