@@ -98,6 +98,14 @@ def test_numbers_beyond_all_bounds(run, capsys):
     assert "--max-steps must be a number" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["k11.1e51", "", "mounting_stretch_x[other]"])
+def test_a_quantity_that_the_run_has_not(run, capsys, name):
+    text = (run / "summary.csv").read_text()
+    (run / "summary.csv").write_text(text.replace("\nk1,", f"\n{name},"))
+    sealed(run, "summary.csv")
+    assert "summary.csv: row 3: no quantity of this run is called" in refused(run, capsys)
+
+
 @pytest.mark.parametrize("name", ["posterior.nc", "summary.csv", "specimen.csv"])
 def test_a_file_changed_since_or_gone(run, capsys, name):
     data = bytearray((run / name).read_bytes())

@@ -203,7 +203,12 @@ class Run:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """summary.csv as a table."""
-        return read_summary(trusted_path(self.path, "summary.csv", self.provenance))
+        path = trusted_path(self.path, "summary.csv", self.provenance)
+        table = read_summary(path)
+        for row, name in enumerate(table["parameter"], start=2):
+            if name not in self.quantities:
+                raise RunError(f"{path}: row {row}: no quantity of this run is called {name!s:.40}")
+        return table
 
     @cached_property
     def fit(self) -> list[dict[str, Any]]:
