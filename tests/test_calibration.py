@@ -32,12 +32,14 @@ from biaxbayes.calibration.simulated_specimen import (
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.executors.executor import Workers
-from biaxbayes.jobs.calibrate import CalibrationStudy, read_ranks
+from biaxbayes.jobs.calibrate import CalibrationStudy, read_ranks, study_of
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.priors import Prior, Tie, read_priors
+from biaxbayes.options import CalibrationPlan
 from biaxbayes.parameters import Quantities
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from goh_functions import GOH_LAW
@@ -73,6 +75,15 @@ def study(specimen: Specimen | None = None, broken: str = "", **options: object)
         population=1024,
         broken=broken,
     )
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_of_many_parameters_is_drawn_as_sample_draws(name):
+    found = study_of(media(21), {"law": name, "priors": {}}, CalibrationPlan())
+    plan = Plan() if name == "four-fibre" else study()
+    for size in ("ensembles", "walkers"):
+        assert getattr(found, size) == getattr(plan, size)
+    assert found.max_steps == (4_000 if name == "four-fibre" else 2_000)
 
 
 # --- ranks and bands ---
