@@ -6,18 +6,21 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.optimize import minimize
+from scipy.stats import beta
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.comparison.law_comparison import (
+from biaxbayes.comparison.law_comparison import only, parts_of, without
+from biaxbayes.comparison.law_weights import STACKED
+from biaxbayes.comparison.pooling import (
     PRIOR_READINGS,
-    only,
-    parts_of,
+    calibrated_levels,
+    mixed_percentiles,
+    mixed_probabilities,
+    sharpness,
     stacking_weights,
     weighted_density,
-    without,
 )
-from biaxbayes.comparison.law_weights import STACKED
 from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.identifiability.mounting_stretch.stated import stated_by_predictions
 from biaxbayes.specimens.specimen_file import write_specimen
@@ -53,6 +56,43 @@ def test_nothing_to_tell_apart_leaves_equal_weights():
     # a reading that no model allows says nothing
     barred = np.hstack([same, np.full((4, 1), -np.inf)])
     np.testing.assert_allclose(stacking_weights(barred, np.ones(21)), 0.25)
+
+
+def test_levels_of_a_mixture_that_spreads_too_wide_hold_what_they_say():
+    """Two models of unlike bias, each right about its own error: Gneiting and Ranjan's example."""
+    rng = np.random.default_rng(8)
+    readings, draws = 4000, 50
+    first, second = rng.normal(0.0, 1.0, (2, readings))
+    measured = first + second + rng.normal(0.0, 0.5, readings)
+    model = [np.tile(seen, (draws, 1)) for seen in (first, second)]
+    sd = [np.full((draws, readings), np.sqrt(1.25))] * 2
+    weight = np.array([0.5, 0.5])
+    probability = mixed_probabilities(measured, model, sd, weight)
+    half = readings // 2
+    c = sharpness(probability[:half], np.ones(half))
+
+    def held(levels):
+        low, high = mixed_percentiles(model, sd, weight, levels)
+        return np.mean(((low <= measured) & (measured <= high))[half:])
+
+    assert c > 1.1
+    assert held((0.05, 0.95)) > 0.925
+    # 0.01 is 1.5 Monte Carlo errors of 2,000 readings; Beta(c, c) is not the exact form
+    assert held(calibrated_levels((0.05, 0.95), c)) == pytest.approx(0.9, abs=0.015)
+    # the levels themselves are those of the beta distribution, and one half stays one half
+    assert calibrated_levels((0.05, 0.5, 0.95), 1.0) == pytest.approx((0.05, 0.5, 0.95))
+    low, middle, high = calibrated_levels((0.05, 0.5, 0.95), c)
+    assert 0.05 < low < middle < high < 0.95
+    assert beta(c, c).cdf(low) == pytest.approx(0.05)
+
+
+def test_uniform_probabilities_and_few_readings_leave_the_levels():
+    u = (np.arange(500) + 0.5) / 500
+    assert sharpness(u, np.ones(500)) == pytest.approx(1.0, abs=0.01)
+    narrow = 0.5 + 0.2 * (u - 0.5)
+    assert sharpness(narrow, np.full(500, 1e-4)) == pytest.approx(1.0, abs=0.05)
+    assert sharpness(narrow, np.ones(500)) > 5.0
+    assert sharpness(np.r_[0.0, u, 1.0], np.ones(502)) < 1.0
 
 
 def test_parts_make_up_the_record_and_are_left_out_of_the_rest():
@@ -102,6 +142,17 @@ def test_the_law_of_the_truth_predicts_best(compared):
     sums = parts.groupby("law")["left_out_density"].sum()
     for law in table.index:
         assert sums[law] == pytest.approx(table["left_out_density"][law], rel=1e-5)
+    # weights that have seen a part foretell it better, but for what their prior asks for
+    mixture = parts[parts["law"] == STACKED]
+    assert mixture["density_final_weights"].sum() > mixture["left_out_density"].sum() - 0.5
+    alone = parts[parts["law"] == "goh"]
+    pd.testing.assert_series_equal(
+        alone["density_final_weights"], alone["left_out_density"], check_names=False
+    )
+    assert alone["band_low_level"].tolist() == pytest.approx([0.05] * len(alone))
+    sums = mixture["band_low_level"] + mixture["band_high_level"]
+    assert sums.tolist() == pytest.approx([1.0] * len(mixture), abs=1e-5)
+    assert (mixture["band_low_level"] != 0.05).all()
     draws = pd.read_csv(folder / "out" / "stacked-draws.csv")
     shares = draws["law"].value_counts(normalize=True)
     assert shares["goh"] == pytest.approx(table["weight"]["goh"], abs=0.01)

@@ -45,6 +45,7 @@ from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 from studies.page import put, table
 from studies.records import kept, run_all
 
+FINAL = "density_final_weights"
 TRUE_LAWS = ("goh", "fung", "four-fibre")
 FIRST = 300
 """Seeds below it were used while the laws were made."""
@@ -99,6 +100,7 @@ def weigh(law: str, laws: tuple[str, ...], seed: int) -> dict[str, Any]:
     plan = LawsPlan(seed=seed)
     compared = compared_laws(specimen, {}, laws, plan, InThisProcess())
     rows = compared.table.set_index("law")
+    mixture = compared.parts[compared.parts["law"] == STACKED]
     return {
         "seed": seed,
         "law": law,
@@ -108,9 +110,7 @@ def weigh(law: str, laws: tuple[str, ...], seed: int) -> dict[str, Any]:
         "states": rows["state"].drop(STACKED).to_dict(),
         **{name: rows[name].drop(STACKED).to_dict() for name in ("rms", "left_out_rms", "weight")},
         "left_out_density": rows["left_out_density"].to_dict(),
-        "effective_readings": float(
-            compared.parts[compared.parts["law"] == STACKED]["effective_readings"].sum()
-        ),
+        **{name: float(mixture[name].sum()) for name in ("effective_readings", FINAL)},
         "cpu": round(time.process_time() - began, 1),
     }
 

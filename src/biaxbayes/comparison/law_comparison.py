@@ -1,21 +1,12 @@
-"""Laws fitted and sampled on a record without a part of it, and weights by what they foretell.
+"""Laws fitted and sampled on a record without a part of it.
 
 Each protocol is left out in turn; of a single protocol, each quarter of its path. The mounting
 constraint and the error model are the same for every law.
-
-Stacking (Yao, Vehtari, Simpson, Gelman, Bayesian Anal. 13 (2018) 917) chooses the mixture of
-predictive densities that foretells left-out readings best. With p_ki the density that model k gives
-to reading i, b_i what the reading is worth, and a Dirichlet prior (a, ..., a) towards equal
-weights,
-
-    maximise  sum_i b_i ln sum_k w_k p_ki + (a - 1) sum_k ln w_k     over the simplex of w.
-
-Evidences are not used: those of likelihoods with different powers cannot be compared.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -26,22 +17,18 @@ import pandas as pd
 from biaxbayes.errors import NotConverged
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles
+from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [
-    "PRIOR_READINGS",
     "WHOLE",
     "Part",
     "Prediction",
     "Task",
-    "mixed_percentiles",
     "only",
     "parts_of",
     "sample_part",
-    "stacking_weights",
-    "weighted_density",
 ]
 
 WHOLE = "whole record"
@@ -200,90 +187,3 @@ def sample_part(task: Task) -> Prediction:
     table = table.iloc[evenly_chosen(len(table), kept)].reset_index(drop=True)
     judged = drawn.convergence
     return Prediction(judged.state, judged.reason, rmse, residuals, table)
-
-
-# --- weights of models by what they predict of records that were left out ------------------------
-
-PRIOR_READINGS = 1.0
-"""Readings that the Dirichlet prior is worth in all, a = 1 + 1 / models: further models do not make
-it stronger."""
-_STEPS, _TOLERANCE = 20_000, 1e-10
-
-
-def stacking_weights(log_density: np.ndarray, worth: np.ndarray) -> np.ndarray:
-    """Weights of the mixture that foretells left-out readings best.
-
-    Parameters
-    ----------
-    log_density : ndarray, shape (models, readings)
-        Log predictive density of each left-out reading; -inf where a model excludes it.
-    worth : ndarray, shape (readings,)
-        Independent readings that each is worth.
-
-    Returns
-    -------
-    ndarray, shape (models,)
-        Positive, of sum one.
-    """
-    models = len(log_density)
-    top = log_density.max(axis=0)
-    known = np.isfinite(top)  # a reading that all models exclude says nothing of their weights
-    density = np.exp(log_density[:, known] - top[known])
-    worth = worth[known]
-    weight = np.full(models, 1.0 / models)
-    prior = PRIOR_READINGS / models  # a - 1
-    total = worth.sum() + PRIOR_READINGS
-    for _ in range(_STEPS):
-        # expectation maximisation: the share of every reading that each model explains
-        share = weight[:, None] * density
-        mixture = share.sum(axis=0)
-        explained = (share / mixture) @ worth + prior
-        new = explained / total
-        if np.abs(new - weight).max() < _TOLERANCE:
-            return new
-        weight = new
-    return weight
-
-
-def weighted_density(log_density: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Log density of a mixture.
-
-    Parameters
-    ----------
-    log_density : ndarray, shape (models, readings)
-    weight : ndarray, shape (models,)
-
-    Returns
-    -------
-    ndarray, shape (readings,)
-    """
-    with np.errstate(divide="ignore"):
-        mixed: np.ndarray = np.logaddexp.reduce(log_density + np.log(weight)[:, None], axis=0)
-    return mixed
-
-
-def mixed_percentiles(
-    model: Sequence[np.ndarray],
-    sd: Sequence[np.ndarray],
-    weight: np.ndarray,
-    levels: tuple[float, ...],
-) -> list[np.ndarray]:
-    """Percentiles of a mixture: each law gives draws in proportion to its weight.
-
-    Parameters
-    ----------
-    model, sd : sequence of ndarray, shape (draws, readings)
-        Of each law: its curves, and the sds of readings about them.
-    weight : ndarray, shape (laws,)
-    levels : tuple of float
-    """
-    size = min(len(m) for m in model)
-    counts = np.round(weight * size).astype(int)
-    counts[np.argmax(weight)] += size - counts.sum()
-    chosen = [evenly_chosen(len(m), max(int(n), 1)) for m, n in zip(model, counts, strict=True)]
-    kept = [k for k, n in enumerate(counts) if n > 0]
-    return mixture_percentiles(
-        np.vstack([model[k][chosen[k]] for k in kept]),
-        np.vstack([sd[k][chosen[k]] for k in kept]),
-        levels,
-    )

@@ -18,13 +18,18 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.law_comparison import (
-    KEPT_DRAWS,
     WHOLE,
     Part,
     Prediction,
-    mixed_percentiles,
     only,
     parts_of,
+)
+from biaxbayes.comparison.mixture import mixture_bands, mixture_draws, shared_stretches
+from biaxbayes.comparison.pooling import (
+    calibrated_levels,
+    mixed_percentiles,
+    mixed_probabilities,
+    sharpness,
     stacking_weights,
     weighted_density,
 )
@@ -39,8 +44,7 @@ from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
-from biaxbayes.prediction.bands import evenly_chosen, tails
-from biaxbayes.prediction.draws import protocol_mounting
+from biaxbayes.prediction.bands import tails
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["STACKED", "STATED_COLUMNS", "LawComparison", "judged_laws"]
@@ -48,7 +52,6 @@ __all__ = ["STACKED", "STATED_COLUMNS", "LawComparison", "judged_laws"]
 STACKED = "stacked"
 UNUSABLE = ("unusable", "failed")
 QUANTILES = (0.05, 0.5, 0.95)
-BAND_DRAWS = 500
 
 
 @dataclass(frozen=True)
@@ -166,19 +169,34 @@ def judged_laws(
         share = np.minimum(readings.effective / readings.count, 1.0)
     left = [_left_out(specimen, part, share, used, options, found) for part in parts]
     weight = _weights(left, range(len(left)))
-    draws = _mixture(specimen, used, weight, found, posteriors)
+    draws = mixture_draws(specimen, used, weight, found, posteriors)
     # the mixture that foretells a part is one that has not seen it
     blind = [_weights(left, [j for j in range(len(left)) if j != i]) for i in range(len(left))]
     table = _law_table(specimen, laws, used, found, left, weight, np.array(blind), draws)
     return LawComparison(
         specimen.name,
         table,
-        _part_table(parts, used, left, blind, probability),
+        _part_table(parts, used, left, weight, blind, probability),
         draws,
-        _bands(specimen, used, weight, found, posteriors, probability),
+        mixture_bands(specimen, used, weight, found, posteriors, probability, _sharpness(left)),
         _stated_table(specimen, table, best, found[best, WHOLE].residuals),
         bad,
     )
+
+
+def _sharpness(left: Sequence[_LeftOut], shown: Sequence[int] | None = None) -> float:
+    """That of the mixture, from parts that its weights have not seen."""
+    shown = range(len(left)) if shown is None else shown
+    probability = [
+        mixed_probabilities(
+            left[i].measured,
+            left[i].model,
+            left[i].sd,
+            _weights(left, [j for j in shown if j != i]),
+        )
+        for i in shown
+    ]
+    return sharpness(np.concatenate(probability), np.concatenate([left[i].worth for i in shown]))
 
 
 def _weights(left: Sequence[_LeftOut], chosen: Sequence[int] | range) -> np.ndarray:
@@ -220,43 +238,6 @@ def _left_out(
     rows = posterior.thinned.weight[0] * share[part.protocol]
     worth = np.broadcast_to(rows, curves.measured.shape).ravel()
     return _LeftOut(worth, np.array(density), model, sd, curves.measured.ravel(), per_kPa)
-
-
-def _mixture(
-    specimen: Specimen,
-    laws: Sequence[str],
-    weight: np.ndarray,
-    found: Mapping[tuple[str, str], Prediction],
-    posteriors: Mapping[str, Posterior],
-) -> pd.DataFrame:
-    """Draws of every law by its weight, with what all laws share."""
-    tables = []
-    for law, count in zip(laws, np.round(weight * KEPT_DRAWS).astype(int), strict=True):
-        table = found[law, WHOLE].draws
-        table = table.iloc[evenly_chosen(len(table), max(int(count), 1))] if count else table[:0]
-        if table.empty:
-            continue
-        material = posteriors[law].law.material(table)
-        shared: dict[str, Any] = {"law": law}
-        for name in _stretches(table, specimen):
-            shared[name] = table[name].to_numpy(dtype=float)
-        slope = material.cauchy_by_log_stretch(1.0, 1.0)
-        for k, name in enumerate(("stiffness_xx_kPa", "stiffness_yy_kPa")):
-            shared[name] = np.ravel(slope[k, k])
-        for protocol in specimen.protocols:
-            # at the largest measured stretches, times each draw's own mounting stretches
-            top = int(np.argmax(protocol.stretch_x * protocol.stretch_y))
-            lm = protocol_mounting(table, protocol)
-            x, y = lm[:, :1] * protocol.stretch_x[top], lm[:, 1:] * protocol.stretch_y[top]
-            for axis, values in zip("xy", material.cauchy(x, y), strict=True):
-                shared[f"cauchy_{axis}_kPa[{protocol.name}]"] = np.ravel(values)
-        tables.append(pd.DataFrame(shared))
-    return pd.concat(tables, ignore_index=True)
-
-
-def _stretches(table: pd.DataFrame, specimen: Specimen) -> list[str]:
-    states = ("", *(p.name for p in specimen.protocols))
-    return [n for s in states for n in mounting_names("stretch", s) if n in table]
 
 
 # --- tables --------------------------------------------------------------------------------------
@@ -303,7 +284,7 @@ def _law_table(
                 "weight": float(weight[k]),
                 "weight_low": float(blind[:, k].min()),
                 "weight_high": float(blind[:, k].max()),
-                **_quantiles(whole.draws, _stretches(whole.draws, specimen)),
+                **_quantiles(whole.draws, shared_stretches(whole.draws, specimen)),
             }
         rows.append(row)
     density, square = _left_out_scores(left, list(blind))
@@ -313,7 +294,7 @@ def _law_table(
             "left_out_rms": float(np.sqrt(square @ sizes / sizes.sum())),
             "left_out_density": float(density.sum()),
             "weight": 1.0,
-            **_quantiles(draws, _stretches(draws, specimen)),
+            **_quantiles(draws, shared_stretches(draws, specimen)),
         }
     )
     return pd.DataFrame(rows).fillna({"state": ""})
@@ -331,18 +312,28 @@ def _part_table(
     parts: Sequence[Part],
     used: Sequence[str],
     left: Sequence[_LeftOut],
+    weight: np.ndarray,
     blind: Sequence[np.ndarray],
     probability: float,
 ) -> pd.DataFrame:
-    """Each law, and the mixture that has not seen the part, on each part."""
+    """Each law, and the mixture that has not seen the part, on each part.
+
+    A band of the mixture is read at levels that hold on the other parts. ``density_final_weights``
+    is the density with the weights of the whole record: what these gain by having seen the part.
+    """
     rows = []
     for i, (part, own) in enumerate(zip(parts, left, strict=True)):
-        for law, w in (
-            *zip(used, np.eye(len(used)), strict=True),
-            (STACKED, blind[i]),
+        others = [j for j in range(len(left)) if j != i]
+        for law, w, final in (
+            *((law, w, w) for law, w in zip(used, np.eye(len(used)), strict=True)),
+            (STACKED, blind[i], weight),
         ):
             (density,), (square,) = _left_out_scores([own], [w])
-            low, high = mixed_percentiles(own.model, own.sd, w, tails(probability))
+            (seen,), _ = _left_out_scores([own], [final])
+            levels: tuple[float, ...] = tails(probability)
+            if law == STACKED:  # nor have the levels of its band seen the part
+                levels = calibrated_levels(levels, _sharpness(left, others))
+            low, high = mixed_percentiles(own.model, own.sd, w, levels)
             scale = w @ np.array(own.per_kPa)
             rows.append(
                 {
@@ -351,8 +342,11 @@ def _part_table(
                     "weight": float(w[used.index(law)]) if law != STACKED else 1.0,
                     "left_out_rms": float(np.sqrt(square)),
                     "left_out_density": float(density),
+                    "density_final_weights": float(seen),
                     "band_coverage": float(np.mean((own.measured >= low) & (own.measured <= high))),
                     "band_width": float(np.mean((high - low) / scale)),
+                    "band_low_level": levels[0],
+                    "band_high_level": levels[1],
                     "readings": int(own.measured.size),
                     "effective_readings": float(own.worth.sum()),
                 }
@@ -395,51 +389,3 @@ def _stated_table(
         )
         rows.append((name, stated.low, stated.high, stated.reason))
     return pd.DataFrame(rows, columns=list(STATED_COLUMNS))
-
-
-def _bands(
-    specimen: Specimen,
-    used: Sequence[str],
-    weight: np.ndarray,
-    found: Mapping[tuple[str, str], Prediction],
-    posteriors: Mapping[str, Posterior],
-    probability: float,
-) -> pd.DataFrame:
-    """Bands of the mixture over the whole record, in the unit of the file."""
-    model, sd = [], []
-    for law in used:
-        curves = Curves.of(posteriors[law])
-        table = found[law, WHOLE].draws
-        table = table.iloc[evenly_chosen(len(table), BAND_DRAWS)]
-        columns = {str(n): table[n].to_numpy(dtype=float) for n in table.columns}
-        load = curves.model(columns)
-        spread = np.broadcast_to(curves.total_sd(load, curves.noise(columns)), load.shape)
-        model.append(load.reshape(len(load), -1))
-        sd.append(spread.reshape(len(load), -1))
-    shape = curves.measured.shape
-    levels = (tails(probability)[0], 0.5, tails(probability)[1])
-    names = [f"q{100 * q:04.1f}".removesuffix(".0") for q in levels]
-    credible = mixed_percentiles(model, [1e-300 * s for s in sd], weight, levels)
-    predictive = mixed_percentiles(model, sd, weight, levels)
-    # a Cauchy stress is the nominal one times the measured stretch
-    scale = curves.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
-    tables = []
-    for axis, direction in enumerate("xy"):
-        cells: dict[str, Any] = {
-            "protocol": [specimen.protocols[i].name for i in curves.protocol],
-            "direction": direction,
-            "row": _row_numbers(curves),
-            "stretch": curves.stretch[:, axis],
-            "measured": curves.measured[:, axis] * scale[:, axis],
-        }
-        for kind, values in (("credible", credible), ("predictive", predictive)):
-            for name, value in zip(names, values, strict=True):
-                cells[f"{kind}_{name}"] = value.reshape(shape)[:, axis] * scale[:, axis]
-        tables.append(pd.DataFrame(cells))
-    return pd.concat(tables, ignore_index=True)
-
-
-def _row_numbers(curves: Curves) -> np.ndarray:
-    """Number of each row within its protocol, those at rest not counted."""
-    first = np.searchsorted(curves.protocol, curves.protocol)
-    return np.arange(curves.rows) - first

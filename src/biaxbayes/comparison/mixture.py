@@ -1,0 +1,112 @@
+"""Draws and bands of a mixture of laws over a whole record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.comparison.law_comparison import KEPT_DRAWS, WHOLE, Prediction
+from biaxbayes.comparison.pooling import calibrated_levels, mixed_percentiles
+from biaxbayes.model.curves import Curves
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.parameters import mounting_names
+from biaxbayes.prediction.bands import evenly_chosen, tails
+from biaxbayes.prediction.draws import protocol_mounting
+from biaxbayes.specimens.specimen import Specimen
+
+__all__ = ["mixture_bands", "mixture_draws", "shared_stretches"]
+
+BAND_DRAWS = 500
+
+
+def mixture_draws(
+    specimen: Specimen,
+    laws: Sequence[str],
+    weight: np.ndarray,
+    found: Mapping[tuple[str, str], Prediction],
+    posteriors: Mapping[str, Posterior],
+) -> pd.DataFrame:
+    """Draws of every law by its weight, with what all laws share."""
+    tables = []
+    for law, count in zip(laws, np.round(weight * KEPT_DRAWS).astype(int), strict=True):
+        table = found[law, WHOLE].draws
+        table = table.iloc[evenly_chosen(len(table), max(int(count), 1))] if count else table[:0]
+        if table.empty:
+            continue
+        material = posteriors[law].law.material(table)
+        shared: dict[str, Any] = {"law": law}
+        for name in shared_stretches(table, specimen):
+            shared[name] = table[name].to_numpy(dtype=float)
+        slope = material.cauchy_by_log_stretch(1.0, 1.0)
+        for k, name in enumerate(("stiffness_xx_kPa", "stiffness_yy_kPa")):
+            shared[name] = np.ravel(slope[k, k])
+        for protocol in specimen.protocols:
+            # at the largest measured stretches, times each draw's own mounting stretches
+            top = int(np.argmax(protocol.stretch_x * protocol.stretch_y))
+            lm = protocol_mounting(table, protocol)
+            x, y = lm[:, :1] * protocol.stretch_x[top], lm[:, 1:] * protocol.stretch_y[top]
+            for axis, values in zip("xy", material.cauchy(x, y), strict=True):
+                shared[f"cauchy_{axis}_kPa[{protocol.name}]"] = np.ravel(values)
+        tables.append(pd.DataFrame(shared))
+    return pd.concat(tables, ignore_index=True)
+
+
+def mixture_bands(
+    specimen: Specimen,
+    used: Sequence[str],
+    weight: np.ndarray,
+    found: Mapping[tuple[str, str], Prediction],
+    posteriors: Mapping[str, Posterior],
+    probability: float,
+    c: float,
+) -> pd.DataFrame:
+    """Bands of the mixture over the whole record, in the unit of the file.
+
+    A predictive one is read at levels that hold on left-out parts.
+    """
+    model, sd = [], []
+    for law in used:
+        curves = Curves.of(posteriors[law])
+        table = found[law, WHOLE].draws
+        table = table.iloc[evenly_chosen(len(table), BAND_DRAWS)]
+        columns = {str(n): table[n].to_numpy(dtype=float) for n in table.columns}
+        load = curves.model(columns)
+        spread = np.broadcast_to(curves.total_sd(load, curves.noise(columns)), load.shape)
+        model.append(load.reshape(len(load), -1))
+        sd.append(spread.reshape(len(load), -1))
+    shape = curves.measured.shape
+    levels = (tails(probability)[0], 0.5, tails(probability)[1])
+    names = [f"q{100 * q:04.1f}".removesuffix(".0") for q in levels]
+    credible = mixed_percentiles(model, [1e-300 * s for s in sd], weight, levels)
+    predictive = mixed_percentiles(model, sd, weight, calibrated_levels(levels, c))
+    # a Cauchy stress is the nominal one times the measured stretch
+    scale = curves.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
+    tables = []
+    for axis, direction in enumerate("xy"):
+        cells: dict[str, Any] = {
+            "protocol": [specimen.protocols[i].name for i in curves.protocol],
+            "direction": direction,
+            "row": _row_numbers(curves),
+            "stretch": curves.stretch[:, axis],
+            "measured": curves.measured[:, axis] * scale[:, axis],
+        }
+        for kind, values in (("credible", credible), ("predictive", predictive)):
+            for name, value in zip(names, values, strict=True):
+                cells[f"{kind}_{name}"] = value.reshape(shape)[:, axis] * scale[:, axis]
+        tables.append(pd.DataFrame(cells))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _row_numbers(curves: Curves) -> np.ndarray:
+    """Number of each row within its protocol, those at rest not counted."""
+    first = np.searchsorted(curves.protocol, curves.protocol)
+    return np.arange(curves.rows) - first
+
+
+def shared_stretches(table: pd.DataFrame, specimen: Specimen) -> list[str]:
+    """Names of the mounting stretches in a table of draws."""
+    states = ("", *(p.name for p in specimen.protocols))
+    return [n for s in states for n in mounting_names("stretch", s) if n in table]
