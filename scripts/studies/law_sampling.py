@@ -1,0 +1,165 @@
+"""How well each law is sampled: state, time, effective draws an evaluation, two seeds compared.
+
+    python scripts/study.py law_sampling aorta.csv valve.csv:ignored virtual --folder FOLDER
+    python scripts/study.py law_sampling --folder FOLDER --page docs/laws-evidence.md
+
+A record is a specimen file, with ``:ignored`` where it was tared (`--mounting ignored`), or
+``virtual``, three protocols of a known GOH with load noise. Each law is fitted and sampled with two
+seeds at default options, to 2,000 effective draws or 20,000 steps. Effective draws, the fewest of
+any quantity, are counted per evaluation of the density after the warm-up. Two runs of one posterior
+differ by Monte Carlo error alone: of the draws of one a share F lies below the q-quantile of the
+other,
+
+    z = (F - q) / sqrt(q (1 - q) (1 / ess_1 + 1 / ess_2)),
+
+for q of 0.05, 0.5 and 0.95 of every parameter and mounting stretch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+from biaxbayes.laws import LAWS
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import prepare
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.parameters import mounting_names
+from biaxbayes.sampling.sampler import Draws, Plan
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import read_specimen
+from studies.law_truths import tested
+from studies.page import put, table
+from studies.records import kept, run_all
+
+VIRTUAL, IGNORED = "virtual", ":ignored"
+LEVELS = (0.05, 0.5, 0.95)
+SEEDS = (1, 2)
+
+
+def record(named: str) -> tuple[Specimen, dict[str, Any]]:
+    """A specimen and the options of its posterior."""
+    if named == VIRTUAL:
+        return tested(), {}
+    path = Path(named.removesuffix(IGNORED))
+    return read_specimen(path), {"mounting": "ignored"} if named.endswith(IGNORED) else {}
+
+
+def stem(named: str) -> str:
+    """Name of a record in the table."""
+    return Path(named.removesuffix(IGNORED)).stem
+
+
+def sampled(named: str, law: str) -> dict[str, Any]:
+    """One law on one record, with two seeds."""
+    specimen, options = record(named)
+    began = time.process_time()
+    posterior = prepare(specimen, law=law, **options)
+    posterior.log_prob(np.zeros((1, posterior.dimension)))
+    fit = time.process_time() - began
+    drawn, seconds = [], []
+    for seed in SEEDS:
+        began = time.process_time()
+        drawn.append(draw_posterior(posterior, Plan(seed=seed)))
+        seconds.append(fit + time.process_time() - began)
+    return {
+        "record": stem(named),
+        "law": law,
+        "cpu": round(max(seconds), 1),
+        "state": [d.convergence.state for d in drawn],
+        "ess": [d.convergence.worst_ess for d in drawn],
+        "per_evaluation": [d.convergence.worst_ess / kept_evaluations(d) for d in drawn],
+        "rhat": [d.convergence.worst_rhat for d in drawn],
+        "differences": differences(posterior, drawn),
+    }
+
+
+def kept_evaluations(drawn: Draws) -> int:
+    """Evaluations of the density after the warm-up: one a step of each walker."""
+    ensembles, steps, walkers, _ = drawn.chain.shape
+    return ensembles * steps * drawn.thin * walkers
+
+
+def differences(posterior: Posterior, drawn: list[Draws]) -> dict[str, list[float]]:
+    """Of two runs, in Monte Carlo errors, by quantity."""
+    found = {}
+    for name in (*posterior.law.names, *mounting_names("stretch")):
+        if any(name not in d.convergence.names for d in drawn):
+            continue
+        ess = []
+        for d in drawn:
+            k = d.convergence.names.index(name)
+            ess.append(min(d.convergence.ess_bulk[k], d.convergence.ess_tail[k]))
+        one, other = (d.quantities[name].ravel() for d in drawn)
+        z = []
+        for q in LEVELS:
+            # z = (F - q) / sqrt(q (1 - q) (1 / ess_1 + 1 / ess_2))
+            below = float(np.mean(other <= np.quantile(one, q)))
+            z.append((below - q) / np.sqrt(q * (1 - q) * (1 / ess[0] + 1 / ess[1])))
+        found[name] = [float(v) for v in z]
+    return found
+
+
+def numbered(named: str, number: int) -> dict[str, Any]:
+    """The study of the law of this number, with it as its seed: a record has one line a law."""
+    return {"seed": number, **sampled(named, tuple(LAWS)[number])}
+
+
+def summary(folder: Path) -> str:
+    """One row a record and law."""
+    rows = []
+    for path in sorted(folder.glob("*.jsonl")):
+        for r in kept(path):
+            z = np.abs([v for values in r["differences"].values() for v in values])
+            rows.append(
+                [
+                    r["record"],
+                    f"`{r['law']}`",
+                    ", ".join(dict.fromkeys(r["state"])),
+                    f"{r['cpu']:.0f}",
+                    f"{min(r['per_evaluation']):.3f}",
+                    f"{max(r['rhat']):.3f}",
+                    f"{(z > 2.0).sum()} of {z.size}",
+                    f"{z.max():.1f}",
+                ]
+            )
+    heads = [
+        "record",
+        "law",
+        "chains",
+        "processor seconds",
+        "effective draws an evaluation",
+        "R-hat",
+        "seeds differ by more than 2",
+        "largest",
+    ]
+    return table(heads, rows, left=3)
+
+
+def main() -> None:
+    """Sample every law on every record that has no line yet, or put the table into a page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("records", nargs="*", help="specimen files, or `virtual`")
+    parser.add_argument("--folder", type=Path, required=True)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--page", type=Path, help="put the table into this page")
+    asked = parser.parse_args()
+    for named in asked.records:
+        path = asked.folder / f"{stem(named)}.jsonl"
+        run_all(partial(numbered, named), range(len(LAWS)), path, asked.workers)
+    text = summary(asked.folder)
+    print(text)
+    if asked.page is not None:
+        put(asked.page, "law-sampling", text)
+
+
+if __name__ == "__main__":
+    main()
