@@ -94,7 +94,7 @@ PAGES = {
     "studies": Page(
         "docs/studies.md",
         ("jobs", "executors", "sampling", "figures", "reports"),
-        (f"{STUDY} batch --specimens 20 --folder {{work}}/batch --write docs/studies.md",),
+        (f"{STUDY} batch --specimens 10 100 --folder {{work}}/batch --write docs/studies.md",),
     ),
     "identifiability": Page(
         "docs/identifiability.md",
@@ -164,6 +164,9 @@ PAGES = {
             "biaxbayes laws {work}/valve.csv --mounting ignored --out {work}/valve --workers 2 "
             "--resume",
             f"{STUDY} laws_measured {{work}}/valve --place laws-valve --page docs/laws-evidence.md",
+            f"{STUDY} law_sampling {{work}}/aorta.csv {{work}}/valve.csv:ignored virtual "
+            "--folder {work}/sampling --workers 2",
+            f"{STUDY} law_sampling --folder {{work}}/sampling --page docs/laws-evidence.md",
             f"{STUDY} law_truths --folder {{work}}/truths --count 20 --workers 2",
             f"{STUDY} law_truths --folder {{work}}/truths --page docs/laws-evidence.md",
         ),

@@ -1,28 +1,30 @@
-"""Measure a study on two local workers against one, and check that the results are equal.
+"""Measure studies on two local workers against one, and check that the results are equal.
 
 Needs a quiet machine with two processors:
 
-    python scripts/study.py batch --specimens 20 --folder /tmp/batch
+    python scripts/study.py batch --specimens 10 100 --folder /tmp/batch
 
---write puts the outcome into a page between its marks.
+--write puts the table into a page between its marks.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import contextlib
 import os
 import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
-from textwrap import wrap
+
+import numpy as np
+import psutil
 
 from biaxbayes.laws.goh import GOH
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
-from studies.page import put
+from studies.page import put, table
 
 LAYERS = {
     "intima": GOH(C1_kPa=30.0, k1_kPa=60.0, k2=20.0, alpha_deg=60.0, kappa=0.15),
@@ -30,6 +32,8 @@ LAYERS = {
     "adventitia": GOH(C1_kPa=7.0, k1_kPa=8.0, k2=30.0, alpha_deg=50.0, kappa=0.05),
 }
 INCREMENTS = 50
+WORKERS = (1, 2)
+EXTRAPOLATED = 1000
 WANTED = 1.8
 """Times as fast on two workers as on one."""
 SPREAD = 0.15
@@ -38,49 +42,55 @@ SPREAD = 0.15
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--specimens", type=int, default=20)
+    parser.add_argument("--specimens", type=int, nargs="+", default=[10, 100])
     parser.add_argument("--folder", type=Path, required=True, help="made, and overwritten")
     parser.add_argument("--ess", type=float, default=2000.0)
-    parser.add_argument("--write", type=Path, help="Markdown page whose sentence is replaced")
+    parser.add_argument("--write", type=Path, help="Markdown page whose table is replaced")
     arguments = parser.parse_args()
-    folder = arguments.folder
-    shutil.rmtree(folder, ignore_errors=True)
-    write_specimens(folder, arguments.specimens, arguments.ess)
-    # What is compiled for the first time is compiled here.
-    run(folder, "study.toml", "warm", 1, only=1)
-    seconds = {workers: run(folder, "study.toml", f"on-{workers}", workers) for workers in (1, 2)}
-    differing = [name for name in compared(folder) if not equal(folder, name)]
-    ratio = seconds[1] / seconds[2]
-    print(
-        json.dumps(
-            {
-                "specimens": arguments.specimens,
-                "processors": os.cpu_count(),
-                "seconds_one_worker": round(seconds[1], 1),
-                "seconds_two_workers": round(seconds[2], 1),
-                "ratio": round(ratio, 2),
-                "files_compared": len(compared(folder)),
-                "differing": differing,
-            },
-            indent=2,
-        )
+    sizes = sorted(arguments.specimens)
+    found, differing, compared_files = [], [], 0
+    for size in sizes:
+        folder = arguments.folder / str(size)
+        shutil.rmtree(folder, ignore_errors=True)
+        write_specimens(folder, size, arguments.ess)
+        if size == sizes[0]:  # what is compiled for the first time is compiled here
+            run(folder, "study.toml", "warm", 1, only=1)
+        found += [run(folder, "study.toml", f"on-{workers}", workers) for workers in WORKERS]
+        differing += [name for name in compared(folder) if not equal(folder, name)]
+        compared_files += len(compared(folder))
+    seconds = np.array([f[0] for f in found]).reshape(len(sizes), len(WORKERS))
+    memory_MB = max(f[1] for f in found)
+    bytes_of = f"other bytes in {', '.join(differing)}" if differing else "the same bytes"
+    text = scaling(sizes, seconds) + (
+        f"\nWall time in seconds on a machine with {os.cpu_count()} processors; specimens of "
+        f"{INCREMENTS + 1} rows in each of three protocols, figures included. "
+        f"{EXTRAPOLATED:,} specimens are extrapolated from the last two rows. A worker held at "
+        f"most {memory_MB} MB. One and two workers wrote {bytes_of} in {compared_files} tables.\n"
     )
+    print(text)
     if arguments.write:
-        bytes_of = f"other bytes in {', '.join(differing)}" if differing else "the same bytes"
-        text = (
-            f"{arguments.specimens} specimens of {INCREMENTS + 1} rows in each of three protocols "
-            f"took {seconds[1]:.1f} s with one worker and {seconds[2]:.1f} s with two on a machine "
-            f"with {os.cpu_count()} processors ({ratio:.2f} times as fast), with {bytes_of} in "
-            f"{len(compared(folder))} tables."
-        )
-        put(arguments.write, "batch", "\n".join(wrap(text, 100)))
-    return 0 if ratio >= WANTED and not differing else 1
+        put(arguments.write, "batch", text)
+    return 0 if (seconds[:, 0] / seconds[:, -1]).min() >= WANTED and not differing else 1
+
+
+def scaling(sizes: list[int], seconds: np.ndarray) -> str:
+    """Table of wall times by the number of specimens and workers."""
+    rows = [*zip(sizes, seconds, strict=True)]
+    if len(sizes) > 1:
+        slope = (seconds[-1] - seconds[-2]) / (sizes[-1] - sizes[-2])
+        rows.append((EXTRAPOLATED, seconds[-1] + slope * (EXTRAPOLATED - sizes[-1])))
+    heads = ["specimens", "one worker", "two workers", "times as fast", "a specimen, two workers"]
+    return table(
+        heads,
+        [
+            [f"{n:,}", f"{t[0]:.0f}", f"{t[1]:.0f}", f"{t[0] / t[1]:.2f}", f"{t[1] / n:.1f}"]
+            for n, t in rows
+        ],
+    )
 
 
 def write_specimens(folder: Path, count: int, ess: float) -> None:
     """Virtual specimens of three layers a donor, and the study file."""
-    import numpy as np
-
     folder.mkdir(parents=True)
     lines = [f"ess = {ess}"]
     for number in range(count):
@@ -110,22 +120,28 @@ def write_specimens(folder: Path, count: int, ess: float) -> None:
     (folder / "study.toml").write_text("\n".join(lines) + "\n")
 
 
-def run(folder: Path, study: str, out: str, workers: int, only: int = 0) -> float:
-    """Wall time of a study from the command to its end."""
+def run(folder: Path, study: str, out: str, workers: int, only: int = 0) -> tuple[float, int]:
+    """Wall time of a study from the command to its end, and the most that a process held (MB)."""
     if only:
         first = sorted(folder.glob("*.csv"))[:only]
         sources = [str(path) for path in first]
     else:
         sources = [str(folder / study)]
-    command = [sys.executable, "-m", "biaxbayes.cli", "batch", *sources]
+    command = [sys.executable, "-m", "biaxbayes", "batch", *sources]
     command += ["--workers", str(workers), "--out", str(folder / out), "--quiet"]
     clock = time.perf_counter()
-    ended = subprocess.run(command, check=False)
-    if ended.returncode not in (0, 3):
-        raise SystemExit(f"the study ended with {ended.returncode}")
+    process, most = subprocess.Popen(command, stdout=subprocess.DEVNULL), 0
+    while process.poll() is None:
+        time.sleep(0.2)
+        with contextlib.suppress(psutil.Error):
+            tree = [psutil.Process(process.pid)]
+            tree += tree[0].children(recursive=True)
+            most = max(most, *(p.memory_info().rss for p in tree))
     seconds = time.perf_counter() - clock
-    print(f"{out}: {seconds:.1f} s", flush=True)
-    return seconds
+    if process.returncode not in (0, 3):
+        raise SystemExit(f"the study ended with {process.returncode}")
+    print(f"{folder.name} specimens, {out}: {seconds:.1f} s, {most >> 20} MB", flush=True)
+    return seconds, most >> 20
 
 
 def compared(folder: Path) -> list[str]:
