@@ -29,7 +29,10 @@ def mixture_draws(
     found: Mapping[tuple[str, str], Prediction],
     posteriors: Mapping[str, Posterior],
 ) -> pd.DataFrame:
-    """Draws of every law by its weight, with what all laws share."""
+    """Draws of every law by its weight, with what all laws share.
+
+    Parameters are as of :func:`mixture_bands`.
+    """
     tables = []
     for law, count in zip(laws, np.round(weight * KEPT_DRAWS).astype(int), strict=True):
         table = found[law, WHOLE].draws
@@ -65,7 +68,23 @@ def mixture_bands(
 ) -> pd.DataFrame:
     """Bands of the mixture over the whole record, in the unit of the file.
 
-    A predictive one is read at levels that hold on left-out parts.
+    Both are read at levels that hold on left-out parts: of the mixture's curves, too, those at the
+    rim are laws that the readings speak against.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    used : sequence of str
+        Laws of the mixture.
+    weight : ndarray, shape (laws,)
+    found : mapping
+        By law and name of the left-out part.
+    posteriors : mapping
+        By law.
+    probability : float
+        Content of the bands.
+    c : float
+        Of :func:`~biaxbayes.comparison.pooling.sharpness`; 1 for the mixture as it is.
     """
     model, sd = [], []
     for law in used:
@@ -80,8 +99,9 @@ def mixture_bands(
     shape = curves.measured.shape
     levels = (tails(probability)[0], 0.5, tails(probability)[1])
     names = [f"q{100 * q:04.1f}".removesuffix(".0") for q in levels]
-    credible = mixed_percentiles(model, [1e-300 * s for s in sd], weight, levels)
-    predictive = mixed_percentiles(model, sd, weight, calibrated_levels(levels, c))
+    read_at = calibrated_levels(levels, c)
+    credible = mixed_percentiles(model, [1e-300 * s for s in sd], weight, read_at)
+    predictive = mixed_percentiles(model, sd, weight, read_at)
     # a Cauchy stress is the nominal one times the measured stretch
     scale = curves.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
     tables = []
