@@ -128,7 +128,7 @@ def mixed_percentiles(
 
 SHARPNESS_LOG_SD = 0.5
 """Of the prior of c about 1. On the aorta and the valve half and twice of it change the share of
-left-out readings in the band by at most 0.04."""
+left-out readings in the band by at most 0.05."""
 _LEAST_PROBABILITY = 1e-9
 _WIDEST = 3.0  # of ln c
 
