@@ -154,7 +154,7 @@ def summary(folder: Path) -> str:
             [
                 f"`{law}`",
                 len(found),
-                f"{good.sum()} of {len(found)}",
+                f"{good.sum()} of {found['short'].notna().sum()}",
                 f"{found['short'].median():.2f} ({found['short'].max():.2f})",
                 f"{unseen.sum()} of {len(found)}",
                 f"{found['unseen'].median():.2f} ({found['unseen'].max():.2f})",
