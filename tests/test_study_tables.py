@@ -197,6 +197,7 @@ def test_what_an_evaluation_and_whole_commands_cost(docs):
         "density": {"rows": 101, "evaluation": 2e-6, "exponentials": 1e-6},
         "by_points": {"50": 1.5e-6, "1000": 4e-6},
         "by_walkers": {"16": 2.25e-6},
+        "by_law": {"goh": 2e-6, "fung": 1.6e-6, "four-fibre": 3e-6},
         "commands": [
             {"text": "sample", "seconds": 9.4, "parts": {"warm-up": 2.8}, "peak_MB": 483},
             {"text": "report", "seconds": 1.9, "parts": {}, "peak_MB": 283},
@@ -204,5 +205,6 @@ def test_what_an_evaluation_and_whole_commands_cost(docs):
     }
     text = benchmark.page(found)
     assert "1.50 us with 50, 4.00 us with 1,000." in text and "2.25 us with 16." in text
+    assert "Laws, times `goh` (2.00 us): `fung` 0.80, `four-fibre` 1.50." in text
     assert "| total, s | 9.4 | 1.9 |" in text and "| warm-up, s | 2.8 |  |" in text
     assert "| peak memory, MB | 483 | 283 |" in text

@@ -9,13 +9,14 @@ from functools import partial
 import numpy as np
 from numba import njit
 
+from biaxbayes.laws import LAWS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
-__all__ = ["density_cost", "growth_with_points", "growth_with_walkers"]
+__all__ = ["cost_of_laws", "density_cost", "growth_with_points", "growth_with_walkers"]
 
 POINTS = (50, 200, 1000, 5000)
 WALKERS = (16, 64, 256, 1024, 4096)
@@ -93,3 +94,16 @@ def growth_with_walkers(specimen: Specimen) -> dict[int, float]:
         points = _walkers(posterior, count)
         found[count] = _best(partial(posterior.log_prob, points), count)
     return found
+
+
+def cost_of_laws(specimen: Specimen) -> dict[str, float]:
+    """Seconds of a density evaluation by law; laws take turns, so that ratios are of one time."""
+    posteriors = {law: prepare(specimen, law=law, noise="independent") for law in LAWS}
+    points = {law: _walkers(posterior, 1000) for law, posterior in posteriors.items()}
+    least = dict.fromkeys(LAWS, np.inf)
+    for _ in range(REPEATS):
+        for law, posterior in posteriors.items():
+            clock = time.perf_counter()
+            posterior.log_prob(points[law])
+            least[law] = min(least[law], (time.perf_counter() - clock) / len(points[law]))
+    return least

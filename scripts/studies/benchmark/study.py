@@ -35,7 +35,12 @@ from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.text_files import atomic_write_text
 from studies.benchmark.agreement import agreement
-from studies.benchmark.costs import density_cost, growth_with_points, growth_with_walkers
+from studies.benchmark.costs import (
+    cost_of_laws,
+    density_cost,
+    growth_with_points,
+    growth_with_walkers,
+)
 from studies.benchmark.natural_density import NAMES, NaturalDensity
 from studies.benchmark.nested import from_the_prior, in_a_narrowed_prior
 from studies.benchmark.nuts import nuts, straightened, straightened_nuts
@@ -188,6 +193,7 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
             "density": {"evaluation": evaluation, "exponentials": exponentials, "rows": rows},
             "by_points": growth_with_points(),
             "by_walkers": growth_with_walkers(specimen),
+            "by_law": cost_of_laws(specimen),
             "commands": [asdict(c) for c in whole_commands(DATA, cold=not options.quick)],
         }
     if options.costs:

@@ -361,7 +361,14 @@ def _density(found: dict[str, Any]) -> list[str]:
         f"Growth with the rows: {points}.",
         "",
         f"A walker of a call with many walkers: {walkers}.",
+        *(["", _laws(found["by_law"])] if "by_law" in found else []),
     ]
+
+
+def _laws(seconds: dict[str, float]) -> str:
+    """Cost of the laws beside that of GOH."""
+    told = ", ".join(f"`{k}` {s / seconds['goh']:.2f}" for k, s in seconds.items() if k != "goh")
+    return f"Laws, times `goh` ({1e6 * seconds['goh']:.2f} us): {told}."
 
 
 def _commands(commands: list[dict[str, Any]]) -> list[str]:
