@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.optimize import minimize
-from scipy.stats import beta
+from scipy.stats import beta, norm
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.comparison.law_comparison import only, parts_of, without
-from biaxbayes.comparison.law_weights import STACKED
+from biaxbayes.comparison.law_comparison import Part, only, parts_of, without
+from biaxbayes.comparison.law_weights import STACKED, _LeftOut, _part_table, _weights
 from biaxbayes.comparison.pooling import (
+    LEAST_SHARPNESS,
     PRIOR_READINGS,
     calibrated_levels,
     mixed_percentiles,
@@ -77,13 +80,73 @@ def test_levels_of_a_mixture_that_spreads_too_wide_hold_what_they_say():
 
     assert c > 1.1
     assert held((0.05, 0.95)) > 0.925
-    # 0.01 is 1.5 Monte Carlo errors of 2,000 readings; Beta(c, c) is not the exact form
+    # 0.015 is two Monte Carlo errors of 2,000 readings
     assert held(calibrated_levels((0.05, 0.95), c)) == pytest.approx(0.9, abs=0.015)
     # the levels themselves are those of the beta distribution, and one half stays one half
     assert calibrated_levels((0.05, 0.5, 0.95), 1.0) == pytest.approx((0.05, 0.5, 0.95))
     low, middle, high = calibrated_levels((0.05, 0.5, 0.95), c)
     assert 0.05 < low < middle < high < 0.95
     assert beta(c, c).cdf(low) == pytest.approx(0.05)
+
+
+def test_probabilities_of_a_mixture_are_those_of_its_parts_and_of_its_percentiles():
+    rng = np.random.default_rng(3)
+    measured = rng.normal(0.0, 2.0, 40)
+    model = [rng.normal(m, 0.5, (400, 40)) for m in (-1.0, 2.0)]
+    sd = [np.full((400, 40), s) for s in (0.5, 1.5)]
+    weight = np.array([0.75, 0.25])
+    found = mixed_probabilities(measured, model, sd, weight)
+    expected = sum(
+        w * norm.cdf(measured, m, s).mean(axis=0) for w, m, s in zip(weight, model, sd, strict=True)
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    (at,) = mixed_percentiles(model, sd, weight, (0.3,))
+    # percentiles take draws in proportion to the weights, 400 in all
+    np.testing.assert_allclose(mixed_probabilities(at, model, sd, weight), 0.3, atol=0.02)
+    # one draw that overflows says nothing, a law of nothing else has no part
+    model[0][7, :5], sd[0][7, :5] = np.inf, np.inf
+    again = mixed_probabilities(measured, model, sd, weight)
+    np.testing.assert_allclose(again, found, atol=2e-3)
+    model[0][:, 0], sd[0][:, 0] = np.inf, np.inf
+    alone = norm.cdf(measured[0], model[1][:, 0], sd[1][:, 0]).mean()
+    assert mixed_probabilities(measured, model, sd, weight)[0] == pytest.approx(alone)
+
+
+def left_out(middle, rng, *, width=1.0, readings=200):
+    """A part that two laws foretell: the first rightly, the second with an offset."""
+    measured = middle + rng.normal(0.0, 0.3, readings)
+    model = [np.full((20, readings), middle), np.full((20, readings), middle + 2.0)]
+    sd = [np.full((20, readings), width)] * 2
+    density = np.array([norm.logpdf(measured, m[0], s[0]) for m, s in zip(model, sd, strict=True)])
+    return _LeftOut(np.full(readings, 0.5), density, model, sd, measured, [np.ones(readings)] * 2)
+
+
+def test_levels_are_learned_from_the_other_parts_alone():
+    rng = np.random.default_rng(11)
+    left = [left_out(middle, rng) for middle in (0.0, 1.0, 5.0, 9.0)]
+    parts = [Part(str(i), i, slice(None)) for i in range(4)]
+
+    def rows(left):
+        n = len(left)
+        blind = [_weights(left, [j for j in range(n) if j != i]) for i in range(n)]
+        made = _part_table(parts[:n], ["one", "other"], left, _weights(left, range(n)), blind, 0.9)
+        return made[made["law"] == STACKED].set_index("part")
+
+    before = rows(left)
+    assert (before["band_low_level"] > 0.1).all()  # readings lie far within sd 1
+    assert (before["band_coverage"] > 0.9).all()
+    np.testing.assert_allclose(before["band_low_level"] + before["band_high_level"], 1.0)
+    # a part that is missed changes the levels of all others, and not its own
+    moved = rows([replace(left[0], measured=left[0].measured + 3.0), *left[1:]])
+    assert moved["band_low_level"]["0"] == pytest.approx(before["band_low_level"]["0"], rel=1e-9)
+    assert (moved["band_low_level"][1:] < before["band_low_level"][1:] - 0.02).all()
+    # what a part is worth decides how much it has to say
+    light = rows(
+        [replace(left[0], measured=left[0].measured + 3.0, worth=left[0].worth / 100)] + left[1:]
+    )
+    assert (light["band_low_level"][1:] > moved["band_low_level"][1:] + 0.02).all()
+    # of two parts, each has one other, which has both weights and levels to tell
+    assert (rows(left[:2])["band_low_level"] > 0.08).all()
 
 
 def test_uniform_probabilities_and_few_readings_leave_the_levels():
@@ -93,6 +156,8 @@ def test_uniform_probabilities_and_few_readings_leave_the_levels():
     assert sharpness(narrow, np.full(500, 1e-4)) == pytest.approx(1.0, abs=0.05)
     assert sharpness(narrow, np.ones(500)) > 5.0
     assert sharpness(np.r_[0.0, u, 1.0], np.ones(502)) < 1.0
+    assert sharpness(np.r_[np.nan, u], np.r_[50.0, np.ones(500)]) == pytest.approx(1.0, abs=0.01)
+    assert sharpness(np.zeros(9), np.ones(9)) == pytest.approx(LEAST_SHARPNESS, abs=1e-3)
 
 
 def test_parts_make_up_the_record_and_are_left_out_of_the_rest():
@@ -152,7 +217,15 @@ def test_the_law_of_the_truth_predicts_best(compared):
     assert alone["band_low_level"].tolist() == pytest.approx([0.05] * len(alone))
     sums = mixture["band_low_level"] + mixture["band_high_level"]
     assert sums.tolist() == pytest.approx([1.0] * len(mixture), abs=1e-5)
-    assert (mixture["band_low_level"] != 0.05).all()
+    # the truth is known to the fit: readings spread as they should, and the levels hardly move
+    assert mixture["band_low_level"].to_numpy() == pytest.approx(0.05, abs=0.04)
+    levels = table.loc[STACKED, ["band_low_level", "band_high_level"]]
+    assert levels.sum() == pytest.approx(1.0, abs=1e-5) and 0.01 < levels.iloc[0] < 0.09
+    bands = pd.read_csv(folder / "out" / "stacked-bands.csv")
+    assert (bands["credible_q05"] >= bands["predictive_q05"]).all()
+    assert (bands["credible_q95"] <= bands["predictive_q95"]).all()
+    inside = bands["measured"].between(bands["predictive_q05"], bands["predictive_q95"])
+    assert 0.8 < inside.mean() < 0.98
     draws = pd.read_csv(folder / "out" / "stacked-draws.csv")
     shares = draws["law"].value_counts(normalize=True)
     assert shares["goh"] == pytest.approx(table["weight"]["goh"], abs=0.01)

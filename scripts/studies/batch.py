@@ -61,11 +61,12 @@ def main() -> int:
     seconds = np.array([f[0] for f in found]).reshape(len(sizes), len(WORKERS))
     memory_MB = max(f[1] for f in found)
     bytes_of = f"other bytes in {', '.join(differing)}" if differing else "the same bytes"
+    beyond = f"{EXTRAPOLATED:,} specimens are extrapolated from the last two rows. "
     text = scaling(sizes, seconds) + (
         f"\nWall time in seconds on a machine with {os.cpu_count()} processors; specimens of "
         f"{INCREMENTS + 1} rows in each of three protocols, figures included. "
-        f"{EXTRAPOLATED:,} specimens are extrapolated from the last two rows. A worker held at "
-        f"most {memory_MB} MB. One and two workers wrote {bytes_of} in {compared_files} tables.\n"
+        f"{beyond if len(sizes) > 1 else ''}No process held more than {memory_MB} MB. One and two "
+        f"workers wrote {bytes_of} in {compared_files} tables.\n"
     )
     print(text)
     if arguments.write:

@@ -1,7 +1,7 @@
 """Laws weighed on virtual specimens whose law is known.
 
     OMP_NUM_THREADS=1 python scripts/study.py law_truths --folder FOLDER --count 20 --workers 2
-    python scripts/study.py law_truths --folder FOLDER --page docs/laws.md
+    python scripts/study.py law_truths --folder FOLDER --page docs/laws-evidence.md
 
 Does the mixture foretell as well as the true law? Truths are drawn from each law's calibration
 prior (the one that its simulation-based calibration draws from), on three protocols of 31 rows,
@@ -132,7 +132,6 @@ def judged(records: list[dict[str, Any]]) -> pd.DataFrame:
                 "short": density[law] - r[FINAL] if law in density and FINAL in r else np.nan,
                 "unseen": density[law] - density[STACKED] if law in density else np.nan,
                 "true_weight": r["weight"].get(law, 0.0),
-                "held": r.get("held", np.nan),
                 "missing_weight": sum(w for k in bad if np.isfinite(w := r["weight"][k])),
                 "not_converged": sum(s != "converged" for s in r["states"].values()),
                 "true_state": r["states"][law],
@@ -161,21 +160,19 @@ def summary(folder: Path) -> str:
                 f"{small.sum()} of {len(found)}",
                 f"{found['missing_weight'].max():.3f}",
                 f"{found['true_weight'].median():.2f}",
-                f"{found['held'].median():.2f}",
                 int(found["not_converged"].sum()),
             ]
         )
     heads = [
         "true law",
         "specimens",
-        f"at most {SHORT:g} nats short",
+        f"weights of all parts: at most {SHORT:g} nats short",
         "short, median (largest)",
-        "with weights that have not seen the part",
-        "short of these, median (largest)",
+        f"weights of the other parts: at most {SHORT:g} nats short",
+        "short, median (largest)",
         f"laws that miss the record below {SMALL:g}",
         "most that they weigh",
         "weight of the true law, median",
-        "held by the 90 % band, median",
         "posteriors not converged",
     ]
     return table(heads, rows)

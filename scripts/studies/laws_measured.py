@@ -1,7 +1,7 @@
 """What ``biaxbayes laws`` says of a measured specimen, for the page on laws.
 
     biaxbayes laws aorta.csv --out laws
-    python scripts/study.py laws_measured laws --place laws-aorta --page docs/laws.md
+    python scripts/study.py laws_measured laws --place laws-aorta --page docs/laws-evidence.md
 
 One row a law, the best prediction first: misfit of the fit, what it foretells of left-out
 protocols, its weight, and its 90 % band of them. Writes the figure of the folder beside those of
@@ -43,7 +43,9 @@ def law_rows(laws: pd.DataFrame, parts: pd.DataFrame) -> list[list[str]]:
         coverage, width = bands(parts, r["law"])
         rows.append(
             [
-                "stacked, weights from the other protocols" if stacked else f"`{r['law']}`",
+                "stacked, weights and levels from the other protocols"
+                if stacked
+                else f"`{r['law']}`",
                 "" if stacked else f"{r['rms']:.2f}",
                 f"{r['left_out_rms']:.2f}",
                 f"{r['left_out_density']:.1f}",

@@ -116,7 +116,8 @@ def compare_laws(
     ----------
     specimen : Specimen or path-like
     out : path-like, optional
-        Folder for laws.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv and the figures.
+        Folder for laws.csv, stated.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, the
+        figures and laws.html.
     mounting_force : (float, float), optional
         For a tared specimen: the force (or stress) at the mounted state, put back on.
     resume : bool

@@ -368,7 +368,7 @@ def _density(found: dict[str, Any]) -> list[str]:
 def _laws(seconds: dict[str, float]) -> str:
     """Cost of the laws beside that of GOH."""
     told = ", ".join(f"`{k}` {s / seconds['goh']:.2f}" for k, s in seconds.items() if k != "goh")
-    return f"Laws, times `goh` ({1e6 * seconds['goh']:.2f} us): {told}."
+    return f"Laws, times `goh`: {told}."
 
 
 def _commands(commands: list[dict[str, Any]]) -> list[str]:

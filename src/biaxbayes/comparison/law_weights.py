@@ -3,7 +3,8 @@
 The score of a law is the log predictive density of single readings that were left out, averaged
 over its draws. A left-out curve has one weight n_eff / n for all laws, from the residuals of the
 law that fits the whole record best: readings that miss together are no independent evidence. The
-mixture by the stacking weights is a prediction of stresses; it is no posterior of the mounting
+mixture by the stacking weights is a prediction of stresses, with bands at levels that are learned
+from left-out parts as the weights are; it is no posterior of the mounting
 stretch, which lies where no reading does. What is stated of that is the union of the intervals of
 the laws that foretell the record about as well as the best.
 """
@@ -43,6 +44,7 @@ from biaxbayes.model.effective_readings import misses_smoothly
 from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
+from biaxbayes.options.model import ALL_ROWS
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import tails
 from biaxbayes.specimens.specimen import Specimen
@@ -52,6 +54,8 @@ __all__ = ["STACKED", "STATED_COLUMNS", "LawComparison", "judged_laws"]
 STACKED = "stacked"
 UNUSABLE = ("unusable", "failed")
 QUANTILES = (0.05, 0.5, 0.95)
+LEVELS = ("band_low_level", "band_high_level")
+"""Columns of the levels that a band of the mixture is read at."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +66,15 @@ class LawComparison:
     ----------
     specimen : str
     table : DataFrame
-        ``laws.csv``: one row a law, the last one ``stacked``.
+        ``laws.csv``: one row a law, the last one ``stacked``, which has the levels that its bands
+        are read at.
     parts : DataFrame
-        ``left-out.csv``: one row a law and part.
+        ``left-out.csv``: one row a law and part, with the levels that its band is read at.
     draws : DataFrame
         Draws of the mixture for what all laws share: mounting stretches, stresses, stiffnesses.
     bands : DataFrame
-        Bands of the mixture over the record, as of :func:`~biaxbayes.prediction.bands.bands`.
+        Bands of the mixture over the record, columns as of
+        :func:`~biaxbayes.prediction.bands.bands`, read at the levels of the table.
     stated : DataFrame
         ``stated.csv``: what can be stated of each mounting stretch of the tissue, by
         :func:`~biaxbayes.identifiability.mounting_stretch.stated.stated_by_predictions`.
@@ -106,7 +112,7 @@ class _LeftOut:
     worth : ndarray, shape (readings,)
     log_density : ndarray, shape (laws, readings)
     model, sd : list of ndarray, shape (draws, readings)
-        Of each law, in the unit of the specimen.
+        Of each law, in the unit of the specimen; without draws that overflow.
     measured : ndarray, shape (readings,)
     per_kPa : list of ndarray, shape (readings,)
         Load per Cauchy stress at each law's median mounting stretch.
@@ -172,29 +178,24 @@ def judged_laws(
     draws = mixture_draws(specimen, used, weight, found, posteriors)
     # the mixture that foretells a part is one that has not seen it
     blind = [_weights(left, [j for j in range(len(left)) if j != i]) for i in range(len(left))]
-    table = _law_table(specimen, laws, used, found, left, weight, np.array(blind), draws)
+    learned = _sharpness(left, weight, range(len(left)))
+    levels = calibrated_levels(tails(probability), learned)
+    table = _law_table(specimen, laws, used, found, left, weight, np.array(blind), draws, levels)
     return LawComparison(
         specimen.name,
         table,
         _part_table(parts, used, left, weight, blind, probability),
         draws,
-        mixture_bands(specimen, used, weight, found, posteriors, probability, _sharpness(left)),
+        mixture_bands(specimen, used, weight, found, posteriors, probability, learned),
         _stated_table(specimen, table, best, found[best, WHOLE].residuals),
         bad,
     )
 
 
-def _sharpness(left: Sequence[_LeftOut], shown: Sequence[int] | None = None) -> float:
-    """That of the mixture, from parts that its weights have not seen."""
-    shown = range(len(left)) if shown is None else shown
+def _sharpness(left: Sequence[_LeftOut], weight: np.ndarray, shown: Sequence[int] | range) -> float:
+    """That of a mixture on the parts that its weights are learned from."""
     probability = [
-        mixed_probabilities(
-            left[i].measured,
-            left[i].model,
-            left[i].sd,
-            _weights(left, [j for j in shown if j != i]),
-        )
-        for i in shown
+        mixed_probabilities(left[i].measured, left[i].model, left[i].sd, weight) for i in shown
     ]
     return sharpness(np.concatenate(probability), np.concatenate([left[i].worth for i in shown]))
 
@@ -218,7 +219,9 @@ def _left_out(
 ) -> _LeftOut:
     model, sd, density, per_kPa = [], [], [], []
     for law in laws:
-        posterior = Posterior(only(specimen, part), law=law, beta=1.0, **options)
+        # single readings are foretold, whatever the posterior averages
+        each = {**options, "thin": ALL_ROWS}
+        posterior = Posterior(only(specimen, part), law=law, beta=1.0, **each)
         curves = Curves.of(posterior)
         table = found[law, part.name].draws
         columns = {str(n): table[n].to_numpy(dtype=float) for n in table.columns}
@@ -230,8 +233,10 @@ def _left_out(
         log_likelihood = np.where(np.isfinite(log_likelihood), log_likelihood, -np.inf)
         # ln p(f_i | rest) = ln mean_s p(f_i | theta_s)
         density.append((np.logaddexp.reduce(log_likelihood, axis=0) - np.log(len(load))).ravel())
-        model.append(load.reshape(len(load), -1))
-        sd.append(spread.reshape(len(load), -1))
+        fine = np.isfinite(load).all(axis=(1, 2)) & np.isfinite(spread).all(axis=(1, 2))
+        fine |= not fine.any()  # draws that overflow carry no band, unless there are no others
+        model.append(load[fine].reshape(int(fine.sum()), -1))
+        sd.append(spread[fine].reshape(int(fine.sum()), -1))
         lm = np.median(curves.mounting_stretch(columns), axis=0)
         mounted = specimen.geometry == "mounted"
         per_kPa.append(load_per_stress(specimen.area, curves.stretch, lm, mounted).ravel())
@@ -268,6 +273,7 @@ def _law_table(
     weight: np.ndarray,
     blind: np.ndarray,
     draws: pd.DataFrame,
+    levels: tuple[float, ...],
 ) -> pd.DataFrame:
     sizes = np.array([part.measured.size for part in left], dtype=float)
     rows = []
@@ -294,6 +300,7 @@ def _law_table(
             "left_out_rms": float(np.sqrt(square @ sizes / sizes.sum())),
             "left_out_density": float(density.sum()),
             "weight": 1.0,
+            **dict(zip(LEVELS, levels, strict=True)),
             **_quantiles(draws, shared_stretches(draws, specimen)),
         }
     )
@@ -318,7 +325,7 @@ def _part_table(
 ) -> pd.DataFrame:
     """Each law, and the mixture that has not seen the part, on each part.
 
-    A band of the mixture is read at levels that hold on the other parts. ``density_final_weights``
+    A band of the mixture is read at levels learned from the other parts. ``density_final_weights``
     is the density with the weights of the whole record: what these gain by having seen the part.
     """
     rows = []
@@ -332,7 +339,7 @@ def _part_table(
             (seen,), _ = _left_out_scores([own], [final])
             levels: tuple[float, ...] = tails(probability)
             if law == STACKED:  # nor have the levels of its band seen the part
-                levels = calibrated_levels(levels, _sharpness(left, others))
+                levels = calibrated_levels(levels, _sharpness(left, w, others))
             low, high = mixed_percentiles(own.model, own.sd, w, levels)
             scale = w @ np.array(own.per_kPa)
             rows.append(
@@ -345,8 +352,7 @@ def _part_table(
                     "density_final_weights": float(seen),
                     "band_coverage": float(np.mean((own.measured >= low) & (own.measured <= high))),
                     "band_width": float(np.mean((high - low) / scale)),
-                    "band_low_level": levels[0],
-                    "band_high_level": levels[1],
+                    **dict(zip(LEVELS, levels, strict=True)),
                     "readings": int(own.measured.size),
                     "effective_readings": float(own.worth.sum()),
                 }

@@ -31,7 +31,16 @@ def mixture_draws(
 ) -> pd.DataFrame:
     """Draws of every law by its weight, with what all laws share.
 
-    Parameters are as of :func:`mixture_bands`.
+    Parameters
+    ----------
+    specimen, laws, weight, found, posteriors
+        As of :func:`mixture_bands`.
+
+    Returns
+    -------
+    DataFrame
+        A row a draw: ``law``, mounting stretches, small-strain stiffnesses and Cauchy stresses at
+        the largest measured stretches of each protocol, both in kPa.
     """
     tables = []
     for law, count in zip(laws, np.round(weight * KEPT_DRAWS).astype(int), strict=True):
@@ -64,12 +73,12 @@ def mixture_bands(
     found: Mapping[tuple[str, str], Prediction],
     posteriors: Mapping[str, Posterior],
     probability: float,
-    c: float,
+    sharpness: float,
 ) -> pd.DataFrame:
     """Bands of the mixture over the whole record, in the unit of the file.
 
-    Both are read at levels that hold on left-out parts: of the mixture's curves, too, those at the
-    rim are laws that the readings speak against.
+    Both bands are read at the same levels, and a credible one ends where the predictive one does.
+    No left-out reading tests the credible band.
 
     Parameters
     ----------
@@ -83,8 +92,14 @@ def mixture_bands(
         By law.
     probability : float
         Content of the bands.
-    c : float
-        Of :func:`~biaxbayes.comparison.pooling.sharpness`; 1 for the mixture as it is.
+    sharpness : float
+        Of the mixture (:func:`~biaxbayes.comparison.pooling.sharpness`).
+
+    Returns
+    -------
+    DataFrame
+        A row for each reading: ``protocol``, ``direction``, ``row``, ``stretch``, ``measured`` and
+        three columns a band, its ends and the median.
     """
     model, sd = [], []
     for law in used:
@@ -99,9 +114,10 @@ def mixture_bands(
     shape = curves.measured.shape
     levels = (tails(probability)[0], 0.5, tails(probability)[1])
     names = [f"q{100 * q:04.1f}".removesuffix(".0") for q in levels]
-    read_at = calibrated_levels(levels, c)
+    read_at = calibrated_levels(levels, sharpness)
     credible = mixed_percentiles(model, [1e-300 * s for s in sd], weight, read_at)
     predictive = mixed_percentiles(model, sd, weight, read_at)
+    credible = [np.clip(c, predictive[0], predictive[-1]) for c in credible]
     # a Cauchy stress is the nominal one times the measured stretch
     scale = curves.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
     tables = []
@@ -127,6 +143,18 @@ def _row_numbers(curves: Curves) -> np.ndarray:
 
 
 def shared_stretches(table: pd.DataFrame, specimen: Specimen) -> list[str]:
-    """Names of the mounting stretches in a table of draws."""
+    """Names of the mounting stretches that a table of draws has.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns as in ``summary.csv``.
+    specimen : Specimen
+        Names the mounted states.
+
+    Returns
+    -------
+    list of str
+    """
     states = ("", *(p.name for p in specimen.protocols))
     return [n for s in states for n in mounting_names("stretch", s) if n in table]
