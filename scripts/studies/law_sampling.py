@@ -137,30 +137,25 @@ def judged(folder: Path) -> pd.DataFrame:
 
 
 def summary(found: pd.DataFrame) -> str:
-    """One row a law: on every record the time, effective draws an evaluation and difference."""
+    """One row a law: time, effective draws an evaluation and difference, record by record."""
     records = list(dict.fromkeys(found["record"]))
     rows = []
     for law in LAWS:
-        of = found[found["law"] == law].set_index("record")
-        row = [f"`{law}`"]
-        for name in records:
-            if name not in of.index:
-                row += ["", "", ""]
-                continue
-            r = of.loc[name]
-            state = "" if r["state"] == "converged" else f" ({r['state']})"
-            row += [
-                f"{r['processor_s']:.0f}{state}",
-                f"{r['draws_per_evaluation']:.2f}",
-                f"{r['largest_difference']:.1f}",
-            ]
-        rows.append(row)
-    heads = ["law", *(h for n in records for h in (f"{n}: seconds", "draws", "seeds"))]
+        of = found[found["law"] == law].set_index("record").reindex(records)
+        cells = (
+            [f"{v:.0f}" for v in of["processor_s"]],
+            [f"{v:.2f}" for v in of["draws_per_evaluation"]],
+            [f"{v:.1f}" for v in of["largest_difference"]],
+        )
+        rows.append([f"`{law}`", *(", ".join(c) for c in cells)])
+    heads = ["law", f"seconds: {', '.join(records)}", "draws", "seeds"]
     beyond = int(found["beyond_2"].sum())
     return table(heads, rows) + (
         f"\nOf {found['compared'].sum()} quantiles {beyond} differ by more than 2 Monte Carlo "
         f"errors between the seeds, the most by {found['largest_difference'].max():.1f}; R-hat is "
-        f"at most {found['rhat'].max():.3f}.\n"
+        f"at most {found['rhat'].max():.3f}. Chains: "
+        + ", ".join(f"{n} {state}" for state, n in found["state"].value_counts().items())
+        + ".\n"
     )
 
 

@@ -140,6 +140,10 @@ def judged(records: list[dict[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def _spread(values: pd.Series) -> str:
+    return f"{values.median():.2f} ({values.max():.2f})"
+
+
 def summary(folder: Path) -> str:
     """The table of all laws."""
     rows = []
@@ -153,12 +157,9 @@ def summary(folder: Path) -> str:
             [
                 f"`{law}`",
                 len(found),
-                f"{good.sum()} of {found['short'].notna().sum()}",
-                f"{found['short'].median():.2f} ({found['short'].max():.2f})",
-                f"{unseen.sum()} of {len(found)}",
-                f"{found['unseen'].median():.2f} ({found['unseen'].max():.2f})",
-                f"{small.sum()} of {len(found)}",
-                f"{found['missing_weight'].max():.3f}",
+                f"{good.sum()} of {found['short'].notna().sum()}; {_spread(found['short'])}",
+                f"{unseen.sum()} of {len(found)}; {_spread(found['unseen'])}",
+                f"{small.sum()} of {len(found)}; {found['missing_weight'].max():.3f}",
                 f"{found['true_weight'].median():.2f}",
                 int(found["not_converged"].sum()),
             ]
@@ -166,12 +167,9 @@ def summary(folder: Path) -> str:
     heads = [
         "true law",
         "specimens",
-        f"weights of all parts: at most {SHORT:g} nats short",
-        "short, median (largest)",
-        f"weights of the other parts: at most {SHORT:g} nats short",
-        "short, median (largest)",
-        f"laws that miss the record below {SMALL:g}",
-        "most that they weigh",
+        f"at most {SHORT:g} nats short; median (largest), weights of all parts",
+        "the same, weights of the other parts",
+        f"laws that miss the record weigh below {SMALL:g}; most",
         "weight of the true law, median",
         "posteriors not converged",
     ]
