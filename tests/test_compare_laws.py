@@ -12,8 +12,8 @@ from scipy.stats import beta, norm
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.comparison.law_comparison import Part, only, parts_of, without
-from biaxbayes.comparison.law_weights import STACKED, _LeftOut, _part_table, _weights
+from biaxbayes.comparison.law_comparison import Part, Prediction, only, parts_of, without
+from biaxbayes.comparison.law_weights import STACKED, _left_out, _LeftOut, _part_table, _weights
 from biaxbayes.comparison.pooling import (
     LEAST_SHARPNESS,
     PRIOR_READINGS,
@@ -26,8 +26,10 @@ from biaxbayes.comparison.pooling import (
 )
 from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.identifiability.mounting_stretch.stated import stated_by_predictions
+from biaxbayes.laws.goh import GOH
 from biaxbayes.specimens.specimen_file import write_specimen
 from quick_posteriors import small_specimen
+from quick_posteriors import specimen as specimen_of
 
 LAWS = "goh,hgo"
 
@@ -147,6 +149,20 @@ def test_levels_are_learned_from_the_other_parts_alone():
     assert (light["band_low_level"][1:] > moved["band_low_level"][1:] + 0.02).all()
     # of two parts, each has one other, which has both weights and levels to tell
     assert (rows(left[:2])["band_low_level"] > 0.08).all()
+
+
+def test_single_readings_are_foretold_whatever_the_posterior_averages():
+    specimen = specimen_of(GOH(10.0, 40.0, 5.0, 40.0, 0.15), increments=40)
+    part, options = parts_of(specimen)[0], {"noise": "effective", "thin": 10}
+    values = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.15, "noise_sd": 0.01}
+    values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
+    drawn = Prediction("converged", "", 0.1, (), pd.DataFrame([values] * 3))
+    share = np.full((len(specimen.protocols), 2), 0.5)
+    found = _left_out(specimen, part, share, ["goh"], options, {("goh", part.name): drawn})
+    protocol = specimen.protocols[0]
+    readings = 2 * (protocol.rows - protocol.rest_rows)
+    assert found.measured.size == found.worth.size == found.log_density.shape[1] == readings
+    assert found.worth.sum() == pytest.approx(0.5 * readings)
 
 
 def test_uniform_probabilities_and_few_readings_leave_the_levels():
