@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -21,6 +22,11 @@ def where(_: int) -> tuple[int, int]:
     _ = np.ones((4, 4)) @ np.ones((4, 4))
     time.sleep(0.1)
     return os.getpid(), max((i["num_threads"] for i in threadpool_info()), default=1)
+
+
+def has(module: str) -> bool:
+    """Whether the worker has imported a module that no task asks for."""
+    return module in sys.modules
 
 
 def die_once(folder: str) -> str:

@@ -34,6 +34,31 @@ def test_every_task_is_done_once_and_in_several_processes():
     assert {threads for _, threads in seen} == {1}
 
 
+FRESH = """
+from biaxbayes.executors.executor import Workers
+from executor_tasks import has
+if __name__ == "__main__":
+    print([o.value for o in Workers(1, modules=("tabnanny",)).run(has, ["tabnanny", "pipes"])])
+"""
+
+
+@pytest.mark.skipif(
+    "forkserver" not in multiprocessing.get_all_start_methods(), reason="processes are not forked"
+)
+def test_workers_begin_with_the_modules_that_they_are_made_for(tmp_path):
+    path = tmp_path / "fresh.py"  # what is imported is settled by the first workers of a process
+    path.write_text(FRESH)
+    paths = os.pathsep.join([str(Path(tasks.__file__).parent), *sys.path])
+    told = subprocess.run(
+        [sys.executable, str(path)],
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert told.stdout.split() == ["[True,", "False]"]
+
+
 def test_a_task_whose_worker_died_is_done_by_another(tmp_path):
     outcomes = list(Workers(2).run(tasks.die_once, [str(tmp_path)]))
     assert [(o.value, o.lost) for o in outcomes] == [("survived", "")]

@@ -1,11 +1,14 @@
 """Figures, measured: what is drawn where, at which size, and that no two texts meet."""
 
+import io
 import json
 import re
+import zlib
 
 import numpy as np
 import pandas as pd
 import pytest
+from fontTools.ttLib import TTFont
 from matplotlib.contour import QuadContourSet
 from matplotlib.path import Path
 from scipy.integrate import trapezoid
@@ -16,7 +19,7 @@ from biaxbayes.figures.run.bands import bands_figure
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.mounting import mounting_figure
 from biaxbayes.figures.run.trace import trace_figure
-from biaxbayes.figures.style import figure_bytes, print_style, read_style, save_figure
+from biaxbayes.figures.style import OUTLINES, figure_bytes, print_style, read_style, save_figure
 from biaxbayes.jobs.run_figure import read_truth
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.options import Settings
@@ -530,12 +533,25 @@ def test_hostile_names_do_not_break_a_figure(tmp_path):
     figure_bytes(trace_figure(chains, known=known), "pdf")
 
 
+def embedded_fonts(pdf: bytes) -> list[TTFont]:
+    """The TrueType fonts of a PDF."""
+    streams = re.findall(rb"<<([^>]*)>>\s*stream\n(.*?)\nendstream", pdf, re.S)
+    fonts = [zlib.decompress(data) for head, data in streams if b"/Length1" in head]
+    return [TTFont(io.BytesIO(font)) for font in fonts]
+
+
 def test_files_are_reproducible_and_hold_their_fonts():
     figure = mounting_figure(specimen_of(), draws_of(300), width_mm=85.0)
     for kind in ("pdf", "svg", "png"):
         assert figure_bytes(figure, kind) == figure_bytes(figure, kind)
     pdf = figure_bytes(figure, "pdf")
     assert b"/FontFile2" in pdf and b"/Type3" not in pdf  # TrueType, embedded
+    fonts = embedded_fonts(pdf)  # upright, and oblique for symbols
+    assert len(fonts) == 2
+    for font in fonts:
+        assert {"glyf", "loca", "hmtx"} <= set(font.keys()) <= OUTLINES  # neither names nor rules
+    letters = [sum(f["glyf"][n].numberOfContours != 0 for n in f.getGlyphOrder()) for f in fonts]
+    assert max(letters) > 20
     box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ", pdf)
     assert float(box.group(1)) == pytest.approx(85.0 / 25.4 * 72.0, abs=0.01)
     svg = figure_bytes(figure, "svg")

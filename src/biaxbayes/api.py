@@ -278,7 +278,7 @@ def batch(
         those of
         :class:`~biaxbayes.options.ModelOptions`.
     """
-    from biaxbayes.jobs.batch import Batch
+    from biaxbayes.jobs.batch import WORKER_MODULES, Batch
     from biaxbayes.studies.study_file import read_study, study_of_files
 
     if isinstance(study, str | Path):
@@ -290,7 +290,7 @@ def batch(
         numbers = {k: options.pop(k) for k in own if k in options}
         model = ModelOptions.of(options).keywords()
         chosen = study_of_files([Path(p) for p in study], model, **numbers)
-    executor = executor_for(workers, scheduler, isolated=True)
+    executor = executor_for(workers, scheduler, isolated=True, modules=WORKER_MODULES)
     return Batch(chosen, Path(out), executor).execute(progress=progress, stop=stop)
 
 

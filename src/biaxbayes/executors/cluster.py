@@ -11,7 +11,8 @@ import tempfile
 import threading
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from multiprocessing import forkserver
 from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
@@ -42,10 +43,18 @@ ONE_AT_A_TIME = threading.Lock()
 
 
 @contextlib.contextmanager
-def local_cluster(count: int) -> Iterator[LocalCluster]:
-    """Processes of this machine, reachable from nowhere else."""
+def local_cluster(count: int, modules: Sequence[str] = ()) -> Iterator[LocalCluster]:
+    """Processes of this machine, reachable from nowhere else.
+
+    Parameters
+    ----------
+    count : int
+    modules : sequence of str
+        What the workers import in the end: imported once where they are copies of one process.
+    """
     import dask
     from distributed import LocalCluster
+    from distributed.utils import get_mp_context
 
     options: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": MOST_ATTEMPTS - 1,
@@ -63,6 +72,10 @@ def local_cluster(count: int) -> Iterator[LocalCluster]:
         contextlib.ExitStack() as stack,
     ):
         with _signals_kept():
+            context = get_mp_context()  # which names Dask's own modules, once
+            if context.get_start_method() == "forkserver":
+                context.set_forkserver_preload(["distributed", *modules])
+                forkserver.ensure_running()  # it imports them while the cluster is made
             try:
                 cluster = LocalCluster(
                     n_workers=count,

@@ -138,10 +138,14 @@ class Workers:
         Processes of this machine.
     scheduler : str, optional
         Address of a scheduler whose workers are used instead, as ``tcp://host:8786``.
+    modules : sequence of str
+        What processes of this machine import in the end, beside the module of their function.
     """
 
-    def __init__(self, count: int = 0, scheduler: str | None = None) -> None:
-        self.count, self.scheduler = count, scheduler
+    def __init__(
+        self, count: int = 0, scheduler: str | None = None, modules: Sequence[str] = ()
+    ) -> None:
+        self.count, self.scheduler, self.modules = count, scheduler, modules
         self._stay, self._last_seen = False, 0.0
         self._stack = contextlib.ExitStack()
         self._client: Client | None = None
@@ -150,7 +154,7 @@ class Workers:
     def __enter__(self) -> Self:
         self._stay = True
         if self.scheduler is not None:
-            self._connected(0)
+            self._connected(0, ())
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -167,7 +171,8 @@ class Workers:
         """As :meth:`Executor.run`."""
         if not tasks:
             return
-        client = self._connected(min(self.count, len(tasks)))
+        modules = tuple(m for m in (function.__module__, *self.modules) if m != "__main__")
+        client = self._connected(min(self.count, len(tasks)), modules)
         ended = False
         try:
             yield from self._outcomes(client, function, tasks, stop)
@@ -247,7 +252,7 @@ class Workers:
             raise cannot_start()
         return there
 
-    def _connected(self, count: int) -> Client:
+    def _connected(self, count: int, modules: Sequence[str]) -> Client:
         """A connection to workers: as many as asked for, or more, if of this machine."""
         if self._client is not None:
             if self._local is not None and count > len(self._local.workers):
@@ -258,7 +263,7 @@ class Workers:
             stack.enter_context(without_log())
             address: Any = self.scheduler
             if address is None:
-                address = self._local = stack.enter_context(local_cluster(count))
+                address = self._local = stack.enter_context(local_cluster(count, modules))
             self._client = stack.enter_context(connected(address))
             if self.scheduler is not None:
                 check_workers(self._client, self.scheduler)
@@ -279,7 +284,11 @@ class Workers:
 
 
 def executor_for(
-    workers: int | None = None, scheduler: str | None = None, *, isolated: bool = False
+    workers: int | None = None,
+    scheduler: str | None = None,
+    *,
+    isolated: bool = False,
+    modules: Sequence[str] = (),
 ) -> Executor:
     """The executor that the options of a command ask for.
 
@@ -291,6 +300,8 @@ def executor_for(
         Address of a Dask scheduler to use instead, as ``tcp://host:8786``.
     isolated : bool
         A single worker is a process of its own as well, so that its death is not ours.
+    modules : sequence of str
+        As of :class:`Workers`.
 
     Raises
     ------
@@ -307,4 +318,4 @@ def executor_for(
     count: Any = min(os.cpu_count() or 1, MOST_LOCAL) if workers is None else workers
     if count < 1:
         raise InputError("--workers must be at least 1")
-    return InThisProcess() if count == 1 and not isolated else Workers(count)
+    return InThisProcess() if count == 1 and not isolated else Workers(count, modules=modules)

@@ -51,7 +51,24 @@ from biaxbayes.studies.result import (
 from biaxbayes.studies.study_file import Study
 from biaxbayes.text_files import atomic_write_text, csv_text
 
-__all__ = ["Batch", "LayerTask", "SpecimenTask", "compare_layers", "try_specimen"]
+__all__ = ["WORKER_MODULES", "Batch", "LayerTask", "SpecimenTask", "compare_layers", "try_specimen"]
+
+WORKER_MODULES = (
+    "biaxbayes.sampling.ensembles",
+    "biaxbayes.jobs.identified",
+    "biaxbayes.jobs.products",
+    "biaxbayes.reports.page",
+    "biaxbayes.reports.explore",
+    "biaxbayes.figures.run.bands",
+    "biaxbayes.figures.run.corner",
+    "biaxbayes.figures.run.identifiability",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_pdf",
+    "sklearn.mixture",
+    "xarray",
+    "jinja2",
+)
+"""What a worker imports in the end, wherever that is put off until it is needed."""
 
 
 # --- what a worker does: sample one specimen, or compare the layers of one donor -----------------
