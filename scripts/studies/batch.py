@@ -59,13 +59,14 @@ def main() -> int:
         differing += [name for name in compared(folder) if not equal(folder, name)]
         compared_files += len(compared(folder))
     seconds = np.array([f[0] for f in found]).reshape(len(sizes), len(WORKERS))
-    memory_MB = max(f[1] for f in found)
+    held_MB, own_MB = (max(f[k] for f in found) for k in (1, 2))
     bytes_of = f"other bytes in {', '.join(differing)}" if differing else "the same bytes"
     beyond = f"{EXTRAPOLATED:,} specimens are extrapolated from the last two rows. "
     text = scaling(sizes, seconds) + (
         f"\nWall time in seconds on a machine with {os.cpu_count()} processors; specimens of "
         f"{INCREMENTS + 1} rows in each of three protocols, figures included. "
-        f"{beyond if len(sizes) > 1 else ''}No process held more than {memory_MB} MB. One and two "
+        f"{beyond if len(sizes) > 1 else ''}No process held more than {held_MB} MB, or more than "
+        f"{own_MB} MB that it shared with no other: what a further worker takes. One and two "
         f"workers wrote {bytes_of} in {compared_files} tables.\n"
     )
     print(text)
@@ -121,8 +122,11 @@ def write_specimens(folder: Path, count: int, ess: float) -> None:
     (folder / "study.toml").write_text("\n".join(lines) + "\n")
 
 
-def run(folder: Path, study: str, out: str, workers: int, only: int = 0) -> tuple[float, int]:
-    """Wall time of a study from the command to its end, and the most that a process held (MB)."""
+def run(folder: Path, study: str, out: str, workers: int, only: int = 0) -> tuple[float, int, int]:
+    """Wall time (s) of a study from the command to its end.
+
+    With it the most that a process held, and the most that was its own alone (both MB).
+    """
     if only:
         first = sorted(folder.glob("*.csv"))[:only]
         sources = [str(path) for path in first]
@@ -131,18 +135,24 @@ def run(folder: Path, study: str, out: str, workers: int, only: int = 0) -> tupl
     command = [sys.executable, "-m", "biaxbayes", "batch", *sources]
     command += ["--workers", str(workers), "--out", str(folder / out), "--quiet"]
     clock = time.perf_counter()
-    process, most = subprocess.Popen(command, stdout=subprocess.DEVNULL), 0
+    process, held, own = subprocess.Popen(command, stdout=subprocess.DEVNULL), 0, 0
+    looks = 0
     while process.poll() is None:
         time.sleep(0.2)
+        looks += 1
         with contextlib.suppress(psutil.Error):
             tree = [psutil.Process(process.pid)]
             tree += tree[0].children(recursive=True)
-            most = max(most, *(p.memory_info().rss for p in tree))
+            held = max(held, *(p.memory_info().rss for p in tree))
+            if looks % 5 == 0:  # the system counts page by page
+                own = max(own, *(p.memory_full_info().uss for p in tree))
     seconds = time.perf_counter() - clock
     if process.returncode not in (0, 3):
         raise SystemExit(f"the study ended with {process.returncode}")
-    print(f"{folder.name} specimens, {out}: {seconds:.1f} s, {most >> 20} MB", flush=True)
-    return seconds, most >> 20
+    held_MB, own_MB = held >> 20, own >> 20
+    told = f"{held_MB} MB, {own_MB} MB its own"
+    print(f"{folder.name} specimens, {out}: {seconds:.1f} s, {told}", flush=True)
+    return seconds, held_MB, own_MB
 
 
 def compared(folder: Path) -> list[str]:
