@@ -1,4 +1,4 @@
-"""Bayesian GOH parameters and mounting stretches from planar biaxial tests of soft tissue.
+"""Bayesian material parameters and mounting stretches from planar biaxial tests of soft tissue.
 
 The names below are imported on first use, so that ``import biaxbayes`` stays cheap.
 """

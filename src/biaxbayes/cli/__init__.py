@@ -21,7 +21,7 @@ from biaxbayes.errors import BiaxbayesError, InputError, printable
 __all__ = ["main"]
 
 VERBS = {
-    "sample": "Joint posterior of the GOH parameters and the mounting stretches.",
+    "sample": "Joint posterior of material parameters and mounting stretches.",
     "batch": "A whole study: many specimens, layers and donors compared.",
     "population": "What the specimens of a study have in common, and the next one.",
     "fit": "Deterministic fits, with and without the mounting stretch.",
@@ -84,7 +84,7 @@ class LazyGroup(click.Group):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="biaxbayes")
 def group() -> None:
-    """GOH parameters and mounting stretches of soft tissue from planar biaxial tests.
+    """Material parameters and mounting stretches of soft tissue from planar biaxial tests.
 
     Start with: biaxbayes sample specimen.csv
     """

@@ -77,7 +77,7 @@ def sample(
     quiet: bool,
     **model: Any,
 ) -> int:
-    """Joint posterior of the GOH parameters and the mounting stretches of SPECIMEN (a CSV).
+    """Joint posterior of material parameters and mounting stretches of SPECIMEN (a CSV).
 
     Writes a run folder with the draws, tables, figures and verdicts. Exit code 0 when the
     posterior has converged, 3 when the chains did not converge, 2 when the input cannot be used.
