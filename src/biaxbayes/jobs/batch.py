@@ -25,6 +25,7 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, CannotResume, Interrupted, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess, Outcome
+from biaxbayes.figures.run import DRAWING_MODULES
 from biaxbayes.jobs.sample import Sampling
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.reports.study_page import write_study
@@ -58,15 +59,10 @@ WORKER_MODULES = (
     "biaxbayes.jobs.identified",
     "biaxbayes.jobs.products",
     "biaxbayes.reports.page",
-    "biaxbayes.reports.explore",
-    "biaxbayes.figures.run.bands",
-    "biaxbayes.figures.run.corner",
-    "biaxbayes.figures.run.identifiability",
-    "matplotlib.backends.backend_agg",
-    "matplotlib.backends.backend_pdf",
     "sklearn.mixture",
     "xarray",
     "jinja2",
+    *DRAWING_MODULES,
 )
 """What a worker imports in the end, wherever that is put off until it is needed."""
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from contextvars import ContextVar
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from biaxbayes.executors.beside import Beside, Standby
+from biaxbayes.figures.run import DRAWING_MODULES
 from biaxbayes.figures.style import figure_bytes, own_garbage, return_memory
 from biaxbayes.identifiability.held_edges import held_edges
 from biaxbayes.identifiability.identify import Identifiability, identify_draws
@@ -98,13 +100,8 @@ def write_products(
 
 def _ready() -> None:
     """Import what all figures need."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_pdf  # noqa: F401
-
-    import biaxbayes.figures.run.bands
-    import biaxbayes.figures.run.corner
-    import biaxbayes.figures.run.identifiability
-    import biaxbayes.reports.explore  # noqa: F401
+    for name in DRAWING_MODULES:
+        import_module(name)
 
 
 def _drawn(task: Task) -> dict[str, bytes]:
