@@ -1,4 +1,4 @@
-"""The joint posterior of the GOH parameters, the mounted state and the noise.
+"""The joint posterior of the material parameters, the mounted state and the noise.
 
 A posterior is a value: constructing it fits nothing, and evaluating it changes nothing. What has
 to be fitted or estimated first - the deterministic fit, the weight of the likelihood, the chart -
