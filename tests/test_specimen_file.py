@@ -328,6 +328,16 @@ def read_or_refuse(data: bytes, path: Path) -> None:
         assert read_specimen(path) == specimen
 
 
+def test_stretches_are_plausible_over_their_value_at_rest_too(tmp_path):
+    """What is read can be written and read again: 1.01 over 0.2 is no stretch."""
+    path = tmp_path / "half.csv"
+    rows = "0.2,0.01\n1.008,0.04\n1.02,0.07\n1.03,0.1\n1.04,0.13\n"
+    lines = [f"{1.0 + 0.01 * i},{row},{0.01 + 0.03 * i}" for i, row in enumerate(rows.split())]
+    path.write_text("stretch_x,stretch_y,piola_x_kPa,piola_y_kPa\n" + "\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=r"row 3, column stretch_y: a stretch of 5\.04 cannot be"):
+        read_specimen(path)
+
+
 @given(data=hostile_bytes())
 @settings(
     max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

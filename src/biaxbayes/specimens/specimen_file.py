@@ -305,6 +305,10 @@ def _protocols(
         load = table.pair(STRESS_PAIRS[stress_pair], rows)
         protocol = referenced_protocol(name, stretch, load, stress_pair, time, resting)
         if np.any(np.abs(np.array(protocol.reference) - 1.0) > 1e-9):
+            for column, values in zip(
+                STRETCHES, (protocol.stretch_x, protocol.stretch_y), strict=True
+            ):
+                check_stretch(values, table.lines[rows], column, path)
             notes.append(
                 f"protocol {name}: stretches divided by their value at rest "
                 f"({protocol.reference[0]:.5f}, {protocol.reference[1]:.5f}), "
