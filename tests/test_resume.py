@@ -469,7 +469,7 @@ def test_another_format_is_said_to_be_one(whole, halfway):
 
 def test_a_checkpoint_that_does_not_fit_leaves_the_two_before(halfway, capsys):
     before = {p.name: p.read_bytes() for p in halfway.iterdir()}
-    limited(sample, halfway, "--resume", size=20_000, code=2)  # below any checkpoint
+    limited(sample, halfway, "--resume", size=200_000, code=2)
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert "the checkpoint could not be saved" in message

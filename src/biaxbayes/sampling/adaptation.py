@@ -17,7 +17,7 @@ added for the tails take more than they need; what they need is found by
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -29,7 +29,7 @@ from biaxbayes.sampling.student_mixture import StudentMixture
 if TYPE_CHECKING:
     from biaxbayes.sampling.ensembles import Ensembles
 
-__all__ = ["WarmUp", "add_components", "fit_again", "optimise_weights", "warm_up"]
+__all__ = ["WarmUp", "add_components", "optimise_weights", "warm_up"]
 
 POOR_ACCEPTANCE = 0.03
 """Below this the independence move is not worth its density evaluations."""
@@ -207,7 +207,9 @@ def _with_weights(proposal: MixtureProposal, share: np.ndarray) -> MixturePropos
 
 
 ROUND_STEPS = 16
-ADAPTING_SHARE = 0.7  # of independence steps
+CHECKS = ((16, 1.9, 0.6), (64, 1.9, 0.0), (160, 1.6, 0.0), (160, 2.5, 0.0), (16, np.inf, 0.0))
+"""Steps on which the final proposal is judged, the log weight above the median up to which it
+passes, and the acceptance from which; else it is fitted once more."""
 COMPONENTS, MORE_COMPONENTS = 12, 20
 """Of the final proposal, and of one that has been fitted again."""
 INCREMENTS = 2
@@ -224,19 +226,8 @@ GOOD = 0.45  # acceptance from which a proposal need not change before its final
 REMEMBERED = 2  # rounds that the final fit is made from
 RISE = 0.02  # smallest rise of acceptance that is worth another round
 ENOUGH_ACCEPTANCE, ENOUGH_EXCESS = 0.5, 3.1
-"""Acceptance and excess with which a quick proposal, that of the rounds or the first final one, is
-kept as it is: a better one would cost more time than it saves. Tuned on the time to 2,000 effective
-draws of the shipped specimens under four laws, seeds 1 and 2. With seeds 31 to 33, and a measured
-aorta too, 12 runs took 2.1 million evaluations; 2.8 where the first final one had to be better."""
-CHECKS = (
-    (16, ENOUGH_EXCESS, ENOUGH_ACCEPTANCE),
-    (64, 1.9, 0.0),
-    (160, 1.6, 0.0),
-    (160, 2.5, 0.0),
-    (16, np.inf, 0.0),
-)
-"""Steps on which the final proposal is judged, the excess up to which it passes, and the acceptance
-from which; else it is fitted once more."""
+"""Acceptance and excess with which the proposal of the rounds is kept as it is: a better one would
+cost more time than it saves."""
 
 
 @dataclass(frozen=True)
@@ -251,15 +242,11 @@ class WarmUp:
         Acceptance of the independence move in the last round.
     message : str
         Empty, or what the user should know.
-    provisional : bool
-        Whether the proposal passed at once: it may be found wanting where no walker had been yet,
-        and :func:`fit_again` is still to be had.
     """
 
     rounds: int
     acceptance: float
     message: str
-    provisional: bool = False
 
 
 def warm_up(
@@ -288,55 +275,11 @@ def warm_up(
         Called with a short text at each round.
     """
     ensembles.proposal = MixtureProposal(np.ones(1), (proposal,))
-    ensembles.set_share(ADAPTING_SHARE)
+    ensembles.set_share(0.7)
     rounds, points, log_prob = _adapted(ensembles, progress)
-    acceptance, excess, checks = ensembles.acceptance, LOW_EXCESS, 0
+    acceptance, excess = ensembles.acceptance, LOW_EXCESS
     if not _fits_enough(ensembles, points, log_prob, spread):
-        acceptance, excess, checks = _final_proposal(
-            ensembles, points, log_prob, spread, 2 * len(spread), progress
-        )
-    return _frozen(ensembles, rounds, acceptance, excess, provisional=checks < 2)
-
-
-def fit_again(
-    ensembles: Ensembles,
-    rounds: int,
-    points: np.ndarray,
-    log_prob: np.ndarray,
-    fresh: int,
-    *,
-    progress: Callable[[str], None] = lambda text: None,
-) -> WarmUp:
-    """Fit a provisional proposal once more, to draws that turned out not to converge with it.
-
-    The draws are history from here on: none of them may be kept.
-
-    Parameters
-    ----------
-    ensembles : Ensembles
-        Where the draws ended.
-    rounds : int
-        Adaptation rounds so far.
-    points : ndarray, shape (n, d)
-        The draws.
-    log_prob : ndarray, shape (n,)
-    fresh : int
-        Draws of a proposal that show where it falls short.
-    progress : callable
-    """
-    ensembles.unfreeze()
-    ensembles.set_share(ADAPTING_SHARE)
-    none = points[:0]
-    acceptance, excess, _ = _final_proposal(
-        ensembles, points, log_prob, none, fresh, progress, CHECKS[1:]
-    )
-    return _frozen(ensembles, rounds, acceptance, excess, provisional=False)
-
-
-def _frozen(
-    ensembles: Ensembles, rounds: int, acceptance: float, excess: float, *, provisional: bool
-) -> WarmUp:
-    """Freeze the proposal, with the share of steps that it is good for."""
+        acceptance, excess = _final_proposal(ensembles, points, log_prob, spread, progress)
     message = ""
     share = 1.0 - DE_SHARES[int(np.searchsorted((LOW_EXCESS, HIGH_EXCESS), excess))]
     if acceptance < POOR_ACCEPTANCE:
@@ -347,7 +290,7 @@ def _frozen(
         )
     ensembles.set_share(share)
     ensembles.freeze()
-    return WarmUp(rounds, acceptance, message, provisional)
+    return WarmUp(rounds, acceptance, message)
 
 
 def _adapted(
@@ -392,25 +335,23 @@ def _final_proposal(
     points: np.ndarray,
     log_prob: np.ndarray,
     spread: np.ndarray,
-    fresh: int,
     progress: Callable[[str], None],
-    checks: Sequence[tuple[int, float, float]] = CHECKS,
-) -> tuple[float, float, int]:
+) -> tuple[float, float]:
     """Fit the proposal that is kept, once more on a longer history while its excess is large.
 
-    Returns its acceptance, its excess and the number of checks.
+    Returns its acceptance and its excess.
     """
     components, parts = COMPONENTS, 1
     acceptance = excess = 0.0
-    count = 0
-    for steps, limit, least in checks:
-        count += 1
-        some = min(len(spread), len(points) // 4)
-        chosen = ensembles.rng.choice(len(spread), some, replace=False) if some else np.arange(0)
+    for steps, limit, least in CHECKS:
+        count = min(len(spread), len(points) // 4)
+        chosen = ensembles.rng.choice(len(spread), count, replace=False)
         history = np.concatenate([points, spread[chosen]])
         ensembles.adapt(history, components=components, parts=parts, screen=True)
         assert isinstance(ensembles.proposal, MixtureProposal)
-        proposal = _with_components(ensembles, ensembles.proposal, points, log_prob, fresh)
+        proposal = _with_components(
+            ensembles, ensembles.proposal, points, log_prob, 2 * len(spread)
+        )
         proposal = optimise_weights(proposal, points, log_prob, ensembles.rng)
         ensembles.proposal = proposal
         ensembles.reset_counts()
@@ -423,7 +364,7 @@ def _final_proposal(
             break
         progress(f"adapting further, acceptance {acceptance:.2f}")
         components, parts = MORE_COMPONENTS, 2 if excess > TWO_MAPS_EXCESS else 1
-    return acceptance, excess, count
+    return acceptance, excess
 
 
 def _with_components(

@@ -206,11 +206,6 @@ class Ensembles:
             member.independence.freeze()
             member.independence.reset_counts()
 
-    def unfreeze(self) -> None:
-        """Allow adaptation again; no draw from before may be kept."""
-        for member in self.members:
-            member.independence.frozen = False
-
     def adapt(
         self,
         history: np.ndarray,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from biaxbayes.sampling.adaptation import WarmUp, fit_again, warm_up
+from biaxbayes.sampling.adaptation import WarmUp, warm_up
 from biaxbayes.sampling.convergence import Convergence, assess
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
@@ -225,7 +225,7 @@ def draw(
     ensembles = ensembles_at(target, plan, state)
     clock = time.perf_counter()
     due = _judged_at(state.steps, plan)
-    convergence, quantities, a_step, fitting = None, None, 0.0, 0.0
+    convergence, quantities, a_step = None, None, 0.0
     if state.steps >= due:
         convergence, quantities = _judge(target, state, plan)
     interrupted = False
@@ -242,16 +242,10 @@ def draw(
             convergence, quantities = _judge(target, state, plan)
             state.finished = convergence.state == "converged"
             a_step = convergence.worst_ess / state.steps
-            if _needs_another_fit(state, plan):
-                began = time.perf_counter()
-                state = _fitted_again(ensembles, state, target, plan, progress)
-                convergence, due = None, _judged_at(0, plan)
-                fitting += time.perf_counter() - began
         progress(Progress("sampling", min(a_step * state.steps / plan.ess, 0.99)))
         if on_block:
             on_block(state)
-    seconds["sampling"] = time.perf_counter() - clock - fitting
-    seconds["warm-up"] = seconds.get("warm-up", 0.0) + fitting
+    seconds["sampling"] = time.perf_counter() - clock
     if convergence is None:
         none = np.empty(0)
         convergence = Convergence((), none, none, none, none, 0, "unusable", "stopped")
@@ -346,45 +340,6 @@ def _advance(ensembles: Ensembles, state: State, block: int, target: Target) -> 
         chain=kept,
         steps=state.steps + block,
         thin=thin,
-        evaluations=ensembles.evaluations,
-        rejected=target.counts.copy(),
-    )
-
-
-def _needs_another_fit(state: State, plan: Plan) -> bool:
-    """Whether draws of a provisional proposal have failed twice, and there is budget for others."""
-    twice = state.steps == _judged_at(plan.first_block + 1, plan)
-    return (
-        state.warmup.provisional and twice and not state.finished and state.steps < plan.max_steps
-    )
-
-
-def _fitted_again(
-    ensembles: Ensembles,
-    state: State,
-    target: Target,
-    plan: Plan,
-    progress: Callable[[Progress], None],
-) -> State:
-    """The state before the first kept step, with a proposal fitted to the draws so far."""
-    points = state.chain.reshape(-1, state.chain.shape[-1])
-    warmed = fit_again(
-        ensembles,
-        state.warmup.rounds,
-        points,
-        target.log_prob(points),
-        plan.population,
-        progress=lambda text: progress(Progress(f"warming up: {text}")),
-    )
-    assert isinstance(ensembles.proposal, MixtureProposal)
-    return replace(
-        state,
-        proposal=ensembles.proposal,
-        members=[m.snapshot() for m in ensembles.members],
-        chain=state.chain[:, :0],
-        steps=0,
-        thin=1,
-        warmup=warmed,
         evaluations=ensembles.evaluations,
         rejected=target.counts.copy(),
     )
