@@ -19,7 +19,7 @@ from biaxbayes.jobs.batch import Batch, SpecimenTask, try_specimen
 from biaxbayes.laws.goh import GOH
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.studies.result import Tried
+from biaxbayes.studies.result import Tried, rows_of_run
 from biaxbayes.studies.study_file import read_study
 
 MEDIA = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=38.0, kappa=0.1)
@@ -154,6 +154,40 @@ def test_a_repeat_starts_no_worker_and_writes_nothing_again(result, study):
     Batch(study, result.folder, Nobody()).execute()
     assert set(written()) == set(before)
     assert (result.folder / "study.html").read_text() != "changed"
+
+
+def test_a_repeat_opens_no_draws_unless_something_has_changed(result, study, monkeypatch):
+    opened = []
+
+    def rows(run):
+        opened.append(run.path.name)
+        return rows_of_run(run)
+
+    monkeypatch.setattr(batch_module, "rows_of_run", rows)
+    kept = result.folder / "runs" / "media" / "study-rows.json"
+    verdicts = kept.with_name("identifiability.csv")
+
+    def repeated():
+        opened.clear()
+        again = Batch(study, result.folder, Nobody()).execute()
+        pd.testing.assert_frame_equal(again.table, result.table)
+        return opened
+
+    assert repeated() == []
+    whole = kept.read_text()
+    for changed in ("", "{}", whole.replace('"rows"', '"said"')):
+        kept.write_text(changed)
+        assert repeated() == ["media"] and kept.read_text() == whole
+    record = json.loads(whole)
+    for rows_in_file in ("none", [1], [{"C1": 1.0}], [{"q50": "3.0"}], [{"state": None}]):
+        kept.write_text(json.dumps(record | {"said": {"rows": rows_in_file}}))
+        assert repeated() == ["media"] and kept.read_text() == whole
+    text = verdicts.read_text()
+    try:
+        verdicts.write_text(text + "\n")  # no row more
+        assert repeated() == ["media"] and repeated() == []
+    finally:
+        verdicts.write_text(text)
 
 
 def spy(monkeypatch):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from unittest import mock
@@ -23,9 +23,11 @@ def _no_verdicts(
     draws: Draws,
     laws: Beside[LawRange | None],
     *,
+    meanwhile: Callable[[], None],
     workers: int = 1,
 ) -> Identifiability:
     del folder, laws, workers
+    meanwhile()
     return Identifiability((), draws.convergence.state, 0, Thresholds(), posterior.law)
 
 

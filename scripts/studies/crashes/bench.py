@@ -149,9 +149,11 @@ class Bench:
             draws: Draws,
             laws: Beside[LawRange | None],
             *,
+            meanwhile: Callable[[], None],
             workers: int = 1,
         ) -> Identifiability:
             del posterior, draws, laws, workers
+            meanwhile()
             for name, content in products.items():
                 atomic_write_bytes(folder / name, content)
             return verdicts

@@ -23,7 +23,7 @@ from typing import Any
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.errors import BiaxbayesError, CannotResume, Interrupted, RunError
+from biaxbayes.errors import BiaxbayesError, CannotResume, InputError, Interrupted, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess, Outcome
 from biaxbayes.figures.run import DRAWING_MODULES
 from biaxbayes.jobs.sample import Sampling
@@ -32,6 +32,7 @@ from biaxbayes.reports.study_page import write_study
 from biaxbayes.runs.folder import STATES, is_run, manifest
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.run import Run, open_run
+from biaxbayes.runs.said import STUDY_ROWS, STUDY_ROWS_FROM, keep_said, said_before
 from biaxbayes.sampling.sampler import Progress
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.studies.result import (
@@ -42,6 +43,7 @@ from biaxbayes.studies.result import (
     LayersFound,
     StudyResult,
     Tried,
+    are_rows,
     donor_groups,
     read_entries,
     result_of,
@@ -122,7 +124,7 @@ def try_specimen(task: SpecimenTask) -> Tried:
             if not task.going.exists():
                 return Tried(INTERRUPTED, f"{socket.gethostname()} does not see the study folder")
             run = _run(task, notes)
-            return Tried(run.state, _reason(run), rows_of_run(run), notes)
+            return Tried(run.state, _reason(run), _rows(run), notes)
         except Interrupted as error:
             return Tried(INTERRUPTED, str(error))
         except BiaxbayesError as error:
@@ -171,6 +173,17 @@ def _run(task: SpecimenTask, notes: list[str]) -> Run:
             notes.append(f"sampled anew: {error}")
             folder = sampling.execute(resume=False, overwrite=True, progress=note, stop=stop)
     return open_run(folder)
+
+
+def _rows(run: Run) -> list[dict[str, Any]]:
+    """The rows of a run, kept in its folder: to open its draws again takes far longer."""
+    said = said_before(run.path, STUDY_ROWS, STUDY_ROWS_FROM) or {}
+    rows: list[dict[str, Any]] = said.get("rows", [])
+    if not (rows and are_rows(rows)):
+        rows = rows_of_run(run)
+        with contextlib.suppress(InputError):  # of a folder that cannot be written
+            keep_said(run.path, STUDY_ROWS, STUDY_ROWS_FROM, {"rows": rows})
+    return rows
 
 
 def _reason(run: Run) -> str:

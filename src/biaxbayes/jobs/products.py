@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from importlib import import_module
 from pathlib import Path
@@ -62,6 +62,7 @@ def write_products(
     draws: Draws,
     laws: Beside[LawRange | None],
     *,
+    meanwhile: Callable[[], None],
     workers: int = 1,
 ) -> Identifiability:
     """Write the products of a run into its folder; the verdicts.
@@ -69,7 +70,7 @@ def write_products(
     What ``identify`` says of the run is kept for it. Unusable draws get the traces that show why,
     and no figure of a posterior that is none. With two ``workers`` the figures are drawn beside the
     verdicts, the corner, which takes as long as the others, beside these, and the ``laws`` were
-    fitted beside the sampling.
+    fitted beside the sampling. ``meanwhile`` is called while the figures are drawn.
     """
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
@@ -83,6 +84,7 @@ def write_products(
             drawing.begin(("explore", (posterior, table, state)))
         if state != "converged":
             drawing.begin(("trace", (draws.quantities, posterior.specimen.unit, known)))
+        meanwhile()
         fits = laws.result() if state == "converged" else None
         found = identify_draws(posterior, table, state, fits=fits)
         found = found.with_held(held_edges(posterior, found.open_edges()))

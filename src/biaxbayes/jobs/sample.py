@@ -241,12 +241,17 @@ class Sampling:
             "beta": posterior.beta,
             "sampling_seed": self.plan.seed,
         }
-        write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
+
+        def archive() -> None:
+            write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
+
         table = summarise(
             draws.quantities, posterior.parameter_names, posterior.quantities, draws.convergence
         )
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
-        found = write_products(folder, posterior, draws, laws, workers=self.plan.workers)
+        found = write_products(
+            folder, posterior, draws, laws, meanwhile=archive, workers=self.plan.workers
+        )
         verdicts = {p.name: p.verdict for p in found.parameters}
         write_summary(folder / "summary.csv", with_verdicts(table, verdicts))
         record["identifiability"] = thresholds_record(found)

@@ -18,6 +18,8 @@ __all__ = [
     "IDENTIFIED",
     "IDENTIFIED_FIGURE",
     "IDENTIFIED_TABLES",
+    "STUDY_ROWS",
+    "STUDY_ROWS_FROM",
     "keep_said",
     "said_before",
     "seal_said",
@@ -28,6 +30,10 @@ IDENTIFIED = "identify.json"
 """What ``identify`` said of a run."""
 IDENTIFIED_TABLES = ("identifiability.csv", "determined.csv", "same-curves.csv")
 IDENTIFIED_FIGURE = "identifiability.pdf"
+
+STUDY_ROWS = "study-rows.json"
+"""What a study has in its tables of a run."""
+STUDY_ROWS_FROM = ("summary.csv", "identifiability.csv")
 
 READ = ("provenance.json", "specimen.csv", "posterior.nc", "law-fits.csv", "edges.csv")
 """What is read of a run to judge it."""

@@ -215,6 +215,8 @@ COLUMNS = (
     "effective_readings",
     "beta",
 )
+TEXTS = ("state", "reason", "kind", "quantity", "unit", "verdict", "stated_reason", "scale")
+"""Columns of a run that hold text; the others hold numbers."""
 LOG, LINEAR = "log", "linear"
 NOT_DETERMINED = "not determined"
 
@@ -258,6 +260,16 @@ def rows_of_run(run: Run) -> list[dict[str, Any]]:
             | ({f"stated_{k}": v for k, v in vars(stated[name]).items()} if name in stated else {})
         )
     return rows + ([common | row for row in _curve_rows(run, draws)] if usable else [])
+
+
+def are_rows(found: object) -> bool:
+    """Whether this could have come from :func:`rows_of_run`; it was read from a file."""
+    kinds = {name: str if name in TEXTS else (int, float) for name in COLUMNS[5:]}
+    return isinstance(found, list) and all(
+        isinstance(row, dict)
+        and all(isinstance(value, kinds.get(name, ())) for name, value in row.items())
+        for row in found
+    )
 
 
 def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[dict[str, Any]]:
