@@ -131,10 +131,15 @@ PAGES = {
             f"{CONVERT_AORTA} --out {{work}}/aorta.csv",
             f"{STUDY} leave_out {{work}}/aorta.csv --out {{work}}/leave-out.csv "
             "--page docs/model-error.md",
+            f"{STUDY} averaged_rows {{work}}/aorta.csv --folder {{work}}/averaged "
+            "--page docs/model-error.md",
             f"{STUDY} model_error run --specimens 105 --folder {{work}}/model-error "
             "--candidates effective",
             f"{STUDY} model_error table --specimens 105 --folder {{work}}/model-error "
             "--candidates effective --page docs/model-error.md",
+            f"{STUDY} model_error run --specimens 29 --folder {{work}}/model-error",
+            f"{STUDY} model_error table --specimens 29 --folder {{work}}/model-error "
+            "--page docs/model-error.md",
         ),
     ),
     "mounting-stretch": Page(
