@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
+from biaxbayes.options import PICTURES
 from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
@@ -23,11 +24,11 @@ if TYPE_CHECKING:
 __all__ = [
     "COLUMN_MM",
     "CREDIBLE",
-    "FORMATS",
     "MM",
     "OUTLINES",
     "PAGE_MM",
     "PREDICTIVE",
+    "PRINT_AND_SCREEN",
     "RUNS",
     "STYLE",
     "blank_figure",
@@ -41,6 +42,7 @@ __all__ = [
     "read_style",
     "return_memory",
     "save_figure",
+    "save_pictures",
     "settle",
 ]
 
@@ -50,7 +52,8 @@ COLUMN_MM, PAGE_MM = 85.0, 180.0
 """Widths of one column and of a page."""
 CREDIBLE, PREDICTIVE = 0.45, 0.18
 """Opacity of the two bands."""
-FORMATS = ("pdf", "svg", "png")
+PRINT_AND_SCREEN = ("pdf", "png")
+"""Formats of a figure that stands beside its tables."""
 
 # Okabe and Ito (2008): told apart with every common colour vision deficiency.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -400,14 +403,38 @@ def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | Non
     Raises
     ------
     InputError
-        If the ending is none of :data:`FORMATS`, or the file cannot be written.
+        If the ending is none of :data:`biaxbayes.options.PICTURES`, or the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower().removeprefix(".")
-    if suffix not in FORMATS:
+    if suffix not in PICTURES:
         raise InputError(
             f"cannot draw a figure as {path.suffix or 'a file without ending'!r}",
             file=path,
             remedy="let the name end with .pdf, .png or .svg",
         )
     atomic_write_bytes(path, figure_bytes(figure, suffix, style))
+
+
+def save_pictures(figure: Figure | None, folder: Path, stem: str) -> list[Path]:
+    """Write a figure for print and for the screen; what was written.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure or None
+        None where there is nothing to draw: pictures that are there go.
+    folder : Path
+    stem : str
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    paths = [folder / f"{stem}.{suffix}" for suffix in PRINT_AND_SCREEN]
+    for path in paths:
+        if figure is None:
+            path.unlink(missing_ok=True)
+        else:
+            save_figure(figure, path)
+    return [] if figure is None else paths

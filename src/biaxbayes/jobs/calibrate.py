@@ -25,7 +25,7 @@ from biaxbayes.calibration.simulated_specimen import (
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.figures.run.trace import rank_figure
-from biaxbayes.figures.style import save_figure
+from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors
 from biaxbayes.model.search import draw_posterior
@@ -242,9 +242,7 @@ class CalibrationStudy:
             raise NotConverged(f"no replication could be sampled: {reason}")
         table = calibration_table(ranked, RANKED_DRAWS)
         write_csv(self.folder / "calibration.csv", table, digits=4)
-        figure = rank_figure(ranked, RANKED_DRAWS)
-        for suffix in ("pdf", "png"):
-            save_figure(figure, self.folder / f"calibration.{suffix}")
+        save_pictures(rank_figure(ranked, RANKED_DRAWS), self.folder, "calibration")
         calibrated, p = verdict(table)
         return Outcome(table, {str(k): int(v) for k, v in states.items()}, calibrated, p)
 

@@ -12,7 +12,6 @@ from biaxbayes.jobs.opening import (
     RunLike,
     SpecimenLike,
     Tell,
-    draw_figure,
     is_run,
     made_folder,
     opened_run,
@@ -196,10 +195,11 @@ def ledger(
     found = lay_out(treated, stretches or None)
     if out is not None:
         from biaxbayes.figures.run.mounting import ledger_figure
+        from biaxbayes.figures.style import save_pictures
 
         folder = made_folder(out)
         write_table(folder, "ledger", found.table, "%.6g")
-        draw_figure(folder, "ledger", ledger_figure(found))
+        save_pictures(ledger_figure(found), folder, "ledger")
     return found
 
 
@@ -251,8 +251,9 @@ def design(
     )
     if out is not None:
         from biaxbayes.figures.design import design_figure
+        from biaxbayes.figures.style import save_pictures
 
         folder = made_folder(out)
         write_table(folder, "design", found.to_frame(), "%.5g")
-        draw_figure(folder, "design", design_figure(found))
+        save_pictures(design_figure(found), folder, "design")
     return found

@@ -244,7 +244,7 @@ def write_laws(compared: LawComparison, specimen: Specimen, folder: Path) -> Non
     folder : path
     """
     from biaxbayes.figures.laws import law_bands_figure, law_misfit_figure, law_mounting_figure
-    from biaxbayes.figures.style import save_figure
+    from biaxbayes.figures.style import save_pictures
     from biaxbayes.reports.comparison import laws_page
 
     write_csv(folder / "laws.csv", compared.table, digits=6)
@@ -259,6 +259,5 @@ def write_laws(compared: LawComparison, specimen: Specimen, folder: Path) -> Non
     }
     figures = {stem: figure for stem, figure in drawn.items() if figure is not None}
     for stem, figure in figures.items():
-        for suffix in ("pdf", "png"):
-            save_figure(figure, folder / f"{stem}.{suffix}")
+        save_pictures(figure, folder, stem)
     atomic_write_text(folder / PAGE, laws_page(compared, figures))

@@ -17,7 +17,6 @@ from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from biaxbayes.runs.run import Run
     from biaxbayes.sampling.sampler import Progress
@@ -29,7 +28,6 @@ __all__ = [
     "Stop",
     "Tell",
     "check_new",
-    "draw_figure",
     "is_run",
     "made_folder",
     "never",
@@ -205,14 +203,6 @@ def write_table(folder: Path, stem: str, table: pd.DataFrame, digits: str | None
     """Write ``<stem>.csv``; ``digits`` as in ``%.6g``, None for all."""
     text = table.to_csv(index=False, float_format=digits, lineterminator="\n")
     atomic_write_text(folder / f"{stem}.csv", text)
-
-
-def draw_figure(folder: Path, stem: str, figure: Figure) -> None:
-    """Save a figure for print and for the screen."""
-    from biaxbayes.figures.style import save_figure
-
-    for suffix in ("pdf", "png"):
-        save_figure(figure, folder / f"{stem}.{suffix}")
 
 
 def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:

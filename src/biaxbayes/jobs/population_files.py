@@ -15,7 +15,6 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.jobs.opening import draw_figure
 from biaxbayes.laws.law import Law
 from biaxbayes.parameters import MATERIAL, mounting_names
 from biaxbayes.populations.result import Population
@@ -245,11 +244,11 @@ def write_population(folder: Path, found: Population, identity: dict[str, Any]) 
 def _draw_figures(folder: Path, found: Population, tables: dict[str, pd.DataFrame]) -> None:
     """Forest, pairs and stress bands; none of draws that are unusable."""
     from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
+    from biaxbayes.figures.style import save_pictures
 
     if found.state == "unusable":
         for stem in FIGURES:
-            for suffix in ("pdf", "png"):
-                (folder / f"{stem}.{suffix}").unlink(missing_ok=True)
+            save_pictures(None, folder, stem)
         return
     specimen = found.sources[0].run.specimen
     parameters = [v.parameter for v in found.values]
@@ -269,7 +268,7 @@ def _draw_figures(folder: Path, found: Population, tables: dict[str, pd.DataFram
         ),
     )
     for stem, figure in zip(FIGURES, drawn, strict=True):
-        draw_figure(folder, stem, figure)
+        save_pictures(figure, folder, stem)
 
 
 def archive(found: Population) -> bytes:

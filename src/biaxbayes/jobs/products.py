@@ -13,7 +13,7 @@ import pandas as pd
 
 from biaxbayes.executors.beside import Beside, Standby
 from biaxbayes.figures.run import DRAWING_MODULES
-from biaxbayes.figures.style import figure_bytes, own_garbage, return_memory
+from biaxbayes.figures.style import PRINT_AND_SCREEN, figure_bytes, own_garbage, return_memory
 from biaxbayes.identifiability.held_edges import held_edges
 from biaxbayes.identifiability.identify import Identifiability, identify_draws
 from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["drawing_beside", "write_products"]
-
-FORMATS = ("pdf", "png")
 
 Task = tuple[str, tuple[Any, ...]]
 """What is drawn, by the stem of its files, and what of."""
@@ -119,7 +117,7 @@ def _drawn(task: Task) -> dict[str, bytes]:
         return {EXPLORE: explore_page(posterior, table, state, report=NAME).encode()}
     with own_garbage():
         figure = _figure(stem, *of)
-        pictures = {f"{stem}.{suffix}": figure_bytes(figure, suffix) for suffix in FORMATS}
+        pictures = {f"{stem}.{suffix}": figure_bytes(figure, suffix) for suffix in PRINT_AND_SCREEN}
         del figure
     return pictures
 

@@ -12,7 +12,6 @@ from biaxbayes.errors import InputError
 from biaxbayes.jobs.opening import (
     SpecimenLike,
     check_new,
-    draw_figure,
     made_folder,
     opened_specimen,
 )
@@ -225,6 +224,7 @@ def convert(
 
 def _choice(choice: Choice | None, taken: Mapping[str, Any]) -> Choice:
     """What to take from the files, from either way to say it."""
+    from biaxbayes.machines import FORMATS
     from biaxbayes.machines.conversion import Choice
 
     if choice is not None:
@@ -236,7 +236,7 @@ def _choice(choice: Choice | None, taken: Mapping[str, Any]) -> Choice:
         if name not in known:
             raise InputError(f"unknown option {name[:60]!r}", remedy=f"one of {', '.join(known)}")
     if "machine" not in taken:
-        raise InputError("no machine is given", remedy="machine='biotester' or 'generic'")
+        raise InputError("no machine is given", remedy=f"machine={' or '.join(map(repr, FORMATS))}")
     several = {
         name: (taken[name],) if isinstance(taken[name], str) else tuple(taken[name])
         for name in ("columns", "sets", "sheets")
@@ -346,6 +346,7 @@ def write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: str | Path
     import pandas as pd
 
     from biaxbayes.figures.specimen import fits_figure
+    from biaxbayes.figures.style import save_pictures
 
     target = made_folder(folder)
     rows = []
@@ -365,7 +366,7 @@ def write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: str | Path
             {**row, "at_bound": " ".join(at_bound), "what_it_does": FIT_WORDS[found.method]}
         )
     write_csv(target / "fits.csv", pd.DataFrame(rows), digits=8)
-    draw_figure(target, "fits", fits_figure(specimen, fits))
+    save_pictures(fits_figure(specimen, fits), target, "fits")
 
 
 @documented(FitOptions, without=("initial",))

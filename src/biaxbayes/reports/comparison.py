@@ -12,13 +12,13 @@ import biaxbayes
 from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.errors import InputError
-from biaxbayes.figures.style import figure_bytes
+from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, Stated, cure
 from biaxbayes.parameters import Quantities
 from biaxbayes.reports.page import embedded, page_template
 from biaxbayes.reports.study_page import named, unit_text
 from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
+from biaxbayes.text_files import atomic_write_text, write_csv
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,10 +88,7 @@ def write_comparison(found: Comparison, folder: Path) -> list[Path]:
             known=found.members[0].posterior.quantities,
         )
     for stem, figure in figures.items():
-        for suffix in ("pdf", "png"):
-            path = folder / f"compare-{stem}.{suffix}"
-            atomic_write_bytes(path, figure_bytes(figure, suffix))
-            written.append(path)
+        written += save_pictures(figure, folder, f"compare-{stem}")
     page = folder / "compare.html"
     atomic_write_text(page, _page(found, figures))
     return [*written, page]

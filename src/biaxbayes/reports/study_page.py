@@ -230,7 +230,6 @@ def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 TABLE, PAGE = "study", "study.html"
-PICTURES = ("pdf", "png")
 
 
 def write_study(result: StudyResult) -> list[Path]:
@@ -246,7 +245,7 @@ def write_study(result: StudyResult) -> list[Path]:
         What was written; ``study.parquet`` only where pyarrow is installed.
     """
     from biaxbayes.figures.compare import study_figure
-    from biaxbayes.figures.style import figure_bytes
+    from biaxbayes.figures.style import save_pictures
 
     folder = result.folder
     written = []
@@ -269,14 +268,7 @@ def write_study(result: StudyResult) -> list[Path]:
         atomic_write_bytes(path, parquet)
         written.append(path)
     some = np.isfinite(result.table["q50"].astype(float)).any()
-    figure = study_figure(result.table) if some else None
-    for suffix in PICTURES:
-        path = folder / f"{FIGURE}.{suffix}"
-        if figure is None:
-            path.unlink(missing_ok=True)
-        else:
-            atomic_write_bytes(path, figure_bytes(figure, suffix))
-            written.append(path)
+    written += save_pictures(study_figure(result.table) if some else None, folder, FIGURE)
     page = folder / PAGE
     atomic_write_text(page, study_page(result))
     return [*written, page]
