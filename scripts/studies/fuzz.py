@@ -55,6 +55,15 @@ def row(tally: Tally) -> list[str]:
     return [tally.reader, *(f"{n:,}" for n in counts), str(len(tally.problems))]
 
 
+def result(total: Tally) -> str:
+    """The sentence that the page opens with."""
+    fine = total.inputs - len(total.problems)
+    all_of_them = "all" if fine == total.inputs else f"{fine:,}"
+    return (
+        f"**Of {total.inputs:,} damaged inputs {all_of_them} were read or refused in one line.**\n"
+    )
+
+
 def main() -> int:
     """Run the study; exit code 1 when anything went wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -77,6 +86,7 @@ def main() -> int:
     print(text + f"slowest {total.slowest:.1f} s, {total.with_place} name a place in the file")
     if arguments.write:
         put(arguments.write, "fuzz", text)
+        put(arguments.write, "result fuzz", result(total))
     return int(bool(total.problems))
 
 

@@ -84,6 +84,16 @@ def report(tallies: list[Tally]) -> str:
     return table(HEAD, [t.row() for t in tallies])
 
 
+def result(tallies: list[Tally]) -> str:
+    """The sentence that the page opens with."""
+    trials, identical = (sum(getattr(t, k) for t in tallies) for k in ("trials", "identical"))
+    found = "every one" if identical == trials else f"{identical:,}"
+    return (
+        f"**Of {trials:,} runs that were killed or met a full disk {found} resumed to identical "
+        "values.**\n"
+    )
+
+
 def main() -> int:
     """Run the study; exit code 1 when anything was lost."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -105,6 +115,7 @@ def main() -> int:
             print(*tally.row(), f"{time.monotonic() - begun:.0f} s", sep=" | ", flush=True)
             if arguments.write:
                 put(arguments.write, "crashes", report(tallies))
+                put(arguments.write, "result crashes", result(tallies))
     print(report(tallies))
     return int(any(t.identical != t.trials or t.problems for t in tallies))
 
