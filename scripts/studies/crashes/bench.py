@@ -30,6 +30,7 @@ from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.reports import page
 from biaxbayes.runs import checkpoint
+from biaxbayes.runs.folder import PROVENANCE
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.text_files import atomic_write_bytes
@@ -38,6 +39,10 @@ from studies.page import DATA
 SPECIMEN = DATA / "donor2-adventitia.csv"
 SEED = 1
 PLENTY = 600.0  # seconds after which a trial counts as hung
+
+
+WRITTEN_BY_SAMPLE = ("specimen.csv", "posterior.nc", "fit.json", "summary.csv", PROVENANCE)
+"""Files of a run that are not made of its draws by ``write_products``."""
 
 
 @dataclass
@@ -134,12 +139,12 @@ class Bench:
         self.bytes = sum(p.stat().st_size for p in self.whole.iterdir())
 
     def copy_products(self) -> None:
-        """From here on, figures, verdicts and report are those of the whole run, not drawn again.
+        """From here on, what is made of the draws is that of the whole run, not made again.
 
         They are written by the program's own writer, call by call as if they had been.
         """
-        made = ("corner", "stress-bands", "identifiability", "trace")
-        products = {n: b for n, b in self.drawn.items() if Path(n).stem in made}
+        others = (*WRITTEN_BY_SAMPLE, page.NAME, checkpoint.NAME, checkpoint.PREVIOUS)
+        products = {n: b for n, b in self.drawn.items() if n not in others}
 
         verdicts = identify(open_run(self.whole))
 
@@ -164,8 +169,10 @@ class Bench:
         run_products.write_products = write_products
         page.write_report = write_report  # type: ignore[assignment]
         begun = time.monotonic()
-        assert ended(start(self.place / "again")) == 0, "the third run failed"
+        again = self.place / "again"
+        assert ended(start(again)) == 0, "the third run failed"
         self.seconds = time.monotonic() - begun
+        assert values(again) == self.values, "the third run is another one"
 
     def fresh(self, folder: Path, *, occupied: bool) -> Path:
         """An empty folder for a trial, or one with a finished run of another seed."""
