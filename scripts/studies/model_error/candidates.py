@@ -111,8 +111,9 @@ def sandwich(posterior: Posterior, found: Draws) -> dict[str, np.ndarray]:
         span = high - low
         folded = np.mod(moved[:, i] - low, 2.0 * span)  # mirrored at the edges
         moved[:, i] = low + np.where(folded > span, 2.0 * span - folded, folded)
-    moved = moved[np.isfinite(posterior.log_prob(moved))]
-    return posterior.natural(moved)
+    natural = posterior.natural(moved[np.isfinite(posterior.log_prob(moved))])
+    there = np.isfinite(natural["lp"])  # not so where a parameter underflows to 0
+    return {name: values[there] for name, values in natural.items()}
 
 
 def _rest_information(posterior: Posterior, x: np.ndarray, step: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ def write(folder: Path, seed: int, candidate: str, answer: Answer, cpu_s: float)
     np.savez_compressed(
         held,
         names=np.array(answer.draws.columns, dtype=str),
-        values=answer.draws.to_numpy(dtype=np.float32),
+        values=answer.draws.to_numpy(dtype=np.float64),
         state=answer.state,
         beta=answer.beta,
         cpu_s=cpu_s,
