@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 
 from studies import design, edges, intervals, verdicts
+from studies.benchmark import study as run
 from studies.benchmark import tables as benchmark
 from studies.model_error import study as model_error
 from studies.model_error import tables as coverage
@@ -189,6 +191,16 @@ def test_the_benchmark_says_what_was_not_reached(docs):
     plain = {key: case[key] for key in ("specimen", "noise", "ours", "emcee")}
     benchmark.write_page({"cases": [plain]}, docs / "benchmark.md")
     assert "## Agreement" not in (docs / "benchmark.md").read_text()
+
+
+def test_the_benchmark_goes_on_with_the_posteriors_it_has(tmp_path):
+    path, asked = tmp_path / "samplers.json", {"quick": False, "plain": True}
+    assert run.cases_of(path, asked) == []
+    cases = [{"specimen": "donor1", "noise": "effective"}]
+    path.write_text(json.dumps({**asked, "cases": cases}))
+    assert run.cases_of(path, asked) == cases
+    assert run.cases_of(path, asked | {"plain": False}) == []
+    assert run.cases_of(path, asked | {"quick": True}) == []
 
 
 def test_what_an_evaluation_and_whole_commands_cost(docs):

@@ -153,11 +153,16 @@ def main() -> None:
     parser.add_argument("--plain", action="store_true", help="ours and plain emcee only")
     parser.add_argument("--json", type=Path, help="write the figures to this file as well")
     parser.add_argument(
+        "--resume", action="store_true", help="keep the posteriors that are in this file already"
+    )
+    parser.add_argument(
         "--from-json", type=Path, nargs="+", help="write the page of earlier runs, joined"
     )
     parser.add_argument("--jobs", type=int, default=1, help="posteriors at a time, one core each")
     parser.add_argument("--write", type=Path, help="write the page")
     options = parser.parse_args()
+    if options.resume and not options.json:
+        parser.error("--resume goes on with a file: say which with --json")
     if options.from_json:
         found = joined(options.from_json)
     else:
@@ -181,11 +186,23 @@ def joined(paths: list[Path]) -> dict[str, Any]:
     return found | {"cases": list(cases.values())}
 
 
+def cases_of(path: Path, asked: dict[str, bool]) -> list[dict[str, Any]]:
+    """Posteriors of an earlier run with the same options; none where there was no such run."""
+    if not path.exists():
+        return []
+    read = json.loads(path.read_text())
+    return list(read["cases"]) if all(read.get(key) == asked[key] for key in asked) else []
+
+
 def measured(options: argparse.Namespace) -> dict[str, Any]:
     """All figures."""
     names = SPECIMENS[-1:] if options.quick else [n for n in SPECIMENS if options.only in n]
     tasks = [(name, noise, options.quick, options.plain) for name in names for noise in NOISES]
-    found: dict[str, Any] = {"quick": options.quick, "cases": []}
+    asked = {"quick": options.quick, "plain": options.plain}
+    kept = cases_of(options.json, asked) if options.resume else []
+    done = {(case["specimen"], case["noise"]) for case in kept}
+    tasks = [task for task in tasks if task[:2] not in done]
+    found: dict[str, Any] = {**asked, "cases": kept}
     if not options.samplers:
         specimen = read_specimen(DATA / "donor2-media.csv")
         evaluation, exponentials, rows = density_cost(specimen)
@@ -196,7 +213,7 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
             "by_law": cost_of_laws(specimen),
             "commands": [asdict(c) for c in whole_commands(DATA, cold=not options.quick)],
         }
-    if options.costs:
+    if options.costs or not tasks:
         return found
     context = multiprocessing.get_context("spawn")
     with context.Pool(options.jobs, maxtasksperchild=1) as pool:
