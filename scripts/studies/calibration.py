@@ -243,14 +243,21 @@ def _summary(found: dict, tables: dict) -> list[str]:
         if case.noise == "effective":
             said = "coverage only"
         own = ", per-protocol" if case.mounting_stretch != "shared" else ""
-        loose = ", loose" if case.loose else ""
+        noise = case.noise + (", loose" if case.loose else "")
+        noise += f"; broken: {case.broken}" if case.broken else ""
         rows.append(
-            [case.specimen, case.mounting + own, case.noise + loose, case.broken or "-"]
-            + [len(states), int((states != "converged").sum()), f"{outside} of {len(judged)}"]
-            + [f"{p:.2g}", said]
+            [
+                case.specimen,
+                case.mounting + own,
+                noise,
+                said,
+                f"{p:.2g}" if p > 1e-15 else "< 1e-15",
+            ]
+            + [f"{outside} of {len(judged)}"]
+            + [f"{len(states)} ({int((states != 'converged').sum())})"]
         )
-    header = ["specimen", "mounting", "noise", "broken on purpose", "replications", "not converged"]
-    header += ["quantities outside their band", "p, all together", ""]
+    header = ["specimen", "mounting", "noise", "ranks", "p, all together"]
+    header += ["quantities outside their band", "replications (not converged)"]
     lines = table(header, rows, left=4).splitlines()
     missing = "; ".join(title(case) for case in CASES if case not in found)
     lines += ["", "[Every quantity of every study](tables/calibration.csv)"]
