@@ -245,16 +245,11 @@ def _summary(found: dict, tables: dict) -> list[str]:
         own = ", per-protocol" if case.mounting_stretch != "shared" else ""
         noise = case.noise + (", loose" if case.loose else "")
         noise += f"; broken: {case.broken}" if case.broken else ""
+        shown = f"{p:.2g}" if p > LEAST_P else f"< {LEAST_P:g}"
+        count, short = len(states), int((states != "converged").sum())
         rows.append(
-            [
-                case.specimen,
-                case.mounting + own,
-                noise,
-                said,
-                f"{p:.2g}" if p > 1e-15 else "< 1e-15",
-            ]
-            + [f"{outside} of {len(judged)}"]
-            + [f"{len(states)} ({int((states != 'converged').sum())})"]
+            [case.specimen, case.mounting + own, noise, said, shown]
+            + [f"{outside} of {len(judged)}", f"{count} ({short})"]
         )
     header = ["specimen", "mounting", "noise", "ranks", "p, all together"]
     header += ["quantities outside their band", "replications (not converged)"]
@@ -264,6 +259,8 @@ def _summary(found: dict, tables: dict) -> list[str]:
     return [*lines, "", f"Not run yet: {missing}."] if missing else lines
 
 
+LEAST_P = 1e-15
+"""What is less is rounding."""
 TITLE = "# Calibration\n"
 METHOD = """## How it is checked
 

@@ -209,10 +209,10 @@ def _rates_text(samplers: pd.DataFrame) -> list[str]:
     header = ["specimen", "noise", "draws a second: ours", "emcee", "ratio", "seconds: ours"]
     return _section(
         "Ours and emcee",
-        "Draws a second exclude warm-up and are of one seed, on which they depend: from one of six "
-        "seeds to another by a factor of seven on donor2-media with effective noise. The stretch "
-        "move in natural parameters runs on the same "
-        "compiled density, in four ensembles of 64. Seconds are wall time from the deterministic "
+        "Draws a second exclude warm-up and are of one seed, on which they depend (by a factor of "
+        "seven over six seeds of donor2-media with effective noise, on 2026-11-23). The stretch "
+        "move in natural parameters runs on the same compiled density, in four ensembles of 64. "
+        "Seconds are wall time from the deterministic "
         "fit to R-hat below 1.01 over four ensembles and an ESS of 2,000, both judged after short "
         "blocks by the same function, whose own time is left out: medians over five seeds, the "
         "fastest and the slowest. Plain emcee had 20 times as long as ours, 20 s at least, and one "
