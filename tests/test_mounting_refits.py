@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.identifiability.identify import identify_draws
+from biaxbayes.identifiability.identify import identify_draws, record_fits
 from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.jobs.identified import write_identifiability
@@ -81,6 +81,18 @@ def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
         assert row.evidence.refits[0] < true < row.evidence.refits[1]
         assert "rests on the model's toe, which these data contradict" in row.words
     assert found["C1"].verdict != NOT_IDENTIFIED
+
+
+def test_fits_made_beforehand_are_those_that_would_be_made():
+    posterior = prepare(missed())
+    draws = narrow_draws(posterior)
+    parts = record_fits(posterior).parts
+    given = identify_draws(posterior, draws, "converged", refits=lambda _: parts)
+    made = identify_draws(posterior, draws, "converged")
+    pd.testing.assert_frame_equal(given.to_frame(), made.to_frame())
+    without = identify_draws(posterior, draws, "converged", refits=lambda _: None)
+    assert without[NAMES[0]].evidence.refits is None
+    assert without[NAMES[0]].verdict != NOT_IDENTIFIED
 
 
 def test_an_interval_as_wide_as_the_refits_stands():

@@ -8,8 +8,7 @@ from pathlib import Path
 from unittest import mock
 
 from biaxbayes.executors.beside import Beside
-from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
+from biaxbayes.identifiability.identify import Identifiability, RecordFits
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Draws
@@ -21,12 +20,12 @@ def _no_verdicts(
     folder: Path,
     posterior: Posterior,
     draws: Draws,
-    laws: Beside[LawRange | None],
+    fits: Beside[RecordFits],
     *,
     meanwhile: Callable[[], None],
     workers: int = 1,
 ) -> Identifiability:
-    del folder, laws, workers
+    del folder, fits, workers
     meanwhile()
     return Identifiability((), draws.convergence.state, 0, Thresholds(), posterior.law)
 

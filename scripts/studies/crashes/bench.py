@@ -23,8 +23,7 @@ from biaxbayes.cli import group
 from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
 from biaxbayes.executors.beside import Beside
-from biaxbayes.identifiability.identify import Identifiability, identify
-from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
+from biaxbayes.identifiability.identify import Identifiability, RecordFits, identify
 from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
@@ -152,12 +151,12 @@ class Bench:
             folder: Path,
             posterior: Posterior,
             draws: Draws,
-            laws: Beside[LawRange | None],
+            fits: Beside[RecordFits],
             *,
             meanwhile: Callable[[], None],
             workers: int = 1,
         ) -> Identifiability:
-            del posterior, draws, laws, workers
+            del posterior, draws, fits, workers
             meanwhile()
             for name, content in products.items():
                 atomic_write_bytes(folder / name, content)

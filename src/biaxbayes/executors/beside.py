@@ -38,16 +38,20 @@ class Beside(Generic[Result]):
         Without arguments; it writes nothing but caches, and its result can be pickled.
     workers : int
         Processors that may be used; with one the work waits for :meth:`result`.
+    gives_way : bool
+        Whether other processes have precedence: there is time until its result is asked for.
     """
 
-    def __init__(self, work: Callable[[], Result], workers: int) -> None:
+    def __init__(
+        self, work: Callable[[], Result], workers: int, *, gives_way: bool = False
+    ) -> None:
         self._work = work
         self._process: Any = None
         if not _may_fork(workers):
             return
         context = multiprocessing.get_context("fork")
         self._answer, answer = context.Pipe(duplex=False)
-        arguments = (work, answer, os.getpid())
+        arguments = (_giving_way(work) if gives_way else work, answer, os.getpid())
         self._process = context.Process(target=_send, args=arguments, daemon=True)
         with answer, contextlib.suppress(OSError):  # no memory, no more processes
             self._process.start()
@@ -170,6 +174,18 @@ def _alone() -> bool:
     """
     others = set(threading.enumerate()) - {threading.current_thread()}
     return all(type(thread).__module__.startswith("rich.") for thread in others)
+
+
+GIVES_WAY = 10
+"""How much nicer, of at most 20: beside others on one processor it gets a tenth of it."""
+
+
+def _giving_way(work: Callable[[], Result]) -> Callable[[], Result]:
+    def nicely() -> Result:
+        os.nice(GIVES_WAY)
+        return work()
+
+    return nicely
 
 
 PR_SET_PDEATHSIG = 1  # of prctl(2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import io
+import os
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -263,7 +264,8 @@ def _canvas() -> type[FigureCanvasAgg]:
     from matplotlib.mathtext import MathTextParser
 
     settings = [k for k in mpl.rcParams if k.startswith("mathtext.") or k == "text.hinting"]
-    known: dict[Any, Any] = {}
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=_forget_symbols)
 
     class Symbols(MathTextParser):
         def parse(
@@ -271,11 +273,11 @@ def _canvas() -> type[FigureCanvasAgg]:
         ) -> Any:
             style = tuple(str(mpl.rcParams[k]) for k in settings)
             key = (s, dpi, prop and prop.copy(), antialiased, style)
-            if key not in known:
-                if len(known) >= MOST_SYMBOLS:
-                    known.clear()
-                known[key] = super().parse(s, dpi, prop, antialiased=antialiased)
-            return known[key]
+            if key not in _typeset:
+                if len(_typeset) >= MOST_SYMBOLS:
+                    _typeset.clear()
+                _typeset[key] = super().parse(s, dpi, prop, antialiased=antialiased)
+            return _typeset[key]
 
     symbols = Symbols("path")
 
@@ -290,6 +292,19 @@ def _canvas() -> type[FigureCanvasAgg]:
 
 MOST_SYMBOLS = 1000
 """Kept typeset."""
+_typeset: dict[Any, Any] = {}
+
+
+def _forget_symbols() -> None:
+    """Let go of typeset symbols, whose fonts are files that the process that forked reads, too.
+
+    Both would move the place at which the other one reads: letters out of place, or none. Of
+    matplotlib's two caches that hold fonts one is emptied at a fork by itself.
+    """
+    from matplotlib.mathtext import MathTextParser
+
+    _typeset.clear()
+    MathTextParser._parse_cached.cache_clear()  # type: ignore[attr-defined]
 
 
 def layout(*, across_mm: float = 0.7, down_mm: float = 0.7, **how: Any) -> ConstrainedLayoutEngine:

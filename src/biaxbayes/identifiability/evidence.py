@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,17 +19,19 @@ from biaxbayes.identifiability.marginals import (
     edge_distances,
     find_edges,
 )
-from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
+from biaxbayes.identifiability.mounting_stretch.toe import MountingRefits, mounting_refits
 from biaxbayes.identifiability.sloppiness import Partners, find_partners
 from biaxbayes.identifiability.verdict import Evidence, Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.parameters import STRETCH
 
-__all__ = ["Found", "evidence_of_draws", "evidence_of_run"]
+__all__ = ["Found", "Refits", "evidence_of_draws", "evidence_of_run"]
 
 Found = tuple[Evidence, Density, Density]
 """Evidence on a parameter, with the densities of its prior and its posterior."""
+Refits = Callable[[Posterior], MountingRefits | None]
+"""Fits to parts of the record of a posterior."""
 
 
 def evidence_of_run(
@@ -38,6 +40,8 @@ def evidence_of_run(
     every: pd.DataFrame,
     free: tuple[Scale, ...],
     thresholds: Thresholds,
+    *,
+    refits: Refits = mounting_refits,
 ) -> dict[str, Found]:
     """What the draws of a posterior tell of its parameters, by name.
 
@@ -52,6 +56,8 @@ def evidence_of_run(
     free : tuple of Scale
         With a prior each.
     thresholds : Thresholds
+    refits : callable
+        Fits to parts of the record, of the posterior.
     """
     found = evidence_of_draws(
         free,
@@ -61,9 +67,10 @@ def evidence_of_run(
         edge_distances(draws, posterior.specimen, posterior.law),
         thresholds,
     )
-    return _with_refits(
-        _with_prior_ends(found, posterior, free, every), posterior, free, thresholds
-    )
+    mounting = [s for s in free if s.parameter.kind == STRETCH]
+    found = _with_prior_ends(found, posterior, mounting, every)
+    parts = refits(posterior) if mounting else None
+    return found if parts is None else _with_refits(found, parts, mounting, thresholds)
 
 
 def evidence_of_draws(
@@ -112,12 +119,12 @@ def evidence_of_draws(
 
 
 def _with_prior_ends(
-    found: dict[str, Found], posterior: Posterior, free: tuple[Scale, ...], every: pd.DataFrame
+    found: dict[str, Found], posterior: Posterior, mounting: Sequence[Scale], every: pd.DataFrame
 ) -> dict[str, Found]:
     """Ends of mounting stretches that their prior decides, where it is no measurement."""
     out = dict(found)
-    for scale in free:
-        if scale.parameter.kind != STRETCH or posterior.specimen.metadata.get(scale.name):
+    for scale in mounting:
+        if posterior.specimen.metadata.get(scale.name):
             continue
         e, before, after = found[scale.name]
         values = every[scale.name].to_numpy(dtype=float)
@@ -128,15 +135,11 @@ def _with_prior_ends(
 
 def _with_refits(
     found: dict[str, Found],
-    posterior: Posterior,
-    free: tuple[Scale, ...],
+    refits: MountingRefits,
+    mounting: Sequence[Scale],
     thresholds: Thresholds,
 ) -> dict[str, Found]:
     """Ranges of the mounting stretches in fits to parts of a record that the model misses."""
-    mounting = [s for s in free if s.parameter.kind == STRETCH]
-    refits = mounting_refits(posterior) if mounting else None
-    if refits is None:
-        return found
     out = dict(found)
     for scale in mounting:
         assert isinstance(scale.prior, Prior | DrawnPrior)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.evidence import Found, evidence_of_run
+from biaxbayes.identifiability.evidence import Found, Refits, evidence_of_run
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edges
 from biaxbayes.identifiability.marginals import (
     Density,
@@ -27,6 +27,7 @@ from biaxbayes.identifiability.mounting_stretch.law_range import (
     law_fits,
 )
 from biaxbayes.identifiability.mounting_stretch.stated import Stated, stated_mounting
+from biaxbayes.identifiability.mounting_stretch.toe import MountingRefits, mounting_refits
 from biaxbayes.identifiability.verdict import (
     FIXED,
     NO_VERDICT,
@@ -44,10 +45,12 @@ from biaxbayes.parameters import MATERIAL, STRETCH
 __all__ = [
     "Identifiability",
     "ParameterVerdict",
+    "RecordFits",
     "fits_of_laws",
     "identify",
     "identify_draws",
     "judged",
+    "record_fits",
 ]
 
 MOST_DRAWS = 20_000
@@ -257,6 +260,31 @@ def fits_of_laws(posterior: Posterior) -> LawRange | None:
     )
 
 
+class RecordFits(NamedTuple):
+    """Least squares to a record that verdicts on its posterior need, whatever the draws are.
+
+    Attributes
+    ----------
+    laws : LawRange or None
+        From :func:`fits_of_laws`.
+    parts : MountingRefits or None
+        From :func:`.mounting_stretch.toe.mounting_refits`.
+    """
+
+    laws: LawRange | None
+    parts: MountingRefits | None
+
+
+def record_fits(posterior: Posterior) -> RecordFits:
+    """Fits of other laws, and of parts of the record, to the record of a posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    """
+    return RecordFits(fits_of_laws(posterior), mounting_refits(posterior))
+
+
 def identify_draws(
     posterior: Posterior,
     draws: pd.DataFrame,
@@ -264,6 +292,7 @@ def identify_draws(
     *,
     thresholds: Thresholds | None = None,
     fits: LawRange | None = None,
+    refits: Refits = mounting_refits,
     stated: Mapping[str, Stated] | None = None,
     priors: Mapping[str, Prior | DrawnPrior | Tie | float] | None = None,
 ) -> Identifiability:
@@ -282,6 +311,8 @@ def identify_draws(
     fits : LawRange, optional
         From :func:`fits_of_laws`: without them, or without a verdict, nothing is stated of the
         tissue.
+    refits : callable
+        Fits to parts of the record, of the posterior; for who made them beforehand.
     stated : mapping of str to Stated, optional
         What is stated already of the mounting stretches of the tissue.
     priors : mapping, optional
@@ -291,7 +322,11 @@ def identify_draws(
     every, draws = draws, draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     scales = judged_scales(priors or posterior.priors, posterior.quantities, draws)
     free = tuple(s for s in scales if isinstance(s.prior, Prior | DrawnPrior))
-    evidence = {} if state == "unusable" else evidence_of_run(posterior, draws, every, free, chosen)
+    evidence = (
+        {}
+        if state == "unusable"
+        else evidence_of_run(posterior, draws, every, free, chosen, refits=refits)
+    )
     fits = fits if state == "converged" else None
     if stated is None or state != "converged":
         stated = _stated(posterior, evidence, fits)

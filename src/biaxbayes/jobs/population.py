@@ -98,7 +98,7 @@ class PopulationJob:
                 ess=self.options.ess,
                 max_steps=self.options.max_steps,
                 seed=self.options.seed,
-                workers=self.options.threads,
+                workers=self.options.processors,
             )
             identity = self._identity(sources, grouping, values, plan)
             state = self._resumed(identity, resume, progress)

@@ -9,15 +9,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from biaxbayes.executors.beside import Beside, Standby
 from biaxbayes.figures.run import DRAWING_MODULES
 from biaxbayes.figures.style import PRINT_AND_SCREEN, figure_bytes, own_garbage, return_memory
 from biaxbayes.identifiability.held_edges import held_edges
-from biaxbayes.identifiability.identify import Identifiability, identify_draws
-from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
+from biaxbayes.identifiability.identify import Identifiability, RecordFits, identify_draws
 from biaxbayes.jobs.identified import said_of, with_curves, write_tables
+from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.archive import flatten
 from biaxbayes.runs.said import IDENTIFIED, write_said
@@ -58,7 +59,7 @@ def write_products(
     folder: Path,
     posterior: Posterior,
     draws: Draws,
-    laws: Beside[LawRange | None],
+    fits: Beside[RecordFits],
     *,
     meanwhile: Callable[[], None],
     workers: int = 1,
@@ -67,8 +68,8 @@ def write_products(
 
     What ``identify`` says of the run is kept for it. Unusable draws get the traces that show why,
     and no figure of a posterior that is none. With two ``workers`` the figures are drawn beside the
-    verdicts, the corner, which takes as long as the others, beside these, and the ``laws`` were
-    fitted beside the sampling. ``meanwhile`` is called while the figures are drawn.
+    verdicts, the corner, which takes as long as the others, beside these, and the ``fits`` to the
+    record were made beside the sampling. ``meanwhile`` is called while the figures are drawn.
     """
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
@@ -83,8 +84,11 @@ def write_products(
         if state != "converged":
             drawing.begin(("trace", (draws.quantities, posterior.specimen.unit, known)))
         meanwhile()
-        fits = laws.result() if state == "converged" else None
-        found = identify_draws(posterior, table, state, fits=fits)
+        if state == "converged":
+            laws, parts = fits.result()
+            found = identify_draws(posterior, table, state, fits=laws, refits=lambda _: parts)
+        else:
+            found = identify_draws(posterior, table, state)
         found = found.with_held(held_edges(posterior, found.open_edges()))
         if state != "unusable":
             drawing.begin(("identifiability", (found,)))
@@ -99,9 +103,17 @@ def write_products(
 
 
 def _ready() -> None:
-    """Import what all figures need."""
+    """Import what all figures need, and do with a small one what is done once in a process."""
     for name in DRAWING_MODULES:
         import_module(name)
+    _drawn(("corner", (_example(), None)))
+
+
+def _example() -> pd.DataFrame:
+    """Draws for a small corner plot."""
+    names = [parameter.name for parameter in law_named(DEFAULT_LAW).parameters]
+    random = np.random.default_rng(0)
+    return pd.DataFrame({name: random.uniform(0.4, 0.6, 400) for name in names[:3]})
 
 
 def _drawn(task: Task) -> dict[str, bytes]:

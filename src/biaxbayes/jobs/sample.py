@@ -8,13 +8,13 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
 from biaxbayes.executors.beside import Beside
-from biaxbayes.identifiability.identify import fits_of_laws
-from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
+from biaxbayes.identifiability.identify import RecordFits, record_fits
 from biaxbayes.identifiability.mounting_stretch.toe import swapped_columns
 from biaxbayes.jobs.opening import opened_specimen, readable_specimen
 from biaxbayes.laws import law_named
@@ -96,7 +96,7 @@ class Sampling:
         findings = (*findings, *_too_few_protocols(specimen, options["law"]))
         specimen, options = _fitting_options(specimen, options, source)
         Posterior(specimen, **options, beta=1.0)  # refuses what cannot be sampled, before a folder
-        plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.threads)
+        plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.processors)
         return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
 
     def execute(
@@ -135,7 +135,7 @@ class Sampling:
                 tell(Progress("fitting", note=str(swapped)))
             fit_seconds = time.perf_counter() - fit_clock
             state = self._resumed(posterior, resume, tell)
-            with Beside(lambda: fits_of_laws(posterior), self.plan.workers) as laws:
+            with Beside(partial(record_fits, posterior), self.plan.workers, gives_way=True) as fits:
                 draws = draw_posterior(
                     posterior,
                     self.plan,
@@ -153,7 +153,7 @@ class Sampling:
                 if state is None:
                     draws.seconds["fit"] += fit_seconds
                 draws.seconds["before output"] = time.perf_counter() - clock
-                self._write(posterior, draws, laws, clock, tell)
+                self._write(posterior, draws, fits, clock, tell)
         return self.folder
 
     def _interruption(self, draws: Draws, signal: int) -> Interrupted:
@@ -203,7 +203,7 @@ class Sampling:
         self,
         posterior: Posterior,
         draws: Draws,
-        laws: Beside[LawRange | None],
+        fits: Beside[RecordFits],
         clock: float,
         tell: Callable[[Progress], None],
     ) -> None:
@@ -215,14 +215,14 @@ class Sampling:
                 tell(Progress("writing", note=note))
 
         with staged(self.folder, gone) as folder:
-            self._write_files(folder, posterior, draws, laws, clock)
+            self._write_files(folder, posterior, draws, fits, clock)
 
     def _write_files(
         self,
         folder: Path,
         posterior: Posterior,
         draws: Draws,
-        laws: Beside[LawRange | None],
+        fits: Beside[RecordFits],
         clock: float,
     ) -> None:
         from biaxbayes.jobs.identified import thresholds_record
@@ -250,7 +250,7 @@ class Sampling:
         )
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
         found = write_products(
-            folder, posterior, draws, laws, meanwhile=archive, workers=self.plan.workers
+            folder, posterior, draws, fits, meanwhile=archive, workers=self.plan.workers
         )
         verdicts = {p.name: p.verdict for p in found.parameters}
         write_summary(folder / "summary.csv", with_verdicts(table, verdicts))

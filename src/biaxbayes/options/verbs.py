@@ -52,7 +52,7 @@ WANTED = "Effective draws wanted."
 
 @dataclass(frozen=True)
 class SamplingPlan(Options):
-    """How much is sampled, and by how many threads.
+    """How much is sampled, and by how many processors.
 
     Attributes
     ----------
@@ -63,17 +63,17 @@ class SamplingPlan(Options):
     max_steps : int
         Kept steps of each ensemble at which the sampler gives up.
     workers : int, optional
-        Threads; default the number of processors, at most four.
+        Processors to use; default all of them, at most four.
     """
 
     seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
     ess: float = option(2000.0, WANTED, least=50, most=MOST)
     max_steps: int = option(20_000, "When to give up.", least=128, most=MOST)
-    workers: int | None = option(None, "Threads [processors, at most 4].", kind=int, least=1)
+    workers: int | None = option(None, "Processors to use [all, at most 4].", kind=int, least=1)
 
     @property
-    def threads(self) -> int:
-        """Threads to use."""
+    def processors(self) -> int:
+        """Processors to use."""
         return min(os.cpu_count() or 1, 4) if self.workers is None else int(self.workers)
 
 
@@ -126,9 +126,9 @@ class PopulationOptions(Options):
     workers: int | None = option(None, stated(SamplingPlan)["workers"].words, kind=int, least=1)
 
     @property
-    def threads(self) -> int:
-        """Threads to use."""
-        return SamplingPlan(workers=self.workers).threads
+    def processors(self) -> int:
+        """Processors to use."""
+        return SamplingPlan(workers=self.workers).processors
 
 
 @dataclass(frozen=True)
