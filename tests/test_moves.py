@@ -19,8 +19,9 @@ from biaxbayes.sampling import independence_move as moves
 from biaxbayes.sampling.convergence import autocorrelation_time, split_rhat
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
+from biaxbayes.sampling.mixture_fit import fit_mixture
 from biaxbayes.sampling.proposal import TransportedMixture, first_proposal, fit_transported_mixture
-from biaxbayes.sampling.student_mixture import StudentMixture, fit_mixture
+from biaxbayes.sampling.student_mixture import StudentMixture
 from biaxbayes.sampling.target import bounds_array
 from biaxbayes.sampling.transport_map import fit_transport_map
 

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import threading
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -22,8 +23,11 @@ from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import COLUMNS
-from biaxbayes.sampling.convergence import effective_sample_size
-from biaxbayes.sampling.sampler import Plan
+from biaxbayes.sampling.convergence import assess, effective_sample_size
+from biaxbayes.sampling.ensembles import Ensembles
+from biaxbayes.sampling.proposal import MixtureProposal
+from biaxbayes.sampling.sampler import Plan, State, _judge
+from biaxbayes.sampling.target import Target
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from quick_posteriors import runs_without_figures, without_figures
 
@@ -109,6 +113,76 @@ def test_noisy_tends_to_exact_as_the_load_noise_vanishes_but_only_with_its_deter
 
 
 # --- seeds, workers, interruption -------------------------------------------------------------
+
+
+def advanced(workers, blocks=(5, 3)):
+    """Ensembles on half a normal density that counts: what they made, they, and the counts."""
+    counts = np.zeros(2, dtype=np.int64)
+
+    def log_density(x):
+        inside = x[:, 0] >= 0.0
+        counts[:] += inside.sum(), (~inside).sum()
+        return np.where(inside, -0.5 * (x**2).sum(axis=1), -np.inf)
+
+    rng = np.random.default_rng(3)
+    starts = [np.abs(rng.standard_normal((16, 2))) for _ in range(4)]
+    ensembles = Ensembles(
+        log_density, starts, np.random.SeedSequence(1), counts=counts, workers=workers
+    )
+    made = [ensembles.run(blocks[0])]
+    ensembles.adapt(made[0][0].reshape(-1, 2))
+    ensembles.set_share(0.7)
+    made.append(ensembles.run(blocks[1]))
+    return made, ensembles, counts
+
+
+@pytest.mark.parametrize("workers", [2, 3, 8])
+@pytest.mark.parametrize("among_threads", [False, True])
+def test_ensembles_are_the_same_in_whatever_process_they_advance(workers, among_threads):
+    alone, expected, counts = advanced(1)
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)  # beside which nothing is forked
+    if among_threads:
+        other.start()
+    try:
+        made, found, counted = advanced(workers)
+    finally:
+        done.set()
+    for block, same in zip(made, alone, strict=True):
+        np.testing.assert_array_equal(block[0], same[0])
+        np.testing.assert_array_equal(block[1], same[1])
+    assert counted.tolist() == counts.tolist() and counts.min() > 0
+    assert found.evaluations == expected.evaluations == counts.sum()
+    assert found.acceptance == expected.acceptance > 0.0
+    np.testing.assert_array_equal(found.run(4)[0], expected.run(4)[0])
+
+
+def test_judging_is_cut_short_where_it_can_only_say_go_on():
+    target = Target(lambda x: -0.5 * (x**2).sum(axis=1), np.full((2, 2), [-np.inf, np.inf]))
+    chain = np.random.default_rng(5).standard_normal((4, 120, 8, 2))
+    state = State(
+        frame={},
+        proposal=MixtureProposal(np.ones(1), ()),
+        members=[],
+        chain=chain,
+        steps=120,
+        thin=1,
+        warmup=None,
+        evaluations=0,
+        rejected=target.counts,
+    )
+    plan = Plan(ess=200, max_steps=240)
+    assert _judge(target, state, plan)[0].state == "converged"
+    stands = chain.copy()
+    stands[2, 30:72, 5] = stands[2, 30, 5]  # 42 of 120 steps
+    state = replace(state, chain=stands)
+    found, quantities, share = _judge(target, state, plan)
+    assert found is None and 0.0 < share < 1.0
+    assert assess(quantities, target_ess=plan.ess).state != "converged"
+    # with no step left, what is to be said is said
+    assert _judge(target, state, replace(plan, max_steps=120))[0].state != "converged"
+    stands[2, 68:72, 5] += 1.0  # 38 of them
+    assert _judge(target, replace(state, chain=stands), plan)[0] is not None
 
 
 @pytest.fixture(scope="module")

@@ -61,7 +61,6 @@ WORKER_MODULES = (
     "biaxbayes.jobs.identified",
     "biaxbayes.jobs.products",
     "biaxbayes.reports.page",
-    "sklearn.mixture",
     "xarray",
     "jinja2",
     *DRAWING_MODULES,

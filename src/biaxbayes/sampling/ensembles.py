@@ -1,21 +1,22 @@
 """Independent ensembles of walkers on one density, and how they are warmed up.
 
-Each ensemble has its own random numbers, so that the draws do not depend on how many threads
-the ensembles share. The compiled density releases the interpreter lock: threads keep every core
-busy without the cost of starting processes.
+Each ensemble has its own random numbers, so that the draws do not depend on how many processes
+share the ensembles. Between two calls of a compiled density there is as much work for the
+interpreter, of which threads would have one among them.
 """
 
 from __future__ import annotations
 
-import threading
+import contextlib
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from functools import partial
+from typing import Any, TypeAlias
 
 import emcee
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from biaxbayes.executors.beside import Beside
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import Proposal
 from biaxbayes.sampling.target import LogDensity
@@ -28,7 +29,19 @@ independent; more in a step would be thrown away."""
 
 
 class _Sampler(emcee.EnsembleSampler):
-    """Without emcee's look at every value for blobs, a quarter of the density's time."""
+    """Without what emcee does at every step and nobody asks for.
+
+    A look at every value for blobs takes a quarter of the density's time; the random state, which
+    :meth:`Ensemble.snapshot` keeps at the end, is not copied.
+    """
+
+    @property
+    def random_state(self) -> None:
+        """Not copied."""
+
+    @random_state.setter
+    def random_state(self, state: object) -> None:
+        del state
 
     def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, None]:
         log_prob = self.log_prob_fn(coords)
@@ -48,8 +61,6 @@ class Ensemble:
     seed : numpy.random.SeedSequence
     bounds : ndarray, shape (d, 2), optional
         Bounds of the coordinates, for the independence move.
-    stopped : threading.Event, optional
-        Set by another thread to end a run between two steps.
     """
 
     def __init__(
@@ -58,7 +69,6 @@ class Ensemble:
         start: np.ndarray,
         seed: np.random.SeedSequence,
         bounds: np.ndarray | None = None,
-        stopped: threading.Event | None = None,
     ) -> None:
         walker_seed, proposal_seed = seed.spawn(2)
         self.log_density = log_density
@@ -69,7 +79,6 @@ class Ensemble:
         self.state = emcee.State(start, log_prob=log_density(start))
         self.evaluations = len(start)
         self.independence_share = 0.0
-        self.stopped = stopped or threading.Event()
         # In the neck of a funnel only steps much shorter than the usual ones are accepted.
         self._de = [
             (emcee.moves.DEMove(), 0.4),
@@ -97,8 +106,7 @@ class Ensemble:
         start = emcee.State(self.state.coords, log_prob=self.state.log_prob, copy=True)
         state = start
         for state in sampler.sample(start, iterations=steps, skip_initial_state_check=True):  # noqa: B007
-            if self.stopped.is_set():
-                raise RuntimeError("stopped: another ensemble failed or the user interrupted")
+            pass
         self.state = emcee.State(state.coords, log_prob=state.log_prob, copy=True)
         return sampler.get_chain(), sampler.get_log_prob()
 
@@ -126,6 +134,10 @@ class Ensemble:
         self.independence.accepted = int(snapshot["accepted"])
 
 
+Apart: TypeAlias = tuple[list[tuple[np.ndarray, np.ndarray]], list[dict[str, Any]], np.ndarray]
+"""Coordinates and log densities of ensembles advanced elsewhere, their snapshots, and counts."""
+
+
 class Ensembles:
     """Several independent ensembles that share one proposal.
 
@@ -137,8 +149,10 @@ class Ensembles:
     seed : numpy.random.SeedSequence
     bounds : ndarray, shape (d, 2), optional
         Bounds of the coordinates, for the independence move.
+    counts : int64 ndarray, optional
+        Where ``log_density`` counts its evaluations.
     workers : int
-        Threads.
+        Processors that may be used.
     """
 
     def __init__(
@@ -148,31 +162,43 @@ class Ensembles:
         seed: np.random.SeedSequence,
         *,
         bounds: np.ndarray | None = None,
+        counts: np.ndarray | None = None,
         workers: int = 1,
     ) -> None:
         seeds = seed.spawn(len(starts) + 1)
         self.rng = np.random.default_rng(seeds[-1])
-        self._stopped = threading.Event()
         self.members = [
-            Ensemble(log_density, start, s, bounds, self._stopped)
-            for start, s in zip(starts, seeds, strict=False)
+            Ensemble(log_density, start, s, bounds) for start, s in zip(starts, seeds, strict=False)
         ]
+        self.counts = np.zeros(0, dtype=np.int64) if counts is None else counts
         self.workers = min(workers, len(self.members))
         self.rounds: list[float] = []
 
     def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Advance every ensemble; (ensembles, steps, walkers, d), (ensembles, steps, walkers)."""
-        with threadpool_limits(1, user_api="blas"):
-            if self.workers > 1:
-                with ThreadPoolExecutor(self.workers) as pool:
-                    try:
-                        out = list(pool.map(lambda m: m.run(steps), self.members))
-                    except BaseException:
-                        self._stopped.set()  # or leaving the pool would wait for a whole block
-                        raise
-            else:
-                out = [m.run(steps) for m in self.members]
+        each = -(-len(self.members) // self.workers)
+        own, *shares = (self.members[k : k + each] for k in range(0, len(self.members), each))
+        with threadpool_limits(1, user_api="blas"), contextlib.ExitStack() as stack:
+            others = [
+                stack.enter_context(Beside(partial(self._run_apart, share, steps), self.workers))
+                for share in shares
+            ]
+            out = [member.run(steps) for member in own]
+            for share, other in zip(shares, others, strict=True):
+                runs, snapshots, counts = other.result()
+                for member, snapshot in zip(share, snapshots, strict=True):
+                    member.restore(snapshot)
+                self.counts += counts
+                out += runs
         return np.stack([c for c, _ in out]), np.stack([p for _, p in out])
+
+    def _run_apart(self, members: Sequence[Ensemble], steps: int) -> Apart:
+        """Advance some ensembles in another process, where counts are not seen."""
+        before = self.counts.copy()
+        runs = [member.run(steps) for member in members]
+        counts = self.counts - before
+        self.counts[:] = before
+        return runs, [member.snapshot() for member in members], counts
 
     @property
     def evaluations(self) -> int:

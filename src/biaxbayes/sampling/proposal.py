@@ -20,7 +20,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from biaxbayes.sampling.student_mixture import Mirrors, StudentMixture, fit_mixture
+from biaxbayes.sampling.mixture_fit import fit_mixture, groups
+from biaxbayes.sampling.student_mixture import Mirrors, StudentMixture
 from biaxbayes.sampling.transport_map import TransportMap, fit_transport_map
 
 __all__ = [
@@ -56,10 +57,6 @@ class TransportedMixture:
     mixture: StudentMixture
     bounds: np.ndarray
 
-    @property
-    def _bounded(self) -> np.ndarray:
-        return np.flatnonzero(np.isfinite(self.bounds).any(axis=1))
-
     @cached_property
     def mirrors(self) -> Mirrors:
         """Images that the folding at the bounds adds up."""
@@ -69,7 +66,7 @@ class TransportedMixture:
         """Independent draws, shape (size, d)."""
         r = self.mixture.sample(rng, size)
         # One reflection at each bound; what is still outside has no density and is rejected.
-        for j in self._bounded:
+        for j in self.mirrors.coordinates:
             low, high = self.bounds[j]
             below, above = r[:, j] < low, r[:, j] > high
             r[below, j] = 2.0 * low - r[below, j]
@@ -80,7 +77,7 @@ class TransportedMixture:
         """Log density at points of shape (n, d); shape (n,). -inf beyond a bound."""
         r, log_jacobian = self.transport.to_reference(x)
         out = self.mixture.log_density(r, self.mirrors) + log_jacobian
-        for j in self._bounded:
+        for j in self.mirrors.coordinates:
             low, high = self.bounds[j]
             out[(r[:, j] < low) | (r[:, j] > high)] = -np.inf
         return out
@@ -272,9 +269,6 @@ def fit_mixture_proposal(
 
 
 def _groups(points: np.ndarray, rng: np.random.Generator, parts: int) -> np.ndarray:
-    from sklearn.cluster import KMeans
-
     spread = points.std(axis=0)
     z = (points - points.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    means = KMeans(parts, n_init=4, random_state=int(rng.integers(2**31)))
-    return np.asarray(means.fit_predict(z))
+    return groups(z, parts, np.random.RandomState(int(rng.integers(2**31))))

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
-from biaxbayes.sampling.convergence import Convergence, assess
+from biaxbayes.sampling.convergence import LONGEST_HOLD, Convergence, assess, longest_hold
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
     Start,
@@ -66,7 +66,7 @@ class Plan:
     ensembles, walkers : int
     seed : int
     workers : int
-        Threads; the draws do not depend on it.
+        Processors that may be used; the draws do not depend on it.
     population : int
         Points of a generation of the search before the walkers start.
     first_block : int
@@ -227,7 +227,7 @@ def draw(
     due = _judged_at(state.steps, plan)
     convergence, quantities, a_step = None, None, 0.0
     if state.steps >= due:
-        convergence, quantities = _judge(target, state, plan)
+        convergence, quantities, _ = _judge(target, state, plan)
     interrupted = False
     while convergence is None or (
         convergence.state != "converged" and state.steps < plan.max_steps
@@ -239,13 +239,17 @@ def draw(
             due = _judged_at(due + 1, plan)
         state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
         if state.steps == due:
-            convergence, quantities = _judge(target, state, plan)
-            state.finished = convergence.state == "converged"
-            a_step = convergence.worst_ess / state.steps
-        progress(Progress("sampling", min(a_step * state.steps / plan.ess, 0.99)))
+            convergence, quantities, share = _judge(target, state, plan)
+            state.finished = convergence is not None and convergence.state == "converged"
+            a_step = share / state.steps
+        progress(Progress("sampling", min(a_step * state.steps, 0.99)))
         if on_block:
             on_block(state)
     seconds["sampling"] = time.perf_counter() - clock
+    if convergence is None and state.steps >= plan.first_block:
+        convergence = assess(
+            _judged_ones(target, _quantities(target, state.chain)), target_ess=plan.ess
+        )
     if convergence is None:
         none = np.empty(0)
         convergence = Convergence((), none, none, none, none, 0, "unusable", "stopped")
@@ -282,7 +286,12 @@ def first_state(
         start.points, start.log_weight, rng, ensembles=plan.ensembles, walkers=walkers
     )
     ensembles = Ensembles(
-        target.log_prob, starts, plan.ensemble_seed(), bounds=target.bounds, workers=plan.workers
+        target.log_prob,
+        starts,
+        plan.ensemble_seed(),
+        bounds=target.bounds,
+        counts=target.counts,
+        workers=plan.workers,
     )
     spread = tempered_points(start.points, start.log_weight, rng)
     warmed = warm_up(
@@ -314,6 +323,7 @@ def ensembles_at(target: Target, plan: Plan, state: State) -> Ensembles:
         [m["coordinates"] for m in state.members],
         np.random.SeedSequence(plan.seed),
         bounds=target.bounds,
+        counts=target.counts,
         workers=plan.workers,
     )
     for member, snapshot in zip(ensembles.members, state.members, strict=True):
@@ -360,11 +370,25 @@ def _judged_at(steps: int, plan: Plan) -> int:
     return due
 
 
-def _judge(target: Target, state: State, plan: Plan) -> tuple[Convergence, dict[str, np.ndarray]]:
-    """What is to be said of the draws, and their quantities."""
+def _judge(
+    target: Target, state: State, plan: Plan
+) -> tuple[Convergence | None, dict[str, np.ndarray], float]:
+    """What is to be said of the draws, their quantities, and the share of the target reached.
+
+    Nothing, yet, where a walker has stood still for so long that the run must go on whatever else
+    is said: that is seen at once, the rest takes a third of a second.
+    """
     kept = _quantities(target, state.chain)
-    judged = {name: values for name, values in kept.items() if name not in target.unjudged}
-    return assess(judged, target_ess=plan.ess), kept
+    judged = _judged_ones(target, kept)
+    steps, held = state.chain.shape[1], longest_hold(judged)
+    if held > LONGEST_HOLD * steps and state.steps < plan.max_steps:
+        return None, kept, LONGEST_HOLD * steps / held
+    convergence = assess(judged, target_ess=plan.ess)
+    return convergence, kept, convergence.worst_ess / plan.ess
+
+
+def _judged_ones(target: Target, kept: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: values for name, values in kept.items() if name not in target.unjudged}
 
 
 # --- what sampling compiles, ahead of its use: a first run can do it beside other work -----------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -14,7 +13,7 @@ from numba import njit
 
 from biaxbayes.compilation import inlined
 
-__all__ = ["Mirrors", "StudentMixture", "fit_mixture"]
+__all__ = ["Mirrors", "StudentMixture"]
 
 BLOCK = 160  # points evaluated side by side
 DEGREES = (
@@ -121,49 +120,6 @@ class StudentMixture:
     def single(cls, mean: np.ndarray, factor: np.ndarray) -> StudentMixture:
         """One component alone."""
         return cls.from_factors(np.ones(1), mean[None], factor[None])
-
-
-def fit_mixture(
-    points: np.ndarray, rng: np.random.Generator, *, components: int = 6
-) -> StudentMixture:
-    """Fit a Gaussian mixture to points and make its tails heavier.
-
-    scikit-learn fits the Gaussians by expectation maximisation; their covariances are kept as
-    scale matrices of Student t distributions.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, d)
-        Roughly standardised.
-    rng : numpy.random.Generator
-    components : int
-        Upper limit; fewer where the points could not determine them.
-
-    Returns
-    -------
-    StudentMixture
-    """
-    from sklearn.exceptions import ConvergenceWarning
-    from sklearn.mixture import GaussianMixture
-
-    n, d = points.shape
-    # A component needs several times d points to have a covariance worth the name.
-    components = max(1, min(components, n // (5 * (d + 1))))
-    model = GaussianMixture(
-        components,
-        reg_covar=1e-6,
-        max_iter=50,
-        tol=2e-3,
-        init_params="k-means++",
-        random_state=int(rng.integers(2**31)),
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        model.fit(points)
-    weights = np.maximum(model.weights_, 1e-4)
-    return StudentMixture.from_factors(
-        weights / weights.sum(), model.means_, np.linalg.cholesky(model.covariances_)
-    )
 
 
 FASTMATH = {"reassoc", "contract", "arcp", "nsz"}

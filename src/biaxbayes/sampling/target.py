@@ -33,8 +33,7 @@ class Target:
     Attributes
     ----------
     log_prob : callable
-        Vectorised log density, up to a constant: coordinates (n, d) to (n,). It is called by
-        several threads at the same time.
+        Vectorised log density, up to a constant: coordinates (n, d) to (n,).
     bounds : ndarray, shape (d, 2)
         Lower and upper bound of each coordinate; infinite where there is none. A coordinate
         with a finite bound may have its largest density there.

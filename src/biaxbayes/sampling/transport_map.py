@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from biaxbayes.compilation import inlined
+
 __all__ = ["TransportMap", "fit_transport_map"]
 
 CROSSED = 6
@@ -174,8 +176,8 @@ def _regression(
     return np.linalg.solve(weighted.T @ features + ridge * n * np.eye(size), weighted.T @ target)
 
 
-@njit(nogil=True, forceinline=True)
-def _count(k):
+@inlined
+def _count(k: int) -> int:
     """Number of features of k predecessors."""
     crossed = min(k, CROSSED)
     return 1 + 2 * k + crossed * (crossed - 1) // 2
