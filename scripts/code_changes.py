@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import ast
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 Tree = dict[str, str]
 """Content ids (git blobs) of the files of a commit by their path."""
@@ -32,7 +34,25 @@ class Definition:
     code: str
 
 
-def differing(root: Path, commit: str, rooms: list[str], package: str) -> list[str] | None:
+class Change(NamedTuple):
+    """A change of some folders of the package that is no difference.
+
+    Attributes
+    ----------
+    before, after : str
+        Commits.
+    rooms : tuple of str
+        Relative to the root.
+    """
+
+    before: str
+    after: str
+    rooms: tuple[str, ...]
+
+
+def differing(
+    root: Path, commit: str, rooms: list[str], package: str, same: Sequence[Change] = ()
+) -> list[str] | None:
     """Definitions in some folders of HEAD that are nowhere in the package at another commit.
 
     Parameters
@@ -45,6 +65,9 @@ def differing(root: Path, commit: str, rooms: list[str], package: str) -> list[s
         Folders and files of the package, relative to the root.
     package : str
         Folder of the whole package, relative to the root.
+    same : sequence of Change
+        The oldest first. Where the package at ``commit`` has what a change replaced, what it put in
+        its place counts as known.
 
     Returns
     -------
@@ -55,13 +78,17 @@ def differing(root: Path, commit: str, rooms: list[str], package: str) -> list[s
     old, new = _tree(root, commit, package), _tree(root, "HEAD", package)
     if old is None or new is None:
         return None
-    then = {known for path, blob in old.items() for known in _definitions(root, blob, path)}
+    then = _all_definitions(root, old)
+    for change in same:
+        trees = [_tree(root, at, package) for at in (change.before, change.after)]
+        before, after = (_all_definitions(root, _within(t or {}, change.rooms)) for t in trees)
+        if before and before - after <= then:
+            then |= after - before
     unchanged = set(old.values())
     return [
         f"{path.removeprefix(f'{package}/')} {definition.name}".strip()
         for path, blob in new.items()
-        if blob not in unchanged
-        and any(path == room or path.startswith(f"{room}/") for room in rooms)
+        if blob not in unchanged and _is_within(path, rooms)
         for definition in _definitions(root, blob, path)
         if definition not in then
     ]
@@ -102,6 +129,19 @@ def _git(root: Path, *arguments: str, stdin: str = "") -> bytes | None:
 
 
 # --- what a file defines --------------------------------------------------------------------------
+
+
+def _is_within(path: str, rooms: Sequence[str]) -> bool:
+    return any(path == room or path.startswith(f"{room}/") for room in rooms)
+
+
+def _within(tree: Tree, rooms: Sequence[str]) -> Tree:
+    return {path: blob for path, blob in tree.items() if _is_within(path, rooms)}
+
+
+def _all_definitions(root: Path, tree: Tree) -> set[Definition]:
+    """The definitions of every file of a tree."""
+    return {known for path, blob in tree.items() for known in _definitions(root, blob, path)}
 
 
 @cache

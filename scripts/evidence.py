@@ -5,9 +5,10 @@
     python scripts/evidence.py paper data      remake these; without a name, all that are older
 
 What a page was made of stands under its heading: commit, day and command. A page is remade only
-where the code it speaks of has changed since (--again: in any case). The same command goes on where
-it was interrupted: commands that are done are not run again, and studies keep what they have below
---folder.
+where the code it speaks of has changed since (--again: in any case); a change after which every
+draw and verdict is the same, byte for byte, makes older only a page of times. The same command goes
+on where it was interrupted: commands that are done are not run again, and studies keep what they
+have below --folder.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
 
-from code_changes import differing
+from code_changes import Change, differing
 from studies.page import ROOT, Stamp, put_stamp, stamp_of
 from study import studies
 
@@ -50,12 +51,16 @@ class Page:
         ``{real}`` that of measured tissue.
     needs : tuple of str
         Packages beyond those of biaxbayes itself.
+    of_times : bool
+        Whether its figures are times, which a change that leaves every draw makes older all the
+        same.
     """
 
     path: str
     rooms: tuple[str, ...]
     commands: tuple[str, ...]
     needs: tuple[str, ...] = ()
+    of_times: bool = False
 
     @property
     def sources(self) -> list[str]:
@@ -95,6 +100,7 @@ PAGES = {
         "docs/studies.md",
         ("jobs", "executors", "sampling", "figures", "reports"),
         (f"{STUDY} batch --specimens 10 100 --folder {{work}}/batch --write docs/studies.md",),
+        of_times=True,
     ),
     "identifiability": Page(
         "docs/identifiability.md",
@@ -123,6 +129,7 @@ PAGES = {
             "{work}/costs.json --write docs/benchmark.md",
         ),
         ("numpyro", "nautilus", "dynesty", "pymecht", "flowjax", "optax"),
+        of_times=True,
     ),
     "model-error": Page(
         "docs/model-error.md",
@@ -223,13 +230,22 @@ def commits_since(stamp: Stamp, sources: list[str]) -> int | None:
     return None if found is None else int(found)
 
 
+def changes_with_the_same_draws() -> list[Change]:
+    """Changes that were shown to leave every draw and verdict (``study.py same_draws --write``)."""
+    path = ROOT / "scripts" / "same_draws.csv"
+    rows = path.read_text(encoding="utf-8").splitlines()[1:] if path.exists() else []
+    rooms = tuple(f"{SOURCE}/{room}" for room in (*POSTERIOR, "fitting", "identifiability"))
+    return [Change(before, after, rooms) for before, after, *_ in (r.split(",") for r in rows)]
+
+
 def age(page: Page) -> tuple[bool, str]:
     """(whether the page should be remade, how old it is in words)."""
     stamp = stamp_of(ROOT / page.path)
     if stamp is None:
         return True, "does not say what made it"
     of = f"commit {stamp.commit} of {stamp.day}"
-    changes = differing(ROOT, stamp.commit, page.sources, SOURCE)
+    same = [] if page.of_times else changes_with_the_same_draws()
+    changes = differing(ROOT, stamp.commit, page.sources, SOURCE, same)
     if changes is None:  # not a commit of this clone: by its day
         count = commits_since(stamp, page.sources)
         if count is None:

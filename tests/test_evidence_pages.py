@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import evidence
 import study
+from biaxbayes.laws import LAWS
+from biaxbayes.options.model import MOUNTING
+from studies import same_draws
 from studies.page import ROOT, Stamp, put_stamp, stamp_of
 
 STUDY = re.compile(r"scripts/study\.py (\w+)")
@@ -153,6 +157,40 @@ def test_code_that_only_moved_makes_no_page_older(checkout):
     assert told().endswith(": current")
     changed(checkout, "laws", head.replace("2.0", "3.0"))
     assert told().endswith("OLDER, 1 definition differs: laws/code.py SCALE")
+
+
+def test_a_change_that_leaves_every_draw_makes_only_pages_of_times_older(checkout, monkeypatch):
+    def head():
+        return evidence.git("rev-parse", "--short", "HEAD")
+
+    changed(checkout, "laws", CODE)
+    stamp_now(checkout)
+    before = head()
+    changed(checkout, "laws", CODE.replace("SCALE * x", "x * SCALE"))
+    assert told().endswith("OLDER, 1 definition differs: laws/code.py f")
+    (checkout / "scripts").mkdir()
+    record = checkout / "scripts" / "same_draws.csv"
+    record.write_text(f"before,after,day,runs\n{before},{head()},2026-11-24,47\n")
+    assert told().endswith(": current")
+    page = evidence.PAGES["page"]
+    assert "OLDER" in evidence.age(replace(page, of_times=True))[1]
+    changed(checkout, "laws", CODE.replace("SCALE * x", "x * SCALE").replace("2.0", "3.0"))
+    assert told().endswith("OLDER, 1 definition differs: laws/code.py SCALE")
+    # what the change replaced was no longer there when the page was made
+    changed(checkout, "laws", CODE.replace("SCALE * x", "SCALE + x"))
+    stamp_now(checkout)
+    changed(checkout, "laws", CODE.replace("SCALE * x", "x * SCALE"))
+    assert told().endswith("OLDER, 1 definition differs: laws/code.py f")
+
+
+def test_the_same_code_draws_the_same_and_another_seed_does_not(monkeypatch):
+    case = ("donor2-media", {"noise": "independent"}, 1)
+    assert same_draws.digest(case) == same_draws.digest(case)
+    assert same_draws.digest(case) != same_draws.digest((*case[:2], 2))
+    named = same_draws.cases()
+    assert len({str(case) for case in named}) == len(named)
+    assert {options.get("law", "goh") for _, options, _ in named} == set(LAWS)
+    assert {options["mounting"] for _, options, _ in named if "mounting" in options} == {*MOUNTING}
 
 
 def test_a_file_that_is_no_code_counts_by_its_content(checkout):

@@ -161,6 +161,7 @@ def test_intervals_beside_the_truth(docs):
 def outcome(**more):
     told = {"ess": 4000.0, "evaluations": 20_000, "rate": 4000.0, "rate_with_warmup": 2000.0}
     times = {"to_criterion": 1.0, "fastest": 0.5, "slowest": 2.0, "limit": 20.0}
+    times |= {"lowest_rate": 3000.0, "highest_rate": 5000.0}
     return told | times | {"rhat": 1.002, "note": "3 divergences", "log_evidence": None} | more
 
 
@@ -182,7 +183,7 @@ def test_the_benchmark_says_what_was_not_reached(docs):
     }
     benchmark.write_page({"cases": [case]}, docs / "benchmark.md")
     text = (docs / "benchmark.md").read_text()
-    assert "| 4,000 | 10.0 | 400 | 1.00 (0.50 to 2.00) | not in 20 |" in text
+    assert "| 4,000 (3,000 to 5,000) | 10.0 | 400 | 1.00 (0.50 to 2.00) | not in 20 |" in text
     assert "400 times (independent noise)" in text and "density | 100 | 100 |" in text
     assert "| 698.975 ± 0.003 | -0.001 ± 0.005 | -10.174 ± 0.395 |" in text
     assert "NUTS has not converged on 0 of 1" in text and "errors on 1 of 1" in text

@@ -30,10 +30,28 @@ JUDGED_EVERY = 10  # steps of plain emcee, whose autocorrelation times are hundr
 
 
 def ours(posterior: Posterior, *, steps: int) -> Outcome:
-    """Our sampler: to its own criterion, then on for a rate that is not that of a short run."""
+    """Our sampler, of several seeds the one whose rate is in the middle.
+
+    Each goes to its own criterion, then on for a rate that is not that of a short run.
+    """
     times = [_time_to_criterion(posterior, seed) for seed in range(SEEDS)]
+    runs = [_beyond_criterion(posterior, seed, steps) for seed in range(SEEDS)]
+    runs.sort(key=lambda outcome: outcome.rate)
+    outcome = runs[SEEDS // 2]
+    outcome.extra |= {
+        "lowest_rate": runs[0].rate,
+        "highest_rate": runs[-1].rate,
+        "to_criterion": float(np.median(times)),
+        "fastest": min(times),
+        "slowest": max(times),
+    }
+    return outcome
+
+
+def _beyond_criterion(posterior: Posterior, seed: int, steps: int) -> Outcome:
+    """So many steps after a run that met its own criterion."""
     kept: list[State] = []
-    plan = Plan(ess=CRITERION_ESS, workers=1)
+    plan = Plan(ess=CRITERION_ESS, workers=1, seed=seed)
     first = draw_posterior(posterior, plan, on_block=kept.append)
     warmup = sum(v for k, v in first.seconds.items() if k != "sampling")
     ensembles = ensembles_at(first.target, plan, kept[-1])
@@ -56,12 +74,7 @@ def ours(posterior: Posterior, *, steps: int) -> Outcome:
         draws,
         "" if first.convergence.state == "converged" else first.convergence.reason,
         told,
-        {
-            "to_criterion": float(np.median(times)),
-            "fastest": min(times),
-            "slowest": max(times),
-            "acceptance": ensembles.acceptance,
-        },
+        {"acceptance": ensembles.acceptance},
     )
 
 
