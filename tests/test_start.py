@@ -47,13 +47,30 @@ def test_a_run_imports_nothing_that_it_does_not_use(room):
 @pytest.mark.long
 def test_a_corner_is_drawn_without_arviz_which_who_imports_corner_later_gets():
     """ArviZ takes longer to import than a run takes to sample."""
-    code = (
-        "from biaxbayes.figures.run.regions import corner_package\nassert corner_package().corner\n"
-    )
+    code = "from biaxbayes.lean_imports import corner_package\nassert corner_package().corner\n"
     found = imported(code)
     assert "matplotlib" in found and not found & {"arviz", "corner"}
     whole = imported(code + "import corner\nassert corner.corner is not corner_package().corner")
     assert "corner" in whole and "corner.arviz_corner" in whole
+
+
+def test_statistics_of_arrays_come_without_xarray_which_who_imports_arviz_later_gets():
+    code = "from biaxbayes.lean_imports import array_stats\nassert array_stats.rhat\n"
+    found = imported(code)
+    assert "scipy.signal" in found and not found & {"arviz_stats", "xarray"}
+    whole = imported(code + "import arviz_stats")
+    assert {"arviz_stats", "xarray"} <= whole
+    kept = imported("import xarray\n" + code)  # nothing is hidden from who has it
+    assert {"arviz_stats", "xarray"} <= kept
+
+
+def test_what_another_thread_may_import_is_not_hidden():
+    code = (
+        "import threading\ndone = threading.Event()\n"
+        "threading.Thread(target=done.wait, daemon=True).start()\n"
+        "from biaxbayes.lean_imports import array_stats\ndone.set()"
+    )
+    assert "xarray" in imported(code)
 
 
 def test_the_package_runs_as_a_module():

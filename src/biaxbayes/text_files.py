@@ -166,7 +166,7 @@ def read_lines(path: Path) -> list[str]:
     return lines
 
 
-def atomic_write_bytes(path: Path, data: bytes) -> None:
+def atomic_write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file so that its name never shows half of it, surviving a power cut.
 
     Temporary name in the same folder, fsync, rename, fsync of the folder.

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
-__all__ = ["Beside", "Standby"]
+__all__ = ["Beside", "Standby", "alone"]
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -164,10 +164,10 @@ def _all_worked(
 
 def _may_fork(workers: int) -> bool:
     """Whether there are processors for it, and forking is safe."""
-    return workers > 1 and sys.platform == "linux" and _alone()
+    return workers > 1 and sys.platform == "linux" and alone()
 
 
-def _alone() -> bool:
+def alone() -> bool:
     """Whether no other thread runs that may hold a lock, which a forked process waits for forever.
 
     That of a progress bar holds none but its own.

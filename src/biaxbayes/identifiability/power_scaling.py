@@ -43,7 +43,7 @@ def sensitivity(values: np.ndarray, log_component: np.ndarray) -> np.ndarray:
     ndarray, shape (d,)
         Distance per doubling of the power; above 0.05 counts as sensitive.
     """
-    from arviz_stats.base import array_stats  # imports xarray and scipy.signal
+    from biaxbayes.lean_imports import array_stats  # imports scipy.signal
 
     out = np.zeros(values.shape[1])
     if not np.ptp(log_component) > 0.0:

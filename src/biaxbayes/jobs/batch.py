@@ -61,7 +61,7 @@ WORKER_MODULES = (
     "biaxbayes.jobs.identified",
     "biaxbayes.jobs.products",
     "biaxbayes.reports.page",
-    "xarray",
+    "scipy.signal",
     "jinja2",
     *DRAWING_MODULES,
 )

@@ -20,6 +20,7 @@ from biaxbayes.identifiability.identify import Identifiability, RecordFits, iden
 from biaxbayes.jobs.identified import said_of, with_curves, write_tables
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.reports.page import TEMPLATE, page_template
 from biaxbayes.runs.archive import flatten
 from biaxbayes.runs.said import IDENTIFIED, write_said
 from biaxbayes.sampling.sampler import Draws
@@ -96,6 +97,7 @@ def write_products(
         write_tables(judged, posterior, folder)
         if state != "unusable":  # what identify says of the run is known now
             write_said(folder, IDENTIFIED, said_of(judged))
+        page_template(TEMPLATE)  # which the report needs next
         for files in drawing.results():
             for name, content in files.items():
                 atomic_write_bytes(folder / name, content)

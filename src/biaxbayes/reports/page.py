@@ -43,6 +43,7 @@ __all__ = [
     "EXPLORE",
     "NAME",
     "STATED",
+    "TEMPLATE",
     "Picture",
     "embedded",
     "latex_table",
@@ -54,6 +55,10 @@ __all__ = [
 ]
 
 # --- the templates of the pages; text that is put into them is escaped ---------------------------
+
+
+TEMPLATE = "template.html.jinja"
+"""Of the report of a run."""
 
 
 @cache
@@ -166,7 +171,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     rows = parameter_rows(run)
     verdict, reason = state_words(run)
     noise, sampler = run.provenance["noise"], run.provenance["sampler"]
-    return page_template("template.html.jinja").render(
+    return page_template(TEMPLATE).render(
         name=cut(run.specimen.name),
         state=run.state,
         explore=EXPLORE if explore else "",

@@ -137,7 +137,7 @@ def write_archive(
         for name, group in _groups(posterior, draws, seed).items():
             _write_group(file.create_group(name), group, attributes | _weighting(name, posterior))
     try:
-        atomic_write_bytes(path, whole.getvalue())
+        atomic_write_bytes(path, whole.getbuffer())
     except OSError as error:
         raise RunError(f"{path}: cannot be written ({error.strerror or error})") from None
 

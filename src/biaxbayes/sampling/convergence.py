@@ -40,7 +40,7 @@ def split_rhat(draws: np.ndarray) -> float:
     The larger of the rank-normalised one and that of the folded draws, which sees scale.
     Infinite when the ensembles do not move, or have no two halves.
     """
-    from arviz_stats.base import array_stats  # imports xarray and scipy.signal
+    from biaxbayes.lean_imports import array_stats  # imports scipy.signal
 
     ensembles, steps, _ = draws.shape
     if steps < 2:

@@ -18,7 +18,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.figures.labels import few_ticks
 from biaxbayes.figures.quantities import AxisText, corner_columns
 from biaxbayes.figures.run.free_corner import NARROW_MM, Column, Found, tabulate
-from biaxbayes.figures.run.regions import CELLS_1D, FILL, cells, corner_package, regions
+from biaxbayes.figures.run.regions import CELLS_1D, FILL, cells, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
@@ -35,6 +35,7 @@ from biaxbayes.identifiability.bounded_density import (
     interval,
     span,
 )
+from biaxbayes.lean_imports import corner_package
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import evenly_chosen

@@ -7,22 +7,20 @@ where few draws lie.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
-from functools import cache
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from biaxbayes.identifiability.bounded_density import Span, robust_sd
+from biaxbayes.lean_imports import corner_package
 from biaxbayes.prediction.bands import evenly_chosen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["CELLS_1D", "CONTENTS", "FILL", "cells", "corner_package", "regions"]
+__all__ = ["CELLS_1D", "CONTENTS", "FILL", "cells", "regions"]
 
 CONTENTS = (0.5, 0.9, 0.99)
 """Shares of the draws that the regions hold."""
@@ -139,21 +137,3 @@ def _look(hue: str, filled: bool | None) -> dict[str, Any]:
     fills = {"colors": ["none", *shades], "antialiased": True}
     edges = {"colors": shades, "linewidths": 0.3}
     return look | {"levels": CONTENTS, "contourf_kwargs": fills, "contour_kwargs": edges}
-
-
-@cache
-def corner_package() -> Any:
-    """The corner package, without its way into ArviZ: no figure takes it, the import takes seconds.
-
-    Who imports corner after this gets it whole.
-    """
-    if "corner" in sys.modules or "arviz" in sys.modules:
-        return import_module("corner")
-    sys.modules["arviz"] = None  # type: ignore[assignment]
-    try:
-        found = import_module("corner")
-    finally:
-        del sys.modules["arviz"]
-        for name in [n for n in sys.modules if n.split(".")[0] == "corner"]:
-            del sys.modules[name]
-    return found
