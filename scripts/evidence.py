@@ -6,9 +6,9 @@
 
 What a page was made of stands under its heading: commit, day and command. A page is remade only
 where the code it speaks of has changed since (--again: in any case); a change after which every
-draw and verdict is the same, byte for byte, makes older only a page of times. The same command goes
-on where it was interrupted: commands that are done are not run again, and studies keep what they
-have below --folder.
+draw and verdict is the same, byte for byte, makes older only a page of times, and that only where
+it changes them. The same command goes on where it was interrupted: commands that are done are not
+run again, and studies keep what they have below --folder.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ SOURCE = "src/biaxbayes"
 REAL = "BIAXBAYES_REAL"
 NAMED = 3
 """Of the definitions that differ, how many `--check` names."""
+AS_LONG = 0.03
+"""Part by which the time of a run may differ where it counts as the same: noise of a machine."""
 POSTERIOR = ("laws", "mechanics", "model", "sampling")
 
 
@@ -52,8 +54,7 @@ class Page:
     needs : tuple of str
         Packages beyond those of biaxbayes itself.
     of_times : bool
-        Whether its figures are times, which a change that leaves every draw makes older all the
-        same.
+        Whether its figures are times, which a change that leaves every draw may change.
     """
 
     path: str
@@ -230,12 +231,20 @@ def commits_since(stamp: Stamp, sources: list[str]) -> int | None:
     return None if found is None else int(found)
 
 
-def changes_with_the_same_draws() -> list[Change]:
-    """Changes that were shown to leave every draw and verdict (``study.py same_draws --write``)."""
+def changes_with_the_same_draws(*, of_times: bool) -> list[Change]:
+    """Changes that were shown to leave every draw and verdict (``study.py same_draws --write``).
+
+    For pages of times those alone that were shown to leave the time of a run, too.
+    """
     path = ROOT / "scripts" / "same_draws.csv"
     rows = path.read_text(encoding="utf-8").splitlines()[1:] if path.exists() else []
     rooms = tuple(f"{SOURCE}/{room}" for room in (*POSTERIOR, "fitting", "identifiability"))
-    return [Change(before, after, rooms) for before, after, *_ in (r.split(",") for r in rows)]
+    found = []
+    for before, after, _, _, ratio in (row.split(",") for row in rows):
+        as_long = bool(ratio) and abs(float(ratio) - 1.0) <= AS_LONG
+        if as_long or not of_times:
+            found.append(Change(before, after, rooms))
+    return found
 
 
 def age(page: Page) -> tuple[bool, str]:
@@ -244,7 +253,7 @@ def age(page: Page) -> tuple[bool, str]:
     if stamp is None:
         return True, "does not say what made it"
     of = f"commit {stamp.commit} of {stamp.day}"
-    same = [] if page.of_times else changes_with_the_same_draws()
+    same = changes_with_the_same_draws(of_times=page.of_times)
     changes = differing(ROOT, stamp.commit, page.sources, SOURCE, same)
     if changes is None:  # not a commit of this clone: by its day
         count = commits_since(stamp, page.sources)

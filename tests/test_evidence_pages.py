@@ -170,10 +170,12 @@ def test_a_change_that_leaves_every_draw_makes_only_pages_of_times_older(checkou
     assert told().endswith("OLDER, 1 definition differs: laws/code.py f")
     (checkout / "scripts").mkdir()
     record = checkout / "scripts" / "same_draws.csv"
-    record.write_text(f"before,after,day,runs\n{before},{head()},2026-11-24,47\n")
-    assert told().endswith(": current")
-    page = evidence.PAGES["page"]
-    assert "OLDER" in evidence.age(replace(page, of_times=True))[1]
+    row = f"{same_draws.HEADER}\n{before},{head()},2026-11-24,47"
+    of_times = replace(evidence.PAGES["page"], of_times=True)
+    for ratio, times in (("", "OLDER"), ("0.95", "OLDER"), ("1.02", "current")):
+        record.write_text(f"{row},{ratio}\n")
+        assert told().endswith(": current")
+        assert times in evidence.age(of_times)[1]
     changed(checkout, "laws", CODE.replace("SCALE * x", "x * SCALE").replace("2.0", "3.0"))
     assert told().endswith("OLDER, 1 definition differs: laws/code.py SCALE")
     # what the change replaced was no longer there when the page was made
@@ -185,8 +187,9 @@ def test_a_change_that_leaves_every_draw_makes_only_pages_of_times_older(checkou
 
 def test_the_same_code_draws_the_same_and_another_seed_does_not(monkeypatch):
     case = ("donor2-media", {"noise": "independent"}, 1)
-    assert same_draws.digest(case) == same_draws.digest(case)
-    assert same_draws.digest(case) != same_draws.digest((*case[:2], 2))
+    (once, seconds), (again, _) = same_draws.digest(case), same_draws.digest(case)
+    assert once == again and seconds > 0.0
+    assert once != same_draws.digest((*case[:2], 2))[0]
     named = same_draws.cases()
     assert len({str(case) for case in named}) == len(named)
     assert {options.get("law", "goh") for _, options, _ in named} == set(LAWS)

@@ -233,6 +233,29 @@ def test_work_whose_process_dies_is_done_here():
     assert Beside(die_elsewhere, 2).result() == 7
 
 
+STOPPED = """
+import os
+from biaxbayes.executors.beside import Beside
+from biaxbayes.progress_bar import STOPS
+
+home = os.getpid()
+
+def stopped_elsewhere():
+    if os.getpid() != home:
+        for number in STOPS:
+            os.kill(os.getpid(), number)
+    return os.getpid()
+
+with Beside(stopped_elsewhere, 2) as work:
+    assert work.result() != home or not work.begun
+    assert work.begun or not os.path.exists("/proc/self")
+"""
+
+
+def test_work_beside_leaves_the_signals_of_the_terminal_to_who_began_it():
+    subprocess.run([sys.executable, "-c", STOPPED], check=True, timeout=60)
+
+
 def test_work_is_not_forked_from_among_threads():
     done = threading.Event()
     other = threading.Thread(target=done.wait)

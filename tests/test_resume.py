@@ -25,7 +25,7 @@ import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.errors import RunError
 from biaxbayes.jobs import sample as sampling
-from biaxbayes.progress_bar import StoppedAtOnce, graceful_stop
+from biaxbayes.progress_bar import StoppedAtOnce, graceful_stop, with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
 from biaxbayes.runs.folder import PROVENANCE
@@ -213,6 +213,23 @@ def test_stop_requests():
         with pytest.raises(StoppedAtOnce) as stopped:
             signal.raise_signal(signal.SIGTERM)
         assert stopped.value.args == (signal.SIGTERM,)
+
+
+def test_a_signal_that_compiled_code_hides_is_still_a_signal():
+    hidden = SystemError("_numba_unpickle returned a result with an exception set")
+    hidden.__cause__ = StoppedAtOnce(signal.SIGTERM)
+
+    @with_progress
+    def verb():
+        raise SystemError("CPUDispatcher returned a result with an exception set") from hidden
+
+    with pytest.raises(StoppedAtOnce) as stopped, graceful_stop():
+        verb()
+    assert stopped.value.args == (signal.SIGTERM,)
+    with pytest.raises(KeyboardInterrupt):
+        verb()
+    with pytest.raises(SystemError, match="bad argument"), graceful_stop():
+        raise SystemError("bad argument to internal function")
 
 
 def test_a_signal_that_nohup_ignores_stays_ignored():

@@ -24,7 +24,7 @@ from biaxbayes.model.search import draw_posterior
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import COLUMNS
 from biaxbayes.sampling.convergence import assess, effective_sample_size
-from biaxbayes.sampling.ensembles import Ensembles
+from biaxbayes.sampling.ensembles import Ensemble, Ensembles
 from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.sampler import Plan, State, _judge
 from biaxbayes.sampling.target import Target
@@ -155,6 +155,22 @@ def test_ensembles_are_the_same_in_whatever_process_they_advance(workers, among_
     assert found.evaluations == expected.evaluations == counts.sum()
     assert found.acceptance == expected.acceptance > 0.0
     np.testing.assert_array_equal(found.run(4)[0], expected.run(4)[0])
+
+
+def test_what_stops_an_ensemble_is_said_by_who_asked_for_it(capfd):
+    calls = []
+
+    def log_density(x):
+        calls.append(len(x))
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return -0.5 * (x**2).sum(axis=1)
+
+    start = np.random.default_rng(1).standard_normal((8, 2))
+    ensemble = Ensemble(log_density, start, np.random.SeedSequence(1))
+    with pytest.raises(KeyboardInterrupt):
+        ensemble.run(100)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_judging_is_cut_short_where_it_can_only_say_go_on():

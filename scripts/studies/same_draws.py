@@ -6,7 +6,7 @@
 What makes a run faster or its code simpler and leaves every draw where it was makes no measured
 figure older. Here both states of the code sample shipped specimens with every error model, way of
 mounting and law, and some seeds more; draws, evaluations, the state of convergence and the verdicts
-with all their evidence are compared.
+with all their evidence are compared, and the processor time from the fit to the draws is measured.
 ``--write`` records the change for ``scripts/evidence.py --check`` if all are the same. Needs git.
 """
 
@@ -19,6 +19,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -27,6 +28,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability.held_edges import held_table
@@ -40,7 +42,7 @@ from biaxbayes.specimens.specimen_file import read_specimen
 from studies.page import ROOT
 
 RECORD = ROOT / "scripts" / "same_draws.csv"
-HEADER = "before,after,day,runs"
+HEADER = "before,after,day,runs,time_ratio"
 NOISES = ("independent", "effective")
 NAMES = ("donor1", "donor2", "donor2-intima", "donor2-media", "donor2-adventitia", "hooked-media")
 LAWS = ("goh-exponential", "holzapfel-2005", "may-newman", "hgo", "fung", "four-fibre", "lee-sacks")
@@ -49,6 +51,8 @@ SEEDS = range(1, 9)
 
 Case = tuple[str, dict[str, Any], int]
 """A specimen, the options of its posterior, and a seed."""
+Digest = tuple[str, float]
+"""What stands for everything that a run draws and says, and the processor time that it drew (s)."""
 
 
 def cases() -> list[Case]:
@@ -60,11 +64,13 @@ def cases() -> list[Case]:
     return shipped + mounted + laws + seeds
 
 
-def digest(case: Case) -> str:
-    """What stands for everything that a run of the imported package draws and says."""
+def digest(case: Case) -> Digest:
+    """A run of the imported package."""
     name, options, seed = case
     posterior = prepare(read_specimen(ROOT / "data" / f"{name}.csv"), **options)
+    clock = time.process_time()
     draws = draw_posterior(posterior, Plan(max_steps=2000, seed=seed))
+    seconds = time.process_time() - clock
     found = hashlib.sha256(draws.chain.tobytes())
     found.update(f"{draws.evaluations} {draws.convergence.state}".encode())
     table = pd.DataFrame({n: flatten(v).ravel() for n, v in draws.quantities.items()})
@@ -73,10 +79,10 @@ def digest(case: Case) -> str:
     verdicts = identify(run)
     for said in (verdicts.to_frame(), held_table(verdicts.held)):
         found.update(said.to_csv().encode())  # every digit of every number
-    return found.hexdigest()
+    return found.hexdigest(), seconds
 
 
-def digests(workers: int) -> list[str]:
+def digests(workers: int) -> list[Digest]:
     """Digests of all cases, by the package that this process imports."""
     with ProcessPoolExecutor(workers) as pool:
         return list(pool.map(digest, cases()))
@@ -95,7 +101,7 @@ def source_of(commit: str) -> Iterator[Path]:
             subprocess.run([*git, "remove", "--force", str(tree)], check=True)
 
 
-def digests_at(commit: str, workers: int) -> list[str]:
+def digests_at(commit: str, workers: int) -> list[Digest]:
     """Digests of all cases, by the package at a commit."""
     with source_of(commit) as source:
         command = [sys.executable, str(ROOT / "scripts" / "study.py"), "same_draws", "--digests"]
@@ -107,8 +113,7 @@ def digests_at(commit: str, workers: int) -> list[str]:
             text=True,
             check=True,
         )
-    found: list[str] = json.loads(told.stdout)
-    return found
+    return [(digest, seconds) for digest, seconds in json.loads(told.stdout)]
 
 
 def commit_of(name: str) -> str:
@@ -132,15 +137,17 @@ def main() -> int:
     change = commit_of(options.before), commit_of(options.after)
     before, after = (digests_at(commit, options.workers) for commit in change)
     pairs = list(zip(cases(), before, after, strict=True))
-    other = [case for case, old, new in pairs if old != new]
+    other = [case for case, (old, _), (new, _) in pairs if old != new]
+    ratio = float(np.median([new / old for _, (_, old), (_, new) in pairs]))
     for case in other:
         print("draws or verdicts differ:", *_words(case))
     print(f"{len(pairs) - len(other)} of {len(pairs)} runs are the same at {' and '.join(change)}")
+    print(f"processor time of the later one: {ratio:.3f} of that of the earlier (median)")
     if other:
         return 1
     if options.write:
         text = RECORD.read_text(encoding="utf-8") if RECORD.exists() else f"{HEADER}\n"
-        row = f"{','.join(change)},{date.today().isoformat()},{len(pairs)}\n"
+        row = f"{','.join(change)},{date.today().isoformat()},{len(pairs)},{ratio:.3f}\n"
         RECORD.write_text(text + row, encoding="utf-8")
     return 0
 

@@ -127,6 +127,20 @@ def _shown() -> contextlib.AbstractContextManager[Callable[[Any], None]]:
     return shown_progress(Console(stderr=True))
 
 
+@contextlib.contextmanager
+def _plain_interruption() -> Iterator[None]:
+    """Let an interruption be one: where compiled code runs it is the cause of a SystemError."""
+    try:
+        yield
+    except SystemError as error:
+        cause = error.__cause__
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if isinstance(cause, KeyboardInterrupt):
+            raise cause from None
+        raise
+
+
 Verb = TypeVar("Verb", bound=Callable[..., Any])
 
 
@@ -139,13 +153,14 @@ def with_progress(verb: Verb) -> Verb:
 
     @functools.wraps(verb)
     def watched(*arguments: Any, progress: Any = None, **options: Any) -> Any:
-        if callable(progress):
-            return verb(*arguments, progress=progress, **options)
-        somebody = sys.stderr.isatty() or _in_notebook()
-        if not (somebody if progress is None else progress):
-            return verb(*arguments, **options)
-        with _shown() as tell:
-            return verb(*arguments, progress=tell, **options)
+        with _plain_interruption():
+            if callable(progress):
+                return verb(*arguments, progress=progress, **options)
+            somebody = sys.stderr.isatty() or _in_notebook()
+            if not (somebody if progress is None else progress):
+                return verb(*arguments, **options)
+            with _shown() as tell:
+                return verb(*arguments, progress=tell, **options)
 
     return watched  # type: ignore[return-value]
 
@@ -210,7 +225,8 @@ def graceful_stop() -> Iterator[Callable[[], int]]:
         if handler not in (signal.SIG_IGN, None):
             signal.signal(number, handle)
     try:
-        yield lambda: asked
+        with _plain_interruption():
+            yield lambda: asked
     finally:
         for number, handler in previous.items():
             if handler is not None:

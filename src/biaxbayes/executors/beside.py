@@ -23,6 +23,8 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
+from biaxbayes.progress_bar import STOPS
+
 __all__ = ["Beside", "Standby", "alone"]
 
 Task = TypeVar("Task")
@@ -77,7 +79,7 @@ class Beside(Generic[Result]):
     def __exit__(self, *_: object) -> None:
         """End the work, if it is still going on: nobody will ask for its result."""
         if self.begun:
-            self._process.kill()  # its handlers of gentler signals are those of a run
+            self._process.kill()  # it ignores gentler signals
             self._process.join()
 
 
@@ -196,5 +198,7 @@ def _send(work: Callable[[], Any], answer: Connection, parent: int) -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         return
+    for number in STOPS:  # the terminal sends them to all; who began this work answers them
+        signal.signal(number, signal.SIG_IGN)
     with contextlib.suppress(BaseException):
         answer.send(work())

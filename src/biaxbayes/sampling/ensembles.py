@@ -102,6 +102,7 @@ class Ensemble:
         sampler = _Sampler(
             walkers, d, self._counted, moves=[m for m in moves if m[1] > 0.0], vectorize=True
         )
+        sampler.log_prob_fn = self._counted  # emcee's own copy prints what stops it
         sampler._random = self.random  # one stream for the whole run, across blocks
         start = emcee.State(self.state.coords, log_prob=self.state.log_prob, copy=True)
         state = start
