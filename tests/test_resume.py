@@ -178,26 +178,23 @@ def test_a_signal_finishes_the_block_saves_and_says_how_to_continue(
 
 @pytest.mark.long
 def test_a_second_signal_stops_at_once_without_damage(expected, halfway, capsys, monkeypatch):
-    """Also in the middle of a block, with the ensembles in threads."""
+    """Also in the middle of a block, with the ensembles in two processes."""
     from biaxbayes.sampling.ensembles import Ensembles
 
-    real, begun = Ensembles.run, []
+    real, begun, senders = Ensembles.run, [], []
+    second = ["sh", "-c", f"sleep 0.5; kill -INT {os.getpid()}"]
 
     def run(self, steps):
         begun.append(time.monotonic())
-
-        def twice():
-            for _ in range(2):
-                os.kill(os.getpid(), signal.SIGINT)
-                time.sleep(0.05)
-
-        threading.Timer(0.05, twice).start()
+        signal.raise_signal(signal.SIGINT)  # seen at once; two that wait are one for the system
+        senders.append(subprocess.Popen(second))  # beside a thread nothing would be forked
         return real(self, 50_000)
 
     monkeypatch.setattr(Ensembles, "run", run)
     before = {p.name: p.read_bytes() for p in halfway.iterdir()}
     assert sample(halfway, "--resume", "--workers", 2) == 130
     assert time.monotonic() - begun[0] < 5.0
+    assert [sender.wait() for sender in senders] == [0]
     assert "stopped at once; what was saved is safe" in capsys.readouterr().err
     assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
     monkeypatch.undo()
