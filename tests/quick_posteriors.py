@@ -100,7 +100,7 @@ def without_figures() -> Iterator[None]:
     from biaxbayes.reports import page
     from biaxbayes.runs.archive import flatten
 
-    def verdicts_alone(folder, posterior, draws, fits, *, meanwhile, workers):
+    def verdicts_alone(folder, posterior, draws, fits, *, meanwhile, begin, workers):
         meanwhile()
         table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})
         found = identify_draws(posterior, table, draws.convergence.state)

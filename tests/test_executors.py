@@ -20,7 +20,7 @@ import pytest
 import executor_tasks as tasks
 from biaxbayes.errors import InputError
 from biaxbayes.executors import cluster
-from biaxbayes.executors.beside import Beside, Standby
+from biaxbayes.executors.beside import Beside, Partner, Standby, each, when_asked
 from biaxbayes.executors.executor import InThisProcess, Workers, executor_for
 
 
@@ -328,6 +328,92 @@ def test_a_standby_without_tasks_ends():
     with Standby(lambda: time.sleep(600), abs, 2) as standby:
         standby.begin(-1)
     assert not standby.begun or not standby._process.is_alive()
+
+
+class Counter:
+    """What a process has of its own: how often it was asked, and where."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def ask(self, more: int) -> tuple[int, int]:
+        self.asked += more
+        return self.asked, os.getpid()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_partner_does_one_piece_of_work_after_the_other(workers):
+    counter = Counter()
+    with Partner(workers, of=counter) as partner:
+        values = np.full(200_000, 2.0)  # more than a pipe holds
+        squares = partner.begin(np.square, values)
+        late = partner.begin(os.getpid)
+        elsewhere = partner.begun
+        assert not partner.is_free
+        assert late() == os.getpid()  # it has other work
+        assert squares().tolist() == [4.0] * 200_000
+        assert partner.is_free is elsewhere
+        found = [partner.begin("ask", k)() for k in (1, 2)]
+    assert elsewhere or workers == 1 or sys.platform != "linux" or threading.active_count() > 1
+    assert [asked for asked, _ in found] == [1, 3]
+    assert ({pid for _, pid in found} == {os.getpid()}) is not elsewhere
+    assert counter.asked == (0 if elsewhere else 3)
+    assert partner.begin(abs, -1)() == 1  # after its end
+
+
+def divided(x):
+    return 1 // x
+
+
+def died(home):
+    if os.getpid() != home:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "here"
+
+
+def test_what_fails_in_a_partner_fails_here_and_what_kills_it_is_done_here():
+    with Partner(2) as partner:
+        failing = partner.begin(divided, 0)
+        with pytest.raises(ZeroDivisionError):
+            failing()
+        assert not partner.begun and partner.begin(divided, 1)() == 1
+    with Partner(2) as partner:
+        assert partner.begin(died, os.getpid())() == "here"
+        assert not partner.begun and partner.begin(abs, -3)() == 3
+    with Partner(2) as partner:
+        if partner.begun:
+            os.kill(partner._process.pid, signal.SIGKILL)
+            partner._process.join()
+        assert [partner.begin(abs, k)() for k in (-1, -2)] == [1, 2]
+
+
+def modules_there(name):
+    return name in sys.modules, os.getpid()
+
+
+def test_a_partner_has_imported_its_modules_before_it_works(tmp_path, monkeypatch):
+    (tmp_path / "slow_to_import.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    with Partner(2, modules=["slow_to_import"]) as partner:
+        elsewhere = partner.begun
+        there, pid = partner.begin(modules_there, "slow_to_import")()
+    assert there is elsewhere and (pid != os.getpid()) is elsewhere
+    assert "slow_to_import" not in sys.modules
+
+
+def test_a_partner_that_is_in_the_middle_of_work_ends():
+    with Partner(2) as partner:
+        begun, process = partner.begun, partner._process
+        partner.begin(time.sleep, 600 if begun else 0)
+    assert not begun or not process.is_alive()
+
+
+def test_work_that_waits_is_done_when_its_result_is_asked_for():
+    done: list[int] = []
+    later = when_asked(done.append, 1)
+    assert done == []
+    later()
+    assert done == [1] and each(abs, [-1, -2]) == [1, 2]
 
 
 @contextlib.contextmanager

@@ -451,7 +451,7 @@ def test_proposal_survives_a_checkpoint():
 
 def test_few_points_give_few_components_not_an_error():
     rng = np.random.default_rng(1)
-    assert len(fit_mixture(rng.standard_normal((30, 6)), rng, components=8).weights) == 1
+    assert len(fit_mixture(rng.standard_normal((30, 6)), 1, components=8).weights) == 1
     q = fit_transported_mixture(
         np.tile([[1.0, 2.0]], (50, 1)) + 1e-9 * rng.standard_normal((50, 2)), rng
     )

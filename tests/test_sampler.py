@@ -129,10 +129,13 @@ def advanced(workers, blocks=(5, 3)):
     ensembles = Ensembles(
         log_density, starts, np.random.SeedSequence(1), counts=counts, workers=workers
     )
-    made = [ensembles.run(blocks[0])]
-    ensembles.adapt(made[0][0].reshape(-1, 2))
-    ensembles.set_share(0.7)
-    made.append(ensembles.run(blocks[1]))
+    with ensembles:
+        made = [ensembles.run(blocks[0])]
+        ensembles.adapt(
+            np.concatenate([w * made[0][0].reshape(-1, 2) for w in (1, -1)]), parts=2, components=4
+        )
+        ensembles.set_share(0.7)
+        made.append(ensembles.run(blocks[1]))
     return made, ensembles, counts
 
 
@@ -148,6 +151,7 @@ def test_ensembles_are_the_same_in_whatever_process_they_advance(workers, among_
         made, found, counted = advanced(workers)
     finally:
         done.set()
+    assert len(found.proposal.parts) == 2
     for block, same in zip(made, alone, strict=True):
         np.testing.assert_array_equal(block[0], same[0])
         np.testing.assert_array_equal(block[1], same[1])

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest import mock
 
-from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.beside import Begin, Beside, when_asked
 from biaxbayes.identifiability.identify import Identifiability, RecordFits
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.model.posterior import Posterior
@@ -23,9 +23,10 @@ def _no_verdicts(
     fits: Beside[RecordFits],
     *,
     meanwhile: Callable[[], None],
+    begin: Begin = when_asked,
     workers: int = 1,
 ) -> Identifiability:
-    del folder, fits, workers
+    del folder, fits, begin, workers
     meanwhile()
     return Identifiability((), draws.convergence.state, 0, Thresholds(), posterior.law)
 

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 from biaxbayes.executors.beside import alone
 
 if TYPE_CHECKING:
+    import emcee
     from arviz_stats.base import array_stats
 
-__all__ = ["array_stats", "corner_package", "imported_without"]
+__all__ = ["ARRAY_STATS_IMPORTS", "array_stats", "corner_package", "emcee", "imported_without"]
 
 
 def imported_without(name: str, unwanted: str) -> Any:
@@ -45,6 +46,10 @@ def imported_without(name: str, unwanted: str) -> Any:
             del sys.modules[part]
 
 
+ARRAY_STATS_IMPORTS = ("scipy.stats", "scipy.signal")
+"""What :data:`array_stats` needs and little else does: half a second, for a process of its own."""
+
+
 @cache
 def corner_package() -> Any:
     """The corner package without ArviZ, whose data no figure is drawn of."""
@@ -57,7 +62,15 @@ def _array_stats() -> Any:
     return imported_without("arviz_stats.base", "xarray").array_stats
 
 
+@cache
+def _emcee() -> Any:
+    """The emcee package without the move that draws from a kernel density of SciPy's statistics."""
+    return imported_without("emcee", "scipy.stats")
+
+
 def __getattr__(name: str) -> Any:
     if name == "array_stats":
         return _array_stats()
+    if name == "emcee":
+        return _emcee()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

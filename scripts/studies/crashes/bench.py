@@ -22,7 +22,7 @@ from biaxbayes import figures, jobs, reports
 from biaxbayes.cli import group
 from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.beside import Begin, Beside, when_asked
 from biaxbayes.identifiability.identify import Identifiability, RecordFits, identify
 from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
@@ -154,9 +154,10 @@ class Bench:
             fits: Beside[RecordFits],
             *,
             meanwhile: Callable[[], None],
+            begin: Begin = when_asked,
             workers: int = 1,
         ) -> Identifiability:
-            del posterior, draws, fits, workers
+            del posterior, draws, fits, begin, workers
             meanwhile()
             for name, content in products.items():
                 atomic_write_bytes(folder / name, content)

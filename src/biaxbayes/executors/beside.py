@@ -1,7 +1,7 @@
 """Work in a process beside this one, which goes on with something else meanwhile.
 
 :class:`Beside` does one piece of work that is known now, :class:`Standby` gets ready now for pieces
-that are known later.
+that are known later, :class:`Partner` takes a share of one piece after the other.
 
 The process is forked, so that nothing has to be sent to it or imported again. Where that is not
 safe (other threads may hold locks, and not all systems fork well) the work is done here, when its
@@ -19,16 +19,23 @@ import pickle
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
 from multiprocessing.connection import Connection
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from biaxbayes.progress_bar import STOPS
 
-__all__ = ["Beside", "Standby", "alone"]
+__all__ = ["Begin", "Beside", "Partner", "Standby", "alone", "each", "when_asked"]
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+Begin: TypeAlias = Callable[..., Callable[[], Any]]
+"""Of a function and its arguments, all of which can be pickled: begins work that may be done
+elsewhere, and returns what gives its result."""
 
 
 class Beside(Generic[Result]):
@@ -162,6 +169,124 @@ def _all_worked(
     with Beside(lambda: work(pickle.loads(first)), 2) as longest:
         others = [work(pickle.loads(task)) for task in iter(queue.get, None)]
         return [longest.result(), *others]
+
+
+class Partner:
+    """A process that is handed one piece of work after the other, within a ``with`` statement.
+
+    Linear algebra there takes one processor, as it must in what is done here meanwhile if the
+    results are to be the same.
+
+    Parameters
+    ----------
+    workers : int
+        Processors that may be used; with one the work waits until its result is asked for.
+    of : object, optional
+        Its methods can be begun by their names: the process has it as it is now.
+    modules : sequence of str
+        What the process imports before its first piece of work.
+    """
+
+    def __init__(
+        self,
+        workers: int,
+        *,
+        of: object = None,
+        modules: Sequence[str] = (),
+    ) -> None:
+        self._of = of
+        self._busy = False
+        self._process: Any = None
+        if not _may_fork(workers):
+            return
+        context = multiprocessing.get_context("fork")
+        self._pipe, there = context.Pipe()
+        work = partial(_answer_all, of, modules, there)
+        arguments = (work, there, os.getpid())
+        self._process = context.Process(target=_send, args=arguments, daemon=True)
+        with there, contextlib.suppress(OSError):  # no memory, no more processes
+            self._process.start()
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a process."""
+        return self._process is not None and self._process.pid is not None
+
+    @property
+    def is_free(self) -> bool:
+        """Whether there is a process that has nothing to do."""
+        return self.begun and not self._busy
+
+    def begin(self, function: Callable[..., Any] | str, *arguments: Any) -> Callable[[], Any]:
+        """Begin work; what returns its result, and raises its exceptions here.
+
+        Where the process has died, or is not free, it is done when its result is asked for.
+
+        Parameters
+        ----------
+        function : callable or str
+            One that can be pickled, or the name of a method. It writes nothing but caches.
+        *arguments
+            They and the result can be pickled.
+        """
+        here = partial(_called, self._of, function, *arguments)
+        if not self.is_free:
+            return here
+        try:
+            self._pipe.send((function, arguments))
+        except OSError:
+            self._dismiss()
+            return here
+        self._busy = True
+        return partial(self._result, here)
+
+    def _result(self, here: Callable[[], Any]) -> Any:
+        """What came back; else the work is done here: why it failed there is best seen here."""
+        self._busy = False
+        try:
+            return self._pipe.recv()
+        except (EOFError, OSError):
+            self._dismiss()
+            return here()
+
+    def _dismiss(self) -> None:
+        if self.begun:
+            self._process.kill()
+            self._process.join()
+            self._pipe.close()
+            self._process = None
+
+    def __enter__(self) -> Partner:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process: nobody will hand work to it."""
+        self._dismiss()
+
+
+def _called(of: object, function: Callable[..., Any] | str, *arguments: Any) -> Any:
+    """The result of a function, or of the method of that name."""
+    return (getattr(of, function) if isinstance(function, str) else function)(*arguments)
+
+
+def _answer_all(of: object, modules: Sequence[str], pipe: Connection) -> None:
+    """Do the work that comes through a pipe, until it ends."""
+    for name in modules:
+        import_module(name)
+    with threadpool_limits(1, user_api="blas"):
+        while True:
+            function, arguments = pipe.recv()
+            pipe.send(_called(of, function, *arguments))
+
+
+def each(function: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
+    """The results of a function of each of several tasks."""
+    return [function(task) for task in tasks]
+
+
+def when_asked(function: Callable[..., Result], *arguments: Any) -> Callable[[], Result]:
+    """Begin nothing: the work is done here, when its result is asked for."""
+    return partial(function, *arguments)
 
 
 def _may_fork(workers: int) -> bool:

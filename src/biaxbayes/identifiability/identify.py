@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.identifiability.evidence import Found, Refits, evidence_of_run
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edges
 from biaxbayes.identifiability.marginals import (
@@ -295,6 +296,7 @@ def identify_draws(
     refits: Refits = mounting_refits,
     stated: Mapping[str, Stated] | None = None,
     priors: Mapping[str, Prior | DrawnPrior | Tie | float] | None = None,
+    begin: Begin = when_asked,
 ) -> Identifiability:
     """Judge the parameters of a posterior by its draws.
 
@@ -317,6 +319,8 @@ def identify_draws(
         What is stated already of the mounting stretches of the tissue.
     priors : mapping, optional
         In place of the posterior's own, for draws under other priors of the same likelihood.
+    begin : callable
+        As in :func:`.evidence.evidence_of_draws`.
     """
     chosen = thresholds or Thresholds()
     every, draws = draws, draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
@@ -325,7 +329,7 @@ def identify_draws(
     evidence = (
         {}
         if state == "unusable"
-        else evidence_of_run(posterior, draws, every, free, chosen, refits=refits)
+        else evidence_of_run(posterior, draws, every, free, chosen, refits=refits, begin=begin)
     )
     fits = fits if state == "converged" else None
     if stated is None or state != "converged":

@@ -28,23 +28,26 @@ DECIDES = 0.25
 twice the sd. Alone a normal prior moves it by 0.7 of that, with as much from the data by 0.35."""
 
 
-def sensitivity(values: np.ndarray, log_component: np.ndarray) -> np.ndarray:
+def sensitivity(values: np.ndarray, log_component: np.ndarray | None) -> np.ndarray:
     """Sensitivity of each marginal to power-scaling one component of the posterior.
 
     Parameters
     ----------
     values : ndarray, shape (n, d)
         Draws on the sampling scales.
-    log_component : ndarray, shape (n,)
-        Log prior or log likelihood of each draw.
+    log_component : ndarray, shape (n,), or None
+        Log prior or log likelihood of each draw, where it is known.
 
     Returns
     -------
     ndarray, shape (d,)
-        Distance per doubling of the power; above 0.05 counts as sensitive.
+        Distance per doubling of the power; above 0.05 counts as sensitive. NaN where the component
+        is not known.
     """
-    from biaxbayes.lean_imports import array_stats  # imports scipy.signal
+    from biaxbayes.lean_imports import array_stats  # imports scipy.stats: half a second
 
+    if log_component is None:
+        return np.full(values.shape[1], np.nan)
     out = np.zeros(values.shape[1])
     if not np.ptp(log_component) > 0.0:
         return out

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.executors.beside import Beside, Standby
+from biaxbayes.executors.beside import Begin, Beside, Standby, when_asked
 from biaxbayes.figures.run import DRAWING_MODULES
 from biaxbayes.figures.style import PRINT_AND_SCREEN, figure_bytes, own_garbage, return_memory
 from biaxbayes.identifiability.held_edges import held_edges
@@ -63,6 +63,7 @@ def write_products(
     fits: Beside[RecordFits],
     *,
     meanwhile: Callable[[], None],
+    begin: Begin = when_asked,
     workers: int = 1,
 ) -> Identifiability:
     """Write the products of a run into its folder; the verdicts.
@@ -70,7 +71,8 @@ def write_products(
     What ``identify`` says of the run is kept for it. Unusable draws get the traces that show why,
     and no figure of a posterior that is none. With two ``workers`` the figures are drawn beside the
     verdicts, the corner, which takes as long as the others, beside these, and the ``fits`` to the
-    record were made beside the sampling. ``meanwhile`` is called while the figures are drawn.
+    record were made beside the sampling. ``meanwhile`` is called while the figures are drawn;
+    ``begin`` as in :func:`.evidence.evidence_of_draws`.
     """
     state = draws.convergence.state
     table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
@@ -87,9 +89,11 @@ def write_products(
         meanwhile()
         if state == "converged":
             laws, parts = fits.result()
-            found = identify_draws(posterior, table, state, fits=laws, refits=lambda _: parts)
+            found = identify_draws(
+                posterior, table, state, fits=laws, refits=lambda _: parts, begin=begin
+            )
         else:
-            found = identify_draws(posterior, table, state)
+            found = identify_draws(posterior, table, state, begin=begin)
         found = found.with_held(held_edges(posterior, found.open_edges()))
         if state != "unusable":
             drawing.begin(("identifiability", (found,)))

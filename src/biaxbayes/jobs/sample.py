@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
-from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.beside import Begin, Beside, Partner
 from biaxbayes.identifiability.identify import RecordFits, record_fits
 from biaxbayes.identifiability.mounting_stretch.toe import swapped_columns
 from biaxbayes.jobs.opening import opened_specimen, readable_specimen
 from biaxbayes.laws import law_named
+from biaxbayes.lean_imports import ARRAY_STATS_IMPORTS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
@@ -123,6 +124,8 @@ class Sampling:
             fit_clock = time.perf_counter()
             stack.enter_context(drawing_beside(self.plan.workers))
             stack.enter_context(Beside(compile_kernels, self._compilers()))
+            statistics = Partner(self.plan.workers, modules=ARRAY_STATS_IMPORTS)
+            begin = stack.enter_context(statistics).begin
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
             swapped = swapped_columns(
                 posterior.specimen,
@@ -145,6 +148,7 @@ class Sampling:
                     ),
                     progress=tell,
                     stop=stop,
+                    begin=begin,
                 )
                 if draws.interrupted:
                     raise self._interruption(draws, stop())
@@ -153,7 +157,7 @@ class Sampling:
                 if state is None:
                     draws.seconds["fit"] += fit_seconds
                 draws.seconds["before output"] = time.perf_counter() - clock
-                self._write(posterior, draws, fits, clock, tell)
+                self._write(posterior, draws, fits, begin, clock, tell)
         return self.folder
 
     def _interruption(self, draws: Draws, signal: int) -> Interrupted:
@@ -204,6 +208,7 @@ class Sampling:
         posterior: Posterior,
         draws: Draws,
         fits: Beside[RecordFits],
+        begin: Begin,
         clock: float,
         tell: Callable[[Progress], None],
     ) -> None:
@@ -215,7 +220,7 @@ class Sampling:
                 tell(Progress("writing", note=note))
 
         with staged(self.folder, gone) as folder:
-            self._write_files(folder, posterior, draws, fits, clock)
+            self._write_files(folder, posterior, draws, fits, begin, clock)
 
     def _write_files(
         self,
@@ -223,6 +228,7 @@ class Sampling:
         posterior: Posterior,
         draws: Draws,
         fits: Beside[RecordFits],
+        begin: Begin,
         clock: float,
     ) -> None:
         from biaxbayes.jobs.identified import thresholds_record
@@ -250,7 +256,13 @@ class Sampling:
         )
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
         found = write_products(
-            folder, posterior, draws, fits, meanwhile=archive, workers=self.plan.workers
+            folder,
+            posterior,
+            draws,
+            fits,
+            meanwhile=archive,
+            begin=begin,
+            workers=self.plan.workers,
         )
         verdicts = {p.name: p.verdict for p in found.parameters}
         write_summary(folder / "summary.csv", with_verdicts(table, verdicts))

@@ -18,7 +18,6 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -127,12 +126,20 @@ class Prior:
     def _uniform(self) -> bool:
         return self.family in ("uniform", "loguniform")
 
-    def _whole(self) -> tuple[Any, float, float]:
-        """SciPy's distribution on the standard scale, and how much of it lies below each edge."""
+    def _level(self, x: Any) -> Any:
+        """Cumulative probability on the standard scale, were the range not cut."""
+        from scipy.special import ndtr  # an eighth of a second: not for a mere look at a file
+
         location, scale, low, high = self._standard_range()
-        whole = _distribution(self._uniform, location, scale, low, high)
         with np.errstate(over="ignore"):  # an edge may be further away than numbers reach
-            return whole, whole.cdf(low), whole.cdf(high)
+            if self._uniform:
+                return np.clip((x - low) / (high - low), 0.0, 1.0)
+            return ndtr((x - location) / scale)
+
+    def _edges(self) -> tuple[float, float]:
+        """How much of the distribution lies below each edge of the range."""
+        _, _, low, high = self._standard_range()
+        return float(self._level(low)), float(self._level(high))
 
     def mass(self, *, positive: bool) -> float:
         """Probability of the range, of positive values only where only these count."""
@@ -140,23 +147,27 @@ class Prior:
             return float(self.high > 0.0 or not positive)
         if positive and not self._logs:
             return self.within(0.0, math.inf).mass(positive=False) if self.high > 0.0 else 0.0
-        _, below_low, below_high = self._whole()
-        return float(below_high - below_low)
+        below_low, below_high = self._edges()
+        return below_high - below_low
 
     def cdf(self, natural: np.ndarray) -> np.ndarray:
         """Cumulative probability of natural values, of the same shape."""
         with np.errstate(divide="ignore"):
             x = np.log(np.maximum(natural, 0.0)) if self._logs else np.asarray(natural, dtype=float)
-        whole, first, last = self._whole()
+        first, last = self._edges()
         # F = (Phi(x) - Phi(low)) / (Phi(high) - Phi(low))
         with np.errstate(over="ignore"):
-            return np.clip((whole.cdf(x) - first) / (last - first), 0.0, 1.0)
+            return np.clip((self._level(x) - first) / (last - first), 0.0, 1.0)
 
     def ppf(self, probability: np.ndarray) -> np.ndarray:
         """Natural values at cumulative probabilities, of the same shape."""
-        whole, first, last = self._whole()
+        from scipy.special import ndtri
+
+        location, scale, low, high = self._standard_range()
+        first, last = self._edges()
         # x = Phi^-1(Phi(low) + F (Phi(high) - Phi(low)))
-        x = whole.ppf(first + (last - first) * probability)
+        level = first + (last - first) * probability
+        x = level * (high - low) + low if self._uniform else ndtri(level) * scale + location
         return np.exp(x) if self._logs else x
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
@@ -218,14 +229,6 @@ class DrawnPrior:
     def ppf(self, probability: np.ndarray) -> np.ndarray:
         """Natural values at cumulative probabilities, of the same shape."""
         return np.interp(probability, self._levels, self._values)
-
-
-@lru_cache(maxsize=256)
-def _distribution(flat: bool, location: float, scale: float, low: float, high: float) -> Any:
-    """A uniform or a normal distribution of SciPy, the latter not cut off."""
-    from scipy.stats import norm, uniform  # half a second: not for a mere look at a file
-
-    return uniform(low, high - low) if flat else norm(location, scale)
 
 
 @dataclass(frozen=True)

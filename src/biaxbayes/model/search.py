@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from biaxbayes.errors import NotConverged
+from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.model.posterior import Posterior
@@ -43,6 +44,7 @@ def draw_posterior(
     on_block: Callable[[State], None] | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
+    begin: Begin = when_asked,
 ) -> Draws:
     """Draw from a posterior until the plan is met or its budget spent.
 
@@ -54,7 +56,7 @@ def draw_posterior(
     plan : Plan
     state : State, optional
         Continue from here rather than from the start.
-    on_block, progress, stop
+    on_block, progress, stop, begin
         As in :func:`~biaxbayes.sampling.sampler.draw`.
 
     Returns
@@ -69,7 +71,9 @@ def draw_posterior(
     """
     if state is not None:
         target = charted(posterior, state.frame["softening"]).target()
-        return draw(target, state, plan, on_block=on_block, progress=progress, stop=stop)
+        return draw(
+            target, state, plan, on_block=on_block, progress=progress, stop=stop, begin=begin
+        )
     seconds = {}
     clock = time.perf_counter()
     progress(Progress("fitting"))
@@ -83,7 +87,7 @@ def draw_posterior(
     progress(Progress("searching"))
     target, start = search(posterior, plan.search_rng(), plan.population)
     seconds["warm-up"] = time.perf_counter() - clock
-    draws = draw(target, start, plan, on_block=on_block, progress=progress, stop=stop)
+    draws = draw(target, start, plan, on_block=on_block, progress=progress, stop=stop, begin=begin)
     seconds["warm-up"] += draws.seconds["warm-up"]
     seconds["sampling"] = draws.seconds["sampling"]
     return replace(draws, seconds=seconds)

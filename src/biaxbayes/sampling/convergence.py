@@ -12,7 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.special import ndtri
+
+from biaxbayes.executors.beside import Begin, each, when_asked
 
 __all__ = ["Convergence", "assess", "effective_sample_size", "rank_normalised", "split_rhat"]
 
@@ -28,9 +31,7 @@ LONGEST_HOLD = 1.0 / 3.0
 
 def rank_normalised(draws: np.ndarray) -> np.ndarray:
     """Normal scores of the pooled ranks, same shape."""
-    from scipy.stats import rankdata  # half a second: not for a run that is only read
-
-    ranks = rankdata(draws.ravel(), method="average")
+    ranks = pd.Series(draws.ravel()).rank().to_numpy()
     return ndtri((ranks - 0.375) / (ranks.size + 0.25)).reshape(draws.shape)
 
 
@@ -40,7 +41,7 @@ def split_rhat(draws: np.ndarray) -> float:
     The larger of the rank-normalised one and that of the folded draws, which sees scale.
     Infinite when the ensembles do not move, or have no two halves.
     """
-    from biaxbayes.lean_imports import array_stats  # imports scipy.signal
+    from biaxbayes.lean_imports import array_stats  # imports scipy.stats: half a second
 
     ensembles, steps, _ = draws.shape
     if steps < 2:
@@ -139,7 +140,12 @@ class Convergence:
         return float(self.rhat.max())
 
 
-def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergence:
+def assess(
+    quantities: dict[str, np.ndarray],
+    *,
+    target_ess: float,
+    begin: Begin = when_asked,
+) -> Convergence:
     """Judge the draws.
 
     Parameters
@@ -148,6 +154,8 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
         Constant quantities are left out of the judgement.
     target_ess : float
         Effective sample size asked for, for the worst quantity.
+    begin : callable
+        Begins what ArviZ computes, R-hat, beside the rest (:data:`.executors.beside.Begin`).
 
     Returns
     -------
@@ -156,16 +164,19 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
         times and no walker that stood still for a third of them. ``tentative``: R-hat below 1.05
         and ESS above 100. ``unusable`` otherwise.
     """
-    names, bulk, tail, rhat, tau = [], [], [], [], []
+    moving = {
+        name: draws
+        for name, draws in quantities.items()
+        if np.ptp(draws) > 1e-12 * max(abs(float(draws.flat[0])), 1e-300)
+    }
+    rhats = begin(each, split_rhat, list(moving.values()))
+    bulk, tail, tau = [], [], []
     steps = 0
-    for name, draws in quantities.items():
-        if not np.ptp(draws) > 1e-12 * max(abs(float(draws.flat[0])), 1e-300):
-            continue
+    for draws in moving.values():
         z = rank_normalised(draws)
         steps = draws.shape[1]
         time = autocorrelation_time(z) if steps >= 4 else float("inf")
         low, high = np.quantile(draws, [0.05, 0.95])
-        names.append(name)
         tau.append(time)
         bulk.append(min(draws.size / time, draws.size))
         tail.append(
@@ -174,17 +185,13 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
                 effective_sample_size((draws >= high).astype(float)),
             )
         )
-        rhat.append(split_rhat(draws))
+    names, rhat = list(moving), np.array(rhats())
     ess_bulk, ess_tail = np.array(bulk), np.array(tail)
-    state, reason = _state(
-        names, ess_bulk, ess_tail, np.array(rhat), np.array(tau), steps, target_ess
-    )
+    state, reason = _state(names, ess_bulk, ess_tail, rhat, np.array(tau), steps, target_ess)
     held = longest_hold(quantities) if names else 0
     if state == "converged" and held > LONGEST_HOLD * steps:
         state, reason = "tentative", f"a walker stood still for {held} of {steps} kept steps"
-    return Convergence(
-        tuple(names), ess_bulk, ess_tail, np.array(rhat), np.array(tau), steps, state, reason
-    )
+    return Convergence(tuple(names), ess_bulk, ess_tail, rhat, np.array(tau), steps, state, reason)
 
 
 def _state(

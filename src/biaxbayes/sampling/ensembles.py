@@ -3,20 +3,21 @@
 Each ensemble has its own random numbers, so that the draws do not depend on how many processes
 share the ensembles. Between two calls of a compiled density there is as much work for the
 interpreter, of which threads would have one among them.
+
+The processes that share the ensembles also share fits of several parts (:meth:`Ensembles.begin`).
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
-import emcee
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from biaxbayes.executors.beside import Beside
+from biaxbayes.executors.beside import Partner
+from biaxbayes.lean_imports import emcee
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import Proposal
 from biaxbayes.sampling.target import LogDensity
@@ -135,12 +136,15 @@ class Ensemble:
         self.independence.accepted = int(snapshot["accepted"])
 
 
-Apart: TypeAlias = tuple[list[tuple[np.ndarray, np.ndarray]], list[dict[str, Any]], np.ndarray]
+Snapshots: TypeAlias = list[dict[str, Any]]
+Apart: TypeAlias = tuple[list[tuple[np.ndarray, np.ndarray]], Snapshots, np.ndarray]
 """Coordinates and log densities of ensembles advanced elsewhere, their snapshots, and counts."""
 
 
 class Ensembles:
     """Several independent ensembles that share one proposal.
+
+    Within a ``with`` statement other processes share the work.
 
     Parameters
     ----------
@@ -173,28 +177,51 @@ class Ensembles:
         ]
         self.counts = np.zeros(0, dtype=np.int64) if counts is None else counts
         self.workers = min(workers, len(self.members))
-        self.rounds: list[float] = []
+        self._partners: list[Partner] = []
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> Ensembles:
+        others = [Partner(self.workers, of=self) for _ in range(self.workers - 1)]
+        self._partners = [self._stack.enter_context(partner) for partner in others]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._partners = []
+        self._stack.close()
+
+    def begin(self, function: Callable[..., Any] | str, *arguments: Any) -> Callable[[], Any]:
+        """As :meth:`.Partner.begin`, in a process that is free."""
+        free = (partner for partner in self._partners if partner.is_free)
+        return next(free, Partner(1, of=self)).begin(function, *arguments)
 
     def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Advance every ensemble; (ensembles, steps, walkers, d), (ensembles, steps, walkers)."""
         each = -(-len(self.members) // self.workers)
-        own, *shares = (self.members[k : k + each] for k in range(0, len(self.members), each))
-        with threadpool_limits(1, user_api="blas"), contextlib.ExitStack() as stack:
-            others = [
-                stack.enter_context(Beside(partial(self._run_apart, share, steps), self.workers))
-                for share in shares
-            ]
-            out = [member.run(steps) for member in own]
-            for share, other in zip(shares, others, strict=True):
-                runs, snapshots, counts = other.result()
-                for member, snapshot in zip(share, snapshots, strict=True):
-                    member.restore(snapshot)
+        own, *shares = (
+            range(k, min(k + each, len(self.members))) for k in range(0, len(self.members), each)
+        )
+        with threadpool_limits(1, user_api="blas"):
+            others = []
+            for share in shares:
+                snapshots = [self.members[k].snapshot() for k in share]
+                others.append(self.begin("_run_apart", share, snapshots, self.proposal, steps))
+            out = [self.members[k].run(steps) for k in own]
+            for share, result in zip(shares, others, strict=True):
+                runs, snapshots, counts = result()
+                for k, snapshot in zip(share, snapshots, strict=True):
+                    self.members[k].restore(snapshot)
                 self.counts += counts
                 out += runs
         return np.stack([c for c, _ in out]), np.stack([p for _, p in out])
 
-    def _run_apart(self, members: Sequence[Ensemble], steps: int) -> Apart:
-        """Advance some ensembles in another process, where counts are not seen."""
+    def _run_apart(
+        self, share: Sequence[int], snapshots: Snapshots, proposal: Proposal | None, steps: int
+    ) -> Apart:
+        """Advance some ensembles, perhaps in another process, where counts are not seen."""
+        members = [self.members[k] for k in share]
+        for member, snapshot in zip(members, snapshots, strict=True):
+            member.restore(snapshot)
+            member.independence.proposal = proposal
         before = self.counts.copy()
         runs = [member.run(steps) for member in members]
         counts = self.counts - before
@@ -244,7 +271,7 @@ class Ensembles:
         """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
         lead = self.members[0].independence
         with threadpool_limits(1, user_api="blas"):
-            lead.adapt(history, components=components, parts=parts, screen=screen)
+            lead.adapt(history, components=components, parts=parts, screen=screen, begin=self.begin)
         assert lead.proposal is not None
         self.proposal = lead.proposal
 

@@ -21,16 +21,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from emcee.moves.move import Move
-from emcee.state import State
 from numba import njit
 
+from biaxbayes.executors.beside import Begin, when_asked
+from biaxbayes.lean_imports import emcee
 from biaxbayes.sampling.proposal import Proposal, fit_mixture_proposal
 
 __all__ = ["AdaptedIndependenceMove"]
 
 
-class AdaptedIndependenceMove(Move):
+class AdaptedIndependenceMove(emcee.moves.Move):
     """Metropolis-Hastings with a proposal fitted to the history of the ensemble.
 
     Parameters
@@ -91,11 +91,12 @@ class AdaptedIndependenceMove(Move):
         components: int | None = None,
         parts: int = 1,
         screen: bool = True,
+        begin: Begin = when_asked,
     ) -> None:
         """Fit the proposal to a history of walkers, shape (n, d).
 
-        ``components`` overrides the limit of the constructor for this fit; ``parts`` and
-        ``screen`` as in :func:`.proposal.fit_mixture_proposal`.
+        ``components`` overrides the limit of the constructor for this fit; ``parts``, ``screen``
+        and ``begin`` as in :func:`.proposal.fit_mixture_proposal`.
 
         Raises
         ------
@@ -111,13 +112,14 @@ class AdaptedIndependenceMove(Move):
             bounds=self.bounds,
             parts=parts,
             screen=screen,
+            begin=begin,
         )
 
     def freeze(self) -> None:
         """Refuse further adaptation; every draw from here on may be kept."""
         self.frozen = True
 
-    def propose(self, model: Any, state: State) -> tuple[State, np.ndarray]:
+    def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, np.ndarray]:
         """One step of every walker; called by emcee."""
         if self.proposal is None:
             raise RuntimeError("the independence move has no proposal yet: call adapt first")

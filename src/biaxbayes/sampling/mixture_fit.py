@@ -8,13 +8,15 @@ as long for so few points.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
+from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.sampling.student_mixture import StudentMixture
 
-__all__ = ["fit_gaussians", "fit_mixture", "groups", "spread_points"]
+__all__ = ["fit_gaussians", "fit_mixture", "groups", "mixture_seed", "spread_points"]
 
 MOST_ROUNDS = 50
 LEAST_RISE = 2e-3
@@ -24,6 +26,11 @@ FLOOR = 1e-6
 
 
 # --- seeds ----------------------------------------------------------------------------------------
+
+
+def mixture_seed(rng: np.random.Generator) -> int:
+    """A seed of the random numbers with which a mixture or groups are begun."""
+    return int(rng.integers(2**31))
 
 
 def spread_points(x: np.ndarray, count: int, random: np.random.RandomState) -> np.ndarray:
@@ -76,7 +83,13 @@ SETTLED = 1e-4
 """Squared shift of all centres, over the mean variance, at which the groups are kept."""
 
 
-def groups(x: np.ndarray, count: int, random: np.random.RandomState) -> np.ndarray:
+def groups(
+    x: np.ndarray,
+    count: int,
+    random: np.random.RandomState,
+    *,
+    begin: Begin = when_asked,
+) -> np.ndarray:
     """Groups of near points by k-means (Lloyd's algorithm), the best of several starts.
 
     Parameters
@@ -84,6 +97,8 @@ def groups(x: np.ndarray, count: int, random: np.random.RandomState) -> np.ndarr
     x : ndarray, shape (n, d)
     count : int
     random : numpy.random.RandomState
+    begin : callable
+        Begins half of the starts beside the others (:data:`.executors.beside.Begin`).
 
     Returns
     -------
@@ -91,10 +106,23 @@ def groups(x: np.ndarray, count: int, random: np.random.RandomState) -> np.ndarr
         The group of each point.
     """
     x = x - x.mean(axis=0)
-    tolerance = SETTLED * x.var(axis=0).mean()
+    starts = [x[spread_points(x, count, random)] for _ in range(RESTARTS)]
+    half = RESTARTS // 2
+    others = begin(_settled, x, starts[half:])
     best, least = None, np.inf
-    for _ in range(RESTARTS):
-        centres = x[spread_points(x, count, random)]
+    for label, within in (*_settled(x, starts[:half]), *others()):
+        # The same groups by other numbers are no better, whatever rounding says.
+        if best is None or (within < least and np.unique(label * count + best).size > count):
+            best, least = label, within
+    assert best is not None
+    return best
+
+
+def _settled(x: np.ndarray, starts: Sequence[np.ndarray]) -> list[tuple[np.ndarray, float]]:
+    """Groups that each set of first centres leads to, and their sums of squared distances."""
+    tolerance = SETTLED * x.var(axis=0).mean()
+    found = []
+    for centres in starts:
         label = _nearest(x, centres)
         for _ in range(MOST_STEPS):
             moved = _means(x, label, centres)
@@ -103,12 +131,8 @@ def groups(x: np.ndarray, count: int, random: np.random.RandomState) -> np.ndarr
             label = _nearest(x, centres)
             if shift <= tolerance or np.array_equal(label, before):
                 break
-        within = float(((x - centres[label]) ** 2).sum())
-        # The same groups by other numbers are no better, whatever rounding says.
-        if best is None or (within < least and np.unique(label * count + best).size > count):
-            best, least = label, within
-    assert best is not None
-    return best
+        found.append((label, float(((x - centres[label]) ** 2).sum())))
+    return found
 
 
 def _nearest(x: np.ndarray, centres: np.ndarray) -> np.ndarray:
@@ -128,9 +152,7 @@ def _means(x: np.ndarray, label: np.ndarray, centres: np.ndarray) -> np.ndarray:
 # --- expectation maximisation ---------------------------------------------------------------------
 
 
-def fit_mixture(
-    points: np.ndarray, rng: np.random.Generator, *, components: int = 6
-) -> StudentMixture:
+def fit_mixture(points: np.ndarray, seed: int, *, components: int = 6) -> StudentMixture:
     """Fit a Gaussian mixture to points and make its tails heavier.
 
     The covariances of the Gaussians are kept as scale matrices of Student t distributions.
@@ -139,7 +161,8 @@ def fit_mixture(
     ----------
     points : ndarray, shape (n, d)
         Roughly standardised.
-    rng : numpy.random.Generator
+    seed : int
+        From :func:`mixture_seed`.
     components : int
         Upper limit; fewer where the points could not determine them.
 
@@ -150,7 +173,7 @@ def fit_mixture(
     n, d = points.shape
     # A component needs several times d points to have a covariance worth the name.
     components = max(1, min(components, n // (5 * (d + 1))))
-    random = np.random.RandomState(int(rng.integers(2**31)))
+    random = np.random.RandomState(seed)
     weights, means, covariances = fit_gaussians(points, components, random)
     weights = np.maximum(weights, 1e-4)
     return StudentMixture.from_factors(

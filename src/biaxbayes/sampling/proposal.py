@@ -20,7 +20,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from biaxbayes.sampling.mixture_fit import fit_mixture, groups
+from biaxbayes.executors.beside import Begin, when_asked
+from biaxbayes.sampling.mixture_fit import fit_mixture, groups, mixture_seed
 from biaxbayes.sampling.student_mixture import Mirrors, StudentMixture
 from biaxbayes.sampling.transport_map import TransportMap, fit_transport_map
 
@@ -146,21 +147,50 @@ def fit_transported_mixture(
     screen : bool
         Whether the map is worth the time to try several orders of the coordinates.
     """
-    n, d = points.shape
-    most = POINTS_PER_COMPONENT * components
-    if n > most:
-        points = points[rng.choice(n, most, replace=False)]
-    if bounds is None:
-        bounds = np.tile([-np.inf, np.inf], (d, 1))
+    return _fitted(_Drawn.of(points, rng, bounds, components), screen)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What a fit is made of, its random numbers drawn: several fits can be made side by side."""
+
+    points: np.ndarray
+    bounds: np.ndarray
+    components: int
+    flip: np.ndarray
+    seed: int
+
+    @classmethod
+    def of(
+        cls,
+        points: np.ndarray,
+        rng: np.random.Generator,
+        bounds: np.ndarray | None,
+        components: int,
+    ) -> _Drawn:
+        n, d = points.shape
+        most = POINTS_PER_COMPONENT * components
+        if n > most:
+            points = points[rng.choice(n, most, replace=False)]
+        if bounds is None:
+            bounds = np.tile([-np.inf, np.inf], (d, 1))
+        bounded = int(np.isfinite(bounds).any(axis=1).sum())
+        flip = rng.random((bounded, len(points))) < 0.5
+        return cls(points, bounds, components, flip, mixture_seed(rng))
+
+
+def _fitted(drawn: _Drawn, screen: bool) -> TransportedMixture:
+    """The proposal that is fitted to points."""
+    points, bounds, d = drawn.points, drawn.bounds, drawn.points.shape[1]
     transport = fit_transport_map(points, np.isfinite(bounds).any(axis=1), screen=screen)
     r, _ = transport.to_reference(points)
     limits = (bounds[transport.order] - transport.centre[:, None]) / transport.scale[:, None]
-    for j in np.flatnonzero(np.isfinite(limits).any(axis=1)):
+    bounded = np.flatnonzero(np.isfinite(limits).any(axis=1))
+    for j, flip in zip(bounded, drawn.flip, strict=True):
         low, high = limits[j]
         nearer = np.where(r[:, j] - low <= high - r[:, j], low, high)
-        flip = rng.random(len(r)) < 0.5
         r[flip, j] = 2.0 * nearer[flip] - r[flip, j]
-    mixture = fit_mixture(r, rng, components=components)
+    mixture = fit_mixture(r, drawn.seed, components=drawn.components)
     broad = BROAD_SCALE * np.linalg.cholesky(np.atleast_2d(np.cov(r.T)) + 1e-9 * np.eye(d))
     mixture = StudentMixture.from_factors(
         np.append(mixture.weights * (1.0 - BROAD_WEIGHT), BROAD_WEIGHT),
@@ -236,6 +266,7 @@ def fit_mixture_proposal(
     components: int = 20,
     parts: int = 2,
     screen: bool = True,
+    begin: Begin = when_asked,
 ) -> MixtureProposal:
     """Fit a mixture proposal, a part to each group of near points.
 
@@ -253,22 +284,20 @@ def fit_mixture_proposal(
         Groups; one where they would be too unequal.
     screen : bool
         As in :func:`fit_transported_mixture`.
+    begin : callable
+        Begins the fits of all parts but one beside it (:data:`.executors.beside.Begin`).
     """
-    label = _groups(points, rng, parts) if parts > 1 else np.zeros(len(points), dtype=int)
+    label = _groups(points, rng, parts, begin) if parts > 1 else np.zeros(len(points), dtype=int)
     share = np.bincount(label) / len(points)
     if share.min() < MIN_SHARE:
         label, share = np.zeros(len(points), dtype=int), np.ones(1)
     most = max(1, components // len(share))
-    fitted = [
-        fit_transported_mixture(
-            points[label == k], rng, bounds=bounds, components=most, screen=screen
-        )
-        for k in range(len(share))
-    ]
-    return MixtureProposal(share, tuple(fitted))
+    first, *others = (_Drawn.of(points[label == k], rng, bounds, most) for k in range(len(share)))
+    begun = [begin(_fitted, drawn, screen) for drawn in others]
+    return MixtureProposal(share, (_fitted(first, screen), *(result() for result in begun)))
 
 
-def _groups(points: np.ndarray, rng: np.random.Generator, parts: int) -> np.ndarray:
+def _groups(points: np.ndarray, rng: np.random.Generator, parts: int, begin: Begin) -> np.ndarray:
     spread = points.std(axis=0)
     z = (points - points.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    return groups(z, parts, np.random.RandomState(int(rng.integers(2**31))))
+    return groups(z, parts, np.random.RandomState(mixture_seed(rng)), begin=begin)

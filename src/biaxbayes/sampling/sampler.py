@@ -7,6 +7,7 @@ that a seed determines every byte, however often the run is interrupted.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
+from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
 from biaxbayes.sampling.convergence import LONGEST_HOLD, Convergence, assess, longest_hold
 from biaxbayes.sampling.population_monte_carlo import (
@@ -194,6 +196,7 @@ def draw(
     on_block: Callable[[State], None] | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
+    begin: Begin = when_asked,
 ) -> Draws:
     """Draw from a density until the plan is met or its budget spent.
 
@@ -208,44 +211,48 @@ def draw(
     progress : callable
     stop : callable
         Asked between blocks; True (or the number of a signal) ends the run early.
+    begin : callable
+        As in :func:`.convergence.assess`.
 
     Returns
     -------
     Draws
     """
     seconds: dict[str, float] = {}
-    if isinstance(start, State):
-        state = start
-    else:
+    with contextlib.ExitStack() as stack:
+        if isinstance(start, State):
+            state = start
+            ensembles = stack.enter_context(ensembles_at(target, plan, state))
+        else:
+            clock = time.perf_counter()
+            ensembles = stack.enter_context(_dispersed(target, start, plan))
+            state = _warmed_up(ensembles, target, start, progress)
+            seconds["warm-up"] = time.perf_counter() - clock
+            if on_block:
+                on_block(state)
         clock = time.perf_counter()
-        state = first_state(target, start, plan, progress)
-        seconds["warm-up"] = time.perf_counter() - clock
-        if on_block:
-            on_block(state)
-    ensembles = ensembles_at(target, plan, state)
-    clock = time.perf_counter()
-    due = _judged_at(state.steps, plan)
-    convergence, quantities, a_step = None, None, 0.0
-    if state.steps >= due:
-        convergence, quantities, _ = _judge(target, state, plan)
-    interrupted = False
-    while convergence is None or (
-        convergence.state != "converged" and state.steps < plan.max_steps
-    ):
-        if stop():
-            interrupted = True
-            break
-        if state.steps == due:
-            due = _judged_at(due + 1, plan)
-        state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
-        if state.steps == due:
-            convergence, quantities, share = _judge(target, state, plan)
-            state.finished = convergence is not None and convergence.state == "converged"
-            a_step = share / state.steps
-        progress(Progress("sampling", min(a_step * state.steps, 0.99)))
-        if on_block:
-            on_block(state)
-    seconds["sampling"] = time.perf_counter() - clock
+        due = _judged_at(state.steps, plan)
+        convergence, quantities, a_step = None, None, 0.0
+        if state.steps >= due:
+            convergence, quantities, _ = _judge(target, state, plan, begin)
+        interrupted = False
+        while convergence is None or (
+            convergence.state != "converged" and state.steps < plan.max_steps
+        ):
+            if stop():
+                interrupted = True
+                break
+            if state.steps == due:
+                due = _judged_at(due + 1, plan)
+            state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
+            if state.steps == due:
+                convergence, quantities, share = _judge(target, state, plan, begin)
+                state.finished = convergence is not None and convergence.state == "converged"
+                a_step = share / state.steps
+            progress(Progress("sampling", min(a_step * state.steps, 0.99)))
+            if on_block:
+                on_block(state)
+        seconds["sampling"] = time.perf_counter() - clock
     if convergence is None and state.steps >= plan.first_block:
         convergence = assess(
             _judged_ones(target, _quantities(target, state.chain)), target_ess=plan.ess
@@ -278,14 +285,22 @@ def first_state(
     progress: Callable[[Progress], None] = lambda p: None,
 ) -> State:
     """Warm ensembles up from what a search found; the state before the first kept step."""
-    from biaxbayes.sampling.ensembles import Ensembles  # emcee, which imports scipy.stats
+    with _dispersed(target, start, plan) as ensembles:
+        return _warmed_up(ensembles, target, start, progress)
 
-    walkers = max(plan.walkers, 4 * target.dimension)
-    rng = start.rng
+
+def _dispersed(target: Target, start: Start, plan: Plan) -> Ensembles:
+    """Ensembles spread wider than the density, from what a search found."""
+    from biaxbayes.sampling.ensembles import Ensembles
+
     starts = dispersed_starts(
-        start.points, start.log_weight, rng, ensembles=plan.ensembles, walkers=walkers
+        start.points,
+        start.log_weight,
+        start.rng,
+        ensembles=plan.ensembles,
+        walkers=max(plan.walkers, 4 * target.dimension),
     )
-    ensembles = Ensembles(
+    return Ensembles(
         target.log_prob,
         starts,
         plan.ensemble_seed(),
@@ -293,7 +308,13 @@ def first_state(
         counts=target.counts,
         workers=plan.workers,
     )
-    spread = tempered_points(start.points, start.log_weight, rng)
+
+
+def _warmed_up(
+    ensembles: Ensembles, target: Target, start: Start, progress: Callable[[Progress], None]
+) -> State:
+    """The state of ensembles that have forgotten where they began."""
+    spread = tempered_points(start.points, start.log_weight, start.rng)
     warmed = warm_up(
         ensembles,
         start.proposal,
@@ -305,7 +326,7 @@ def first_state(
         frame=target.frame,
         proposal=ensembles.proposal,
         members=[m.snapshot() for m in ensembles.members],
-        chain=np.empty((plan.ensembles, 0, walkers, target.dimension)),
+        chain=np.empty((len(ensembles.members), 0, *ensembles.members[0].state.coords.shape)),
         steps=0,
         thin=1,
         warmup=warmed,
@@ -316,7 +337,7 @@ def first_state(
 
 def ensembles_at(target: Target, plan: Plan, state: State) -> Ensembles:
     """Ensembles that continue from a state; the target's counts are set to those of the state."""
-    from biaxbayes.sampling.ensembles import Ensembles
+    from biaxbayes.sampling.ensembles import Ensembles  # emcee
 
     ensembles = Ensembles(
         target.log_prob,
@@ -371,7 +392,10 @@ def _judged_at(steps: int, plan: Plan) -> int:
 
 
 def _judge(
-    target: Target, state: State, plan: Plan
+    target: Target,
+    state: State,
+    plan: Plan,
+    begin: Begin = when_asked,
 ) -> tuple[Convergence | None, dict[str, np.ndarray], float]:
     """What is to be said of the draws, their quantities, and the share of the target reached.
 
@@ -383,7 +407,7 @@ def _judge(
     steps, held = state.chain.shape[1], longest_hold(judged)
     if held > LONGEST_HOLD * steps and state.steps < plan.max_steps:
         return None, kept, LONGEST_HOLD * steps / held
-    convergence = assess(judged, target_ess=plan.ess)
+    convergence = assess(judged, target_ess=plan.ess, begin=begin)
     return convergence, kept, convergence.worst_ess / plan.ess
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from biaxbayes.identifiability.profile.conditional_fit import HeldFit, Target
 from biaxbayes.laws.law import Law
@@ -117,8 +117,8 @@ def axis_of(parameter: Parameter, index: int, law: Law) -> Axis:
 # --- walking along a profile: outwards in steps that suit the curve, and back over it ------------
 
 
-THRESHOLD = float(chi2.ppf(CONTENT, 1))
-"""Deviance below which a value lies in the interval."""
+THRESHOLD = 2.0 * float(gammaincinv(0.5, CONTENT))
+"""Deviance below which a value lies in the interval: chi-squared with one degree of freedom."""
 BEYOND = 2.0  # deviance beyond the threshold at which a walk ends
 RISE = (0.3, 1.2)  # of the deviance wanted from one step to the next
 MOST_STEPS = 80
