@@ -247,24 +247,43 @@ def _expectation(
 ) -> tuple[float, np.ndarray]:
     """Mean log density of the points, and the share (n, K) of each component in each."""
     (n, d), count = x.shape, len(weights)
-    log_share = np.empty((n, count))
+    log_share = np.empty((count, n))  # a row a component: NumPy is slow along short rows
     for k in range(count):
         # |z|^2, z = L^-1 (x - m)
-        z = x @ inverses[k]
-        z -= means[k] @ inverses[k]
-        log_share[:, k] = np.square(z, out=z).sum(axis=1)
+        z = inverses[k].T @ x.T
+        z -= (means[k] @ inverses[k])[:, None]
+        log_share[k] = _sum_of_rows(np.square(z, out=z))
     # log w_k N(x; m_k, S_k)
     log_share += d * math.log(2.0 * math.pi)
     log_share *= -0.5
-    log_share += np.log(inverses.reshape(count, -1)[:, :: d + 1]).sum(axis=1)
-    log_share += np.log(weights)
+    log_share += np.log(inverses.reshape(count, -1)[:, :: d + 1]).sum(axis=1)[:, None]
+    log_share += np.log(weights)[:, None]
     # log sum_k exp(l_k) = l_top + log1p(sum of the others' exp(l_k - l_top))
-    top = log_share.max(axis=1, keepdims=True)
+    top = log_share.max(axis=0)
     others = log_share - top
     is_top = others == 0.0
     np.exp(others, out=others)
     others[is_top] = 0.0
-    equal = is_top.sum(axis=1, keepdims=True, dtype=float)
-    log_density = np.log1p(others.sum(axis=1, keepdims=True) / equal) + np.log(equal) + top
+    equal = is_top.sum(axis=0, dtype=float)
+    log_density = np.log1p(_sum_of_rows(others) / equal) + np.log(equal) + top
     log_share -= log_density
-    return float(log_density[:, 0].mean()), np.exp(log_share, out=log_share)
+    return float(log_density.mean()), np.ascontiguousarray(np.exp(log_share, out=log_share).T)
+
+
+def _sum_of_rows(rows: np.ndarray) -> np.ndarray:
+    """Sum over the first axis in the order in which NumPy adds up a row of a matrix.
+
+    Eight running sums, which are then added in pairs: its rounding, a third of the time.
+    """
+    count = len(rows)
+    if count < 8:
+        return np.asarray(rows.sum(axis=0))
+    whole = count - count % 8
+    running = rows[:8].copy()
+    for k in range(8, whole, 8):
+        running += rows[k : k + 8]
+    for apart in (1, 2, 4):
+        running[:: 2 * apart] += running[apart :: 2 * apart]
+    for row in rows[whole:]:
+        running[0] += row
+    return np.asarray(running[0])
