@@ -6,13 +6,7 @@ The names below are imported on first use, so that ``import biaxbayes`` stays ch
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
-
-try:
-    __version__ = version("biaxbayes")
-except PackageNotFoundError:  # running from a source tree that was never installed
-    __version__ = "0+unknown"
 
 _EXPORTS = {
     "GOH": "biaxbayes.laws.goh",
@@ -58,7 +52,23 @@ _OTHER_NAMES = {"law": "material"}
 __all__ = ["__version__", *_EXPORTS]
 
 
+def _version() -> str:
+    """The version that is installed; packages are looked through for it on first use."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("biaxbayes")
+    except PackageNotFoundError:  # running from a source tree that was never installed
+        return "0+unknown"
+
+
+__version__: str
+
+
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        globals()[name] = _version()
+        return globals()[name]
     if name not in _EXPORTS:
         raise AttributeError(f"module 'biaxbayes' has no attribute {name!r}")
     value = getattr(import_module(_EXPORTS[name]), _OTHER_NAMES.get(name, name))
