@@ -126,7 +126,7 @@ def test_added_components_lower_the_largest_weight_and_keeps_the_density_normali
     short = x[x[:, 0] < 4.5]  # the end of a ridge is missing
     q = fit_mixture_proposal(short, rng, bounds=bounds_array({}, 6), parts=parts)
     log_prob = RIDGES.log_density(x)
-    covered = add_components(q, x, log_prob, 0.0)
+    covered = add_components(q, q.located(x), log_prob, 0.0)
     assert covered is not q
     assert abs(covered.weights.sum() - 1.0) < 1e-12
     for part in covered.parts:
@@ -142,4 +142,4 @@ def test_nothing_is_added_where_nothing_stands_out():
     x = np.random.default_rng(9).standard_normal((2000, 2))
     exact = first_proposal(np.zeros((1, 2)), [np.eye(2)], np.ones(1), bounds_array({}, 2))
     q = MixtureProposal(np.ones(1), (exact,))
-    assert add_components(q, x, norm.logpdf(x).sum(axis=1), 0.0) is q
+    assert add_components(q, q.located(x), norm.logpdf(x).sum(axis=1), 0.0) is q

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from biaxbayes.sampling.proposal import MixtureProposal, TransportedMixture
+from biaxbayes.sampling.proposal import Located, MixtureProposal, TransportedMixture
 from biaxbayes.sampling.student_mixture import StudentMixture
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ SHARE = 0.02
 
 
 def add_components(
-    proposal: MixtureProposal, points: np.ndarray, log_prob: np.ndarray, log_mean_weight: float
+    proposal: MixtureProposal, located: Located, log_prob: np.ndarray, log_mean_weight: float
 ) -> MixtureProposal:
     """Add components to a proposal where points of the density stand out.
 
@@ -55,8 +55,9 @@ def add_components(
     ----------
     proposal : MixtureProposal
         The part that comes nearest at the point takes the component.
-    points : ndarray, shape (n, d)
-        Points of positive density: history of walkers, draws of the proposal.
+    located : list of (ndarray, shape (n, d); ndarray, shape (n,))
+        From :meth:`.MixtureProposal.located` of points of positive density: history of walkers,
+        draws of the proposal.
     log_prob : ndarray, shape (n,)
     log_mean_weight : float
         Log of the mean importance weight (an estimate of the evidence).
@@ -67,7 +68,7 @@ def add_components(
         ``proposal`` itself where nothing stands out.
     """
     parts, weights = list(proposal.parts), proposal.weights
-    by_part = proposal.log_densities(points)
+    by_part = proposal.log_densities_at(located)
     nearest = by_part.argmax(axis=0)
     log_density = np.logaddexp.reduce(by_part, axis=0)
     by_map: dict[int, _Neighbourhoods] = {}
@@ -78,7 +79,7 @@ def add_components(
             break
         k = int(nearest[top])
         if k not in by_map:
-            by_map[k] = _Neighbourhoods.of(parts[k], points, nearest == k)
+            by_map[k] = _Neighbourhoods.of(*located[k], nearest == k)
         factor = by_map[k].shape_at(top, log_weight)
         if factor is None:
             break
@@ -104,9 +105,8 @@ class _Neighbourhoods:
     own: np.ndarray
 
     @classmethod
-    def of(cls, part: TransportedMixture, points: np.ndarray, own: np.ndarray) -> _Neighbourhoods:
+    def of(cls, r: np.ndarray, log_jacobian: np.ndarray, own: np.ndarray) -> _Neighbourhoods:
         """``own``: the points at which the part comes nearest."""
-        r, log_jacobian = part.transport.to_reference(points)
         d = r.shape[1]
         known = r[own] if own.sum() > 6 * d else r
         scale = np.linalg.inv(np.linalg.cholesky(np.cov(known.T) + 1e-9 * np.eye(d)))
@@ -376,20 +376,28 @@ def _with_components(
 ) -> MixtureProposal:
     """The proposal with components added where walkers or its own draws find it short."""
     log_density = ensembles.members[0].log_density
+    located, along = proposal.located(points), points[:, 0]  # a component changes no map
     for _ in range(INCREMENTS):
         fresh = proposal.sample(ensembles.rng, size)
         fresh_log_prob = log_density(fresh)
         inside = np.isfinite(fresh_log_prob)
         fresh, fresh_log_prob = fresh[inside], fresh_log_prob[inside]
-        log_weight = fresh_log_prob - proposal.log_density(fresh)
+        fresh_located = proposal.located(fresh)
+        fresh_log_density = np.logaddexp.reduce(proposal.log_densities_at(fresh_located), axis=0)
+        log_weight = fresh_log_prob - fresh_log_density
         top = log_weight.max()
         log_mean = top + np.log(np.exp(log_weight - top).sum() / size)
-        points = np.concatenate([points, fresh])
         # A walker that stays is the same point; a move changes the first coordinate, too.
-        _, first = np.unique(points[:, 0], return_index=True)
-        points, log_prob = points[first], np.concatenate([log_prob, fresh_log_prob])[first]
+        along, first = np.unique(np.append(along, fresh[:, 0]), return_index=True)
+        log_prob = np.append(log_prob, fresh_log_prob)[first]
+        located = [
+            (np.concatenate([r, new_r])[first], np.append(log_jacobian, new_log_jacobian)[first])
+            for (r, log_jacobian), (new_r, new_log_jacobian) in zip(
+                located, fresh_located, strict=True
+            )
+        ]
         before = proposal
-        proposal = add_components(proposal, points, log_prob, float(log_mean))
+        proposal = add_components(proposal, located, log_prob, float(log_mean))
         if proposal is before:
             break
     return proposal

@@ -26,6 +26,7 @@ from biaxbayes.sampling.student_mixture import Mirrors, StudentMixture
 from biaxbayes.sampling.transport_map import TransportMap, fit_transport_map
 
 __all__ = [
+    "Located",
     "MixtureProposal",
     "Proposal",
     "TransportedMixture",
@@ -76,7 +77,10 @@ class TransportedMixture:
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond a bound."""
-        r, log_jacobian = self.transport.to_reference(x)
+        return self.log_density_at(*self.transport.to_reference(x))
+
+    def log_density_at(self, r: np.ndarray, log_jacobian: np.ndarray) -> np.ndarray:
+        """As :meth:`log_density`, at points whose reference coordinates are known."""
         out = self.mixture.log_density(r, self.mirrors) + log_jacobian
         for j in self.mirrors.coordinates:
             low, high = self.bounds[j]
@@ -204,6 +208,10 @@ MIN_SHARE = 0.1
 """A group of points smaller than this is not worth a map of its own."""
 
 
+Located: TypeAlias = list[tuple[np.ndarray, np.ndarray]]
+"""Points in the reference coordinates of each part of a proposal, with ln |dr/dx|."""
+
+
 @dataclass(frozen=True)
 class MixtureProposal:
     """A mixture of transported mixtures; the proposal density of the sampler.
@@ -229,8 +237,18 @@ class MixtureProposal:
 
     def log_densities(self, x: np.ndarray) -> np.ndarray:
         """Log of weight times density of each part at points of shape (n, d); shape (p, n)."""
+        return self.log_densities_at(self.located(x))
+
+    def located(self, x: np.ndarray) -> Located:
+        """Points of shape (n, d) in the reference coordinates of each part, with ln |dr/dx|."""
+        return [part.transport.to_reference(x) for part in self.parts]
+
+    def log_densities_at(self, located: Located) -> np.ndarray:
+        """As :meth:`log_densities`, at points that :meth:`located` has seen."""
         logs = np.log(self.weights)
-        return np.array([w + q.log_density(x) for w, q in zip(logs, self.parts, strict=True)])
+        return np.array(
+            [w + q.log_density_at(*at) for w, q, at in zip(logs, self.parts, located, strict=True)]
+        )
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond a bound."""
