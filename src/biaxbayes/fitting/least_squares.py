@@ -177,7 +177,7 @@ def _step(
     while moving.size:
         A, b = np.zeros((rows + moving.size, moving.size)), np.zeros(rows + moving.size)
         A[:rows], b[:rows] = J[:, moving], -left
-        np.fill_diagonal(A[rows:], damped[moving])
+        A[rows:].flat[:: moving.size + 1] = damped[moving]  # the diagonal
         # QR rather than normal equations: k1 and k2 trade with a condition number of 1e8
         q, upper_triangle = np.linalg.qr(A)
         diagonal = np.abs(upper_triangle.diagonal())
