@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import h5netcdf
 import h5py
 import numpy as np
+import pandas as pd
 
 from biaxbayes.errors import RunError
 from biaxbayes.model.curves import Curves
@@ -34,6 +35,7 @@ __all__ = [
     "StoredDraws",
     "SuspiciousArchive",
     "check_archive",
+    "draw_table",
     "flatten",
     "read_archive",
     "read_draws",
@@ -119,6 +121,11 @@ def quantity_name(stored: object) -> str:
 def flatten(values: np.ndarray) -> np.ndarray:
     """(ensembles, steps, walkers) to (chain, draw), walker after walker."""
     return values.transpose(0, 2, 1).reshape(values.shape[0], -1)
+
+
+def draw_table(quantities: Mapping[str, np.ndarray]) -> pd.DataFrame:
+    """One row a draw, in the order of :func:`flatten`, of arrays (ensembles, steps, walkers)."""
+    return pd.DataFrame({name: flatten(values).ravel() for name, values in quantities.items()})
 
 
 def write_archive(
