@@ -9,6 +9,7 @@ box is cut back to it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -30,12 +31,8 @@ FLOOR = 1e-26  # mean square of residuals scaled to order one: nothing but round
 class Problem(Protocol):
     """Residuals with an analytic Jacobian."""
 
-    def residual(self, unknowns: np.ndarray) -> np.ndarray:
-        """Residual vector."""
-        ...
-
-    def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
-        """Derivative of the residual vector."""
+    def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual vector and its derivative."""
         ...
 
 
@@ -99,33 +96,36 @@ def _descend(
     steps: int,
     tolerance: float,
 ) -> Descent:
-    r, cost, J = _evaluate(problem, x)
-    if not np.isfinite(cost):
+    r, J, cost, norms = _evaluate(problem, x)
+    if not math.isfinite(cost):
         return Descent(x, np.inf, 0, False)
     column = np.zeros(x.size)
     damping, growth, accepted, interior = 1e-3, 2.0, 0, INTERIOR_STEPS
+    moved = True
     for _ in range(steps):
-        gradient = J.T @ r
-        column = np.maximum(column, np.sqrt(np.einsum("ij,ij->j", J, J)))
-        free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
-        if cost <= FLOOR * r.size or not free.any():
-            return Descent(x, cost, accepted, True)
-        if _stationary(J, gradient, free, cost, tolerance):
-            return Descent(x, cost, accepted, True)
+        if moved:
+            gradient = J.T @ r
+            column = np.maximum(column, norms)
+            free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
+            if cost <= FLOOR * r.size or not free.any():
+                return Descent(x, cost, accepted, True)
+            if _stationary(norms, gradient, free, cost, tolerance):
+                return Descent(x, cost, accepted, True)
         # Early steps keep inside: with k1 or C1 at zero the other gradients vanish or mislead.
         reach = REACH if accepted < interior else 1.0
         near, far = x + reach * (lower - x), x + reach * (upper - x)
-        step, predicted = _step(J, r, free, column, damping, x, near, far)
+        step, predicted = _step(J, r, cost, free, column, damping, x, near, far)
         if predicted <= tolerance * cost and damping <= 1.0:
             # A step that was cut may predict nothing where a shorter one would
-            if _stationary(J, gradient, free, cost, 10.0 * np.sqrt(tolerance)):
+            if _stationary(norms, gradient, free, cost, 10.0 * math.sqrt(tolerance)):
                 return Descent(x, cost, accepted, True)
             interior = 0
         candidate = x + step
-        trial, new, slope = _evaluate(problem, candidate)
-        gain = (cost - new) / predicted if np.isfinite(new) and predicted > 0.0 else -1.0
-        if gain > 1e-4:
-            x, r, cost, J = candidate, trial, new, slope
+        trial, slope, new, sizes = _evaluate(problem, candidate)
+        gain = (cost - new) / predicted if math.isfinite(new) and predicted > 0.0 else -1.0
+        moved = gain > 1e-4
+        if moved:
+            x, r, J, cost, norms = candidate, trial, slope, new, sizes
             accepted += 1
             # Nielsen's rule: trust more the better the linear model predicted
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-15)
@@ -135,23 +135,28 @@ def _descend(
             growth *= 2.0
             if damping > 1e12:
                 # No step however small lowers the cost: at the floor of rounding.
-                return Descent(x, cost, accepted, _stationary(J, gradient, free, cost, 1e-6))
+                return Descent(x, cost, accepted, _stationary(norms, gradient, free, cost, 1e-6))
     return Descent(x, cost, accepted, False)
 
 
-def _evaluate(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-    """Residual, its sum of squares and its Jacobian; the sum is infinite if any is not finite."""
-    r, J = problem.residual(x), problem.jacobian(x)
+def _evaluate(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """Residual, its Jacobian, its sum of squares and the norms of the Jacobian's columns.
+
+    The sum is infinite if any is not finite.
+    """
+    r, J = problem.evaluate(x)
     cost = float(r @ r)
+    squares = np.einsum("ij,ij->j", J, J)
     # The squares of the columns must be finite too, or no step can be solved for
-    if not (np.isfinite(cost) and np.isfinite(np.einsum("ij,ij->j", J, J)).all()):
-        cost = np.inf
-    return r, cost, J
+    if not (math.isfinite(cost) and np.isfinite(squares).all()):
+        cost = math.inf
+    return r, J, cost, np.sqrt(squares)
 
 
 def _step(
     J: np.ndarray,
     r: np.ndarray,
+    cost: float,
     free: np.ndarray,
     column: np.ndarray,
     damping: float,
@@ -164,36 +169,41 @@ def _step(
     Unknowns that the step would carry over a bound are put on it, and the others are solved for
     again, until none leaves.
     """
-    scale = np.maximum(column, SMALL)
+    rows = r.size
+    damped = math.sqrt(damping) * np.maximum(column, SMALL)
     step = np.zeros(x.size)
-    moving = free.copy()
-    while moving.any():
-        A = np.vstack([J[:, moving], np.diag(np.sqrt(damping) * scale[moving])])
-        b = np.concatenate([-(r + J @ np.where(moving, 0.0, step)), np.zeros(moving.sum())])
+    moving = np.flatnonzero(free)
+    left = r  # where the unknowns that do not move are
+    while moving.size:
+        A, b = np.zeros((rows + moving.size, moving.size)), np.zeros(rows + moving.size)
+        A[:rows], b[:rows] = J[:, moving], -left
+        A[rows:].flat[:: moving.size + 1] = damped[moving]  # the diagonal
         # QR rather than normal equations: k1 and k2 trade with a condition number of 1e8
         q, upper_triangle = np.linalg.qr(A)
-        diagonal = np.abs(np.diag(upper_triangle))
+        diagonal = np.abs(upper_triangle.diagonal())
         if diagonal.min() <= 1e-14 * diagonal.max():
-            part = np.linalg.lstsq(A, b, rcond=1e-14)[0]
+            step[moving] = np.linalg.lstsq(A, b, rcond=1e-14)[0]
         else:
-            part = np.linalg.solve(upper_triangle, q.T @ b)
-        step[moving] = part
+            step[moving] = np.linalg.solve(upper_triangle, q.T @ b)
         target = x + step
-        out = moving & ((target < lower) | (target > upper))
+        out = ((target < lower) | (target > upper))[moving]
         if not out.any():
             break
-        step[out] = np.clip(target, lower, upper)[out] - x[out]
-        moving &= ~out
+        put, moving = moving[out], moving[~out]
+        step[put] = np.clip(target, lower, upper)[put] - x[put]
+        held = step.copy()
+        held[moving] = 0.0
+        left = r + J @ held
     linear = r + J @ step
-    return step, float(r @ r - linear @ linear)
+    return step, float(cost - linear @ linear)
 
 
 def _stationary(
-    J: np.ndarray, gradient: np.ndarray, free: np.ndarray, cost: float, cosine: float
+    norms: np.ndarray, gradient: np.ndarray, free: np.ndarray, cost: float, cosine: float
 ) -> bool:
     """Whether every free column is orthogonal to the residual, to the stated cosine."""
-    norms = np.sqrt(np.einsum("ij,ij->j", J, J))[free]
-    return bool(np.all(np.abs(gradient[free]) <= cosine * np.maximum(norms, SMALL) * np.sqrt(cost)))
+    most = cosine * np.maximum(norms, SMALL) * math.sqrt(cost)
+    return bool((np.abs(gradient) <= most)[free].all())
 
 
 # --- descents from several starting points, carried on only where they lead somewhere ------------

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.laws.law import Law
+from biaxbayes.laws.law import Law, StressResponse
 from biaxbayes.mechanics.mounting import load_per_stress, solve_balance
 from biaxbayes.specimens.specimen import Specimen
 
@@ -149,11 +149,17 @@ class GivenMounting:
 
     def residual(self, unknowns: np.ndarray) -> np.ndarray:
         """Residual vector; not finite where the model cannot be evaluated."""
-        return self._evaluate(unknowns)[0]
+        return self._at(unknowns)[0]
 
     def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
         """Derivative of the residual vector, shape (rows, unknowns)."""
-        return self._evaluate(unknowns)[1]
+        return self._at(unknowns)[1]
+
+    def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual vector and its derivative; a descent silences what NumPy says of them."""
+        found = self._compute(unknowns)
+        self._last = (unknowns.copy(), found)
+        return found
 
     def theta(self, unknowns: np.ndarray) -> np.ndarray:
         """Coordinates of the fit with the fixed ones filled in."""
@@ -165,24 +171,27 @@ class GivenMounting:
         """Mounting stretches, shape (2, m)."""
         return self.mounting_stretch
 
-    def _evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _at(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The last evaluation, if it was of these unknowns, or a new one."""
         if self._last and np.array_equal(self._last[0], unknowns):
             return self._last[1]
         with np.errstate(all="ignore"):
-            found = self._compute(unknowns)
-        self._last = (unknowns.copy(), found)
-        return found
+            return self.evaluate(unknowns)
 
     def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        r, by_point, _ = self._rows(self.theta(unknowns), self.mounting_stretch)
-        return r, by_point[:, self.free]
+        r, by_point, _, _ = self._rows(self.theta(unknowns), self.mounting_stretch)
+        return r, by_point[self.free].T
 
-    def _rows(self, point: np.ndarray, lm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals (2n,), by theta (2n, p), by ln lm of the row's own group (2, 2, n)."""
+    def _rows(
+        self, point: np.ndarray, lm: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, StressResponse]:
+        """Residuals (2n,), by theta (p, 2n), by all ln lm (2n, 2m), and the mounted states."""
         data = self.data
-        lmr = lm[:, data.group]
-        response = self.law.response(point, data.stretch * lmr)
-        s, by_lm = response.stress, response.by_log_stretch.copy()
+        lmr = lm if lm.shape[1] == 1 else lm[:, data.group]
+        # one call for rows and mounted states: NumPy's calls take longer than the arithmetic
+        all_of_it = self.law.response(point, np.hstack([data.stretch * lmr, lm]))
+        rows, state = all_of_it.split(data.group.size)
+        s, by_lm = rows.stress, rows.by_log_stretch.copy()
         # model: A0 s / (l lm) (unloaded), Am s / l (mounted)
         factor = load_per_stress(data.area[:, None], data.stretch, lmr, data.mounted)
         measured = data.load
@@ -197,12 +206,14 @@ class GivenMounting:
             by_lm[1, 1] -= moves[1]
         factor = factor / self.scale
         r = factor * s - measured / self.scale
-        by_point = (factor[:, None, :] * response.by_coordinate).transpose(0, 2, 1)
-        return r.ravel(), by_point.reshape(-1, point.size), factor[:, None, :] * by_lm
+        by_point = (factor * rows.by_coordinate.transpose(1, 0, 2)).reshape(point.size, -1)
+        return r.ravel(), by_point, self._spread(factor[:, None, :] * by_lm), state
 
     def _spread(self, by_lm: np.ndarray) -> np.ndarray:
         """(2, 2, n) by a row's own ln lm to (2n, 2m) by all, columns ordered (k, group)."""
         groups = self.data.mounting_load.shape[1]
+        if groups == 1:
+            return by_lm.transpose(0, 2, 1).reshape(-1, 2)
         member = self.data.group[:, None] == np.arange(groups)
         return (by_lm.transpose(0, 2, 1)[:, :, :, None] * member[None, :, None, :]).reshape(
             -1, 2 * groups
@@ -219,8 +230,8 @@ class FreeMounting(GivenMounting):
 
     def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lm = self.mounting(unknowns)
-        r, by_point, by_lm = self._rows(self.theta(unknowns), lm)
-        return r, np.hstack([by_point[:, self.free], self._spread(by_lm) / lm.ravel()])
+        r, by_point, by_lm, _ = self._rows(self.theta(unknowns), lm)
+        return r, np.hstack([by_point[self.free].T, by_lm / lm.ravel()])
 
 
 @dataclass(eq=False)
@@ -252,31 +263,25 @@ class BalancedMounting(GivenMounting):
         point, data = self.theta(unknowns), self.data
         load = self.mounting_load(unknowns)
         lm, inverse = mounting_roots(data, point, load, self.law, self.compiled)
-        width = unknowns.size
-        extra = 0 if self.reading_sd is None else self.reading_sd.size
         if not np.isfinite(lm).all():
-            rows = 2 * data.group.size + extra
-            return np.full(rows, np.nan), np.zeros((rows, width))
-        r, by_point, by_lm = self._rows(point, lm)
-        by_lm = self._spread(by_lm)
+            rows = 2 * data.group.size + unknowns.size - self.free.size
+            return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
+        r, by_point, by_lm, state = self._rows(point, lm)
         # Implicit function theorem: J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
-        state = self.law.response(point, lm)
-        slope = -np.einsum("gij,jpg->igp", inverse, state.by_coordinate).reshape(-1, point.size)
-        columns = [(by_point + by_lm @ slope)[:, self.free]]
-        if self.reading_sd is not None:
-            load = self.reading_sd / data.area[:, None] * (1.0 if data.mounted else lm)
-            groups = lm.shape[1]
-            by_offset = np.zeros((2, groups, 2, groups))
-            for g in range(groups):
-                by_offset[:, g, :, g] = inverse[g] * load[:, g]
-            columns.append(by_lm @ by_offset.reshape(2 * groups, -1))
-            r = np.concatenate([r, unknowns[self.free.size :]])
-        jacobian = np.hstack(columns)
-        if extra:
-            pin = np.zeros((extra, width))
-            pin[:, self.free.size :] = np.eye(extra)
-            jacobian = np.vstack([jacobian, pin])
-        return r, jacobian
+        slope = -np.einsum("gij,jpg->pig", inverse, state.by_coordinate).reshape(point.size, -1)
+        by_theta = (by_point + slope @ by_lm.T)[self.free].T
+        if self.reading_sd is None:
+            return r, by_theta
+        load = self.reading_sd / data.area[:, None] * (1.0 if data.mounted else lm)
+        groups = lm.shape[1]
+        by_offset = np.zeros((2, groups, 2, groups))
+        for g in range(groups):
+            by_offset[:, g, :, g] = inverse[g] * load[:, g]
+        by_load = by_lm @ by_offset.reshape(2 * groups, -1)
+        # an offset has itself for a residual
+        pin = np.eye(2 * groups, unknowns.size, self.free.size)
+        jacobian = np.vstack([np.hstack([by_theta, by_load]), pin])
+        return np.concatenate([r, unknowns[self.free.size :]]), jacobian
 
 
 def mounting_roots(

@@ -172,6 +172,7 @@ def _evidence_of(
     low_wall, high_wall = (float(v) for v in scale.of(np.maximum(scale.walls, 0.0)))
     walls = (low_wall if scale.walls[0] > -np.inf else -np.inf, high_wall)
     before = scale.of(prior.ppf(LEVELS))
+    after = density(x, walls)
     likelihood = density(prior.cdf(natural), (0.0, 1.0))
     low, median, high = quantiles
     evidence = Evidence(
@@ -184,8 +185,8 @@ def _evidence_of(
         prior_excluded=1.0 - min(likelihood.width_above(thresholds.edge_support), 1.0),
         edges=find_edges(scale, natural, likelihood, distance),
         partners=partners,
-        modes=count_modes(x, walls),
+        modes=count_modes(x, walls, after),
         prior_sensitivity=sensitivity[0],
         likelihood_sensitivity=sensitivity[1],
     )
-    return evidence, density(before, walls), density(x, walls)
+    return evidence, density(before, walls), after

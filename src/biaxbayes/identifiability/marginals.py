@@ -187,15 +187,22 @@ def density(sample: np.ndarray, walls: tuple[float, float] = (-np.inf, np.inf)) 
     return Density(x, np.maximum(height, 0.0) / (high - low))
 
 
-def count_modes(sample: np.ndarray, walls: tuple[float, float] = (-np.inf, np.inf)) -> int:
+def count_modes(
+    sample: np.ndarray,
+    walls: tuple[float, float] = (-np.inf, np.inf),
+    whole: Density | None = None,
+) -> int:
     """Number of separate peaks, such that Monte Carlo noise does not add any.
 
     A peak counts if the lowest point between it and any higher one is below 70 % of it and if
-    5 % of the draws lie in it; in the whole sample and in both of two interleaved halves.
+    5 % of the draws lie in it; in the whole sample, whose density may be given, and in both of two
+    interleaved halves.
     """
-    return min(
-        _peaks(density(part, walls)) for part in (sample, sample[::2], sample[1::2]) if part.size
-    )
+    fewest = _peaks(whole or density(sample, walls))
+    for half in (sample[::2], sample[1::2]):
+        if fewest > 1 and half.size:
+            fewest = min(fewest, _peaks(density(half, walls)))
+    return fewest
 
 
 def _peaks(found: Density) -> int:

@@ -21,7 +21,7 @@ from biaxbayes.jobs.identified import said_of, with_curves, write_tables
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.reports.page import TEMPLATE, page_template
-from biaxbayes.runs.archive import flatten
+from biaxbayes.runs.archive import draw_table
 from biaxbayes.runs.said import IDENTIFIED, write_said
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_bytes
@@ -75,7 +75,7 @@ def write_products(
     ``begin`` as in :func:`.evidence.evidence_of_draws`.
     """
     state = draws.convergence.state
-    table = pd.DataFrame({name: flatten(v).ravel() for name, v in draws.quantities.items()})
+    table = draw_table(draws.quantities)
     known = posterior.quantities
     return_memory()
     with contextlib.ExitStack() as stack:

@@ -25,7 +25,7 @@ from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, documented
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.archive import write_archive
+from biaxbayes.runs.archive import draw_table, write_archive
 from biaxbayes.runs.folder import (
     PROVENANCE,
     clear_leftovers,
@@ -268,7 +268,8 @@ class Sampling:
         write_summary(folder / "summary.csv", with_verdicts(table, verdicts))
         record["identifiability"] = thresholds_record(found)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
-        write_report(folder, Run(folder, record))
+        run = Run(folder, record).with_draws(draw_table(draws.quantities))
+        write_report(folder, run)
         record["files"] = manifest(folder, without=(IDENTIFIED,))  # which holds the record's digest
         atomic_write_text(folder / PROVENANCE, _json(record))
         seal_said(folder, IDENTIFIED, (*IDENTIFIED_TABLES, IDENTIFIED_FIGURE))

@@ -181,12 +181,14 @@ def screened(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.nd
     size = np.maximum(np.sqrt((columns**2).sum(axis=1)), 1e-300)
     cost = np.full(data.size, np.inf)
     fine = np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(wanted).all(axis=1)
-    if not sought:  # SciPy's solver takes no matrix without columns
+    if sought:
+        scaled, best, miss = columns / size[:, None, :], np.zeros(size.shape), np.empty(data.size)
+        for s in np.flatnonzero(fine):
+            best[s], miss[s] = nnls(scaled[s], wanted[s])
+        points[np.ix_(fine, sought)] = np.minimum(best / size, law.upper[sought])[fine]
+        cost[fine] = miss[fine] * miss[fine]
+    else:  # SciPy's solver takes no matrix without columns
         cost[fine] = (wanted[fine] ** 2).sum(axis=1)
-    for s in np.flatnonzero(fine) if sought else ():
-        best, miss = nnls(columns[s] / size[s], wanted[s])
-        points[s, sought] = np.minimum(best / size[s], law.upper[sought])
-        cost[s] = miss * miss
     if data.with_mounting and linear[0] in data.free:
         peak = float(np.abs(data.load / data.area[:, None]).max())
         points[:, linear[0]] = np.maximum(points[:, linear[0]], MATRIX_SHARE * peak)

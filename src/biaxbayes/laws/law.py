@@ -13,6 +13,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -26,9 +27,7 @@ from biaxbayes.laws.response import (
     PointMaterial,
     StatedMaterial,
     cauchy_components,
-    derivatives,
-    exponentials,
-    exponents,
+    first_derivatives,
     log_stretch_jacobian,
     second_derivatives,
     squared_stretches,
@@ -57,6 +56,20 @@ class StressResponse:
     stress: np.ndarray
     by_coordinate: np.ndarray
     by_log_stretch: np.ndarray
+
+    def split(self, at: int) -> tuple[StressResponse, StressResponse]:
+        """The first states, so many, and the others."""
+        s, c, j = self.stress, self.by_coordinate, self.by_log_stretch
+        return (
+            StressResponse(s[:, :at], c[:, :, :at], j[:, :, :at]),
+            StressResponse(s[:, at:], c[:, :, at:], j[:, :, at:]),
+        )
+
+
+@cache
+def _steps(size: int) -> np.ndarray:
+    """Imaginary step of every coordinate alone, one a column."""
+    return 1j * STEP * np.eye(size)
 
 
 @dataclass(frozen=True)
@@ -273,8 +286,8 @@ class Law(ABC):
             x and y on the last axis but one.
         """
         X, Y, Z = squared_stretches(stretch_x, stretch_y)
-        g = exponentials(exponents(constants, X, Y, Z))
-        found = cauchy_components(X, Y, Z, *derivatives(constants, X, Y, Z, g))
+        _, first = first_derivatives(constants, X, Y, Z)
+        found = cauchy_components(X, Y, Z, *first)
         return np.stack(np.broadcast_arrays(*found), axis=-2)
 
     def coordinate(self, i: int, value: float) -> float:
@@ -318,15 +331,17 @@ class Law(ABC):
         stretch : ndarray, shape (2, n)
             Total stretches.
         """
-        (X, Y, Z), g, (A, B, C) = self.at_point(point)._first(*stretch)
-        second = second_derivatives(self.at_point(point).constants, X, Y, Z, g)
-        jacobian = np.broadcast_arrays(*log_stretch_jacobian(X, Y, Z, A, B, C, second))
+        X, Y, Z = squared_stretches(*stretch)
+        constants = self.constants_at_point(*point)
+        g, (A, B, C) = first_derivatives(constants, X, Y, Z)
+        second = second_derivatives(constants, X, Y, Z, g)
+        xx, xy, yy = log_stretch_jacobian(X, Y, Z, A, B, C, second)
         # one row a coordinate, which is moved there: d s / d x_i = Im s(x + i h e_i) / h
-        moved = point + 1j * STEP * np.eye(point.size)
-        stepped = self.at_point(moved.T[:, :, None]).cauchy(*stretch)
-        shape = (2, point.size, stretch.shape[1])
-        by_coordinate = np.imag(np.stack([np.broadcast_to(s, shape[1:]) for s in stepped])) / STEP
-        xx, xy, yy = jacobian
+        moved = self.constants_at_point(*(point[:, None] + _steps(point.size))[:, :, None])
+        stepped = cauchy_components(X, Y, Z, *first_derivatives(moved, X, Y, Z)[1])
+        by_coordinate = np.empty((2, point.size, X.size))
+        for k, s in enumerate(stepped):
+            by_coordinate[k] = s.imag / STEP
         return StressResponse(
             np.array(cauchy_components(X, Y, Z, A, B, C)),
             by_coordinate,

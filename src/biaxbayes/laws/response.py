@@ -47,6 +47,7 @@ __all__ = [
     "exponential_energy",
     "exponentials",
     "exponents",
+    "first_derivatives",
     "log_stretch_jacobian",
     "register",
     "second_derivatives",
@@ -145,6 +146,12 @@ def exponentials(x):
     return tuple(np.exp(v) for v in x)
 
 
+def first_derivatives(constants: Any, X: Any, Y: Any, Z: Any) -> tuple[Any, Any]:
+    """Exponentials, and with them (dW/dX, dW/dY, dW/dZ) in kPa; not compiled."""
+    g = exponentials(exponents(constants, X, Y, Z))
+    return g, derivatives(constants, X, Y, Z, g)
+
+
 def exponential_energy(k: Any, x: Any) -> Any:
     """Give (exp(k x) - 1) / k, which is x where k is zero; numbers and arrays, complex ones too."""
     k = np.asarray(k)
@@ -241,8 +248,7 @@ class MaterialResponse:
 
     def _first(self, stretch_x: Any, stretch_y: Any) -> tuple[Any, ...]:
         squared = squared_stretches(stretch_x, stretch_y)
-        g = exponentials(exponents(self.constants, *squared))
-        return squared, g, derivatives(self.constants, *squared, g)
+        return squared, *first_derivatives(self.constants, *squared)
 
     def cauchy(self, stretch_x: Any, stretch_y: Any) -> Any:
         """Cauchy stresses (s_x, s_y) in kPa at total stretches."""

@@ -4,8 +4,8 @@ HDF5 can point to other files, keep data in them, loop, and claim more numbers t
 No run of this program does any of that.
 
 Chains are ensembles; within a chain the draws run walker after walker, each walker's steps in
-order, so that the autocorrelation that ArviZ sees is that of a walker. The file is written and its
-draws are read by h5netcdf itself: xarray, which takes longer to import than to do either, is there
+order, so that the autocorrelation that ArviZ sees is that of a walker. The file is written by h5py
+and its draws are read by h5netcdf: xarray, which takes longer to import than to do either, is there
 for whoever asks for the whole tree.
 """
 
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import h5netcdf
 import h5py
 import numpy as np
+import pandas as pd
 
 from biaxbayes.errors import RunError
 from biaxbayes.model.curves import Curves
@@ -34,6 +35,7 @@ __all__ = [
     "StoredDraws",
     "SuspiciousArchive",
     "check_archive",
+    "draw_table",
     "flatten",
     "read_archive",
     "read_draws",
@@ -121,6 +123,11 @@ def flatten(values: np.ndarray) -> np.ndarray:
     return values.transpose(0, 2, 1).reshape(values.shape[0], -1)
 
 
+def draw_table(quantities: Mapping[str, np.ndarray]) -> pd.DataFrame:
+    """One row a draw, in the order of :func:`flatten`, of arrays (ensembles, steps, walkers)."""
+    return pd.DataFrame({name: flatten(values).ravel() for name, values in quantities.items()})
+
+
 def write_archive(
     path: Path, posterior: Posterior, draws: Draws, attributes: dict[str, Any], seed: int
 ) -> None:
@@ -132,10 +139,13 @@ def write_archive(
     """
     # In memory: on a full disk the HDF5 library can crash the process while it closes a file.
     whole = io.BytesIO()
-    with h5netcdf.File(whole, "w") as file:
-        file.attrs.update(attributes)
+    with h5py.File(whole, "w", track_order=True) as file:
+        with h5netcdf.File(file, "w") as root:
+            root.attrs.update(attributes)
+        dimensions = 0
         for name, group in _groups(posterior, draws, seed).items():
-            _write_group(file.create_group(name), group, attributes | _weighting(name, posterior))
+            told = attributes | _weighting(name, posterior)
+            dimensions += _write_group(file, name, group, told, dimensions)
     try:
         atomic_write_bytes(path, whole.getbuffer())
     except OSError as error:
@@ -232,28 +242,63 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Group]:
     }
 
 
-def _write_group(group: Any, variables: Group, attributes: Mapping[str, Any]) -> None:
-    """Write variables by the conventions of netCDF that xarray reads."""
-    group.attrs.update(attributes)
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
+
+
+def _write_group(
+    file: h5py.File, name: str, variables: Group, attributes: Mapping[str, Any], before: int
+) -> int:
+    """Write a group as netCDF-4 lays it out in HDF5; the number of its dimensions.
+
+    A dimension is a scale that its variables are attached to, with a number of its own in the
+    file. h5netcdf, which writes the same, looks every one of them up a hundred times.
+    """
+    group = file.create_group(name, track_order=True)
+    for key, value in attributes.items():
+        group.attrs[key] = value if isinstance(value, str) else np.atleast_1d(value)
+    sizes: dict[str, int] = {}
     for stored in variables.values():
-        for dim, size in zip(stored.dims, stored.values.shape, strict=True):
-            if dim not in group.dimensions:
-                group.dimensions[dim] = size
-    labels = [name for name in LABELS if name in variables]
-    for name, stored in variables.items():
-        values = stored.values
-        text, number = values.dtype == object, values.dtype.kind == "f"
-        variable = group.create_variable(
-            name,
-            stored.dims,
-            dtype=h5py.string_dtype() if text else values.dtype,
-            data=values,
-            fillvalue=values.dtype.type(np.nan) if number else None,
-        )
+        sizes |= dict(zip(stored.dims, stored.values.shape, strict=True))
+    numbers = {dim: np.int32(before + i) for i, dim in enumerate(sizes)}
+    empty = {
+        dim: group.create_dataset(dim, (size,), dtype=">f4", track_order=True)
+        for dim, size in sizes.items()
+        if dim not in variables
+    }
+    datasets = {key: _dataset(group, key, stored) for key, stored in variables.items()}
+    scales = {dim: empty.get(dim) or datasets[dim] for dim in sizes}
+    for dim, scale in scales.items():
+        scale.make_scale(f"{NO_VARIABLE}{sizes[dim]:10}" if dim in empty else dim)
+        scale.attrs["_Netcdf4Dimid"] = numbers[dim]
+    labels = [label for label in LABELS if label in variables]
+    for key, stored in variables.items():
+        dataset = datasets[key]
+        dataset.attrs["_Netcdf4Coordinates"] = np.array([numbers[dim] for dim in stored.dims])
+        if key not in sizes:
+            dataset.attrs["_Netcdf4Dimid"] = numbers[stored.dims[0]]
+            for axis, dim in enumerate(stored.dims):
+                dataset.dims[axis].attach_scale(scales[dim])
         if stored.unit:
-            variable.attrs["units"] = stored.unit
-        if labels and "draw" in stored.dims and name not in (*LABELS, *stored.dims):
-            variable.attrs["coordinates"] = " ".join(labels)
+            dataset.attrs["units"] = stored.unit
+        if labels and "draw" in stored.dims and key not in (*LABELS, *stored.dims):
+            dataset.attrs["coordinates"] = " ".join(labels)
+    return len(sizes)
+
+
+def _dataset(group: h5py.Group, name: str, stored: _Stored) -> h5py.Dataset:
+    """The numbers or texts of a variable; what is missing of numbers is NaN."""
+    kind = stored.values.dtype
+    missing = np.full(1, np.nan, kind) if kind.kind == "f" else None
+    made = group.create_dataset(
+        name,
+        data=stored.values,
+        dtype=h5py.string_dtype() if kind.kind == "O" else kind,
+        fillvalue=None if missing is None else missing[0],
+        track_order=True,
+    )
+    if missing is not None:
+        made.attrs["_FillValue"] = missing
+    return made
 
 
 class StoredDraws(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -143,10 +144,11 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
         },
         "evidence": evidence_record(posterior, draws, plan.seed),
         "seconds": {k: round(v, 3) for k, v in draws.seconds.items()},
-        "versions": _versions(),
+        "versions": dict(_versions()),
     }
 
 
+@cache
 def _versions() -> dict[str, str]:
     out = {"python": platform.python_version()}
     for name in LIBRARIES:

@@ -182,6 +182,12 @@ class Run:
         path = trusted_path(self.path, "posterior.nc", self.provenance)
         return read_draws(path, self.law.names)
 
+    def with_draws(self, draws: pd.DataFrame) -> Run:
+        """The same run with its :attr:`draws` at hand, which are not read then."""
+        run = Run(self.path, self.provenance)
+        vars(run)["draws"] = draws
+        return run
+
     @cached_property
     def draws(self) -> pd.DataFrame:
         """One row a draw: natural quantities, ``log_likelihood`` (tempered) and ``lp``."""

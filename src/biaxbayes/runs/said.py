@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -106,11 +107,16 @@ def _write(path: Path, record: dict[str, Any]) -> None:
 
 def _digests(folder: Path, made: Sequence[str]) -> dict[str, str]:
     """SHA-256 of what was read, of what was made, and of this package."""
-    found = {name: _digest(folder / name) for name in (*READ, *made)}
+    return {name: _digest(folder / name) for name in (*READ, *made)} | {"biaxbayes": _code()}
+
+
+@cache
+def _code() -> str:
+    """SHA-256 of this package, as it is when a process first asks."""
     package, code = Path(__file__).parent.parent, hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
         code.update(source.read_bytes())
-    return {**found, "biaxbayes": code.hexdigest()}
+    return code.hexdigest()
 
 
 def _digest(path: Path) -> str:

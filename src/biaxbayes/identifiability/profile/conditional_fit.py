@@ -71,9 +71,8 @@ class ReadMounting(GivenMounting):
         full, data = self.all(unknowns), self.data
         size = self.point.size
         point, lm = full[:size], full[size:].reshape(self.mounting_stretch.shape)
-        r, by_point, by_lm = self._rows(point, lm)
-        by_all = np.hstack([by_point, self._spread(by_lm) / lm.ravel()])
-        state = self.law.response(point, lm)
+        r, by_point, by_lm, state = self._rows(point, lm)
+        by_all = np.hstack([by_point.T, by_lm / lm.ravel()])
         weight = load_per_stress(data.area[:, None], 1.0, lm, data.mounted) / self.reading_sd
         z = weight * state.stress - self.reading / self.reading_sd
         slope = state.by_log_stretch.copy()
