@@ -4,8 +4,8 @@ HDF5 can point to other files, keep data in them, loop, and claim more numbers t
 No run of this program does any of that.
 
 Chains are ensembles; within a chain the draws run walker after walker, each walker's steps in
-order, so that the autocorrelation that ArviZ sees is that of a walker. The file is written by h5py
-and its draws are read by h5netcdf: xarray, which takes longer to import than to do either, is there
+order, so that the autocorrelation that ArviZ sees is that of a walker. The file is written and its
+draws are read by h5netcdf itself: xarray, which takes longer to import than to do either, is there
 for whoever asks for the whole tree.
 """
 
@@ -260,45 +260,44 @@ def _write_group(
     for stored in variables.values():
         sizes |= dict(zip(stored.dims, stored.values.shape, strict=True))
     numbers = {dim: np.int32(before + i) for i, dim in enumerate(sizes)}
-    empty = {
+    scales = {
         dim: group.create_dataset(dim, (size,), dtype=">f4", track_order=True)
         for dim, size in sizes.items()
         if dim not in variables
     }
-    datasets = {key: _dataset(group, key, stored) for key, stored in variables.items()}
-    scales = {dim: empty.get(dim) or datasets[dim] for dim in sizes}
     for dim, scale in scales.items():
-        scale.make_scale(f"{NO_VARIABLE}{sizes[dim]:10}" if dim in empty else dim)
+        scale.make_scale(f"{NO_VARIABLE}{sizes[dim]:10}")
+    datasets = {}
+    for key, stored in variables.items():
+        values = stored.values
+        number = values.dtype.kind == "f"
+        datasets[key] = group.create_dataset(
+            key,
+            data=values,
+            dtype=h5py.string_dtype() if values.dtype == object else values.dtype,
+            fillvalue=values.dtype.type(np.nan) if number else None,
+            track_order=True,
+        )
+        if key in sizes:
+            scales[key] = datasets[key]
+            scales[key].make_scale(key)
+    for dim, scale in scales.items():
         scale.attrs["_Netcdf4Dimid"] = numbers[dim]
     labels = [label for label in LABELS if label in variables]
     for key, stored in variables.items():
-        dataset = datasets[key]
-        dataset.attrs["_Netcdf4Coordinates"] = np.array([numbers[dim] for dim in stored.dims])
+        attrs = datasets[key].attrs
+        attrs["_Netcdf4Coordinates"] = np.array([numbers[dim] for dim in stored.dims])
         if key not in sizes:
-            dataset.attrs["_Netcdf4Dimid"] = numbers[stored.dims[0]]
+            attrs["_Netcdf4Dimid"] = numbers[stored.dims[0]]
             for axis, dim in enumerate(stored.dims):
-                dataset.dims[axis].attach_scale(scales[dim])
+                datasets[key].dims[axis].attach_scale(scales[dim])
+        if stored.values.dtype.kind == "f":
+            attrs["_FillValue"] = np.full(1, np.nan, stored.values.dtype)
         if stored.unit:
-            dataset.attrs["units"] = stored.unit
+            attrs["units"] = stored.unit
         if labels and "draw" in stored.dims and key not in (*LABELS, *stored.dims):
-            dataset.attrs["coordinates"] = " ".join(labels)
+            attrs["coordinates"] = " ".join(labels)
     return len(sizes)
-
-
-def _dataset(group: h5py.Group, name: str, stored: _Stored) -> h5py.Dataset:
-    """The numbers or texts of a variable; what is missing of numbers is NaN."""
-    kind = stored.values.dtype
-    missing = np.full(1, np.nan, kind) if kind.kind == "f" else None
-    made = group.create_dataset(
-        name,
-        data=stored.values,
-        dtype=h5py.string_dtype() if kind.kind == "O" else kind,
-        fillvalue=None if missing is None else missing[0],
-        track_order=True,
-    )
-    if missing is not None:
-        made.attrs["_FillValue"] = missing
-    return made
 
 
 class StoredDraws(NamedTuple):
