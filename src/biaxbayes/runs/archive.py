@@ -139,13 +139,10 @@ def write_archive(
     """
     # In memory: on a full disk the HDF5 library can crash the process while it closes a file.
     whole = io.BytesIO()
-    with h5py.File(whole, "w", track_order=True) as file:
-        with h5netcdf.File(file, "w") as root:
-            root.attrs.update(attributes)
-        dimensions = 0
+    with h5netcdf.File(whole, "w") as file:
+        file.attrs.update(attributes)
         for name, group in _groups(posterior, draws, seed).items():
-            told = attributes | _weighting(name, posterior)
-            dimensions += _write_group(file, name, group, told, dimensions)
+            _write_group(file.create_group(name), group, attributes | _weighting(name, posterior))
     try:
         atomic_write_bytes(path, whole.getbuffer())
     except OSError as error:
@@ -242,62 +239,28 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Group]:
     }
 
 
-NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
-
-
-def _write_group(
-    file: h5py.File, name: str, variables: Group, attributes: Mapping[str, Any], before: int
-) -> int:
-    """Write a group as netCDF-4 lays it out in HDF5; the number of its dimensions.
-
-    A dimension is a scale that its variables are attached to, with a number of its own in the
-    file. h5netcdf, which writes the same, looks every one of them up a hundred times.
-    """
-    group = file.create_group(name, track_order=True)
-    for key, value in attributes.items():
-        group.attrs[key] = value if isinstance(value, str) else np.atleast_1d(value)
-    sizes: dict[str, int] = {}
+def _write_group(group: Any, variables: Group, attributes: Mapping[str, Any]) -> None:
+    """Write variables by the conventions of netCDF that xarray reads."""
+    group.attrs.update(attributes)
     for stored in variables.values():
-        sizes |= dict(zip(stored.dims, stored.values.shape, strict=True))
-    numbers = {dim: np.int32(before + i) for i, dim in enumerate(sizes)}
-    scales = {
-        dim: group.create_dataset(dim, (size,), dtype=">f4", track_order=True)
-        for dim, size in sizes.items()
-        if dim not in variables
-    }
-    for dim, scale in scales.items():
-        scale.make_scale(f"{NO_VARIABLE}{sizes[dim]:10}")
-    datasets = {}
-    for key, stored in variables.items():
+        for dim, size in zip(stored.dims, stored.values.shape, strict=True):
+            if dim not in group.dimensions:
+                group.dimensions[dim] = size
+    labels = [name for name in LABELS if name in variables]
+    for name, stored in variables.items():
         values = stored.values
-        number = values.dtype.kind == "f"
-        datasets[key] = group.create_dataset(
-            key,
+        text, number = values.dtype == object, values.dtype.kind == "f"
+        variable = group.create_variable(
+            name,
+            stored.dims,
+            dtype=h5py.string_dtype() if text else values.dtype,
             data=values,
-            dtype=h5py.string_dtype() if values.dtype == object else values.dtype,
             fillvalue=values.dtype.type(np.nan) if number else None,
-            track_order=True,
         )
-        if key in sizes:
-            scales[key] = datasets[key]
-            scales[key].make_scale(key)
-    for dim, scale in scales.items():
-        scale.attrs["_Netcdf4Dimid"] = numbers[dim]
-    labels = [label for label in LABELS if label in variables]
-    for key, stored in variables.items():
-        attrs = datasets[key].attrs
-        attrs["_Netcdf4Coordinates"] = np.array([numbers[dim] for dim in stored.dims])
-        if key not in sizes:
-            attrs["_Netcdf4Dimid"] = numbers[stored.dims[0]]
-            for axis, dim in enumerate(stored.dims):
-                datasets[key].dims[axis].attach_scale(scales[dim])
-        if stored.values.dtype.kind == "f":
-            attrs["_FillValue"] = np.full(1, np.nan, stored.values.dtype)
         if stored.unit:
-            attrs["units"] = stored.unit
-        if labels and "draw" in stored.dims and key not in (*LABELS, *stored.dims):
-            attrs["coordinates"] = " ".join(labels)
-    return len(sizes)
+            variable.attrs["units"] = stored.unit
+        if labels and "draw" in stored.dims and name not in (*LABELS, *stored.dims):
+            variable.attrs["coordinates"] = " ".join(labels)
 
 
 class StoredDraws(NamedTuple):
