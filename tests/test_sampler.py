@@ -21,6 +21,7 @@ from biaxbayes.errors import RunError
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
+from biaxbayes.reports import page
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import COLUMNS
 from biaxbayes.sampling.convergence import assess, effective_sample_size
@@ -29,7 +30,7 @@ from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.sampler import Plan, State, _judge
 from biaxbayes.sampling.target import Target
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
-from quick_posteriors import runs_without_figures, without_figures
+from quick_posteriors import runs_without_figures, small_specimen, without_figures
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -378,6 +379,16 @@ def test_archive_opens_with_arviz_and_has_its_groups_and_dimensions(run):
     assert float(np.asarray(rhat["C1"])) < 1.05
     if hasattr(az, "from_datatree"):
         assert "posterior" in az.from_datatree(run.tree).groups()
+
+
+def test_the_report_is_of_the_draws_that_the_archive_holds(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(page, "write_report", lambda folder, run: seen.append(run.draws))
+    with runs_without_figures():
+        folder = biaxbayes.sample(
+            small_specimen(), out=tmp_path / "run", noise="independent", max_steps=200, workers=1
+        )
+    pd.testing.assert_frame_equal(seen[0], biaxbayes.open_run(folder.path).draws)
 
 
 def test_stored_pointwise_likelihood(run):
