@@ -7,7 +7,7 @@ import gc
 import io
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,7 @@ from biaxbayes.options import PICTURES
 from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
+    from matplotlib.axis import Axis
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -36,6 +37,7 @@ __all__ = [
     "colour",
     "figure_bytes",
     "font_points",
+    "keep_labels",
     "layout",
     "own_garbage",
     "plain",
@@ -331,6 +333,27 @@ def settle(figure: Figure) -> None:
             engine: Any = figure.get_layout_engine()
             engine.execute(figure)
     figure.set_layout_engine(None)  # a placeholder would have every file drawn twice
+    keep_labels(figure)
+
+
+def keep_labels(figure: Figure, *aligned: Sequence[Axis]) -> None:
+    """Fix the labels of axes below and at the left of their ticks, those of aligned ones in a line.
+
+    Else each drawing asks the ticks of all panels that a label is aligned with for their places.
+    """
+    outermost = {id(axis): row for row in aligned for axis in row}
+    places = {}
+    for ax in figure.axes:
+        for axis, k in ((ax.xaxis, 1), (ax.yaxis, 0)):
+            axis.get_tightbbox()  # puts the label beside the ticks
+            places[id(axis)] = axis.label.get_position()[k]
+    for ax in figure.axes:
+        inverse = ax.transAxes.inverted()
+        for axis, k in ((ax.xaxis, 1), (ax.yaxis, 0)):
+            row = outermost.get(id(axis), [axis])
+            x, y = axis.label.get_position()
+            beside = inverse.transform([min(places[id(one)] for one in row)] * 2)[k]
+            axis.set_label_coords(*((x, beside) if k else (beside, y)))
 
 
 def plain(text: object, length: int = 40) -> str:

@@ -25,6 +25,7 @@ from biaxbayes.figures.style import (
     RUNS,
     blank_figure,
     colour,
+    keep_labels,
     plain,
     print_style,
 )
@@ -350,9 +351,7 @@ def _arrange(figure: Figure, grid: np.ndarray, columns: list[Column], width_mm: 
             f"{last + 1} quantities do not fit a width of {width_mm:g} mm",
             remedy="name fewer with --parameter, or ask for --width-mm 180",
         )
-    # those that have labels: each panel of a group asks all others for their boxes
-    figure.align_xlabels(list(grid[-1]))
-    figure.align_ylabels(list(grid[:, 0]))
+    keep_labels(figure, [ax.xaxis for ax in grid[-1]], [ax.yaxis for ax in grid[:, 0]])
 
 
 def _square(figure: Figure, grid: np.ndarray, width_mm: float) -> float:
