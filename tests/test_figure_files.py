@@ -1,13 +1,19 @@
 """What makes figures quick to draw changes neither how they look nor the bytes of their files."""
 
+import io
+
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from PIL import Image
 
 from biaxbayes.figures import style
+from biaxbayes.figures.canvas import canvas, png
 from biaxbayes.figures.run import corner
 from biaxbayes.figures.run.trace import trace_figure
-from biaxbayes.figures.style import figure_bytes
+from biaxbayes.figures.style import _letters_alone, figure_bytes, print_style
 
 RANDOM = np.random.default_rng(3)
 DRAWS = pd.DataFrame(
@@ -34,3 +40,42 @@ def test_labels_are_kept_where_matplotlib_puts_them(monkeypatch, width):
     monkeypatch.setattr(corner, "keep_labels", align)
     figures = [corner.corner_figure(DRAWS, width_mm=width), trace_figure(CHAINS, width_mm=width)]
     assert [figure_bytes(figure, "png") for figure in figures] == kept
+
+
+def pictured(pixels: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:
+    """A picture as it is read from its PNG file, and dots per inch."""
+    with Image.open(io.BytesIO(b"".join(png(pixels, 300.0)))) as image:
+        return np.asarray(image), tuple(round(dpi) for dpi in image.info["dpi"])
+
+
+@pytest.mark.parametrize("height", [1, 64, 130])
+def test_a_picture_holds_the_pixels_that_were_drawn(height):
+    pixels = RANDOM.integers(0, 256, (height, 37, 4), np.uint8)
+    read, dpi = pictured(pixels)
+    assert dpi == (300, 300) and np.array_equal(read, pixels)
+    pixels[..., 3] = 255
+    read, _ = pictured(pixels)
+    assert np.array_equal(read, pixels[..., :3])  # no opacity where all is opaque
+
+
+def test_pictures_are_those_of_matplotlib():
+    figure, out = corner.corner_figure(DRAWS), io.BytesIO()
+    with print_style():
+        FigureCanvasAgg(figure).print_figure(out, format="png")
+    with Image.open(out) as image:
+        drawn = np.asarray(image.convert("RGB"))
+    canvas()(figure)
+    with Image.open(io.BytesIO(figure_bytes(figure, "png"))) as image:
+        assert np.array_equal(np.asarray(image), drawn)
+    see_through = figure_bytes(figure, "png", {"savefig.transparent": True})
+    with Image.open(io.BytesIO(see_through)) as image:
+        assert image.mode == "RGBA"
+
+
+def test_pages_are_those_of_matplotlib():
+    figure, out = corner.corner_figure(DRAWS), io.BytesIO()
+    FigureCanvasPdf(figure)
+    with print_style(), _letters_alone("pdf"):
+        figure.savefig(out, format="pdf", metadata={"CreationDate": None})
+    canvas()(figure)
+    assert figure_bytes(figure, "pdf") == out.getvalue()

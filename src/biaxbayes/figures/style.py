@@ -5,21 +5,19 @@ from __future__ import annotations
 import ctypes
 import gc
 import io
-import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
+from biaxbayes.figures.canvas import canvas
 from biaxbayes.options import PICTURES
 from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -251,62 +249,8 @@ def blank_figure(width: float, height: float, room: Any = None) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure((width, height), layout=room)
-    _canvas()(figure)
+    canvas()(figure)
     return figure
-
-
-@cache
-def _canvas() -> type[FigureCanvasAgg]:
-    """A canvas whose symbols are typeset once a process: a batch has the same ones in each figure.
-
-    Matplotlib forgets them with every renderer, which it makes anew for every size and file.
-    """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
-    from matplotlib.mathtext import MathTextParser
-
-    settings = [k for k in mpl.rcParams if k.startswith("mathtext.") or k == "text.hinting"]
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=_forget_symbols)
-
-    class Symbols(MathTextParser):
-        def parse(
-            self, s: str, dpi: float = 72, prop: Any = None, *, antialiased: bool | None = None
-        ) -> Any:
-            style = tuple(str(mpl.rcParams[k]) for k in settings)
-            key = (s, dpi, prop and prop.copy(), antialiased, style)
-            if key not in _typeset:
-                if len(_typeset) >= MOST_SYMBOLS:
-                    _typeset.clear()
-                _typeset[key] = super().parse(s, dpi, prop, antialiased=antialiased)
-            return _typeset[key]
-
-    symbols = Symbols("path")
-
-    class Canvas(FigureCanvasAgg):
-        def get_renderer(self) -> RendererAgg:
-            renderer = super().get_renderer()
-            renderer.mathtext_parser = symbols
-            return renderer
-
-    return Canvas
-
-
-MOST_SYMBOLS = 1000
-"""Kept typeset."""
-_typeset: dict[Any, Any] = {}
-
-
-def _forget_symbols() -> None:
-    """Let go of typeset symbols, whose fonts are files that the process that forked reads, too.
-
-    Both would move the place at which the other one reads: letters out of place, or none. Of
-    matplotlib's two caches that hold fonts one is emptied at a fork by itself.
-    """
-    from matplotlib.mathtext import MathTextParser
-
-    _typeset.clear()
-    MathTextParser._parse_cached.cache_clear()  # type: ignore[attr-defined]
 
 
 def layout(*, across_mm: float = 0.7, down_mm: float = 0.7, **how: Any) -> ConstrainedLayoutEngine:
@@ -371,10 +315,6 @@ def plain(text: object, length: int = 40) -> str:
     return line.replace("$", r"\$")
 
 
-PNG_LEVEL = 3
-"""Of zlib: a file of a corner plot a fifth larger than at its default 6, in half the time."""
-
-
 def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = None) -> bytes:
     """The figure as a file: letters as text, the same bytes for the same figure.
 
@@ -395,8 +335,7 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
     ):
         # Characters that the font lacks are drawn as boxes; that is no error.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        how: Any = {"pil_kwargs": {"compress_level": PNG_LEVEL}} if suffix == "png" else {}
-        figure.savefig(out, format=suffix, metadata=undated.get(suffix), **how)
+        figure.savefig(out, format=suffix, metadata=undated.get(suffix))
     return out.getvalue()
 
 
