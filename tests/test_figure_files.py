@@ -1,6 +1,8 @@
 """What makes figures quick to draw changes neither how they look nor the bytes of their files."""
 
 import io
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
@@ -9,11 +11,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from PIL import Image
 
-from biaxbayes.figures import style
+from biaxbayes.figures import letters, style
 from biaxbayes.figures.canvas import canvas, png
+from biaxbayes.figures.letters import letters_alone
 from biaxbayes.figures.run import corner
 from biaxbayes.figures.run.trace import trace_figure
-from biaxbayes.figures.style import _letters_alone, figure_bytes, print_style
+from biaxbayes.figures.style import figure_bytes, print_style
 
 RANDOM = np.random.default_rng(3)
 DRAWS = pd.DataFrame(
@@ -75,7 +78,43 @@ def test_pictures_are_those_of_matplotlib():
 def test_pages_are_those_of_matplotlib():
     figure, out = corner.corner_figure(DRAWS), io.BytesIO()
     FigureCanvasPdf(figure)
-    with print_style(), _letters_alone("pdf"):
+    with print_style(), letters_alone():
         figure.savefig(out, format="pdf", metadata={"CreationDate": None})
     canvas()(figure)
     assert figure_bytes(figure, "pdf") == out.getvalue()
+
+
+SMALL = """
+import hashlib
+from biaxbayes.figures.style import blank_figure, figure_bytes, print_style
+
+def drawn(text):
+    with print_style():
+        figure = blank_figure(2.0, 1.0)
+        figure.text(0.1, 0.5, text)
+    return [hashlib.sha256(figure_bytes(figure, kind)).hexdigest() for kind in ("pdf", "png")]
+"""
+
+
+def test_a_file_does_not_tell_what_was_drawn_before_it():
+    here: dict = {}
+    exec(SMALL, here)
+    texts = [r"$\kappa$ of the media, identified", r"$C_1$, $\kappa$ and \N{SNOWMAN} ∑", "x (kPa)"]
+    for text in texts:
+        here["drawn"](text)
+    again = [here["drawn"](text) for text in reversed(texts)]
+    for text, files in zip(reversed(texts), again, strict=True):
+        code = f"{SMALL}\nprint(*drawn({text!r}))"
+        fresh = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+        assert fresh.stdout.decode().split() == files
+
+
+def test_a_font_of_words_has_the_alphabet_and_one_of_symbols_only_these():
+    here: dict = {}
+    exec(SMALL, here)
+    letters._cut.clear()
+    for text in ("the quick brown fox", "jumps over lazy dogs, and on", "0123456789 pieces of it"):
+        here["drawn"](rf"$\kappa$ {text}")
+    assert len(letters._cut) == 2  # all of them share both fonts
+    sizes = sorted(len(glyphs) for _, glyphs in letters._cut)
+    assert sizes[0] <= 3 and sizes[1] == len(set(letters.ALPHABET))

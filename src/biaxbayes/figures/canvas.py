@@ -1,7 +1,7 @@
 """What figures are drawn on and written with: in a batch the same symbols and letters come again.
 
-Matplotlib sets each symbol anew for every size and file, and its files take longer than the drawing
-itself: a picture is filtered row by row in five ways, a font is cut down to its letters every time.
+Matplotlib sets each symbol anew for every size and file, and its pictures, filtered row by row in
+five ways, take longer than the drawing itself.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from biaxbayes.figures.letters import letters_alone
 
 if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
@@ -54,7 +56,8 @@ def canvas() -> type[FigureCanvasAgg]:
                 renderer: Any = MixedModeRenderer(self.figure, width, height, dpi, page)
                 self.figure.draw(renderer)
                 renderer.finalize()
-                file.finalize()
+                with letters_alone():
+                    file.finalize()
             finally:
                 file.close()
 

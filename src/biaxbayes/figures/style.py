@@ -25,7 +25,6 @@ __all__ = [
     "COLUMN_MM",
     "CREDIBLE",
     "MM",
-    "OUTLINES",
     "PAGE_MM",
     "PREDICTIVE",
     "PRINT_AND_SCREEN",
@@ -327,51 +326,11 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
     """
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    with (
-        print_style(style),
-        warnings.catch_warnings(),
-        own_garbage(),
-        _letters_alone(suffix),
-    ):
+    with print_style(style), warnings.catch_warnings(), own_garbage():
         # Characters that the font lacks are drawn as boxes; that is no error.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         figure.savefig(out, format=suffix, metadata=undated.get(suffix))
     return out.getvalue()
-
-
-@contextmanager
-def _letters_alone(suffix: str) -> Iterator[None]:
-    """Fonts go into a PDF as outlines alone, which it places one by one.
-
-    To read a font's names and rules for setting text, and to cut them down to the letters that are
-    used, takes longer than all else about it.
-    """
-    if suffix != "pdf":
-        yield
-        return
-    from fontTools import subset
-
-    whole = subset.load_font
-
-    def letters(file: Any, options: Any, *rest: Any, **how: Any) -> Any:
-        options.glyph_names = False
-        font = whole(file, options, *rest, **how)
-        if "glyf" not in font:  # outlines of another kind: left as they are
-            return font
-        for table in set(font.keys()) - OUTLINES:
-            del font[table]
-        font.setGlyphOrder([f"glyph{i:05d}" for i in range(font["maxp"].numGlyphs)])
-        return font
-
-    subset.load_font = letters
-    try:
-        yield
-    finally:
-        subset.load_font = whole
-
-
-OUTLINES = {"GlyphOrder", "glyf", "head", "hhea", "hmtx", "loca", "maxp", "cvt ", "fpgm", "prep"}
-"""Tables of a TrueType font that a PDF needs (ISO 32000-1, 9.9)."""
 
 
 def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | None = None) -> None:
