@@ -13,6 +13,7 @@ from PIL import Image
 
 from biaxbayes.figures import letters, style
 from biaxbayes.figures.canvas import canvas, png
+from biaxbayes.figures.labels import few_ticks
 from biaxbayes.figures.letters import letters_alone
 from biaxbayes.figures.run import corner
 from biaxbayes.figures.run.trace import trace_figure
@@ -43,6 +44,26 @@ def test_labels_are_kept_where_matplotlib_puts_them(monkeypatch, width):
     monkeypatch.setattr(corner, "keep_labels", align)
     figures = [corner.corner_figure(DRAWS, width_mm=width), trace_figure(CHAINS, width_mm=width)]
     assert [figure_bytes(figure, "png") for figure in figures] == kept
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"axes.grid": True, "xtick.direction": "in", "ytick.color": "red", "ytick.major.size": 5.0},
+        {"xtick.top": True, "ytick.left": False, "axes.axisbelow": False},
+    ],
+)
+def test_marks_of_panels_within_are_ticks(monkeypatch, settings):
+    with_marks = figure_bytes(corner.corner_figure(DRAWS, style=settings), "png", settings)
+
+    def ticks(axis, labelled):
+        few_ticks(axis, overhang=0.3)
+        axis.set_tick_params(labelleft=False, labelbottom=False)
+
+    monkeypatch.setattr(corner, "repeat_ticks", ticks)
+    figure = corner.corner_figure(DRAWS, style=settings)
+    assert figure_bytes(figure, "png", settings) == with_marks
 
 
 def pictured(pixels: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:

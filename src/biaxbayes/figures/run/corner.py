@@ -15,7 +15,7 @@ import pandas as pd
 from scipy.integrate import trapezoid
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.labels import few_ticks
+from biaxbayes.figures.labels import few_ticks, repeat_ticks
 from biaxbayes.figures.quantities import AxisText, corner_columns
 from biaxbayes.figures.run.free_corner import NARROW_MM, Column, Found, tabulate
 from biaxbayes.figures.run.regions import CELLS_1D, FILL, cells, regions
@@ -329,28 +329,31 @@ def _arrange(figure: Figure, grid: np.ndarray, columns: list[Column], width_mm: 
     ]
     for i, j in np.argwhere(np.tri(last + 1)).tolist():
         ax = grid[i, j]
-        _show(ax, columns[j].axis, "x")
-        ax.tick_params(labelbottom=i == last)
+        _show(ax, columns[j].axis, "x", ticks=i == last)
         if i == last:
             ax.set_xlabel(labels[j], labelpad=2.0)
         if i == j:
             ax.set_yticks([])
             ax.spines["left"].set_visible(False)
             continue
-        _show(ax, columns[i].axis, "y")
-        ax.tick_params(labelleft=j == 0)
+        _show(ax, columns[i].axis, "y", ticks=j == 0)
         if j == 0:
             ax.set_ylabel(labels[i], linespacing=1.1, labelpad=2.0)
     side = _square(figure, grid, width_mm)
     if any(len(ax.get_xticks()) < 2 for ax in grid[last]):
-        for i, j in np.argwhere(np.tri(last + 1)).tolist():
-            few_ticks(grid[i, j].xaxis, overhang=0.3, upright=True)
+        for ax in grid[last]:
+            few_ticks(ax.xaxis, overhang=0.3, upright=True)
         side = _square(figure, grid, width_mm)
     if side < LEAST_PANEL_MM:
         raise InputError(
             f"{last + 1} quantities do not fit a width of {width_mm:g} mm",
             remedy="name fewer with --parameter, or ask for --width-mm 180",
         )
+    for i, j in np.argwhere(np.tri(last + 1)).tolist():
+        if i < last:
+            repeat_ticks(grid[i, j].xaxis, grid[last, j].xaxis)
+        if 0 < j < i:
+            repeat_ticks(grid[i, j].yaxis, grid[i, 0].yaxis)
     keep_labels(figure, [ax.xaxis for ax in grid[-1]], [ax.yaxis for ax in grid[:, 0]])
 
 
@@ -393,11 +396,12 @@ def _beside(panels: Sequence[Axes], which: str) -> float:
     return float(max(far) + max(size)) / panels[0].figure.dpi / MM
 
 
-def _show(ax: Axes, shown: Span, which: str) -> None:
+def _show(ax: Axes, shown: Span, which: str, *, ticks: bool) -> None:
+    """Range of an axis, with ticks or without."""
     if shown.log:
         ax.set(**{f"{which}scale": "log"})
     ax.set(**{f"{which}lim": (shown.low, shown.high)})
-    few_ticks(getattr(ax, f"{which}axis"), overhang=0.3)
+    few_ticks(getattr(ax, f"{which}axis"), most=3 if ticks else 0, overhang=0.3)
 
 
 def _legend(figure: Figure, labels: Sequence[str]) -> None:
