@@ -18,7 +18,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.figures.labels import few_ticks, repeat_ticks
 from biaxbayes.figures.quantities import AxisText, corner_columns
 from biaxbayes.figures.run.free_corner import NARROW_MM, Column, Found, tabulate
-from biaxbayes.figures.run.regions import CELLS_1D, FILL, cells, regions
+from biaxbayes.figures.run.regions import CELLS_1D, FILL, Moved, cells, moved, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
@@ -252,7 +252,9 @@ def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | N
     Panel by panel: corner has one width of smoothing for all pairs, and a ridge wants a narrow one.
     """
     hue = colour(RUNS[run])
+    paired: list[Moved | None] = []
     for i, up in enumerate(columns):
+        paired.append(None)
         draws, axis = up.draws[run], up.own[run]
         if draws is None or axis is None:
             continue
@@ -261,16 +263,16 @@ def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | N
             fig=_Panel([grid[i, i]]),
             range=[(axis.low, axis.high)],
             axes_scale=["log" if axis.log else "linear"],
-            bins=cells([draws], [axis]),
+            bins=cells([moved(draws, axis, VISIBLE)]),
             weights=np.ones(len(draws)),  # counts without weights are smoothed as integers
             smooth1d=CELLS_1D,
             hist_kwargs={"color": hue, "linewidth": 0.9},
             max_n_ticks=0,
         )
-        for j, across in enumerate(columns[:i]):
-            first, other = across.draws[run], across.own[run]
-            if first is not None and other is not None:
-                regions(grid[i, j], (first, draws), (other, axis), hue, filled=filled)
+        paired[i] = own = moved(draws, axis)
+        for j, across in enumerate(paired[:i]):
+            if across is not None:
+                regions(grid[i, j], (across, own), hue, filled=filled)
 
 
 def _marginal(
