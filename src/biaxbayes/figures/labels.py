@@ -18,7 +18,15 @@ from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 from biaxbayes.figures.quantities import number, range_text
 from biaxbayes.figures.style import MM, font_points, plain
 
-__all__ = ["few_ticks", "number", "range_text", "round_values", "shortened", "text_mm"]
+__all__ = [
+    "few_ticks",
+    "number",
+    "range_text",
+    "repeat_ticks",
+    "round_values",
+    "shortened",
+    "text_mm",
+]
 
 POINT_MM = 1.0 / 72.0 / MM
 
@@ -67,7 +75,7 @@ def few_ticks(axis: Any, *, most: int = 3, overhang: float = 0.0, upright: bool 
     ----------
     axis : matplotlib.axis.Axis
     most : int
-        Largest number of ticks.
+        Largest number of ticks; of 0 also their labels and minor ticks go.
     overhang : float
         How far a label may stand beyond the end of the axis, mm.
     upright : bool
@@ -75,11 +83,37 @@ def few_ticks(axis: Any, *, most: int = 3, overhang: float = 0.0, upright: bool 
     """
     across = axis.axis_name == "x"
     points = font_points(f"{axis.axis_name}tick.labelsize")
+    if most == 0:
+        axis.set_major_locator(NullLocator())
+        axis.set_minor_locator(NullLocator())
+        return
     axis.set_major_locator(FewTicks(most, points, overhang, turned=upright or not across))
     axis.set_major_formatter(PlainNumbers())
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())
     axis.set_tick_params(labelrotation=90.0 if upright and across else 0.0)
+
+
+def repeat_ticks(axis: Any, labelled: Any) -> None:
+    """Draw the ticks of a labelled axis at one of the same range, as marks.
+
+    A tick is five artists, of which two are never seen here; the marks of an axis are one.
+    """
+    from matplotlib.lines import Line2D
+
+    ax, across = axis.axes, axis.axis_name == "x"
+    transform = ax.get_xaxis_transform() if across else ax.get_yaxis_transform()
+    values = labelled.get_majorticklocs()
+    tick = labelled.get_major_ticks(1)[0]
+    drawn: list[tuple[Line2D, Any, Any]] = [(tick.gridline, [v, v], [0.0, 1.0]) for v in values]
+    drawn += [(tick.tick1line, values, 0.0), (tick.tick2line, values, 1.0)]
+    for line, along, beside in drawn:
+        if line.get_visible():
+            places = np.broadcast_arrays(along, beside)
+            marks = Line2D(*(places if across else places[::-1]))
+            marks.update_from(line)
+            marks.set(transform=transform, zorder=axis.get_zorder())
+            ax.add_artist(marks).set_clip_on(line is tick.gridline)
 
 
 class FewTicks(Locator):

@@ -5,20 +5,19 @@ from __future__ import annotations
 import ctypes
 import gc
 import io
-import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
+from biaxbayes.figures.canvas import canvas
 from biaxbayes.options import PICTURES
 from biaxbayes.text_files import atomic_write_bytes
 
 if TYPE_CHECKING:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -26,7 +25,6 @@ __all__ = [
     "COLUMN_MM",
     "CREDIBLE",
     "MM",
-    "OUTLINES",
     "PAGE_MM",
     "PREDICTIVE",
     "PRINT_AND_SCREEN",
@@ -36,6 +34,7 @@ __all__ = [
     "colour",
     "figure_bytes",
     "font_points",
+    "keep_labels",
     "layout",
     "own_garbage",
     "plain",
@@ -249,62 +248,8 @@ def blank_figure(width: float, height: float, room: Any = None) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure((width, height), layout=room)
-    _canvas()(figure)
+    canvas()(figure)
     return figure
-
-
-@cache
-def _canvas() -> type[FigureCanvasAgg]:
-    """A canvas whose symbols are typeset once a process: a batch has the same ones in each figure.
-
-    Matplotlib forgets them with every renderer, which it makes anew for every size and file.
-    """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
-    from matplotlib.mathtext import MathTextParser
-
-    settings = [k for k in mpl.rcParams if k.startswith("mathtext.") or k == "text.hinting"]
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=_forget_symbols)
-
-    class Symbols(MathTextParser):
-        def parse(
-            self, s: str, dpi: float = 72, prop: Any = None, *, antialiased: bool | None = None
-        ) -> Any:
-            style = tuple(str(mpl.rcParams[k]) for k in settings)
-            key = (s, dpi, prop and prop.copy(), antialiased, style)
-            if key not in _typeset:
-                if len(_typeset) >= MOST_SYMBOLS:
-                    _typeset.clear()
-                _typeset[key] = super().parse(s, dpi, prop, antialiased=antialiased)
-            return _typeset[key]
-
-    symbols = Symbols("path")
-
-    class Canvas(FigureCanvasAgg):
-        def get_renderer(self) -> RendererAgg:
-            renderer = super().get_renderer()
-            renderer.mathtext_parser = symbols
-            return renderer
-
-    return Canvas
-
-
-MOST_SYMBOLS = 1000
-"""Kept typeset."""
-_typeset: dict[Any, Any] = {}
-
-
-def _forget_symbols() -> None:
-    """Let go of typeset symbols, whose fonts are files that the process that forked reads, too.
-
-    Both would move the place at which the other one reads: letters out of place, or none. Of
-    matplotlib's two caches that hold fonts one is emptied at a fork by itself.
-    """
-    from matplotlib.mathtext import MathTextParser
-
-    _typeset.clear()
-    MathTextParser._parse_cached.cache_clear()  # type: ignore[attr-defined]
 
 
 def layout(*, across_mm: float = 0.7, down_mm: float = 0.7, **how: Any) -> ConstrainedLayoutEngine:
@@ -331,6 +276,27 @@ def settle(figure: Figure) -> None:
             engine: Any = figure.get_layout_engine()
             engine.execute(figure)
     figure.set_layout_engine(None)  # a placeholder would have every file drawn twice
+    keep_labels(figure)
+
+
+def keep_labels(figure: Figure, *aligned: Sequence[Axis]) -> None:
+    """Fix the labels of axes below and at the left of their ticks, those of aligned ones in a line.
+
+    Else each drawing asks the ticks of all panels that a label is aligned with for their places.
+    """
+    outermost = {id(axis): row for row in aligned for axis in row}
+    places = {}
+    for ax in figure.axes:
+        for axis, k in ((ax.xaxis, 1), (ax.yaxis, 0)):
+            axis.get_tightbbox()  # puts the label beside the ticks
+            places[id(axis)] = axis.label.get_position()[k]
+    for ax in figure.axes:
+        inverse = ax.transAxes.inverted()
+        for axis, k in ((ax.xaxis, 1), (ax.yaxis, 0)):
+            row = outermost.get(id(axis), [axis])
+            x, y = axis.label.get_position()
+            beside = inverse.transform([min(places[id(one)] for one in row)] * 2)[k]
+            axis.set_label_coords(*((x, beside) if k else (beside, y)))
 
 
 def plain(text: object, length: int = 40) -> str:
@@ -348,10 +314,6 @@ def plain(text: object, length: int = 40) -> str:
     return line.replace("$", r"\$")
 
 
-PNG_LEVEL = 3
-"""Of zlib: a file of a corner plot a fifth larger than at its default 6, in half the time."""
-
-
 def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = None) -> bytes:
     """The figure as a file: letters as text, the same bytes for the same figure.
 
@@ -364,52 +326,11 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
     """
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    with (
-        print_style(style),
-        warnings.catch_warnings(),
-        own_garbage(),
-        _letters_alone(suffix),
-    ):
+    with print_style(style), warnings.catch_warnings(), own_garbage():
         # Characters that the font lacks are drawn as boxes; that is no error.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        how: Any = {"pil_kwargs": {"compress_level": PNG_LEVEL}} if suffix == "png" else {}
-        figure.savefig(out, format=suffix, metadata=undated.get(suffix), **how)
+        figure.savefig(out, format=suffix, metadata=undated.get(suffix))
     return out.getvalue()
-
-
-@contextmanager
-def _letters_alone(suffix: str) -> Iterator[None]:
-    """Fonts go into a PDF as outlines alone, which it places one by one.
-
-    To read a font's names and rules for setting text, and to cut them down to the letters that are
-    used, takes longer than all else about it.
-    """
-    if suffix != "pdf":
-        yield
-        return
-    from fontTools import subset
-
-    whole = subset.load_font
-
-    def letters(file: Any, options: Any, *rest: Any, **how: Any) -> Any:
-        options.glyph_names = False
-        font = whole(file, options, *rest, **how)
-        if "glyf" not in font:  # outlines of another kind: left as they are
-            return font
-        for table in set(font.keys()) - OUTLINES:
-            del font[table]
-        font.setGlyphOrder([f"glyph{i:05d}" for i in range(font["maxp"].numGlyphs)])
-        return font
-
-    subset.load_font = letters
-    try:
-        yield
-    finally:
-        subset.load_font = whole
-
-
-OUTLINES = {"GlyphOrder", "glyf", "head", "hhea", "hmtx", "loca", "maxp", "cvt ", "fpgm", "prep"}
-"""Tables of a TrueType font that a PDF needs (ISO 32000-1, 9.9)."""
 
 
 def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | None = None) -> None:

@@ -15,16 +15,17 @@ import pandas as pd
 from scipy.integrate import trapezoid
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.labels import few_ticks
+from biaxbayes.figures.labels import few_ticks, repeat_ticks
 from biaxbayes.figures.quantities import AxisText, corner_columns
 from biaxbayes.figures.run.free_corner import NARROW_MM, Column, Found, tabulate
-from biaxbayes.figures.run.regions import CELLS_1D, FILL, cells, regions
+from biaxbayes.figures.run.regions import CELLS_1D, FILL, Moved, cells, moved, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
     blank_figure,
     colour,
+    keep_labels,
     plain,
     print_style,
 )
@@ -251,7 +252,9 @@ def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | N
     Panel by panel: corner has one width of smoothing for all pairs, and a ridge wants a narrow one.
     """
     hue = colour(RUNS[run])
+    paired: list[Moved | None] = []
     for i, up in enumerate(columns):
+        paired.append(None)
         draws, axis = up.draws[run], up.own[run]
         if draws is None or axis is None:
             continue
@@ -260,16 +263,16 @@ def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | N
             fig=_Panel([grid[i, i]]),
             range=[(axis.low, axis.high)],
             axes_scale=["log" if axis.log else "linear"],
-            bins=cells([draws], [axis]),
+            bins=cells([moved(draws, axis, VISIBLE)]),
             weights=np.ones(len(draws)),  # counts without weights are smoothed as integers
             smooth1d=CELLS_1D,
             hist_kwargs={"color": hue, "linewidth": 0.9},
             max_n_ticks=0,
         )
-        for j, across in enumerate(columns[:i]):
-            first, other = across.draws[run], across.own[run]
-            if first is not None and other is not None:
-                regions(grid[i, j], (first, draws), (other, axis), hue, filled=filled)
+        paired[i] = own = moved(draws, axis)
+        for j, across in enumerate(paired[:i]):
+            if across is not None:
+                regions(grid[i, j], (across, own), hue, filled=filled)
 
 
 def _marginal(
@@ -328,31 +331,32 @@ def _arrange(figure: Figure, grid: np.ndarray, columns: list[Column], width_mm: 
     ]
     for i, j in np.argwhere(np.tri(last + 1)).tolist():
         ax = grid[i, j]
-        _show(ax, columns[j].axis, "x")
-        ax.tick_params(labelbottom=i == last)
+        _show(ax, columns[j].axis, "x", ticks=i == last)
         if i == last:
             ax.set_xlabel(labels[j], labelpad=2.0)
         if i == j:
             ax.set_yticks([])
             ax.spines["left"].set_visible(False)
             continue
-        _show(ax, columns[i].axis, "y")
-        ax.tick_params(labelleft=j == 0)
+        _show(ax, columns[i].axis, "y", ticks=j == 0)
         if j == 0:
             ax.set_ylabel(labels[i], linespacing=1.1, labelpad=2.0)
     side = _square(figure, grid, width_mm)
     if any(len(ax.get_xticks()) < 2 for ax in grid[last]):
-        for i, j in np.argwhere(np.tri(last + 1)).tolist():
-            few_ticks(grid[i, j].xaxis, overhang=0.3, upright=True)
+        for ax in grid[last]:
+            few_ticks(ax.xaxis, overhang=0.3, upright=True)
         side = _square(figure, grid, width_mm)
     if side < LEAST_PANEL_MM:
         raise InputError(
             f"{last + 1} quantities do not fit a width of {width_mm:g} mm",
             remedy="name fewer with --parameter, or ask for --width-mm 180",
         )
-    # those that have labels: each panel of a group asks all others for their boxes
-    figure.align_xlabels(list(grid[-1]))
-    figure.align_ylabels(list(grid[:, 0]))
+    for i, j in np.argwhere(np.tri(last + 1)).tolist():
+        if i < last:
+            repeat_ticks(grid[i, j].xaxis, grid[last, j].xaxis)
+        if 0 < j < i:
+            repeat_ticks(grid[i, j].yaxis, grid[i, 0].yaxis)
+    keep_labels(figure, [ax.xaxis for ax in grid[-1]], [ax.yaxis for ax in grid[:, 0]])
 
 
 def _square(figure: Figure, grid: np.ndarray, width_mm: float) -> float:
@@ -394,11 +398,12 @@ def _beside(panels: Sequence[Axes], which: str) -> float:
     return float(max(far) + max(size)) / panels[0].figure.dpi / MM
 
 
-def _show(ax: Axes, shown: Span, which: str) -> None:
+def _show(ax: Axes, shown: Span, which: str, *, ticks: bool) -> None:
+    """Range of an axis, with ticks or without."""
     if shown.log:
         ax.set(**{f"{which}scale": "log"})
     ax.set(**{f"{which}lim": (shown.low, shown.high)})
-    few_ticks(getattr(ax, f"{which}axis"), overhang=0.3)
+    few_ticks(getattr(ax, f"{which}axis"), most=3 if ticks else 0, overhang=0.3)
 
 
 def _legend(figure: Figure, labels: Sequence[str]) -> None:

@@ -14,7 +14,7 @@ from biaxbayes.comparison.mounting_bias import TREATMENTS, Ledger
 from biaxbayes.errors import InputError
 from biaxbayes.figures.labels import few_ticks, number, shortened
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.run.regions import CONTENTS, regions
+from biaxbayes.figures.run.regions import CONTENTS, moved, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
@@ -182,7 +182,8 @@ def _stretches(ax: Axes, states: list[State], truth: Mapping[str, float]) -> Non
             ax.plot(*np.median(state.stretch, axis=0), marker="+", color=state.colour)
         else:
             filled = len(states) == 1
-            regions(ax, tuple(state.stretch.T), axes, state.colour, filled=filled)
+            pair = [moved(*one) for one in zip(state.stretch.T, axes, strict=True)]
+            regions(ax, pair, state.colour, filled=filled)
         if len(states) > 1:
             ax.plot(*np.median(state.stretch, axis=0), marker=".", ms=4.0, color=state.colour)
         if value is not None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -20,7 +20,7 @@ from biaxbayes.prediction.bands import evenly_chosen
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["CELLS_1D", "CONTENTS", "FILL", "cells", "regions"]
+__all__ = ["CELLS_1D", "CONTENTS", "FILL", "Moved", "cells", "moved", "regions"]
 
 CONTENTS = (0.5, 0.9, 0.99)
 """Shares of the draws that the regions hold."""
@@ -38,32 +38,36 @@ VISIBLE_PAIR = 20_000
 """Draws of a pair that are looked at; more would change nothing to the eye."""
 
 
-def regions(
-    ax: Axes,
-    draws: Sequence[np.ndarray],
-    axes: Sequence[Span],
-    hue: str,
-    *,
-    filled: bool | None,
-) -> None:
+class Moved(NamedTuple):
+    """Draws of a quantity on its axis, from 0 to 1, and their spread there."""
+
+    along: np.ndarray
+    axis: Span
+    sd: float
+
+
+def moved(draws: np.ndarray, axis: Span, most: int = VISIBLE_PAIR) -> Moved:
+    """As many draws as are looked at on their axis; those of a pair once for all its panels."""
+    along = axis.forward(draws[evenly_chosen(len(draws), most)])
+    return Moved(along, axis, max(robust_sd(along), 1e-6))
+
+
+def regions(ax: Axes, pair: Sequence[Moved], hue: str, *, filled: bool | None) -> None:
     """Draw a joint posterior as regions of stated content.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-    draws : two ndarrays, shape (n,)
-    axes : two Spans
-        Ranges that the draws are smoothed on.
+    pair : two Moved
+        Draws on the ranges that they are smoothed on.
     hue : str
     filled : bool or None
         Three shaded regions, or the outline of the one that holds 90 %, or None: the region of
         50 % in that outline.
     """
-    chosen = evenly_chosen(len(draws[0]), VISIBLE_PAIR)
-    draws = [d[chosen] for d in draws]
-    bins = cells(draws, axes)
+    axes, bins = [one.axis for one in pair], cells(pair)
     centres = [a.back((np.arange(n) + 0.5) / n) for a, n in zip(axes, bins, strict=True)]
-    density, at_draws = _smooth(draws, axes, bins)
+    density, at_draws = _smooth([one.along for one in pair], bins)
     look = _look(hue, filled)
     # corner counts the mass of the density; smoothing has spread that of the draws
     edges = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
@@ -79,16 +83,14 @@ def regions(
     )
 
 
-def _smooth(
-    draws: Sequence[np.ndarray], axes: Sequence[Span], bins: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray]:
+def _smooth(along: Sequence[np.ndarray], bins: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Draws of a pair counted in cells and smoothed, the wider the fewer lie about a draw.
 
     The density in the cells, and at the draws. Width of the kernel (Abramson 1982):
     h (f90 / f)^(1/2) where the density f is below that at the edge of the region of 90 %. One
     width for all leaves islands of single draws.
     """
-    at = [a.forward(d) * n for a, d, n in zip(axes, draws, bins, strict=True)]
+    at = [u * n for u, n in zip(along, bins, strict=True)]
     seen = np.all([(u >= 0.0) & (u <= n) for u, n in zip(at, bins, strict=True)], axis=0)
     cell = [np.minimum(u[seen].astype(int), n - 1) for u, n in zip(at, bins, strict=True)]
     counts = np.bincount(np.ravel_multi_index(cell, bins), minlength=bins[0] * bins[1])
@@ -104,17 +106,17 @@ def _smooth(
     return density, density[tuple(cell)]
 
 
-def cells(values: Sequence[np.ndarray], axes: Sequence[Span]) -> list[int]:
+def cells(draws: Sequence[Moved]) -> list[int]:
     """Cells of each axis, such that a kernel of so many cells is as wide as it should be.
 
     Silverman's h = 0.9 sd n^(-1/5) for one quantity, Scott's h = sd n^(-1/6) for a pair, narrower
     on a ridge so that it stays narrow.
     """
-    moved = [a.forward(v) for a, v in zip(axes, values, strict=True)]
-    sd, n = np.array([max(robust_sd(u), 1e-6) for u in moved]), min(len(moved[0]), 20_000)
-    if len(moved) == 1:
+    along = [one.along for one in draws]
+    sd, n = np.array([one.sd for one in draws]), min(len(along[0]), 20_000)
+    if len(draws) == 1:
         return [int(np.clip(CELLS_1D / h, 60, 1000)) for h in 0.9 * sd * n**-0.2]
-    r = np.corrcoef(np.clip(moved, 0.0, 1.0))[0, 1] if n > 2 else 0.0
+    r = np.corrcoef(np.clip(along, 0.0, 1.0))[0, 1] if n > 2 else 0.0
     # sd of one quantity where the other is known: sd sqrt(1 - r^2); halfway to it, in logs
     ridge = (1.0 - min(abs(np.nan_to_num(r)), 0.999) ** 2) ** 0.25
     return [int(np.clip(CELLS / h, 30, 250)) for h in WIDER * ridge * sd * n ** (-1.0 / 6.0)]

@@ -1,0 +1,141 @@
+"""What makes figures quick to draw changes neither how they look nor the bytes of their files."""
+
+import io
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from PIL import Image
+
+from biaxbayes.figures import letters, style
+from biaxbayes.figures.canvas import canvas, png
+from biaxbayes.figures.labels import few_ticks
+from biaxbayes.figures.letters import letters_alone
+from biaxbayes.figures.run import corner
+from biaxbayes.figures.run.trace import trace_figure
+from biaxbayes.figures.style import figure_bytes, print_style
+
+RANDOM = np.random.default_rng(3)
+DRAWS = pd.DataFrame(
+    {
+        "C1": RANDOM.gamma(9.0, 0.3, 2000),
+        "k1": RANDOM.lognormal(2.0, 1.5, 2000),
+        "mounting_stretch_x": RANDOM.normal(1.004, 0.003, 2000),
+    }
+)
+CHAINS = {name: DRAWS[name].to_numpy().reshape(2, 100, 10) for name in DRAWS}
+
+
+@pytest.mark.parametrize("width", [180.0, 85.0])
+def test_labels_are_kept_where_matplotlib_puts_them(monkeypatch, width):
+    figures = [corner.corner_figure(DRAWS, width_mm=width), trace_figure(CHAINS, width_mm=width)]
+    kept = [figure_bytes(figure, "png") for figure in figures]
+
+    def align(figure, *rows):
+        for row in rows:
+            panels = [axis.axes for axis in row]
+            (figure.align_xlabels if row[0].axis_name == "x" else figure.align_ylabels)(panels)
+
+    monkeypatch.setattr(style, "keep_labels", align)
+    monkeypatch.setattr(corner, "keep_labels", align)
+    figures = [corner.corner_figure(DRAWS, width_mm=width), trace_figure(CHAINS, width_mm=width)]
+    assert [figure_bytes(figure, "png") for figure in figures] == kept
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"axes.grid": True, "xtick.direction": "in", "ytick.color": "red", "ytick.major.size": 5.0},
+        {"xtick.top": True, "ytick.left": False, "axes.axisbelow": False},
+    ],
+)
+def test_marks_of_panels_within_are_ticks(monkeypatch, settings):
+    with_marks = figure_bytes(corner.corner_figure(DRAWS, style=settings), "png", settings)
+
+    def ticks(axis, labelled):
+        few_ticks(axis, overhang=0.3)
+        axis.set_tick_params(labelleft=False, labelbottom=False)
+
+    monkeypatch.setattr(corner, "repeat_ticks", ticks)
+    figure = corner.corner_figure(DRAWS, style=settings)
+    assert figure_bytes(figure, "png", settings) == with_marks
+
+
+def pictured(pixels: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:
+    """A picture as it is read from its PNG file, and dots per inch."""
+    with Image.open(io.BytesIO(b"".join(png(pixels, 300.0)))) as image:
+        return np.asarray(image), tuple(round(dpi) for dpi in image.info["dpi"])
+
+
+@pytest.mark.parametrize("height", [1, 64, 130])
+def test_a_picture_holds_the_pixels_that_were_drawn(height):
+    pixels = RANDOM.integers(0, 256, (height, 37, 4), np.uint8)
+    read, dpi = pictured(pixels)
+    assert dpi == (300, 300) and np.array_equal(read, pixels)
+    pixels[..., 3] = 255
+    read, _ = pictured(pixels)
+    assert np.array_equal(read, pixels[..., :3])  # no opacity where all is opaque
+
+
+def test_pictures_are_those_of_matplotlib():
+    figure, out = corner.corner_figure(DRAWS), io.BytesIO()
+    with print_style():
+        FigureCanvasAgg(figure).print_figure(out, format="png")
+    with Image.open(out) as image:
+        drawn = np.asarray(image.convert("RGB"))
+    canvas()(figure)
+    with Image.open(io.BytesIO(figure_bytes(figure, "png"))) as image:
+        assert np.array_equal(np.asarray(image), drawn)
+    see_through = figure_bytes(figure, "png", {"savefig.transparent": True})
+    with Image.open(io.BytesIO(see_through)) as image:
+        assert image.mode == "RGBA"
+
+
+def test_pages_are_those_of_matplotlib():
+    figure, out = corner.corner_figure(DRAWS), io.BytesIO()
+    FigureCanvasPdf(figure)
+    with print_style(), letters_alone():
+        figure.savefig(out, format="pdf", metadata={"CreationDate": None})
+    canvas()(figure)
+    assert figure_bytes(figure, "pdf") == out.getvalue()
+
+
+SMALL = """
+import hashlib
+from biaxbayes.figures.style import blank_figure, figure_bytes, print_style
+
+def drawn(text):
+    with print_style():
+        figure = blank_figure(2.0, 1.0)
+        figure.text(0.1, 0.5, text)
+    return [hashlib.sha256(figure_bytes(figure, kind)).hexdigest() for kind in ("pdf", "png")]
+"""
+
+
+def test_a_file_does_not_tell_what_was_drawn_before_it():
+    here: dict = {}
+    exec(SMALL, here)
+    texts = [r"$\kappa$ of the media, identified", r"$C_1$, $\kappa$ and \N{SNOWMAN} ∑", "x (kPa)"]
+    for text in texts:
+        here["drawn"](text)
+    again = [here["drawn"](text) for text in reversed(texts)]
+    for text, files in zip(reversed(texts), again, strict=True):
+        code = f"{SMALL}\nprint(*drawn({text!r}))"
+        fresh = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+        assert fresh.stdout.decode().split() == files
+
+
+def test_a_font_of_words_has_the_alphabet_and_one_of_symbols_only_these():
+    here: dict = {}
+    exec(SMALL, here)
+    letters._cut.clear()
+    for text in ("the quick brown fox", "jumps over lazy dogs, and on", "0123456789 pieces of it"):
+        here["drawn"](rf"$\kappa$ {text}")
+    assert len(letters._cut) == 2  # all of them share both fonts
+    sizes = sorted(len(glyphs) for _, glyphs in letters._cut)
+    assert sizes[0] <= 3 and sizes[1] == len(set(letters.ALPHABET))
