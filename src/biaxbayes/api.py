@@ -278,7 +278,8 @@ def batch(
         those of
         :class:`~biaxbayes.options.ModelOptions`.
     """
-    from biaxbayes.jobs.batch import WORKER_MODULES, Batch
+    from biaxbayes.jobs.batch import Batch
+    from biaxbayes.jobs.study_tasks import WORKER_MODULES
     from biaxbayes.studies.study_file import read_study, study_of_files
 
     if isinstance(study, str | Path):

@@ -9,227 +9,43 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
-import socket
 import time
-import traceback
 import uuid
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.errors import BiaxbayesError, CannotResume, InputError, Interrupted, RunError
+from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess, Outcome
-from biaxbayes.figures.run import DRAWING_MODULES
-from biaxbayes.jobs.sample import Sampling
-from biaxbayes.laws import DEFAULT_LAW
+from biaxbayes.jobs.study_tasks import (
+    LayerTask,
+    SpecimenTask,
+    compare_layers,
+    failed,
+    layers_before,
+    try_specimen,
+)
 from biaxbayes.reports.study_page import write_study
 from biaxbayes.runs.folder import STATES, is_run, manifest
 from biaxbayes.runs.lock import folder_lock
-from biaxbayes.runs.run import Run, open_run
-from biaxbayes.runs.said import STUDY_ROWS, STUDY_ROWS_FROM, keep_said, said_before
 from biaxbayes.sampling.sampler import Progress
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.studies.entries import RUNS, Entry, read_entries
 from biaxbayes.studies.result import (
-    FAILED,
     INTERRUPTED,
-    RUNS,
-    Entry,
     LayersFound,
     StudyResult,
     Tried,
-    are_rows,
     donor_groups,
-    read_entries,
     result_of,
-    rows_of_run,
-    rows_without_run,
     study_table,
 )
 from biaxbayes.studies.study_file import Study
 from biaxbayes.text_files import atomic_write_text, csv_text
 
-__all__ = ["WORKER_MODULES", "Batch", "LayerTask", "SpecimenTask", "compare_layers", "try_specimen"]
-
-WORKER_MODULES = (
-    "biaxbayes.sampling.ensembles",
-    "biaxbayes.jobs.identified",
-    "biaxbayes.jobs.products",
-    "biaxbayes.reports.page",
-    "scipy.signal",
-    "jinja2",
-    *DRAWING_MODULES,
-)
-"""What a worker imports in the end, wherever that is put off until it is needed."""
-
-
-# --- what a worker does: sample one specimen, or compare the layers of one donor -----------------
-
-
-@dataclass(frozen=True)
-class SpecimenTask:
-    """A specimen to sample.
-
-    Attributes
-    ----------
-    specimen : Specimen
-    source : str
-        Name of its file.
-    folder : Path
-        Of the run, absolute.
-    options : dict
-    seed : int
-    ess : float
-    max_steps : int
-    anyway : bool
-        Also what cannot be a loading curve.
-    finished : bool
-        The folder holds the finished run of this very task.
-    going : Path
-        A file that is there as long as the study goes on.
-    """
-
-    specimen: Specimen
-    source: str
-    folder: Path
-    options: dict[str, Any]
-    seed: int
-    ess: float
-    max_steps: int
-    anyway: bool
-    finished: bool
-    going: Path
-
-
-def failed(reason: str, notes: list[str] | None = None, law: str = DEFAULT_LAW) -> Tried:
-    """A specimen without a run."""
-    return Tried(FAILED, reason, rows_without_run(FAILED, reason, law), notes or [])
-
-
-def try_specimen(task: SpecimenTask) -> Tried:
-    """Sample a specimen into its run folder, or read the run that is there.
-
-    Nothing is raised: one specimen does not stop the others.
-    """
-    notes: list[str] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            if not task.going.exists():
-                return Tried(INTERRUPTED, f"{socket.gethostname()} does not see the study folder")
-            run = _run(task, notes)
-            return Tried(run.state, _reason(run), _rows(run), notes)
-        except Interrupted as error:
-            return Tried(INTERRUPTED, str(error))
-        except BiaxbayesError as error:
-            return failed(str(error), notes, task.options["law"])
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            return failed(f"{where}{error.strerror or error}", notes, task.options["law"])
-        except Exception as error:
-            if os.environ.get("BIAXBAYES_DEBUG"):
-                traceback.print_exc()
-            return failed(
-                f"internal error: {type(error).__name__}: {error}", notes, task.options["law"]
-            )
-
-
-def _run(task: SpecimenTask, notes: list[str]) -> Run:
-    from biaxbayes.compilation import first_alone
-
-    if task.finished:
-        return open_run(task.folder)
-
-    def note(progress: Any) -> None:
-        if progress.note:
-            notes.append(str(progress.note))
-
-    def stop() -> bool:
-        return not task.going.exists()
-
-    sampling = Sampling.prepare(
-        task.specimen,
-        out=task.folder,
-        options=task.options,
-        seed=task.seed,
-        ess=task.ess,
-        max_steps=task.max_steps,
-        workers=1,
-        anyway=task.anyway,
-    )
-    sampling.source = task.source
-    with first_alone():
-        if stop():  # while another process was compiling
-            raise Interrupted("stopped before it began")
-        try:
-            folder = sampling.execute(resume=True, overwrite=True, progress=note, stop=stop)
-        except CannotResume as error:
-            notes.append(f"sampled anew: {error}")
-            folder = sampling.execute(resume=False, overwrite=True, progress=note, stop=stop)
-    return open_run(folder)
-
-
-def _rows(run: Run) -> list[dict[str, Any]]:
-    """The rows of a run, kept in its folder: to open its draws again takes far longer."""
-    said = said_before(run.path, STUDY_ROWS, STUDY_ROWS_FROM) or {}
-    rows: list[dict[str, Any]] = said.get("rows", [])
-    if not (rows and are_rows(rows)):
-        rows = rows_of_run(run)
-        with contextlib.suppress(InputError):  # of a folder that cannot be written
-            keep_said(run.path, STUDY_ROWS, STUDY_ROWS_FROM, {"rows": rows})
-    return rows
-
-
-def _reason(run: Run) -> str:
-    return "" if run.state == "converged" else str(run.provenance["convergence"]["reason"])
-
-
-@dataclass(frozen=True)
-class LayerTask:
-    """Runs to compare with one another: the layers of one donor.
-
-    Attributes
-    ----------
-    donor : str
-        Empty where the specimens have none.
-    labels, layers : tuple of str
-    folders : tuple of Path
-    """
-
-    donor: str
-    labels: tuple[str, ...]
-    layers: tuple[str, ...]
-    folders: tuple[Path, ...]
-
-
-def compare_layers(task: LayerTask) -> LayersFound:
-    """Compare the layers of one donor; nothing is raised."""
-    from biaxbayes.comparison.compare import Member, compare
-
-    layer_of = dict(zip(task.labels, task.layers, strict=True))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            runs = [open_run(folder) for folder in task.folders]
-            found = compare(
-                [
-                    Member(label, run.posterior(), run.draws, run.state, run.stated)
-                    for label, run in zip(task.labels, runs, strict=True)
-                ]
-            )
-        except BiaxbayesError as error:
-            return LayersFound(task.donor, pd.DataFrame(), [f"no comparison: {error}"])
-    table = found.distances
-    table.insert(0, "donor", task.donor)
-    for k, side in enumerate("ab"):
-        table.insert(1 + k, f"layer_{side}", [layer_of[v] for v in table[f"run_{side}"]])
-    return LayersFound(task.donor, table, list(found.notes))
-
+__all__ = ["Batch"]
 
 # --- the study -----------------------------------------------------------------------------------
 
@@ -426,13 +242,15 @@ class Batch:
             LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
             for donor, labels, layers in donor_groups(table)
         ]
-        found: dict[int, LayersFound] = {}
-        few = len(tasks) <= COMPARED_HERE
-        for outcome in (InThisProcess() if few else self.executor).run(compare_layers, tasks):
-            lost = LayersFound(tasks[outcome.index].donor, pd.DataFrame(), [outcome.lost])
-            found[outcome.index] = lost if outcome.lost else outcome.value
+        found = {task: before for task in tasks if (before := layers_before(task)) is not None}
+        tasks_left = [task for task in tasks if task not in found]
+        few = len(tasks_left) <= COMPARED_HERE
+        for outcome in (InThisProcess() if few else self.executor).run(compare_layers, tasks_left):
+            task = tasks_left[outcome.index]
+            lost = LayersFound(task.donor, pd.DataFrame(), [outcome.lost])
+            found[task] = lost if outcome.lost else outcome.value
         progress(Progress("writing"))
-        result = result_of(self.study.name, self.folder, table, [found[i] for i in sorted(found)])
+        result = result_of(self.study.name, self.folder, table, [found[task] for task in tasks])
         self._write(result)
         return result
 
