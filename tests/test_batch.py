@@ -17,6 +17,7 @@ from biaxbayes.comparison.compare import distances_between, judged_member
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.executors.executor import InThisProcess, Outcome
 from biaxbayes.jobs import batch as batch_module
+from biaxbayes.jobs import study_tasks as tasks_module
 from biaxbayes.jobs.batch import Batch
 from biaxbayes.jobs.study_tasks import LayerTask, SpecimenTask, layers_before, try_specimen
 from biaxbayes.laws.goh import GOH
@@ -294,9 +295,18 @@ def changed(record, **said):
     return json.dumps(record | {"said": record["said"] | said})
 
 
-def test_a_damaged_or_hostile_comparison_is_made_anew(result, study, comparisons, tmp_path):
+def test_a_damaged_or_hostile_comparison_is_made_anew(result, study, monkeypatch, tmp_path):
     kept = result.folder / "runs" / "media" / "study-layers.json"
     before = Batch(study, result.folder).execute()
+    comparisons = []
+
+    def between(members, verdicts):
+        comparisons.append(members)
+        drop = ["donor", "layer_a", "layer_b"]
+        return before.distances.drop(columns=drop), list(before.notes)
+
+    monkeypatch.setattr(tasks_module, "_members", lambda task: (task.labels, ()))
+    monkeypatch.setattr(compare_module, "distances_between", between)
     whole = kept.read_text()
     record = json.loads(whole)
     first, *rest = record["said"]["distances"]
@@ -317,7 +327,6 @@ def test_a_damaged_or_hostile_comparison_is_made_anew(result, study, comparisons
     texts += [changed(record, distances=wrong) for wrong in rows]
     texts += [changed(record, notes=wrong) for wrong in (None, "none", [1], ["\ud800"])]
     texts += [changed(record, labels=wrong) for wrong in (None, [], ["intima", "media"])]
-    comparisons.clear()
     for count, text in enumerate(texts, start=1):
         kept.write_text(text)
         found = Batch(study, result.folder).execute()
@@ -332,6 +341,7 @@ def test_a_damaged_or_hostile_comparison_is_made_anew(result, study, comparisons
     assert not kept.is_symlink() and kept.read_text() == whole == elsewhere.read_text()
 
 
+@pytest.mark.long
 def test_verdicts_of_a_comparison_are_those_that_identify_said(result, study, monkeypatch):
     runs = result.folder / "runs"
     judged = []

@@ -14,12 +14,14 @@ import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess, Outcome
+from biaxbayes.jobs.opening import Stop, never, silent
 from biaxbayes.jobs.study_tasks import (
     LayerTask,
     SpecimenTask,
@@ -28,10 +30,9 @@ from biaxbayes.jobs.study_tasks import (
     layers_before,
     try_specimen,
 )
-from biaxbayes.reports.study_page import write_study
+from biaxbayes.progress_bar import Stage
 from biaxbayes.runs.folder import STATES, is_run, manifest
 from biaxbayes.runs.lock import folder_lock
-from biaxbayes.sampling.sampler import Progress
 from biaxbayes.studies.entries import RUNS, Entry, read_entries
 from biaxbayes.studies.result import (
     INTERRUPTED,
@@ -72,8 +73,8 @@ class Batch:
     def execute(
         self,
         *,
-        progress: Callable[[Progress], None] = lambda p: None,
-        stop: Callable[[], int] = lambda: False,
+        progress: Callable[[Any], None] = silent,
+        stop: Stop = never,
     ) -> StudyResult:
         """Sample what is missing, compare the layers of each donor, and write every file.
 
@@ -86,7 +87,7 @@ class Batch:
         """
         self._make_folder()
         with folder_lock(self.folder), self.executor, self._going() as going:
-            progress(Progress("reading specimens"))
+            progress(Stage("reading specimens"))
             entries = read_entries(self.study)
             done = self._recorded("done")
             tried = self._sample(entries, done, going, progress, stop)
@@ -143,6 +144,8 @@ class Batch:
         result_digest = {"result": _digest(result)}
         if self._recorded("written") == self._files() | result_digest:
             return
+        from biaxbayes.reports.study_page import write_study
+
         write_study(result)
         self._save(self._recorded("done"), self._files() | result_digest)
 
@@ -156,8 +159,8 @@ class Batch:
         entries: list[Entry],
         done: dict[str, str],
         going: Path,
-        progress: Callable[[Progress], None],
-        stop: Callable[[], int],
+        progress: Callable[[Any], None],
+        stop: Stop,
     ) -> dict[str, Tried]:
         """What became of every specimen, by its folder's name."""
         tried = {e.slug: failed(e.problem) for e in entries if e.specimen is None}
@@ -170,7 +173,7 @@ class Batch:
         tasks = [self._task(e, e.slug in done, going) for e in readable]
         before, clock = len(done), time.monotonic()
         finished = f", {before} of them finished before" if before else ""
-        progress(Progress(f"sampling {len(entries)} specimens{finished}"))
+        progress(Stage(f"sampling {len(entries)} specimens{finished}"))
         asked = 0
 
         def stopped() -> int:
@@ -191,7 +194,7 @@ class Batch:
                 continue
             tried[entry.slug] = found
             for note in found.notes:
-                progress(Progress("sampling", note=f"{entry.entry.label}: {note}"))
+                progress(Stage("sampling", note=f"{entry.entry.label}: {note}"))
             if found.state in STATES:
                 done[entry.slug] = entry.fingerprint
                 self._save(done)
@@ -200,13 +203,13 @@ class Batch:
             if len(tried) > before:
                 spent = time.monotonic() - clock
                 told += _left(spent * (len(entries) - len(tried)) / (len(tried) - before))
-            progress(Progress(told, len(tried) / len(entries)))
+            progress(Stage(told, len(tried) / len(entries)))
         if len(tried) < len(entries):
             raise _interruption(len(tried), len(entries), self.folder, asked)
         return tried
 
     def _outcomes(
-        self, tasks: list[SpecimenTask], finished: int, stop: Callable[[], int]
+        self, tasks: list[SpecimenTask], finished: int, stop: Stop
     ) -> Iterator[Outcome[Tried]]:
         """Finished runs, the first tasks, are read here: no worker has to start for them."""
         yield from InThisProcess().run(try_specimen, tasks[:finished], stop=stop)
@@ -232,11 +235,11 @@ class Batch:
         self,
         entries: list[Entry],
         tried: dict[str, Tried],
-        progress: Callable[[Progress], None],
+        progress: Callable[[Any], None],
     ) -> StudyResult:
 
         table = study_table(entries, tried)
-        progress(Progress("comparing layers"))
+        progress(Stage("comparing layers"))
         folders = {e.entry.label: self.folder.absolute() / RUNS / e.slug for e in entries}
         tasks = [
             LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
@@ -249,7 +252,7 @@ class Batch:
             task = tasks_left[outcome.index]
             lost = LayersFound(task.donor, pd.DataFrame(), [outcome.lost])
             found[task] = lost if outcome.lost else outcome.value
-        progress(Progress("writing"))
+        progress(Stage("writing"))
         result = result_of(self.study.name, self.folder, table, [found[task] for task in tasks])
         self._write(result)
         return result

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import BiaxbayesError, CannotResume, InputError, Interrupted
-from biaxbayes.figures.run import DRAWING_MODULES
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.runs.folder import READY
 from biaxbayes.runs.said import (
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
     from biaxbayes.runs.run import Run
 
 __all__ = [
-    "WORKER_MODULES",
     "LayerTask",
     "SpecimenTask",
     "compare_layers",
@@ -55,21 +53,6 @@ __all__ = [
     "layers_before",
     "try_specimen",
 ]
-
-WORKER_MODULES = (
-    "biaxbayes.sampling.ensembles",
-    "biaxbayes.comparison.compare",
-    "biaxbayes.jobs.sample",
-    "biaxbayes.studies.rows",
-    "biaxbayes.jobs.identified",
-    "biaxbayes.jobs.products",
-    "biaxbayes.reports.page",
-    "scipy.signal",
-    "jinja2",
-    *DRAWING_MODULES,
-)
-"""What a worker imports in the end, wherever that is put off until it is needed."""
-
 
 # --- sample a specimen, or read its run ----------------------------------------------------------
 

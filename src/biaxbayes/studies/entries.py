@@ -8,8 +8,8 @@ import re
 from dataclasses import dataclass
 
 import biaxbayes
-from biaxbayes.calibration.simulated_specimen import prior_value
 from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.model.priors import prior_value
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
