@@ -16,7 +16,6 @@ from biaxbayes.comparison import compare as compare_module
 from biaxbayes.comparison.compare import distances_between, judged_member
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.executors.executor import InThisProcess, Outcome
-from biaxbayes.jobs import batch as batch_module
 from biaxbayes.jobs import study_tasks as tasks_module
 from biaxbayes.jobs.batch import Batch
 from biaxbayes.jobs.study_tasks import LayerTask, SpecimenTask, layers_before, try_specimen
@@ -387,7 +386,7 @@ def spy(monkeypatch):
         seen.append(task)
         return Tried("failed", "not tried", [])
 
-    monkeypatch.setattr(batch_module, "try_specimen", note)
+    monkeypatch.setattr(tasks_module, "try_specimen", note)
     return seen
 
 

@@ -11,8 +11,8 @@ import hashlib
 import json
 import time
 import uuid
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +20,17 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import Interrupted, RunError
-from biaxbayes.executors.executor import Executor, InThisProcess, Outcome
+from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.jobs.opening import Stop, never, silent
 from biaxbayes.jobs.study_tasks import (
+    FigureTask,
     LayerTask,
     SpecimenTask,
+    Task,
     compare_layers,
     failed,
     layers_before,
-    try_specimen,
+    work_on,
 )
 from biaxbayes.progress_bar import Stage
 from biaxbayes.runs.folder import STATES, is_run, manifest
@@ -53,6 +55,25 @@ __all__ = ["Batch"]
 RECORD, GOING = "study.json", ".going-"
 COMPARED_HERE = 4
 """Donors whose layers are compared sooner than workers have started."""
+
+
+@dataclass
+class Found:
+    """What is known of a study.
+
+    Attributes
+    ----------
+    tried : dict of Tried
+        By the name of the run folder.
+    layers : dict
+        What was found, by the comparison; None while it is to be made.
+    pictures : dict of bytes or None
+        Files of the figure, by name; None while it is not drawn.
+    """
+
+    tried: dict[str, Tried]
+    layers: dict[LayerTask, LayersFound | None] = field(default_factory=dict)
+    pictures: dict[str, bytes] | None = None
 
 
 @dataclass
@@ -89,9 +110,10 @@ class Batch:
         with folder_lock(self.folder), self.executor, self._going() as going:
             progress(Stage("reading specimens"))
             entries = read_entries(self.study)
-            done = self._recorded("done")
-            tried = self._sample(entries, done, going, progress, stop)
-            result = self._result(entries, tried, progress)
+            found = self._found(entries, going, progress, stop)
+            progress(Stage("writing"))
+            result = self._result(entries, found)
+            self._write(result, found.pictures)
         return result
 
     def _make_folder(self) -> None:
@@ -139,14 +161,14 @@ class Batch:
             record |= {"columns": list(self.study.columns), "stated": stated}
         atomic_write_text(self.folder / RECORD, json.dumps(record, indent=2) + "\n")
 
-    def _write(self, result: StudyResult) -> None:
+    def _write(self, result: StudyResult, pictures: dict[str, bytes] | None) -> None:
         """Write every file, unless those that are there are of this very result."""
         result_digest = {"result": _digest(result)}
         if self._recorded("written") == self._files() | result_digest:
             return
         from biaxbayes.reports.study_page import write_study
 
-        write_study(result)
+        write_study(result, pictures)
         self._save(self._recorded("done"), self._files() | result_digest)
 
     def _files(self) -> dict[str, str]:
@@ -154,24 +176,31 @@ class Batch:
         found = manifest(self.folder)
         return {k: v for k, v in found.items() if k != RECORD and not k.startswith(".")}
 
-    def _sample(
+    def _found(
         self,
         entries: list[Entry],
-        done: dict[str, str],
         going: Path,
         progress: Callable[[Any], None],
         stop: Stop,
-    ) -> dict[str, Tried]:
-        """What became of every specimen, by its folder's name."""
-        tried = {e.slug: failed(e.problem) for e in entries if e.specimen is None}
+    ) -> Found:
+        """What became of every specimen, and how far apart the layers of each donor are.
+
+        Finished runs are read here, and few layers compared: no worker has to start for them.
+        Where workers have specimens, the layers of a donor are compared once nobody waits for a
+        specimen, and the figure is drawn beside the last of them.
+        """
+        found = Found({e.slug: failed(e.problem) for e in entries if e.specimen is None})
         readable = [e for e in entries if e.specimen is not None]
+        done = self._recorded("done")
         done = {e.slug: e.fingerprint for e in readable if done.get(e.slug) == e.fingerprint}
         done = {k: v for k, v in done.items() if is_run(self.folder / RUNS / k)}
         self._save(done)
         there = [e for e in readable if e.slug in done]
-        readable = there + [e for e in readable if e.slug not in done]
-        tasks = [self._task(e, e.slug in done, going) for e in readable]
-        before, clock = len(done), time.monotonic()
+        missing = [e for e in readable if e.slug not in done]
+        tasks: list[Task] = [self._task(e, False, going) for e in missing]
+        if missing:
+            self.executor.get_ready()
+        before, clock = len(there), time.monotonic()
         finished = f", {before} of them finished before" if before else ""
         progress(Stage(f"sampling {len(entries)} specimens{finished}"))
         asked = 0
@@ -183,38 +212,62 @@ class Batch:
                 going.unlink(missing_ok=True)
             return asked
 
-        for outcome in self._outcomes(tasks, before, stopped):
-            entry = readable[outcome.index]
-            found = failed(outcome.lost) if outcome.lost else outcome.value
-            if found.state == INTERRUPTED:
+        def take(entry: Entry, tried: Tried) -> None:
+            if tried.state == INTERRUPTED:
                 if not stopped():
                     raise RunError(
-                        f"{found.reason} {self.folder.absolute()}; put it where all workers see it"
+                        f"{tried.reason} {self.folder.absolute()}; put it where all workers see it"
                     )
-                continue
-            tried[entry.slug] = found
-            for note in found.notes:
+                return
+            found.tried[entry.slug] = tried
+            for note in tried.notes:
                 progress(Stage("sampling", note=f"{entry.entry.label}: {note}"))
-            if found.state in STATES:
+            if tried.state in STATES and entry.slug not in done:
                 done[entry.slug] = entry.fingerprint
                 self._save(done)
-            bad = sum(t.state not in STATES for t in tried.values())
-            told = f"{len(tried)} of {len(entries)} specimens" + (f", {bad} failed" if bad else "")
-            if len(tried) > before:
-                spent = time.monotonic() - clock
-                told += _left(spent * (len(entries) - len(tried)) / (len(tried) - before))
-            progress(Stage(told, len(tried) / len(entries)))
-        if len(tried) < len(entries):
-            raise _interruption(len(tried), len(entries), self.folder, asked)
-        return tried
+            progress(_how_far(found.tried, len(entries), before, time.monotonic() - clock))
+            tasks.extend(self._left_to_compare(entries, entry, found))
 
-    def _outcomes(
-        self, tasks: list[SpecimenTask], finished: int, stop: Stop
-    ) -> Iterator[Outcome[Tried]]:
-        """Finished runs, the first tasks, are read here: no worker has to start for them."""
-        yield from InThisProcess().run(try_specimen, tasks[:finished], stop=stop)
-        for outcome in self.executor.run(try_specimen, tasks[finished:], stop=stop):
-            yield replace(outcome, index=finished + outcome.index)
+        for outcome in InThisProcess().run(
+            work_on, [self._task(e, True, going) for e in there], stop=stopped
+        ):
+            take(there[outcome.index], outcome.value)
+        few = not missing and len(tasks) <= COMPARED_HERE
+        executor = InThisProcess() if few else self.executor
+        for outcome in executor.run(work_on, tasks, stop=stopped):
+            task, lost = tasks[outcome.index], outcome.lost
+            if isinstance(task, SpecimenTask):
+                take(missing[outcome.index], failed(lost) if lost else outcome.value)
+                if len(found.tried) == len(entries):
+                    progress(Stage("comparing layers"))
+                    tasks.append(FigureTask(study_table(entries, found.tried)))
+            elif isinstance(task, LayerTask):
+                none = LayersFound(task.donor, pd.DataFrame(), [lost])
+                found.layers[task] = none if lost else outcome.value
+            else:
+                found.pictures = outcome.value
+        if len(found.tried) < len(entries):
+            raise _interruption(len(found.tried), len(entries), self.folder, asked)
+        return found
+
+    def _left_to_compare(self, entries: list[Entry], last: Entry, found: Found) -> list[LayerTask]:
+        """Comparisons that wait for no specimen any more, and were not made before."""
+        same = [e for e in entries if e.donor == last.donor] if last.donor else entries
+        if any(e.slug not in found.tried for e in same):
+            return []
+        out = []
+        for task in self._comparisons(same, study_table(same, found.tried)):
+            if task not in found.layers:
+                found.layers[task] = layers_before(task)
+                out += [task] if found.layers[task] is None else []
+        return out
+
+    def _comparisons(self, entries: list[Entry], table: pd.DataFrame) -> list[LayerTask]:
+        folders = {e.entry.label: self.folder.absolute() / RUNS / e.slug for e in entries}
+        return [
+            LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
+            for donor, labels, layers in donor_groups(table)
+        ]
 
     def _task(self, entry: Entry, finished: bool, going: Path) -> SpecimenTask:
         assert entry.specimen is not None
@@ -231,31 +284,13 @@ class Batch:
             going,
         )
 
-    def _result(
-        self,
-        entries: list[Entry],
-        tried: dict[str, Tried],
-        progress: Callable[[Any], None],
-    ) -> StudyResult:
-
-        table = study_table(entries, tried)
-        progress(Stage("comparing layers"))
-        folders = {e.entry.label: self.folder.absolute() / RUNS / e.slug for e in entries}
-        tasks = [
-            LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
-            for donor, labels, layers in donor_groups(table)
+    def _result(self, entries: list[Entry], found: Found) -> StudyResult:
+        table = study_table(entries, found.tried)
+        layers = [  # who stopped when all was sampled has the rest of them compared here
+            found.layers.get(task) or compare_layers(task)
+            for task in self._comparisons(entries, table)
         ]
-        found = {task: before for task in tasks if (before := layers_before(task)) is not None}
-        tasks_left = [task for task in tasks if task not in found]
-        few = len(tasks_left) <= COMPARED_HERE
-        for outcome in (InThisProcess() if few else self.executor).run(compare_layers, tasks_left):
-            task = tasks_left[outcome.index]
-            lost = LayersFound(task.donor, pd.DataFrame(), [outcome.lost])
-            found[task] = lost if outcome.lost else outcome.value
-        progress(Stage("writing"))
-        result = result_of(self.study.name, self.folder, table, [found[task] for task in tasks])
-        self._write(result)
-        return result
+        return result_of(self.study.name, self.folder, table, layers)
 
 
 def _digest(result: StudyResult) -> str:
@@ -263,6 +298,15 @@ def _digest(result: StudyResult) -> str:
     tables = (result.table, result.groups, result.contrasts, result.distances)
     told = [biaxbayes.__version__, result.name, *result.notes, *(csv_text(t) for t in tables)]
     return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+
+
+def _how_far(tried: Mapping[str, Tried], total: int, before: int, seconds: float) -> Stage:
+    """Where the sampling stands, and how long it will take yet."""
+    bad = sum(t.state not in STATES for t in tried.values())
+    told = f"{len(tried)} of {total} specimens" + (f", {bad} failed" if bad else "")
+    if len(tried) > before:
+        told += _left(seconds * (total - len(tried)) / (len(tried) - before))
+    return Stage(told, len(tried) / total)
 
 
 def _left(seconds: float) -> str:

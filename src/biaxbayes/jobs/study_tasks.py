@@ -46,12 +46,15 @@ if TYPE_CHECKING:
     from biaxbayes.runs.run import Run
 
 __all__ = [
+    "FigureTask",
     "LayerTask",
     "SpecimenTask",
+    "Task",
     "compare_layers",
     "failed",
     "layers_before",
     "try_specimen",
+    "work_on",
 ]
 
 # --- sample a specimen, or read its run ----------------------------------------------------------
@@ -260,3 +263,33 @@ def _verdicts_before(folder: Path, member: Member) -> dict[str, str]:
         return {}
     judged = {q.name for q in member.posterior.quantities.judged()} & {*member.draws.columns}
     return found if all(isinstance(found.get(name), str) for name in judged) else {}
+
+
+# --- draw the figure; what a task is -------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FigureTask:
+    """The figure of a study to draw.
+
+    Attributes
+    ----------
+    table : DataFrame
+        The study table.
+    """
+
+    table: pd.DataFrame
+
+
+Task = SpecimenTask | LayerTask | FigureTask
+
+
+def work_on(task: Task) -> Any:
+    """Do a task: of a specimen, the layers of a donor, or the figure."""
+    if isinstance(task, SpecimenTask):
+        return try_specimen(task)
+    if isinstance(task, LayerTask):
+        return compare_layers(task)
+    from biaxbayes.reports.study_page import study_pictures
+
+    return study_pictures(task.table)
