@@ -12,7 +12,7 @@ import json
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from biaxbayes.jobs.study_tasks import (
     LayerTask,
     SpecimenTask,
     Task,
+    WritingTask,
     compare_layers,
     failed,
     layers_before,
@@ -113,7 +114,7 @@ class Batch:
             found = self._found(entries, going, progress, stop)
             progress(Stage("writing"))
             result = self._result(entries, found)
-            self._write(result, found.pictures)
+            self._write(replace(result, folder=self.folder.absolute()), found.pictures)
         return result
 
     def _make_folder(self) -> None:
@@ -166,9 +167,9 @@ class Batch:
         result_digest = {"result": _digest(result)}
         if self._recorded("written") == self._files() | result_digest:
             return
-        from biaxbayes.reports.study_page import write_study
-
-        write_study(result, pictures)
+        task = WritingTask(result, pictures)
+        if pictures is None or any(o.lost for o in self.executor.run(work_on, [task])):
+            work_on(task)  # where no worker is there that has what it takes
         self._save(self._recorded("done"), self._files() | result_digest)
 
     def _files(self) -> dict[str, str]:

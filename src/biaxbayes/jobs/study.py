@@ -22,6 +22,7 @@ __all__ = ["WORKER_MODULES", "batch"]
 WORKER_MODULES = (
     "biaxbayes.sampling.ensembles",
     "biaxbayes.comparison.compare",
+    "biaxbayes.jobs.ahead",
     "biaxbayes.jobs.study_tasks",
     "biaxbayes.jobs.sample",
     "biaxbayes.studies.rows",

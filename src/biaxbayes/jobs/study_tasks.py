@@ -1,4 +1,4 @@
-"""What a worker does for a study: sample a specimen, compare layers, draw.
+"""What a worker does for a study: sample a specimen, compare layers, draw, write.
 
 Nothing heavy is imported here before it is needed: to say again what is known takes little.
 """
@@ -33,6 +33,7 @@ from biaxbayes.studies.result import (
     FAILED,
     INTERRUPTED,
     LayersFound,
+    StudyResult,
     Tried,
     are_distances,
     are_notes,
@@ -50,6 +51,7 @@ __all__ = [
     "LayerTask",
     "SpecimenTask",
     "Task",
+    "WritingTask",
     "compare_layers",
     "failed",
     "layers_before",
@@ -265,7 +267,7 @@ def _verdicts_before(folder: Path, member: Member) -> dict[str, str]:
     return found if all(isinstance(found.get(name), str) for name in judged) else {}
 
 
-# --- draw the figure; what a task is -------------------------------------------------------------
+# --- draw the figure, write the files; what a task is --------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -281,15 +283,33 @@ class FigureTask:
     table: pd.DataFrame
 
 
-Task = SpecimenTask | LayerTask | FigureTask
+@dataclass(frozen=True)
+class WritingTask:
+    """The files of a study to write.
+
+    Attributes
+    ----------
+    result : StudyResult
+        Its folder is absolute.
+    pictures : dict of bytes or None
+        Files of the figure, by name; None where it is to be drawn.
+    """
+
+    result: StudyResult
+    pictures: dict[str, bytes] | None = None
+
+
+Task = SpecimenTask | LayerTask | FigureTask | WritingTask
 
 
 def work_on(task: Task) -> Any:
-    """Do a task: of a specimen, the layers of a donor, or the figure."""
+    """Do a task: of a specimen, the layers of a donor, the figure, or the files of the study."""
     if isinstance(task, SpecimenTask):
         return try_specimen(task)
     if isinstance(task, LayerTask):
         return compare_layers(task)
-    from biaxbayes.reports.study_page import study_pictures
+    from biaxbayes.reports.study_page import study_pictures, write_study
 
-    return study_pictures(task.table)
+    if isinstance(task, FigureTask):
+        return study_pictures(task.table)
+    return write_study(task.result, task.pictures)
