@@ -16,6 +16,7 @@ from biaxbayes.comparison import compare as compare_module
 from biaxbayes.comparison.compare import distances_between, judged_member
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.executors.executor import InThisProcess, Outcome
+from biaxbayes.jobs import batch as batch_module
 from biaxbayes.jobs import study_tasks as tasks_module
 from biaxbayes.jobs.batch import Batch
 from biaxbayes.jobs.study_tasks import LayerTask, SpecimenTask, layers_before, try_specimen
@@ -25,10 +26,11 @@ from biaxbayes.runs.run import open_run
 from biaxbayes.runs.said import IDENTIFIED, IDENTIFIED_TABLES
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies import rows as rows_module
-from biaxbayes.studies.result import Tried
+from biaxbayes.studies.result import LayersFound, Tried
 from biaxbayes.studies.rows import rows_of_run
 from biaxbayes.studies.study_file import read_study
 
+LAYERS = ("media", "intima")
 MEDIA = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=38.0, kappa=0.1)
 INTIMA = GOH(C1_kPa=30.0, k1_kPa=120.0, k2=12.0, alpha_deg=55.0, kappa=0.1)
 STUDY = """
@@ -255,9 +257,8 @@ def test_layers_are_compared_anew_when_a_run_is_another(result, study, compariso
 @pytest.mark.parametrize("name", ["posterior.nc", "summary.csv", "specimen.csv", "edges.csv"])
 def test_nothing_is_said_again_of_layers_whose_draws_are_others(result, study, label, name):
     Batch(study, result.folder).execute()
-    labels = ("media", "intima")
-    folders = tuple(result.folder / "runs" / label for label in labels)
-    task = LayerTask("D", labels, labels, folders)
+    folders = tuple(result.folder / "runs" / label for label in LAYERS)
+    task = LayerTask("D", LAYERS, LAYERS, folders)
     assert layers_before(task) is not None
     path = result.folder / "runs" / label / name
     there = path.read_bytes() if path.is_file() else None
@@ -440,6 +441,64 @@ class _GoneLater:
     def exists(self):
         self.asked += 1
         return self.asked <= 2
+
+
+class Noting(InThisProcess):
+    """Workers that note what they do."""
+
+    def __init__(self):
+        self.did = []
+
+    def get_ready(self):
+        self.did.append("get ready")
+
+    def run(self, function, tasks, *, stop=lambda: False):
+        for outcome in super().run(function, tasks, stop=stop):
+            self.did.append(type(tasks[outcome.index]).__name__)
+            yield outcome
+
+
+def test_workers_compare_and_draw_behind_the_specimens_and_write(
+    result, study, monkeypatch, tmp_path
+):
+    rows = {f"{name}.csv": rows_of_run(open_run(result.folder / "runs" / name)) for name in LAYERS}
+    saved = {source: Tried(r[0]["state"], r[0]["reason"], r) for source, r in rows.items()}
+    monkeypatch.setattr(tasks_module, "try_specimen", lambda task: saved[task.source])
+    Batch(study, result.folder).execute()  # what other tests changed
+    workers = Noting()
+    found = Batch(study, tmp_path / "study", workers).execute()
+    specimens, behind = ["SpecimenTask"] * 2, ["LayerTask", "FigureTask", "WritingTask"]
+    assert workers.did == ["get ready", *specimens, *behind]
+    pd.testing.assert_frame_equal(found.table, result.table)
+    pictures = {p.name: p.read_bytes() for p in (tmp_path / "study").glob("study-specimens.*")}
+    assert len(pictures) == 2
+    for name, content in pictures.items():  # as they are drawn in this process
+        assert (result.folder / name).read_bytes() == content
+
+
+def test_a_stop_when_all_is_sampled_costs_no_comparison(result, study, tmp_path, monkeypatch):
+    class Stopped(Noting):
+        def run(self, function, tasks, *, stop=lambda: False):
+            for outcome in super().run(function, tasks):
+                yield outcome
+                if len(self.did) == 3:
+                    return
+
+    compared = []
+
+    def compare(task):
+        compared.append(task.labels)
+        return LayersFound(task.donor, result.distances, [])
+
+    rows = {f"{name}.csv": rows_of_run(open_run(result.folder / "runs" / name)) for name in LAYERS}
+    monkeypatch.setattr(
+        tasks_module, "try_specimen", lambda task: Tried("converged", "", rows[task.source])
+    )
+    monkeypatch.setattr(batch_module, "compare_layers", compare)
+    found = Batch(study, tmp_path / "study", Stopped()).execute(stop=lambda: True)
+    assert compared == [("media", "intima")]
+    pd.testing.assert_frame_equal(found.distances, result.distances)
+    assert (tmp_path / "study" / "study.html").is_file()
 
 
 def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):

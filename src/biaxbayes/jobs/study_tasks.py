@@ -305,7 +305,12 @@ Task = SpecimenTask | LayerTask | FigureTask | WritingTask
 def work_on(task: Task) -> Any:
     """Do a task: of a specimen, the layers of a donor, the figure, or the files of the study."""
     if isinstance(task, SpecimenTask):
-        return try_specimen(task)
+        tried = try_specimen(task)
+        if not task.finished:
+            from biaxbayes.figures.style import return_memory
+
+            return_memory()  # the next one would begin with what this one left
+        return tried
     if isinstance(task, LayerTask):
         return compare_layers(task)
     from biaxbayes.reports.study_page import study_pictures, write_study
