@@ -81,6 +81,51 @@ def test_a_worker_that_dies_when_it_has_finished_costs_no_task(tmp_path):
     assert len(list(tmp_path.iterdir())) == 5
 
 
+@pytest.mark.parametrize("executor", [InThisProcess(), Workers(2)], ids=["here", "workers"])
+def test_tasks_that_are_added_while_outcomes_are_taken_are_done_as_well(executor):
+    numbers, found = [1, 2], {}
+    with executor:
+        for outcome in executor.run(tasks.square, numbers):
+            found[outcome.index] = outcome.value
+            if numbers[outcome.index] in (1, 2, 10):
+                numbers.append(10 * numbers[outcome.index])
+    assert sorted(numbers) == [1, 2, 10, 20, 100]
+    assert found == {index: n * n for index, n in enumerate(numbers)}
+
+
+@pytest.mark.skipif(
+    "forkserver" not in multiprocessing.get_all_start_methods(), reason="processes are not forked"
+)
+def test_what_workers_are_copies_of_begins_before_the_first_task(tmp_path):
+    path = tmp_path / "early.py"
+    path.write_text(EARLY)
+    paths = os.pathsep.join([str(Path(tasks.__file__).parent), *sys.path])
+    told = subprocess.run(
+        [sys.executable, str(path)],
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert told.stdout.split() == ["None", "False", "True", "True"]
+
+
+EARLY = """
+import sys
+from multiprocessing import forkserver
+from biaxbayes.executors.executor import Workers
+from executor_tasks import has
+if __name__ == "__main__":
+    workers = Workers(1, modules=("tabnanny",))
+    print(forkserver._forkserver._forkserver_pid)
+    workers.get_ready()
+    began = forkserver._forkserver._forkserver_pid
+    print("distributed" in sys.modules)
+    print(*(o.value for o in workers.run(has, ["tabnanny"])))
+    print(forkserver._forkserver._forkserver_pid == began)
+"""
+
+
 def test_an_exception_comes_through_with_where_it_happened():
     with pytest.raises(ValueError, match="two") as raised:
         list(Workers(1).run(tasks.fail, [1, 2]))

@@ -38,6 +38,7 @@ from biaxbayes.jobs.run_figure import WITHOUT_JUDGEMENT, check_figure, picture, 
 from biaxbayes.jobs.sample import sample
 from biaxbayes.jobs.simulate import simulate, truth_file
 from biaxbayes.jobs.specimen_files import check, convert, fit, fit_all
+from biaxbayes.jobs.study import batch
 from biaxbayes.options import (
     CalibrationPlan,
     LawsPlan,
@@ -55,7 +56,6 @@ if TYPE_CHECKING:
     from biaxbayes.comparison.law_weights import LawComparison
     from biaxbayes.jobs.calibrate import Outcome
     from biaxbayes.jobs.population_files import PopulationFound
-    from biaxbayes.studies.result import StudyResult
 
 __all__ = [
     "WITHOUT_JUDGEMENT",
@@ -242,56 +242,6 @@ def check_comparison(runs: Sequence[Any], labels: Sequence[str] | None) -> None:
 
 
 # --- verbs that sample many specimens ------------------------------------------------------------
-
-
-@with_progress
-@documented(SamplingPlan, ModelOptions)
-def batch(
-    study: PathLike | Sequence[PathLike],
-    *,
-    out: PathLike,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    progress: Tell = silent,
-    stop: Stop = never,
-    **options: Any,
-) -> StudyResult:
-    """Sample every specimen of a study, or what is missing of it.
-
-    In a script of your own the call stands below ``if __name__ == "__main__":``, as for everything
-    that starts processes.
-
-    Parameters
-    ----------
-    study : path-like, or sequence of path-like
-        A study file, or specimen files that share their options.
-    out : path-like
-        The study folder.
-    workers : int, optional
-        Local processes; default the number of processors, at most four.
-    scheduler : str, optional
-        Address of a Dask scheduler to use instead.
-    progress, stop : callable, optional
-        As in :func:`biaxbayes.sample`.
-    **options
-        For specimen files: seed, ess, max_steps, anyway (as in :func:`biaxbayes.sample`), and
-        those of
-        :class:`~biaxbayes.options.ModelOptions`.
-    """
-    from biaxbayes.jobs.batch import WORKER_MODULES, Batch
-    from biaxbayes.studies.study_file import read_study, study_of_files
-
-    if isinstance(study, str | Path):
-        if options:
-            raise InputError("options of a study stand in its file", file=study)
-        chosen = read_study(Path(study))
-    else:
-        own = ("seed", "ess", "max_steps", "anyway")
-        numbers = {k: options.pop(k) for k in own if k in options}
-        model = ModelOptions.of(options).keywords()
-        chosen = study_of_files([Path(p) for p in study], model, **numbers)
-    executor = executor_for(workers, scheduler, isolated=True, modules=WORKER_MODULES)
-    return Batch(chosen, Path(out), executor).execute(progress=progress, stop=stop)
 
 
 @with_progress

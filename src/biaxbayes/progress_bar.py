@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 __all__ = [
+    "Stage",
     "StoppedAtOnce",
     "graceful_stop",
     "live_bar",
@@ -25,6 +27,22 @@ __all__ = [
     "shown_progress",
     "with_progress",
 ]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where a study stands, as :class:`biaxbayes.sampling.sampler.Progress` says it of a run.
+
+    Attributes
+    ----------
+    phase : str
+    share : float or None
+    note : str
+    """
+
+    phase: str
+    share: float | None = None
+    note: str = ""
 
 
 def live_bar(console: Console) -> Bar:

@@ -17,7 +17,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.laws.response import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET, balance, load_per_stress, mounted_state, sections
 from biaxbayes.model.error_model import errors_of
-from biaxbayes.model.priors import Prior, Tie, default_priors
+from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Quantities, mounting_names
 from biaxbayes.specimens.specimen import Specimen
@@ -27,7 +27,6 @@ __all__ = [
     "SimulatedSpecimen",
     "draw_truth",
     "local_prior",
-    "prior_value",
     "priors_toml",
     "protocol_prior",
     "simulate_specimen",
@@ -331,13 +330,6 @@ def local_prior(
         bounds = parameter.range if parameter.bounded else (prior.low, prior.high)
         out[name] = Prior(family, float(f"{centre:.6g}"), _rounded(scale)).within(*bounds)
     return out
-
-
-def prior_value(prior: Prior | float | Tie) -> Any:
-    """A prior as a priors file holds it: a table, text of a tie, or a number."""
-    if isinstance(prior, Prior):
-        return prior.as_table()
-    return f"{prior.factor!r} * {prior.other}" if isinstance(prior, Tie) else float(prior)
 
 
 def priors_toml(priors: Mapping[str, Prior | float | Tie], unit: str, law: Law) -> str:

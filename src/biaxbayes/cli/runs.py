@@ -175,11 +175,11 @@ def batch(
         study = sources
         numbers = {"seed": seed, "ess": ess, "max_steps": max_steps, "anyway": anyway}
         chosen = read_model_options(**model) | numbers
-    from biaxbayes import api
+    from biaxbayes.jobs.study import batch as batch_verb
 
     folder = out or Path(f"{sources[0].stem}-study" if len(sources) == 1 else "study")
     with progress_line(quiet=quiet) as tell, graceful_stop() as stop:
-        result = api.batch(
+        result = batch_verb(
             study,
             out=folder,
             workers=workers,

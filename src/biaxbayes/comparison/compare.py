@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -40,6 +40,8 @@ __all__ = [
     "Member",
     "compare",
     "differing_settings",
+    "distances_between",
+    "judged_member",
     "labels_of",
 ]
 
@@ -230,31 +232,73 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     """
     chosen = thresholds or Thresholds()
     _check(members)
-    # verdicts, their medians and their intervals are those of all draws, as in each run
-    verdicts = tuple(
-        identify_draws(m.posterior, m.draws, m.state, thresholds=chosen, stated=m.stated)
-        for m in members
+    verdicts = tuple(judged_member(m, chosen) for m in members)
+    found = _side_by_side(members, [v.verdicts for v in verdicts], chosen)
+    return Comparison(found.members, verdicts, *found[1:])
+
+
+def distances_between(
+    members: Sequence[Member], verdicts: Sequence[Mapping[str, str]]
+) -> tuple[pd.DataFrame, list[str]]:
+    """Distances between runs whose verdicts are known, and what else than the tissue differs.
+
+    Parameters
+    ----------
+    members : sequence of Member
+        As of :func:`compare`.
+    verdicts : sequence of mapping
+        Verdicts on the parameters of each run, by their names.
+
+    Raises
+    ------
+    InputError
+        As :func:`compare`.
+    """
+    _check(members)
+    found = _side_by_side(members, verdicts, Thresholds())
+    return found.distances, found.notes
+
+
+def judged_member(member: Member, thresholds: Thresholds | None = None) -> Identifiability:
+    """Verdicts on a run; their medians and intervals are those of all draws, as in the run.
+
+    Parameters
+    ----------
+    member : Member
+    thresholds : Thresholds, optional
+    """
+    return identify_draws(
+        member.posterior, member.draws, member.state, thresholds=thresholds, stated=member.stated
     )
+
+
+class _SideBySide(NamedTuple):
+    """What a comparison holds beside the verdicts."""
+
+    members: tuple[Member, ...]
+    derived: tuple[list[Derived], ...]
+    determined: tuple[dict[str, bool], ...]
+    distances: pd.DataFrame
+    stretches: list[float]
+    notes: list[str]
+
+
+def _side_by_side(
+    members: Sequence[Member], verdicts: Sequence[Mapping[str, str]], thresholds: Thresholds
+) -> _SideBySide:
     stretches = common_stretches(members)
     members = tuple(replace(m, draws=some_draws(m.draws)) for m in members)
     derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)
     determined = tuple(
-        _determined(*each, chosen) for each in zip(members, verdicts, derived, strict=True)
+        _determined(*each, thresholds) for each in zip(members, verdicts, derived, strict=True)
     )
     rows = [
         row
         for i, j in combinations(range(len(members)), 2)
         for row in _distances(members, derived, determined, i, j)
     ]
-    return Comparison(
-        members,
-        verdicts,
-        derived,
-        determined,
-        pd.DataFrame(rows),
-        stretches,
-        differing_settings([(m.label, m.posterior) for m in members]),
-    )
+    notes = differing_settings([(m.label, m.posterior) for m in members])
+    return _SideBySide(members, derived, determined, pd.DataFrame(rows), stretches, notes)
 
 
 def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
@@ -301,11 +345,11 @@ def _derived(draws: pd.DataFrame, stretches: list[float], posterior: Posterior) 
 
 
 def _determined(
-    member: Member, found: Identifiability, derived: list[Derived], thresholds: Thresholds
+    member: Member, verdicts: Mapping[str, str], derived: list[Derived], thresholds: Thresholds
 ) -> dict[str, bool]:
     """Whether the data determine each quantity of a run."""
     converged = member.state == "converged"
-    out = {p.name: p.verdict in (IDENTIFIED, ONE_SIDED) for p in found.parameters}
+    out = {name: verdict in (IDENTIFIED, ONE_SIDED) for name, verdict in verdicts.items()}
     stretches = [d.stretch for d in derived if d.kind == STRESS and d.name == "cauchy_x"]
     prior = _derived(
         prior_material(member.posterior, member.draws),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "MOST_ATTEMPTS",
     "answer",
+    "begin_copied",
     "cannot_start",
     "check_workers",
     "connected",
@@ -42,6 +43,19 @@ ONE_AT_A_TIME = threading.Lock()
 """In a worker: a worker with several threads still works off one task at a time."""
 
 
+def begin_copied(modules: Sequence[str]) -> None:
+    """Begin the process that workers of this machine are copies of, where there is one.
+
+    It imports Dask and the modules while this process goes on; where it runs already, nothing is
+    done.
+    """
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        with _signals_kept():
+            context = multiprocessing.get_context("forkserver")
+            context.set_forkserver_preload(["distributed", *modules])
+            forkserver.ensure_running()
+
+
 @contextlib.contextmanager
 def local_cluster(count: int, modules: Sequence[str] = ()) -> Iterator[LocalCluster]:
     """Processes of this machine, reachable from nowhere else.
@@ -52,9 +66,9 @@ def local_cluster(count: int, modules: Sequence[str] = ()) -> Iterator[LocalClus
     modules : sequence of str
         What the workers import in the end: imported once where they are copies of one process.
     """
+    begin_copied(modules)
     import dask
     from distributed import LocalCluster
-    from distributed.utils import get_mp_context
 
     options: dict[str, Any] = {
         "distributed.scheduler.allowed-failures": MOST_ATTEMPTS - 1,
@@ -64,7 +78,7 @@ def local_cluster(count: int, modules: Sequence[str] = ()) -> Iterator[LocalClus
         "distributed.worker.profile.enabled": False,
     }
     if "forkserver" in multiprocessing.get_all_start_methods():
-        # Dask is imported once, in a process without threads, and a worker is a copy of that.
+        # a process without threads, in which all is imported
         options["distributed.worker.multiprocessing-method"] = "forkserver"
     with (
         tempfile.TemporaryDirectory(prefix="biaxbayes-") as scratch,
@@ -72,10 +86,6 @@ def local_cluster(count: int, modules: Sequence[str] = ()) -> Iterator[LocalClus
         contextlib.ExitStack() as stack,
     ):
         with _signals_kept():
-            context = get_mp_context()  # which names Dask's own modules, once
-            if context.get_start_method() == "forkserver":
-                context.set_forkserver_preload(["distributed", *modules])
-                forkserver.ensure_running()  # it imports them while the cluster is made
             try:
                 cluster = LocalCluster(
                     n_workers=count,

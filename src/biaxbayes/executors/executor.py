@@ -12,7 +12,6 @@ import pickle
 import signal
 import time
 import warnings
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
@@ -23,6 +22,7 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.executors.cluster import (
     MOST_ATTEMPTS,
     answer,
+    begin_copied,
     cannot_start,
     check_workers,
     connected,
@@ -77,6 +77,10 @@ class Executor(Protocol):
 
     def __exit__(self, *error: object) -> None: ...
 
+    def get_ready(self) -> None:
+        """Begin what takes a while before the first task; there will be one."""
+        ...
+
     def run(
         self,
         function: Callable[[Task], Result],
@@ -93,6 +97,7 @@ class Executor(Protocol):
         ----------
         function : callable
         tasks : sequence
+            What is added to it while outcomes are taken is done as well.
         stop : callable
             Asked about every second.
 
@@ -112,6 +117,9 @@ class InThisProcess:
 
     def __exit__(self, *error: object) -> None:
         pass
+
+    def get_ready(self) -> None:
+        """As :meth:`Executor.get_ready`: nothing."""
 
     def run(
         self,
@@ -161,6 +169,11 @@ class Workers:
         self._stay = False
         self._dismiss(idle=error[0] is None)
 
+    def get_ready(self) -> None:
+        """As :meth:`Executor.get_ready`."""
+        if self.scheduler is None and self._client is None:
+            begin_copied(self.modules)
+
     def run(
         self,
         function: Callable[[Task], Result],
@@ -190,18 +203,18 @@ class Workers:
     ) -> Iterator[Outcome[Any]]:
         from distributed import as_completed
 
-        waiting: deque[int] = deque(range(len(tasks)))
+        handed_out = 0
         index_of: dict[Any, int] = {}
         done = as_completed(loop=client.loop, with_results=True, raise_errors=False)
         asked, stopped, workers = 0.0, False, 0
-        while waiting or index_of:
+        while handed_out < len(tasks) or index_of:
             if time.monotonic() - asked > STOP_SECONDS:
                 asked, stopped, workers = time.monotonic(), bool(stop()), self._workers(client)
             if stopped and not index_of:
                 return
             # One task a worker: were more with it, its death would count against them all.
-            while waiting and not stopped and len(index_of) < workers:
-                index = waiting.popleft()
+            while handed_out < len(tasks) and not stopped and len(index_of) < workers:
+                index, handed_out = handed_out, handed_out + 1
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # that a specimen is large
                     work = pickle.dumps((function, tasks[index]))

@@ -179,6 +179,11 @@ class Identifiability:
         return pd.DataFrame([p.record() for p in self.parameters])
 
     @property
+    def verdicts(self) -> dict[str, str]:
+        """Verdicts by parameter."""
+        return {p.name: p.verdict for p in self.parameters}
+
+    @property
     def better_law(self) -> str:
         """Words on a law that describes the record distinctly better; empty where none does."""
         return "" if self.fits is None else distinctly_better(self.fits, self.law.name)

@@ -8,6 +8,16 @@ from dataclasses import dataclass, fields
 from biaxbayes.identifiability.marginals import Edge, Scale, end_in_words
 from biaxbayes.identifiability.mounting_stretch.stated import ends_by_prior_words
 from biaxbayes.identifiability.sloppiness import Partners
+from biaxbayes.identifiability.verdict_names import (
+    COMBINATION,
+    FIXED,
+    IDENTIFIED,
+    NO_VERDICT,
+    NOT_IDENTIFIED,
+    ONE_SIDED,
+    PRIOR,
+    VERDICTS,
+)
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import Parameter
 
@@ -145,16 +155,6 @@ def _listed(names: tuple[str, ...]) -> str:
 
 
 # --- from evidence to a verdict, with every threshold in one place -------------------------------
-
-
-IDENTIFIED = "identified"
-ONE_SIDED = "one-sided"
-COMBINATION = "only in combination"
-PRIOR = "prior-dominated"
-NOT_IDENTIFIED = "not identified"
-NO_VERDICT = "no verdict"
-FIXED = "fixed"
-VERDICTS = (IDENTIFIED, ONE_SIDED, COMBINATION, PRIOR, NOT_IDENTIFIED, NO_VERDICT, FIXED)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from biaxbayes.calibration.calibration import RANKED_DRAWS, Replication, Study, 
 from biaxbayes.calibration.ranks import calibration_table, verdict
 from biaxbayes.calibration.simulated_specimen import (
     local_prior,
-    prior_value,
     priors_toml,
     protocol_prior,
 )
@@ -27,7 +26,7 @@ from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.figures.run.trace import rank_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.preparation import prepare
-from biaxbayes.model.priors import default_priors
+from biaxbayes.model.priors import default_priors, prior_value
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import CalibrationPlan, ModelOptions
 from biaxbayes.parameters import Quantities

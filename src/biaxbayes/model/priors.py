@@ -19,13 +19,12 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.laws.law import Law
 from biaxbayes.options import ModelOptions
 from biaxbayes.parameters import (
     MOUNTED,
@@ -35,9 +34,12 @@ from biaxbayes.parameters import (
     Parameter,
     mounting_names,
 )
-from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import measured_stretch
 from biaxbayes.text_files import read_text
+
+if TYPE_CHECKING:
+    from biaxbayes.laws.law import Law
+    from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [
     "FAMILIES",
@@ -47,6 +49,7 @@ __all__ = [
     "check_fixed",
     "default_priors",
     "parse_priors",
+    "prior_value",
     "read_priors",
 ]
 
@@ -294,6 +297,13 @@ def _known(law: Law | None) -> tuple[Law, dict[str, Parameter]]:
     stretches = (p for p in MOUNTED if p.kind == STRETCH)
     known = {p.name: p for p in (*law.parameters, NOISE_SD, NOISE_GROWTH)}
     return law, known | {BOTH: MOUNTED[0]} | {p.name: p for p in stretches}
+
+
+def prior_value(prior: Prior | float | Tie) -> Any:
+    """A prior as a priors file holds it: a table, text of a tie, or a number."""
+    if isinstance(prior, Prior):
+        return prior.as_table()
+    return f"{prior.factor!r} * {prior.other}" if isinstance(prior, Tie) else float(prior)
 
 
 def parse_priors(

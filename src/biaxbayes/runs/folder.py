@@ -56,7 +56,7 @@ PICTURE = r"\.(pdf|png|svg)"
 DERIVED = re.compile(
     rf"(prediction|inflation|ledger|design|profile)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
     rf"|(identifiability|determined|same-curves|law-fits|edges)\.csv|report\.(html|md|tex)|explore\.html"
-    r"|(identify|study-rows)\.json"
+    r"|(identify|study-rows|study-layers)\.json"
     rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
 )
 """Files that verbs make of a run's draws in its folder: worth nothing beside other draws."""

@@ -7,18 +7,19 @@ import platform
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import biaxbayes
 from biaxbayes.errors import RunError
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.laws.law import Law
-from biaxbayes.model.evidence import evidence_record
-from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie, parse_priors
 from biaxbayes.options import Settings
-from biaxbayes.sampling.sampler import Draws, Plan
-from biaxbayes.specimens.specimen import Specimen
+
+if TYPE_CHECKING:
+    from biaxbayes.laws.law import Law
+    from biaxbayes.model.posterior import Posterior
+    from biaxbayes.sampling.sampler import Draws, Plan
+    from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["identity", "parse_options", "provenance", "specimen_digest"]
 
@@ -99,6 +100,8 @@ def identity(posterior: Posterior, plan: Plan) -> dict[str, Any]:
 
 def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> dict[str, Any]:
     """Everything about a run that is not in its draws."""
+    from biaxbayes.model.evidence import evidence_record
+
     specimen, convergence = posterior.specimen, draws.convergence
     readings = posterior.readings
     converged = bool(convergence.names)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.verdict import IDENTIFIED, ONE_SIDED
+from biaxbayes.identifiability.verdict_names import IDENTIFIED, ONE_SIDED
 
 __all__ = [
     "CONTRAST_COLUMNS",

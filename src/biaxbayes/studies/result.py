@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,135 +10,38 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-import biaxbayes
-from biaxbayes.calibration.simulated_specimen import prior_value
-from biaxbayes.comparison.distance import contractions, prior_material
-from biaxbayes.errors import BiaxbayesError, InputError
-from biaxbayes.identifiability.determined import derived_quantities, some_draws
-from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.runs.provenance import specimen_digest
-from biaxbayes.runs.run import COLUMNS as SUMMARY
-from biaxbayes.runs.run import Run
-from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.studies.groups import DETERMINED, group_summaries, layer_contrasts
-from biaxbayes.studies.study_file import Study, StudySpecimen
-from biaxbayes.text_files import read_csv
+from biaxbayes.runs.folder import STATES
+from biaxbayes.studies.entries import Entry
+from biaxbayes.studies.groups import group_summaries, layer_contrasts
 
 __all__ = [
     "COLUMNS",
     "CURVE",
+    "DISTANCES",
     "FAILED",
     "INTERRUPTED",
+    "LINEAR",
+    "LOG",
     "MOST_WITHOUT_DONOR",
+    "NOT_DETERMINED",
     "PARAMETER",
-    "RUNS",
-    "Entry",
     "LayersFound",
     "StudyResult",
     "Tried",
+    "are_distances",
+    "are_notes",
+    "are_rows",
     "donor_groups",
-    "read_entries",
+    "layers_found",
     "result_of",
-    "rows_of_run",
     "rows_without_run",
     "study_table",
 ]
 
 FAILED, INTERRUPTED = "failed", "interrupted"
-
-
-# --- the specimens of a study as they were read: who they are, and what their runs depend on -----
-
-
-RUNS = "runs"
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A specimen of the study as it was read.
-
-    Attributes
-    ----------
-    entry : StudySpecimen
-    slug : str
-        Name of its run folder.
-    specimen : Specimen or None
-    problem : str
-        Why it could not be read.
-    fingerprint : str
-        Of everything its run depends on.
-    """
-
-    entry: StudySpecimen
-    slug: str
-    specimen: Specimen | None = None
-    problem: str = ""
-    fingerprint: str = ""
-
-    @property
-    def folder(self) -> str:
-        """Run folder, relative to the study's."""
-        return f"{RUNS}/{self.slug}"
-
-    @property
-    def donor(self) -> str:
-        """Donor, by the study file or the header of the specimen."""
-        stated = self.specimen.metadata.get("donor", "") if self.specimen else ""
-        return self.entry.donor or str(stated)
-
-    @property
-    def layer(self) -> str:
-        """Layer, likewise."""
-        return self.entry.layer or (self.specimen.layer if self.specimen else None) or ""
-
-
-def read_entries(study: Study) -> list[Entry]:
-    """Read the specimens; one that cannot be read is kept with its problem."""
-    out = []
-    slugs: set[str] = set()
-    for entry in study.specimens:
-        slug = stem = _slug(entry.label)
-        number = 1
-        while slug.casefold() in slugs:
-            number += 1
-            slug = f"{stem}-{number}"
-        slugs.add(slug.casefold())
-        try:
-            specimen = read_specimen(entry.file)
-            if entry.mounting_force is not None:
-                if not specimen.is_tared:
-                    raise InputError("has a mounting force of its own", file=entry.file)
-                specimen = specimen.with_mounting_force(*entry.mounting_force)
-        except BiaxbayesError as error:
-            out.append(Entry(entry, slug, problem=str(error)))
-            continue
-        out.append(Entry(entry, slug, specimen, "", _fingerprint(study, entry, specimen)))
-    return out
-
-
-def _slug(label: str) -> str:
-    """A folder's name that every file system takes."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "-", label).strip(".-")[:60] or "specimen"
-
-
-def _fingerprint(study: Study, entry: StudySpecimen, specimen: Specimen) -> str:
-    """Everything that the run of a specimen depends on."""
-    options = dict(entry.options)
-    options["priors"] = {k: prior_value(v) for k, v in dict(options.get("priors", {})).items()}
-    content = {
-        "specimen": specimen_digest(specimen),
-        "options": options,
-        "seed": entry.seed,
-        "ess": study.ess,
-        "max_steps": study.max_steps,
-        "biaxbayes": biaxbayes.__version__,
-    }
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -180,7 +79,7 @@ def study_table(entries: list[Entry], tried: Mapping[str, Tried]) -> pd.DataFram
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-# --- rows of the study table: what one run says ---------------------------------------------------
+# --- the study table: rows of every specimen -----------------------------------------------------
 
 
 PARAMETER, CURVE = "parameter", "curve"
@@ -221,54 +120,19 @@ LOG, LINEAR = "log", "linear"
 NOT_DETERMINED = "not determined"
 
 
-def rows_of_run(run: Run) -> list[dict[str, Any]]:
-    """One row a quantity of a finished run.
-
-    ``scale_sd`` is the posterior standard deviation on the scale on which specimens are averaged:
-    of the natural logarithm for stiffnesses and exponents, as it is for everything else. It is
-    empty, as every number is, where the chains are unusable. What is stated of a mounting stretch
-    of the tissue is that of the run.
-    """
-    noise, convergence = run.provenance["noise"], run.provenance["convergence"]
-    common = {
-        "state": run.state,
-        "reason": convergence["reason"] if run.state != "converged" else "",
-        "readings": noise["readings"],
-        "effective_readings": noise["effective_readings"] or noise["readings"],
-        "beta": noise["beta"],
-    }
-    verdicts, stated = _verdicts(run), run.stated
-    rows = []
-    usable = run.state != "unusable"
-    draws = run.draws if usable else pd.DataFrame()
-    for record in run.summary.to_dict("records"):
-        name = str(record["parameter"])
-        found = verdicts.get(name, {})
-        scale = LOG if run.quantities[name].parameter.logarithmic else LINEAR
-        rows.append(
-            common
-            | {str(k): v for k, v in record.items() if k in SUMMARY[2:]}
-            | {
-                "kind": PARAMETER,
-                "quantity": name,
-                "unit": record["unit"],
-                "verdict": found.get("verdict", ""),
-                "contraction": found.get("contraction", math.nan),
-                "scale": scale,
-                "scale_sd": _spread(draws[name], scale) if name in draws else math.nan,
-            }
-            | ({f"stated_{k}": v for k, v in vars(stated[name]).items()} if name in stated else {})
-        )
-    return rows + ([common | row for row in _curve_rows(run, draws)] if usable else [])
-
-
 def are_rows(found: object) -> bool:
-    """Whether this could have come from :func:`rows_of_run`; it was read from a file."""
+    """Whether this could be the rows of a run; it was read from a file."""
     kinds = {name: str if name in TEXTS else (int, float) for name in COLUMNS[5:]}
-    return isinstance(found, list) and all(
-        isinstance(row, dict)
-        and all(isinstance(value, kinds.get(name, ())) for name, value in row.items())
-        for row in found
+    return (
+        isinstance(found, list)
+        and bool(found)
+        and all(
+            isinstance(row, dict)
+            and row.get("state") in STATES
+            and isinstance(row.get("reason"), str)
+            and all(isinstance(value, kinds.get(name, ())) for name, value in row.items())
+            for row in found
+        )
     )
 
 
@@ -278,66 +142,22 @@ def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[di
     return [common | {"quantity": name} for name in law_named(law).names]
 
 
-def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
-    """Structure tensor and small-strain stiffness: often known where parameters trade."""
-    posterior = run.posterior()
-    few = some_draws(draws)
-    found, before = (
-        derived_quantities(d, posterior.law, [], [1.0])
-        for d in (few, prior_material(posterior, few))
-    )
-    rows = []
-    for quantity, share in zip(found, contractions(before, found), strict=True):
-        scale = LOG if quantity.unit else LINEAR
-        known = run.state == "converged" and share >= Thresholds().contraction
-        q05, q50, q95 = np.quantile(quantity.values, [0.05, 0.5, 0.95])
-        rows.append(
-            {
-                "kind": CURVE,
-                "quantity": quantity.key,
-                "unit": quantity.unit or "1",
-                "verdict": DETERMINED if known else NOT_DETERMINED,
-                "contraction": share,
-                "mean": quantity.values.mean(),
-                "sd": quantity.values.std(ddof=1),
-                "q05": q05,
-                "q50": q50,
-                "q95": q95,
-                "scale": scale,
-                "scale_sd": _spread(quantity.values, scale),
-            }
-        )
-    return rows
-
-
-def _spread(values: pd.Series | np.ndarray, scale: str) -> float:
-    natural = np.asarray(values, dtype=float)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        moved = np.log(natural) if scale == LOG else natural
-    return float(moved.std()) if np.isfinite(moved).all() else math.nan
-
-
-def _verdicts(run: Run) -> dict[str, dict[str, Any]]:
-    path = run.path / "identifiability.csv"
-    try:
-        table = read_csv(path)
-        return {
-            str(r["parameter"]): {
-                "verdict": str(r["verdict"]),
-                "contraction": float(r.get("contraction", math.nan)),
-            }
-            for r in table.to_dict("records")
-        }
-    except (OSError, ValueError, KeyError):
-        return {}
-
-
-# --- what a study found, as plain tables ---------------------------------------------------------
+# --- the layers of a donor, and how far they are apart --------------------------------------------
 
 
 MOST_WITHOUT_DONOR = 6
 """Specimens that are compared with one another where no donor is named."""
 USABLE = ("converged", "tentative")
+DISTANCES: dict[str, type] = {
+    **dict.fromkeys(("run_a", "run_b", "kind", "quantity", "unit"), str),
+    "total_stretch": float,
+    **dict.fromkeys(("determined_in_a", "determined_in_b"), bool),
+    **dict.fromkeys(("median_a", "median_b"), float),
+    **dict.fromkeys(("difference_q05", "difference_q50", "difference_q95"), float),
+    **dict.fromkeys(("standardised", "probability_b_greater", "kolmogorov"), float),
+    "determined_in_both": bool,
+}
+"""Columns of the distances between runs, and what each holds."""
 
 
 @dataclass(frozen=True)
@@ -356,6 +176,72 @@ class LayersFound:
     donor: str
     distances: pd.DataFrame
     notes: list[str]
+
+
+def donor_groups(table: pd.DataFrame) -> list[tuple[str, tuple[str, ...], tuple[str, ...]]]:
+    """Donors with usable specimens of several layers: (donor, labels, layers).
+
+    Where no donor is named at all, a small study is one group.
+    """
+    usable = table[table["state"].isin(USABLE)].drop_duplicates("specimen")
+    usable = usable[usable["layer"] != ""]
+    donors = [d for d in dict.fromkeys(usable["donor"]) if d]
+    if not (table["donor"] != "").any() and len(usable) <= MOST_WITHOUT_DONOR:
+        donors = [""]
+    out = []
+    for donor in donors:
+        members = usable[usable["donor"] == donor]
+        if members["layer"].nunique() > 1:
+            out.append((donor, tuple(members["specimen"]), tuple(members["layer"])))
+    return out
+
+
+def layers_found(
+    donor: str, layers: Mapping[str, str], rows: Sequence[dict[str, Any]], notes: list[str]
+) -> LayersFound:
+    """Put distances between runs together as those between the layers of a donor.
+
+    Parameters
+    ----------
+    donor : str
+    layers : mapping of str to str
+        By the label of the run.
+    rows : sequence of dict
+        One a pair of runs and quantity, with the columns :data:`DISTANCES`.
+    notes : list of str
+    """
+    table = pd.DataFrame(rows)
+    table.insert(0, "donor", donor)
+    for k, side in enumerate("ab"):
+        table.insert(1 + k, f"layer_{side}", [layers[v] for v in table[f"run_{side}"]])
+    return LayersFound(donor, table, notes)
+
+
+def are_distances(found: object, labels: Sequence[str]) -> bool:
+    """Whether these could be rows of :func:`layers_found`; they were read from a file."""
+    return (
+        isinstance(found, list)
+        and bool(found)
+        and all(
+            isinstance(row, dict)
+            and list(row) == list(DISTANCES)
+            and all(_fits(row[name], kind) for name, kind in DISTANCES.items())
+            and {row["run_a"], row["run_b"]} <= {*labels}
+            for row in found
+        )
+    )
+
+
+def are_notes(found: object) -> bool:
+    """Whether these could be notes on a comparison, likewise."""
+    return isinstance(found, list) and all(_fits(note, str) for note in found)
+
+
+def _fits(value: object, kind: type) -> bool:
+    return isinstance(value, kind) and (not isinstance(value, str) or value.isprintable())
+
+
+# --- what a study found, as plain tables ---------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -430,24 +316,6 @@ class StudyResult:
 
 def _counts(states: dict[str, int]) -> str:
     return ", ".join(f"{n} {state}" for state, n in states.items())
-
-
-def donor_groups(table: pd.DataFrame) -> list[tuple[str, tuple[str, ...], tuple[str, ...]]]:
-    """Donors with usable specimens of several layers: (donor, labels, layers).
-
-    Where no donor is named at all, a small study is one group.
-    """
-    usable = table[table["state"].isin(USABLE)].drop_duplicates("specimen")
-    usable = usable[usable["layer"] != ""]
-    donors = [d for d in dict.fromkeys(usable["donor"]) if d]
-    if not (table["donor"] != "").any() and len(usable) <= MOST_WITHOUT_DONOR:
-        donors = [""]
-    out = []
-    for donor in donors:
-        members = usable[usable["donor"] == donor]
-        if members["layer"].nunique() > 1:
-            out.append((donor, tuple(members["specimen"]), tuple(members["layer"])))
-    return out
 
 
 def result_of(

@@ -311,6 +311,8 @@ def _options(table: object, common: Mapping[str, Any], where: str, path: Path) -
 def _priors(table: object, law: str, where: str, path: Path) -> dict[str, Prior | float | Tie]:
     if not isinstance(table, dict):
         raise InputError(f"{where} must be a table", file=path)
+    if not table:
+        return {}
     return parse_priors(table, f"{path}, {where}", law_named(law))
 
 

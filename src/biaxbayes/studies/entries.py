@@ -1,0 +1,103 @@
+"""The specimens of a study as they were read: who they are, and what their runs depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from dataclasses import dataclass
+
+import biaxbayes
+from biaxbayes.errors import BiaxbayesError, InputError
+from biaxbayes.model.priors import prior_value
+from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.studies.study_file import Study, StudySpecimen
+
+__all__ = ["RUNS", "Entry", "read_entries"]
+
+RUNS = "runs"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A specimen of the study as it was read.
+
+    Attributes
+    ----------
+    entry : StudySpecimen
+    slug : str
+        Name of its run folder.
+    specimen : Specimen or None
+    problem : str
+        Why it could not be read.
+    fingerprint : str
+        Of everything its run depends on.
+    """
+
+    entry: StudySpecimen
+    slug: str
+    specimen: Specimen | None = None
+    problem: str = ""
+    fingerprint: str = ""
+
+    @property
+    def folder(self) -> str:
+        """Run folder, relative to the study's."""
+        return f"{RUNS}/{self.slug}"
+
+    @property
+    def donor(self) -> str:
+        """Donor, by the study file or the header of the specimen."""
+        stated = self.specimen.metadata.get("donor", "") if self.specimen else ""
+        return self.entry.donor or str(stated)
+
+    @property
+    def layer(self) -> str:
+        """Layer, likewise."""
+        return self.entry.layer or (self.specimen.layer if self.specimen else None) or ""
+
+
+def read_entries(study: Study) -> list[Entry]:
+    """Read the specimens; one that cannot be read is kept with its problem."""
+    out = []
+    slugs: set[str] = set()
+    for entry in study.specimens:
+        slug = stem = _slug(entry.label)
+        number = 1
+        while slug.casefold() in slugs:
+            number += 1
+            slug = f"{stem}-{number}"
+        slugs.add(slug.casefold())
+        try:
+            specimen = read_specimen(entry.file)
+            if entry.mounting_force is not None:
+                if not specimen.is_tared:
+                    raise InputError("has a mounting force of its own", file=entry.file)
+                specimen = specimen.with_mounting_force(*entry.mounting_force)
+        except BiaxbayesError as error:
+            out.append(Entry(entry, slug, problem=str(error)))
+            continue
+        out.append(Entry(entry, slug, specimen, "", _fingerprint(study, entry, specimen)))
+    return out
+
+
+def _slug(label: str) -> str:
+    """A folder's name that every file system takes."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", label).strip(".-")[:60] or "specimen"
+
+
+def _fingerprint(study: Study, entry: StudySpecimen, specimen: Specimen) -> str:
+    """Everything that the run of a specimen depends on."""
+    options = dict(entry.options)
+    options["priors"] = {k: prior_value(v) for k, v in dict(options.get("priors", {})).items()}
+    content = {
+        "specimen": specimen_digest(specimen),
+        "options": options,
+        "seed": entry.seed,
+        "ess": study.ess,
+        "max_steps": study.max_steps,
+        "biaxbayes": biaxbayes.__version__,
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
