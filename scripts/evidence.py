@@ -166,7 +166,13 @@ PAGES = {
     ),
     "laws": Page(
         "docs/laws-evidence.md",
-        (*POSTERIOR, "comparison"),
+        (
+            *POSTERIOR,
+            "comparison/law_comparison.py",
+            "comparison/law_weights.py",
+            "comparison/mixture.py",
+            "comparison/pooling.py",
+        ),
         (
             f"{CONVERT_AORTA} --out {{work}}/aorta.csv",
             "biaxbayes laws {work}/aorta.csv --out {work}/aorta --workers 2 --resume",

@@ -355,8 +355,7 @@ def evenly_chosen(count: int, limit: int | None) -> np.ndarray:
     """Indices of at most ``limit`` of ``count`` items, spread over all, both ends included."""
     if limit is None or count <= limit:
         return np.arange(count)
-    # further apart than one, so that none comes twice
-    return np.linspace(0, count - 1, limit).round().astype(int)
+    return np.unique(np.linspace(0, count - 1, limit).round().astype(int))
 
 
 def evenly_spaced(count: int, limit: int | None) -> np.ndarray:
