@@ -11,10 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from PIL import Image
 
-from biaxbayes.figures import letters, style
-from biaxbayes.figures.canvas import canvas
+from biaxbayes.figures import style
+from biaxbayes.figures.canvas import canvas, letters_alone
 from biaxbayes.figures.labels import few_ticks
-from biaxbayes.figures.letters import letters_alone
 from biaxbayes.figures.run import corner
 from biaxbayes.figures.run.trace import trace_figure
 from biaxbayes.figures.style import figure_bytes, print_style
@@ -113,14 +112,3 @@ def test_a_file_does_not_tell_what_was_drawn_before_it():
         code = f"{SMALL}\nprint(*drawn({text!r}))"
         fresh = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
         assert fresh.stdout.decode().split() == files
-
-
-def test_a_font_of_words_has_the_alphabet_and_one_of_symbols_only_these():
-    here: dict = {}
-    exec(SMALL, here)
-    letters._cut.clear()
-    for text in ("the quick brown fox", "jumps over lazy dogs, and on", "0123456789 pieces of it"):
-        here["drawn"](rf"$\kappa$ {text}")
-    assert len(letters._cut) == 2  # all of them share both fonts
-    sizes = sorted(len(glyphs) for _, glyphs in letters._cut)
-    assert sizes[0] <= 3 and sizes[1] == len(set(letters.ALPHABET))

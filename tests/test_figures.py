@@ -19,7 +19,7 @@ from scipy.stats import norm
 
 from biaxbayes.errors import InputError
 from biaxbayes.executors.beside import Beside
-from biaxbayes.figures.letters import OUTLINES
+from biaxbayes.figures.canvas import OUTLINES
 from biaxbayes.figures.run.bands import bands_figure
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.mounting import mounting_figure

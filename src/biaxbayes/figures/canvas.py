@@ -1,22 +1,23 @@
-"""What figures are drawn on and written with: in a batch the same symbols and letters come again.
+"""What figures are drawn on and written with.
 
-Matplotlib sets each symbol anew for every size and file.
+Matplotlib sets each symbol anew for every size and file, and reads a font's rules for setting text
+to put its letters into a page: here symbols are kept, and fonts are outlines alone.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from biaxbayes.figures.letters import letters_alone
-
 if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 
-__all__ = ["canvas"]
+__all__ = ["OUTLINES", "canvas", "letters_alone"]
 
 
 PNG_LEVEL = 3
@@ -111,3 +112,38 @@ def _forget_symbols() -> None:
 
     _typeset.clear()
     MathTextParser._parse_cached.cache_clear()  # type: ignore[attr-defined]
+
+
+# --- letters -------------------------------------------------------------------------------------
+
+
+OUTLINES = {"GlyphOrder", "glyf", "head", "hhea", "hmtx", "loca", "maxp", "cvt ", "fpgm", "prep"}
+"""Tables of a TrueType font that a PDF needs (ISO 32000-1, 9.9)."""
+
+
+@contextmanager
+def letters_alone() -> Iterator[None]:
+    """Fonts go into a PDF as outlines alone, which it places one by one.
+
+    To read a font's names and rules for setting text, and to cut them down to the letters that are
+    used, takes longer than all else about it.
+    """
+    from fontTools import subset
+
+    whole = subset.load_font
+
+    def letters(file: Any, options: Any, *rest: Any, **how: Any) -> Any:
+        options.glyph_names = False
+        font = whole(file, options, *rest, **how)
+        if "glyf" not in font:  # outlines of another kind: left as they are
+            return font
+        for table in set(font.keys()) - OUTLINES:
+            del font[table]
+        font.setGlyphOrder([f"glyph{i:05d}" for i in range(font["maxp"].numGlyphs)])
+        return font
+
+    subset.load_font = letters
+    try:
+        yield
+    finally:
+        subset.load_font = whole
