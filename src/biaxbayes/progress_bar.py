@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 __all__ = [
-    "Stage",
+    "Progress",
     "StoppedAtOnce",
     "graceful_stop",
     "live_bar",
@@ -30,14 +30,16 @@ __all__ = [
 
 
 @dataclass(frozen=True)
-class Stage:
-    """Where a study stands, as :class:`biaxbayes.sampling.sampler.Progress` says it of a run.
+class Progress:
+    """Where long work stands.
 
     Attributes
     ----------
     phase : str
     share : float or None
+        Of the target; None where unknown.
     note : str
+        What the user must be told, wherever the progress is shown.
     """
 
     phase: str

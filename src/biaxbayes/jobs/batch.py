@@ -33,7 +33,7 @@ from biaxbayes.jobs.study_tasks import (
     layers_before,
     work_on,
 )
-from biaxbayes.progress_bar import Stage
+from biaxbayes.progress_bar import Progress
 from biaxbayes.runs.folder import STATES, is_run, manifest
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.studies.entries import RUNS, Entry, read_entries
@@ -109,10 +109,10 @@ class Batch:
         """
         self._make_folder()
         with folder_lock(self.folder), self.executor, self._going() as going:
-            progress(Stage("reading specimens"))
+            progress(Progress("reading specimens"))
             entries = read_entries(self.study)
             found = self._found(entries, going, progress, stop)
-            progress(Stage("writing"))
+            progress(Progress("writing"))
             result = self._result(entries, found)
             self._write(replace(result, folder=self.folder.absolute()), found.pictures)
         return result
@@ -203,7 +203,7 @@ class Batch:
             self.executor.get_ready()
         before, clock = len(there), time.monotonic()
         finished = f", {before} of them finished before" if before else ""
-        progress(Stage(f"sampling {len(entries)} specimens{finished}"))
+        progress(Progress(f"sampling {len(entries)} specimens{finished}"))
         asked = 0
 
         def stopped() -> int:
@@ -222,7 +222,7 @@ class Batch:
                 return
             found.tried[entry.slug] = tried
             for note in tried.notes:
-                progress(Stage("sampling", note=f"{entry.entry.label}: {note}"))
+                progress(Progress("sampling", note=f"{entry.entry.label}: {note}"))
             if tried.state in STATES and entry.slug not in done:
                 done[entry.slug] = entry.fingerprint
                 self._save(done)
@@ -240,7 +240,7 @@ class Batch:
             if isinstance(task, SpecimenTask):
                 take(missing[outcome.index], failed(lost) if lost else outcome.value)
                 if len(found.tried) == len(entries):
-                    progress(Stage("comparing layers"))
+                    progress(Progress("comparing layers"))
                     tasks.append(FigureTask(study_table(entries, found.tried)))
             elif isinstance(task, LayerTask):
                 none = LayersFound(task.donor, pd.DataFrame(), [lost])
@@ -301,13 +301,13 @@ def _digest(result: StudyResult) -> str:
     return hashlib.sha256(json.dumps(told).encode()).hexdigest()
 
 
-def _how_far(tried: Mapping[str, Tried], total: int, before: int, seconds: float) -> Stage:
+def _how_far(tried: Mapping[str, Tried], total: int, before: int, seconds: float) -> Progress:
     """Where the sampling stands, and how long it will take yet."""
     bad = sum(t.state not in STATES for t in tried.values())
     told = f"{len(tried)} of {total} specimens" + (f", {bad} failed" if bad else "")
     if len(tried) > before:
         told += _left(seconds * (total - len(tried)) / (len(tried) - before))
-    return Stage(told, len(tried) / total)
+    return Progress(told, len(tried) / total)
 
 
 def _left(seconds: float) -> str:

@@ -18,6 +18,7 @@ import numba
 import numpy as np
 
 from biaxbayes.executors.beside import Begin, when_asked
+from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
 from biaxbayes.sampling.convergence import LONGEST_HOLD, Convergence, assess, longest_hold
 from biaxbayes.sampling.population_monte_carlo import (
@@ -94,24 +95,6 @@ class Plan:
 
     def _seeds(self) -> list[np.random.SeedSequence]:
         return np.random.SeedSequence(self.seed).spawn(2)
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Where a run stands.
-
-    Attributes
-    ----------
-    phase : str
-    share : float or None
-        Of the target; None where unknown.
-    note : str
-        What the user must be told, wherever the progress is shown.
-    """
-
-    phase: str
-    share: float | None = None
-    note: str = ""
 
 
 @dataclass
