@@ -41,10 +41,11 @@ def canvas() -> type[FigureCanvasAgg]:
         def print_png(self, filename_or_obj: Any, **_: Any) -> None:
             """As matplotlib's own, without the opacity of a picture that is opaque everywhere."""
             FigureCanvasAgg.draw(self)
-            pixels, dpi = np.asarray(self.buffer_rgba()), self.figure.dpi
-            picture = Image.fromarray(pixels)
-            if pixels[..., 3].min() == 255:
-                picture = picture.convert("RGB")
+            pixels, dpi = self.buffer_rgba(), self.figure.dpi
+            opaque = np.asarray(pixels)[..., 3].min() == 255
+            kept, drawn = ("RGB", "RGBX") if opaque else ("RGBA", "RGBA")
+            size = self.get_width_height(physical=True)
+            picture = Image.frombytes(kept, size, pixels, "raw", drawn)
             picture.save(filename_or_obj, "PNG", dpi=(dpi, dpi), compress_level=PNG_LEVEL)
 
         def print_pdf(self, filename_or_obj: Any, *, metadata: Any = None, **_: Any) -> None:
