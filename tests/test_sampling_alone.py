@@ -134,7 +134,7 @@ def test_long_runs_are_judged_a_few_times_and_saved_often(monkeypatch):
     """Judging grows with what is kept: a dozen times in 20,000 steps, not once a block."""
     judged, saved = [], []
 
-    def seen(quantities, *, target_ess):
+    def seen(quantities, *, target_ess, begin):
         judged.append(quantities["x0"].shape[1])
         return assess(quantities, target_ess=target_ess)
 
