@@ -93,7 +93,8 @@ class Beside(Generic[Result]):
 class Standby(Generic[Task, Result]):
     """A process that gets ready now and works on tasks as they come, within a ``with`` statement.
 
-    What it takes to get ready, such as imports, this process need not hold.
+    What it takes to get ready, such as imports, this process need not hold, nor is it kept waiting:
+    the other one gives way.
 
     Parameters
     ----------
@@ -120,7 +121,8 @@ class Standby(Generic[Task, Result]):
         except OSError:  # no semaphores on this machine
             return
         self._answer, answer = context.Pipe(duplex=False)
-        arguments = (lambda: _all_worked(ready, work, self._queue), answer, os.getpid())
+        working = partial(_all_worked, ready, work, self._queue)
+        arguments = (_giving_way(working), answer, os.getpid())
         self._process = context.Process(target=_send, args=arguments)
         with answer, contextlib.suppress(OSError):  # no memory, no more processes
             self._process.start()
@@ -185,6 +187,8 @@ class Partner:
         Its methods can be begun by their names: the process has it as it is now.
     modules : sequence of str
         What the process imports before its first piece of work.
+    gives_way : bool
+        As in :class:`Beside`.
     """
 
     def __init__(
@@ -193,6 +197,7 @@ class Partner:
         *,
         of: object = None,
         modules: Sequence[str] = (),
+        gives_way: bool = False,
     ) -> None:
         self._of = of
         self._busy = False
@@ -202,7 +207,7 @@ class Partner:
         context = multiprocessing.get_context("fork")
         self._pipe, there = context.Pipe()
         work = partial(_answer_all, of, modules, there)
-        arguments = (work, there, os.getpid())
+        arguments = (_giving_way(work) if gives_way else work, there, os.getpid())
         self._process = context.Process(target=_send, args=arguments, daemon=True)
         with there, contextlib.suppress(OSError):  # no memory, no more processes
             self._process.start()
@@ -303,8 +308,9 @@ def alone() -> bool:
     return all(type(thread).__module__.startswith("rich.") for thread in others)
 
 
-GIVES_WAY = 10
-"""How much nicer, of at most 20: beside others on one processor it gets a tenth of it."""
+GIVES_WAY = 7
+"""How much nicer, of at most 20: beside another on one processor it gets a sixth of it. With 5, who
+began the work is slowed down; with 10, what draws waits long on a machine that others use."""
 
 
 def _giving_way(work: Callable[[], Result]) -> Callable[[], Result]:

@@ -124,7 +124,7 @@ class Sampling:
             fit_clock = time.perf_counter()
             stack.enter_context(drawing_beside(self.plan.workers))
             stack.enter_context(Beside(compile_kernels, self._compilers()))
-            statistics = Partner(self.plan.workers, modules=ARRAY_STATS_IMPORTS)
+            statistics = Partner(self.plan.workers, modules=ARRAY_STATS_IMPORTS, gives_way=True)
             begin = stack.enter_context(statistics).begin
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
             swapped = swapped_columns(
