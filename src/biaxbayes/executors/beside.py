@@ -56,19 +56,14 @@ class Beside(Generic[Result]):
     ) -> None:
         self._work = work
         self._process: Any = None
-        if not _may_fork(workers):
-            return
-        context = multiprocessing.get_context("fork")
-        self._answer, answer = context.Pipe(duplex=False)
-        arguments = (_giving_way(work) if gives_way else work, answer, os.getpid())
-        self._process = context.Process(target=_send, args=arguments, daemon=True)
-        with answer, contextlib.suppress(OSError):  # no memory, no more processes
-            self._process.start()
+        if _may_fork(workers):
+            self._answer, answer = multiprocessing.Pipe(duplex=False)
+            self._process = _process(_giving_way(work) if gives_way else work, answer)
 
     @property
     def begun(self) -> bool:
         """Whether a process is at it; else the work waits for :meth:`result`."""
-        return self._process is not None and self._process.pid is not None
+        return self._process is not None
 
     def result(self) -> Result:
         """What the work returned; its exceptions are raised here."""
@@ -115,22 +110,18 @@ class Standby(Generic[Task, Result]):
         self._process: Any = None
         if not _may_fork(workers):
             return
-        context = multiprocessing.get_context("fork")
         try:
-            self._queue: Any = context.Queue()
+            self._queue: Any = multiprocessing.get_context("fork").Queue()
         except OSError:  # no semaphores on this machine
             return
-        self._answer, answer = context.Pipe(duplex=False)
+        self._answer, answer = multiprocessing.Pipe(duplex=False)
         working = partial(_all_worked, ready, work, self._queue)
-        arguments = (_giving_way(working), answer, os.getpid())
-        self._process = context.Process(target=_send, args=arguments)
-        with answer, contextlib.suppress(OSError):  # no memory, no more processes
-            self._process.start()
+        self._process = _process(_giving_way(working), answer, has_own=True)
 
     @property
     def begun(self) -> bool:
         """Whether there is a process; else the tasks wait for :meth:`results`."""
-        return self._process is not None and self._process.pid is not None
+        return self._process is not None
 
     def begin(self, task: Task) -> None:
         """Hand a task over."""
@@ -202,20 +193,15 @@ class Partner:
         self._of = of
         self._busy = False
         self._process: Any = None
-        if not _may_fork(workers):
-            return
-        context = multiprocessing.get_context("fork")
-        self._pipe, there = context.Pipe()
-        work = partial(_answer_all, of, modules, there)
-        arguments = (_giving_way(work) if gives_way else work, there, os.getpid())
-        self._process = context.Process(target=_send, args=arguments, daemon=True)
-        with there, contextlib.suppress(OSError):  # no memory, no more processes
-            self._process.start()
+        if _may_fork(workers):
+            self._pipe, there = multiprocessing.Pipe()
+            work = partial(_answer_all, of, modules, there)
+            self._process = _process(_giving_way(work) if gives_way else work, there)
 
     @property
     def begun(self) -> bool:
         """Whether there is a process."""
-        return self._process is not None and self._process.pid is not None
+        return self._process is not None
 
     @property
     def is_free(self) -> bool:
@@ -297,6 +283,17 @@ def when_asked(function: Callable[..., Result], *arguments: Any) -> Callable[[],
 def _may_fork(workers: int) -> bool:
     """Whether there are processors for it, and forking is safe."""
     return workers > 1 and sys.platform == "linux" and alone()
+
+
+def _process(work: Callable[[], Any], end: Connection, *, has_own: bool = False) -> Any:
+    """A process at work that has an end of a pipe, and perhaps processes of its own; None: none."""
+    context = multiprocessing.get_context("fork")
+    arguments = (work, end, os.getpid())
+    process = context.Process(target=_send, args=arguments, daemon=not has_own)
+    with end, contextlib.suppress(OSError):  # no memory, no more processes
+        process.start()
+        return process
+    return None
 
 
 def alone() -> bool:
