@@ -42,12 +42,16 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.skipif(
-    "forkserver" not in multiprocessing.get_all_start_methods(), reason="processes are not forked"
+copied = pytest.mark.skipif(
+    "forkserver" not in multiprocessing.get_all_start_methods(),
+    reason="workers are no copies of a process on this system",
 )
-def test_workers_begin_with_the_modules_that_they_are_made_for(tmp_path):
-    path = tmp_path / "fresh.py"  # what is imported is settled by the first workers of a process
-    path.write_text(FRESH)
+
+
+def told_by(code, folder):
+    """Words that a program prints; what workers import is settled by the first of a process."""
+    path = folder / "program.py"
+    path.write_text(code)
     paths = os.pathsep.join([str(Path(tasks.__file__).parent), *sys.path])
     told = subprocess.run(
         [sys.executable, str(path)],
@@ -56,7 +60,12 @@ def test_workers_begin_with_the_modules_that_they_are_made_for(tmp_path):
         text=True,
         check=True,
     )
-    assert told.stdout.split() == ["[True,", "False]"]
+    return told.stdout.split()
+
+
+@copied
+def test_workers_begin_with_the_modules_that_they_are_made_for(tmp_path):
+    assert told_by(FRESH, tmp_path) == ["[True,", "False]"]
 
 
 def test_a_task_whose_worker_died_is_done_by_another(tmp_path):
@@ -93,21 +102,9 @@ def test_tasks_that_are_added_while_outcomes_are_taken_are_done_as_well(executor
     assert found == {index: n * n for index, n in enumerate(numbers)}
 
 
-@pytest.mark.skipif(
-    "forkserver" not in multiprocessing.get_all_start_methods(), reason="processes are not forked"
-)
+@copied
 def test_what_workers_are_copies_of_begins_before_the_first_task(tmp_path):
-    path = tmp_path / "early.py"
-    path.write_text(EARLY)
-    paths = os.pathsep.join([str(Path(tasks.__file__).parent), *sys.path])
-    told = subprocess.run(
-        [sys.executable, str(path)],
-        env=os.environ | {"PYTHONPATH": paths},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert told.stdout.split() == ["None", "False", "True", "True"]
+    assert told_by(EARLY, tmp_path) == ["None", "False", "True", "True"]
 
 
 EARLY = """
