@@ -123,10 +123,10 @@ PAGES = {
         "docs/benchmark.md",
         POSTERIOR,
         (
-            f"{STUDY} benchmark --samplers --jobs 2 --json {{work}}/samplers.json --resume",
+            f"{STUDY} benchmark --samplers --others --jobs 2 --json {{work}}/others.json --resume",
             f"{STUDY} benchmark --samplers --plain --jobs 2 --json {{work}}/plain.json --resume",
             f"{STUDY} benchmark --costs --json {{work}}/costs.json",
-            f"{STUDY} benchmark --from-json {{work}}/samplers.json {{work}}/plain.json "
+            f"{STUDY} benchmark --from-json {{work}}/others.json {{work}}/plain.json "
             "{work}/costs.json --write docs/benchmark.md",
         ),
         ("numpyro", "nautilus", "dynesty", "pymecht", "flowjax", "optax"),

@@ -195,12 +195,12 @@ def test_the_benchmark_says_what_was_not_reached(docs):
 
 
 def test_the_benchmark_goes_on_with_the_posteriors_it_has(tmp_path):
-    path, asked = tmp_path / "samplers.json", {"quick": False, "plain": True}
+    path, asked = tmp_path / "plain.json", {"quick": False, "which": "plain"}
     assert run.cases_of(path, asked) == []
     cases = [{"specimen": "donor1", "noise": "effective"}]
     path.write_text(json.dumps({**asked, "cases": cases}))
     assert run.cases_of(path, asked) == cases
-    assert run.cases_of(path, asked | {"plain": False}) == []
+    assert run.cases_of(path, asked | {"which": "others"}) == []
     assert run.cases_of(path, asked | {"quick": True}) == []
 
 

@@ -52,6 +52,8 @@ from studies.benchmark.whole import whole_commands
 from studies.page import DATA, SPECIMENS
 
 NOISES = ("independent", "effective")
+ALL, PLAIN, OTHERS = "all", "plain", "others"
+"""Which samplers: emcee as a script has it, all that are not that, or both."""
 PLAIN_LIMIT = 20.0
 """Plain emcee may take so many times as long as ours to converge."""
 LEAST_LIMIT = 20.0  # seconds
@@ -97,9 +99,9 @@ def _told(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def one_case(task: tuple[str, str, bool, bool]) -> dict[str, Any]:
-    """All samplers on one posterior, or ours and plain emcee only."""
-    name, noise, quick, plain = task
+def one_case(task: tuple[str, str, bool, str]) -> dict[str, Any]:
+    """All samplers on one posterior, ours and plain emcee only, or all but plain emcee."""
+    name, noise, quick, which = task
     size = QUICK if quick else FULL
     specimen = read_specimen(DATA / f"{name}.csv")
     posterior = prepare(specimen, noise=noise)
@@ -108,11 +110,13 @@ def one_case(task: tuple[str, str, bool, bool]) -> dict[str, Any]:
     )  # everything is compiled before it is timed
     density = NaturalDensity(specimen, posterior.beta)
     mine = ours(posterior, steps=size["steps"])
-    limit = max(PLAIN_LIMIT * mine.extra["to_criterion"], LEAST_LIMIT)
-    others = {"emcee": emcee_reseeded(density, limit=0.1 * limit if quick else limit)}
-    found: dict[str, Any] = {"specimen": name, "noise": noise}
-    found |= {"ours": _told(mine), "emcee": _told(others["emcee"])}
-    if plain:
+    found: dict[str, Any] = {"specimen": name, "noise": noise, "ours": _told(mine)}
+    others: dict[str, Outcome] = {}
+    if which != OTHERS:
+        limit = max(PLAIN_LIMIT * mine.extra["to_criterion"], LEAST_LIMIT)
+        others["emcee"] = emcee_reseeded(density, limit=0.1 * limit if quick else limit)
+        found["emcee"] = _told(others["emcee"])
+    if which == PLAIN:
         return found
     others["NUTS"] = nuts(density, warmup=size["warmup"], draws=size["draws"])
     if noise == "independent":  # a tempered likelihood has no evidence to compare
@@ -150,7 +154,11 @@ def main() -> None:
     parts = parser.add_mutually_exclusive_group()
     parts.add_argument("--costs", action="store_true", help="leave the other samplers out")
     parts.add_argument("--samplers", action="store_true", help="leave costs and commands out")
-    parser.add_argument("--plain", action="store_true", help="ours and plain emcee only")
+    which = parser.add_mutually_exclusive_group()
+    for name, words in ((PLAIN, "ours and plain emcee only"), (OTHERS, "all but plain emcee")):
+        which.add_argument(
+            f"--{name}", dest="which", action="store_const", const=name, default=ALL, help=words
+        )
     parser.add_argument("--json", type=Path, help="write the figures to this file as well")
     parser.add_argument(
         "--resume", action="store_true", help="keep the posteriors that are in this file already"
@@ -163,13 +171,16 @@ def main() -> None:
     options = parser.parse_args()
     if options.resume and not options.json:
         parser.error("--resume goes on with a file: say which with --json")
+    if options.write and options.which == OTHERS:
+        parser.error("a page needs plain emcee, too: join the two runs with --from-json")
     if options.from_json:
         found = joined(options.from_json)
     else:
         found = measured(options)
     if options.json:
         atomic_write_text(options.json, json.dumps(found, indent=1) + "\n")
-    print(page(found))
+    if all("emcee" in case for case in found["cases"]):  # else there is no page of this alone
+        print(page(found))
     if options.write:
         write_page(found, options.write)
 
@@ -186,7 +197,7 @@ def joined(paths: list[Path]) -> dict[str, Any]:
     return found | {"cases": list(cases.values())}
 
 
-def cases_of(path: Path, asked: dict[str, bool]) -> list[dict[str, Any]]:
+def cases_of(path: Path, asked: dict[str, Any]) -> list[dict[str, Any]]:
     """Posteriors of an earlier run with the same options; none where there was no such run."""
     if not path.exists():
         return []
@@ -197,8 +208,8 @@ def cases_of(path: Path, asked: dict[str, bool]) -> list[dict[str, Any]]:
 def measured(options: argparse.Namespace) -> dict[str, Any]:
     """All figures."""
     names = SPECIMENS[-1:] if options.quick else [n for n in SPECIMENS if options.only in n]
-    tasks = [(name, noise, options.quick, options.plain) for name in names for noise in NOISES]
-    asked = {"quick": options.quick, "plain": options.plain}
+    tasks = [(name, noise, options.quick, options.which) for name in names for noise in NOISES]
+    asked = {"quick": options.quick, "which": options.which}
     kept = cases_of(options.json, asked) if options.resume else []
     done = {(case["specimen"], case["noise"]) for case in kept}
     tasks = [task for task in tasks if task[:2] not in done]

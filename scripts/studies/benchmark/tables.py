@@ -28,10 +28,10 @@ The same script without `--costs` compares with other samplers on the same poste
 HEAD = """## How it is measured
 
     export OMP_NUM_THREADS=1
-    python scripts/study.py benchmark --samplers --jobs 2 --json samplers.json
+    python scripts/study.py benchmark --samplers --others --jobs 2 --json others.json
     python scripts/study.py benchmark --samplers --plain --jobs 2 --json plain.json
     python scripts/study.py benchmark --costs --json costs.json
-    python scripts/study.py benchmark --from-json samplers.json plain.json costs.json \\
+    python scripts/study.py benchmark --from-json others.json plain.json costs.json \\
         --write docs/benchmark.md
 
 on a two-core virtual machine, every sampler on one core (without these options one command does
