@@ -155,10 +155,9 @@ def main() -> None:
     parts.add_argument("--costs", action="store_true", help="leave the other samplers out")
     parts.add_argument("--samplers", action="store_true", help="leave costs and commands out")
     which = parser.add_mutually_exclusive_group()
-    for name, words in ((PLAIN, "ours and plain emcee only"), (OTHERS, "all but plain emcee")):
-        which.add_argument(
-            f"--{name}", dest="which", action="store_const", const=name, default=ALL, help=words
-        )
+    chosen: dict[str, Any] = {"dest": "which", "action": "store_const", "default": ALL}
+    which.add_argument("--plain", const=PLAIN, help="ours and plain emcee only", **chosen)
+    which.add_argument("--others", const=OTHERS, help="all but plain emcee", **chosen)
     parser.add_argument("--json", type=Path, help="write the figures to this file as well")
     parser.add_argument(
         "--resume", action="store_true", help="keep the posteriors that are in this file already"
