@@ -53,7 +53,7 @@ from studies.page import DATA, SPECIMENS
 
 NOISES = ("independent", "effective")
 ALL, PLAIN, OTHERS = "all", "plain", "others"
-"""Which samplers: emcee as a script has it, all that are not that, or both."""
+"""Which samplers beside ours: all, plain emcee alone, or all but plain emcee."""
 PLAIN_LIMIT = 20.0
 """Plain emcee may take so many times as long as ours to converge."""
 LEAST_LIMIT = 20.0  # seconds
