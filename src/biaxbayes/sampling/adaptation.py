@@ -207,9 +207,11 @@ def _with_weights(proposal: MixtureProposal, share: np.ndarray) -> MixturePropos
 
 
 ROUND_STEPS = 16
-CHECKS = ((16, 1.9, 0.6), (64, 1.9, 0.0), (160, 1.6, 0.0), (160, 2.5, 0.0), (16, np.inf, 0.0))
-"""Steps on which the final proposal is judged, the log weight above the median up to which it
-passes, and the acceptance from which; else it is fitted once more."""
+CHECKS = ((16, 3.0), (64, 3.0), (160, 2.5), (160, 2.5), (16, np.inf))
+"""Steps on which the final proposal is judged, and the excess below which it passes; else it is
+fitted once more. Tuned on processor time to 2,000 effective draws, the warm-up included: shipped
+specimens, three seeds, all ways of mounting and six laws. On others (measured tissue, simulated
+tests, other seeds) limits of 1.9, 1.9, 1.6 and 2.5 take 11 % longer in the geometric mean."""
 COMPONENTS, MORE_COMPONENTS = 12, 20
 """Of the final proposal, and of one that has been fitted again."""
 INCREMENTS = 2
@@ -343,7 +345,7 @@ def _final_proposal(
     """
     components, parts = COMPONENTS, 1
     acceptance = excess = 0.0
-    for steps, limit, least in CHECKS:
+    for steps, limit in CHECKS:
         count = min(len(spread), len(points) // 4)
         chosen = ensembles.rng.choice(len(spread), count, replace=False)
         history = np.concatenate([points, spread[chosen]])
@@ -360,7 +362,7 @@ def _final_proposal(
         log_weight = log_prob - proposal.log_density(points)
         acceptance = ensembles.acceptance
         excess = float(np.quantile(log_weight, 0.998) - np.median(log_weight))
-        if excess < limit and acceptance > least:
+        if excess < limit:
             break
         progress(f"adapting further, acceptance {acceptance:.2f}")
         components, parts = MORE_COMPONENTS, 2 if excess > TWO_MAPS_EXCESS else 1
