@@ -16,10 +16,10 @@ from biaxbayes.comparison import compare as compare_module
 from biaxbayes.comparison.compare import distances_between, judged_member
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.executors.executor import InThisProcess, Outcome
-from biaxbayes.jobs import batch as batch_module
-from biaxbayes.jobs import study_tasks as tasks_module
-from biaxbayes.jobs.batch import Batch
-from biaxbayes.jobs.study_tasks import LayerTask, SpecimenTask, layers_before, try_specimen
+from biaxbayes.jobs.batch import study as batch_module
+from biaxbayes.jobs.batch import tasks as tasks_module
+from biaxbayes.jobs.batch.study import Batch
+from biaxbayes.jobs.batch.tasks import LayerTask, SpecimenTask, layers_before, try_specimen
 from biaxbayes.laws.goh import GOH
 from biaxbayes.runs import said as said_module
 from biaxbayes.runs.run import open_run

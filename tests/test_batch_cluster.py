@@ -19,7 +19,7 @@ import quick_posteriors
 from biaxbayes.calibration.calibration import Study, run_replications
 from biaxbayes.calibration.simulated_specimen import protocol_prior
 from biaxbayes.executors.executor import InThisProcess, Workers
-from biaxbayes.jobs.batch import Batch
+from biaxbayes.jobs.batch.study import Batch
 from biaxbayes.laws.goh import GOH
 from biaxbayes.optimal_design.design import design
 from biaxbayes.specimens.specimen_file import write_specimen

@@ -17,7 +17,7 @@ import shared
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.jobs import population as job
-from biaxbayes.jobs.batch import Batch
+from biaxbayes.jobs.batch.study import Batch
 from biaxbayes.jobs.population import PopulationJob
 from biaxbayes.jobs.population_files import FIGURES, RECORD, members_of_study, read_population
 from biaxbayes.laws.goh import GOH

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
 from biaxbayes.executors.executor import executor_for
+from biaxbayes.jobs.batch.batch import batch
 from biaxbayes.jobs.findings import design, identify, ledger, profile
 from biaxbayes.jobs.opening import (
     PathLike,
@@ -38,7 +39,6 @@ from biaxbayes.jobs.run_figure import WITHOUT_JUDGEMENT, check_figure, picture, 
 from biaxbayes.jobs.sample import sample
 from biaxbayes.jobs.simulate import simulate, truth_file
 from biaxbayes.jobs.specimen_files import check, convert, fit, fit_all
-from biaxbayes.jobs.study import batch
 from biaxbayes.options import (
     CalibrationPlan,
     LawsPlan,

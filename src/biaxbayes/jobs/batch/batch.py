@@ -22,8 +22,8 @@ __all__ = ["WORKER_MODULES", "batch"]
 WORKER_MODULES = (
     "biaxbayes.sampling.ensembles",
     "biaxbayes.comparison.compare",
-    "biaxbayes.jobs.ahead",
-    "biaxbayes.jobs.study_tasks",
+    "biaxbayes.jobs.batch.ahead",
+    "biaxbayes.jobs.batch.tasks",
     "biaxbayes.jobs.sample",
     "biaxbayes.studies.rows",
     "biaxbayes.jobs.identified",
@@ -71,7 +71,7 @@ def batch(
         those of
         :class:`~biaxbayes.options.ModelOptions`.
     """
-    from biaxbayes.jobs.batch import Batch
+    from biaxbayes.jobs.batch.study import Batch
 
     if isinstance(study, str | Path):
         if options:

@@ -21,8 +21,7 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.executors.executor import Executor, InThisProcess
-from biaxbayes.jobs.opening import Stop, never, silent
-from biaxbayes.jobs.study_tasks import (
+from biaxbayes.jobs.batch.tasks import (
     FigureTask,
     LayerTask,
     SpecimenTask,
@@ -33,6 +32,7 @@ from biaxbayes.jobs.study_tasks import (
     layers_before,
     work_on,
 )
+from biaxbayes.jobs.opening import Stop, never, silent
 from biaxbayes.progress_bar import Progress
 from biaxbayes.runs.folder import STATES, is_run, manifest
 from biaxbayes.runs.lock import folder_lock

@@ -1,0 +1,1 @@
+"""The verb ``batch``: many specimens sampled once each, and set side by side."""
