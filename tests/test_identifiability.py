@@ -20,7 +20,7 @@ from biaxbayes.identifiability.identify import identify, identify_draws
 from biaxbayes.identifiability.marginals import Scale, count_modes, density, find_edges
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.identifiability.sloppiness import find_partners, sloppiness
-from biaxbayes.identifiability.verdict import (
+from biaxbayes.identifiability.verdict_names import (
     COMBINATION,
     FIXED,
     IDENTIFIED,

@@ -10,7 +10,7 @@ import pytest
 import biaxbayes
 from biaxbayes.identifiability.identify import identify_draws, record_fits
 from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
-from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
+from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
 from biaxbayes.jobs.identified import write_identifiability
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior

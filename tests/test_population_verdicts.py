@@ -10,7 +10,13 @@ import pytest
 from scipy.stats import ks_1samp, ks_2samp, norm
 
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.verdict import COMBINATION, IDENTIFIED, NO_VERDICT, ONE_SIDED, PRIOR
+from biaxbayes.identifiability.verdict_names import (
+    COMBINATION,
+    IDENTIFIED,
+    NO_VERDICT,
+    ONE_SIDED,
+    PRIOR,
+)
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.options import PopulationOptions

@@ -16,7 +16,8 @@ from pathlib import Path
 import pandas as pd
 
 from biaxbayes.identifiability.identify import ParameterVerdict, identify_draws
-from biaxbayes.identifiability.verdict import ONE_SIDED, Thresholds
+from biaxbayes.identifiability.verdict import Thresholds
+from biaxbayes.identifiability.verdict_names import ONE_SIDED
 from biaxbayes.laws.goh import GOH, GOHLaw
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.search import draw_posterior

@@ -10,7 +10,7 @@ import pandas as pd
 from biaxbayes.identifiability.determined import MEASURED, determined
 from biaxbayes.identifiability.identify import Identifiability, fits_of_laws, identify_draws
 from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
-from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
+from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.prediction.bands import bands

@@ -292,7 +292,7 @@ def population(
 
 def _closing(found: PopulationFound) -> str:
     """One screen that says what was found."""
-    from biaxbayes.identifiability.verdict import PRIOR
+    from biaxbayes.identifiability.verdict_names import PRIOR
     from biaxbayes.populations.result import SDS
     from biaxbayes.reports.population import three_digits
     from biaxbayes.reports.words import counted

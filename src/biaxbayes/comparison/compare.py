@@ -28,7 +28,8 @@ from biaxbayes.identifiability.determined import (
 from biaxbayes.identifiability.identify import Identifiability, identify_draws
 from biaxbayes.identifiability.marginals import judged_scales
 from biaxbayes.identifiability.mounting_stretch.stated import Stated
-from biaxbayes.identifiability.verdict import IDENTIFIED, ONE_SIDED, Thresholds
+from biaxbayes.identifiability.verdict import Thresholds
+from biaxbayes.identifiability.verdict_names import IDENTIFIED, ONE_SIDED
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL

@@ -28,7 +28,13 @@ from biaxbayes.identifiability.bounded_density import Span, at_edges, curve, int
 from biaxbayes.identifiability.determined import STRESS
 from biaxbayes.identifiability.identify import ParameterVerdict
 from biaxbayes.identifiability.mounting_stretch.stated import Stated
-from biaxbayes.identifiability.verdict import COMBINATION, FIXED, IDENTIFIED, NO_VERDICT, PRIOR
+from biaxbayes.identifiability.verdict_names import (
+    COMBINATION,
+    FIXED,
+    IDENTIFIED,
+    NO_VERDICT,
+    PRIOR,
+)
 from biaxbayes.parameters import Quantity
 from biaxbayes.studies.groups import KNOWN
 

@@ -29,15 +29,8 @@ from biaxbayes.identifiability.mounting_stretch.law_range import (
 )
 from biaxbayes.identifiability.mounting_stretch.stated import Stated, stated_mounting
 from biaxbayes.identifiability.mounting_stretch.toe import MountingRefits, mounting_refits
-from biaxbayes.identifiability.verdict import (
-    FIXED,
-    NO_VERDICT,
-    NOT_IDENTIFIED,
-    Evidence,
-    Thresholds,
-    decide,
-    in_words,
-)
+from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, in_words
+from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT, NOT_IDENTIFIED
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie

@@ -16,26 +16,11 @@ from biaxbayes.identifiability.verdict_names import (
     NOT_IDENTIFIED,
     ONE_SIDED,
     PRIOR,
-    VERDICTS,
 )
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import Parameter
 
-__all__ = [
-    "COMBINATION",
-    "FIXED",
-    "IDENTIFIED",
-    "NOT_IDENTIFIED",
-    "NO_VERDICT",
-    "ONE_SIDED",
-    "PRIOR",
-    "VERDICTS",
-    "Evidence",
-    "Thresholds",
-    "decide",
-    "in_words",
-    "interval_words",
-]
+__all__ = ["Evidence", "Thresholds", "decide", "in_words", "interval_words"]
 
 
 # --- verdicts as sentences -----------------------------------------------------------------------

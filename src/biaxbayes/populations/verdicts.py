@@ -21,7 +21,8 @@ from biaxbayes.identifiability.determined import NORMAL_90, Derived, derived_qua
 from biaxbayes.identifiability.evidence import evidence_of_draws
 from biaxbayes.identifiability.identify import ParameterVerdict, identify_draws, judged
 from biaxbayes.identifiability.marginals import Scale
-from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, Thresholds
+from biaxbayes.identifiability.verdict import Thresholds
+from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior
 from biaxbayes.parameters import Parameter, Quantity

@@ -12,7 +12,7 @@ import pandas as pd
 
 from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.determined import MEASURED, determined, mounting_stated
-from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
+from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
 from biaxbayes.parameters import MATERIAL, STRETCH, Quantity
 from biaxbayes.reports.words import cut
 from biaxbayes.runs.run import Run

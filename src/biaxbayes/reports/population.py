@@ -11,7 +11,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.identifiability.mounting_stretch.stated import Stated
-from biaxbayes.identifiability.verdict import FIXED
+from biaxbayes.identifiability.verdict_names import FIXED
 from biaxbayes.parameters import STRETCH, unit_words
 from biaxbayes.populations.result import SDS
 from biaxbayes.reports.page import page_template, pictures

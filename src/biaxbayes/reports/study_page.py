@@ -15,7 +15,7 @@ import biaxbayes
 from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.mounting_stretch.stated import Stated
-from biaxbayes.identifiability.verdict import FIXED
+from biaxbayes.identifiability.verdict_names import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
 from biaxbayes.reports.page import page_template, pictures

@@ -12,7 +12,7 @@ import numpy as np
 from biaxbayes.figures.quantities import axis_text
 from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, print_style
 from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict
-from biaxbayes.identifiability.verdict import (
+from biaxbayes.identifiability.verdict_names import (
     COMBINATION,
     FIXED,
     IDENTIFIED,
