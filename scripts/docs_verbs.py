@@ -23,7 +23,8 @@ WORDS = PAGE.with_name("glossary.md")
 HEAD = """# Command line
 
 Every verb with its options; `biaxbayes VERB --help` prints the same. Exit codes: 0 done, 2 an
-input, option or file that cannot be used, 3 ran but the result cannot be trusted.
+input, option or file that cannot be used, 3 ran but the result cannot be trusted; 70 a defect of
+the program; 128 and the number of the signal where one stopped it (130: Ctrl-C).
 
 | verb | |
 |---|---|

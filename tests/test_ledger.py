@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+import biaxbayes
 from biaxbayes.cli.findings import ledger as command
 from biaxbayes.comparison.mounting_bias import TREATMENTS, Treated, ledger, treat
 from biaxbayes.errors import InputError
@@ -111,7 +112,8 @@ def test_command_writes_table_and_figure(tested, tmp_path):
     table = pd.read_csv(out / "ledger.csv")
     assert list(table["quantity"][-2:]) == ["cauchy_x", "cauchy_y"]
     assert (out / "ledger.pdf").stat().st_size > 5000
-    refused = CliRunner().invoke(
-        command, [str(path), "--mounting", "ignored"], standalone_mode=False
-    )
-    assert isinstance(refused.exception, InputError)
+    refused = CliRunner().invoke(command, [str(path), "--mounting", "ignored"])
+    assert refused.exit_code == 2
+    assert "'--mounting': 'ignored' is not one of 'noisy', 'exact', 'free'" in refused.output
+    with pytest.raises(InputError, match="mounting must be one of noisy, exact, free"):
+        biaxbayes.ledger(path, mounting="ignored")

@@ -3,8 +3,8 @@
     python scripts/study.py intervals --seeds 50 --workers 2
 
 Writes the tables between the markers of data/README.md, with every interval in docs/tables. A truth
-on a physical edge (kappa 0, alpha 90 degrees) is judged by the one-sided 90 % interval that starts
-at that edge. Truths that are drawn around the printed ones, and inside all ranges, are judged by
+at the end of a range (kappa 0, alpha 90 degrees) is judged by the one-sided 90 % interval that
+starts there. Truths that are drawn around the printed ones, and inside all ranges, are judged by
 central intervals.
 """
 
@@ -97,7 +97,7 @@ def drawn_material(name: str, seed: int) -> PublishedMaterial:
 
 
 def on_edge(name: str, truth: float) -> bool:
-    """Whether a truth is a physical edge: its one-sided interval starts there and cannot miss."""
+    """Whether a truth is the end of a range: a one-sided interval starts there and cannot miss."""
     return (name, truth) in {("kappa", 0.0), ("alpha", 90.0)}
 
 
@@ -349,14 +349,14 @@ def drawn_table(found: Found) -> str:
 
 RESULT = """**{specimens} specimens of known material whose records, like those of tissue, are not
 quite those of GOH: of {count} true values 90 % intervals hold {told}, where {stated} would be
-90 %.** ({edge} more are physical edges of their ranges, which one-sided intervals cannot miss.)
+90 %.** ({edge} more are ends of their ranges, which one-sided intervals cannot miss.)
 [The calibration](../docs/calibration.md) shows what intervals are worth where the model holds,
 [Model error](../docs/model-error.md) what can be stated where it does not.
 """
 SHIPPED_WORDS = """How many 90 % intervals of the shipped specimens hold the truth, made by
 `python scripts/study.py intervals --seeds {seeds}`: [all intervals]({link}); {all_runs}, R-hat at
-most {rhat:.4f}, at least {ess:.0f} effective draws. The counts include truths on a physical edge
-(kappa = 0, alpha = 90 degrees): their one-sided intervals start at the edge and hold it always.
+most {rhat:.4f}, at least {ess:.0f} effective draws. The counts include truths at the end of a range
+(kappa = 0, alpha = 90 degrees): their one-sided intervals start there and hold it always.
 """
 PRINTED_WORDS = """The same intervals over {seeds} seeds that are not shipped: share that hold the
 truth ([by specimen]({link})), truths on an edge left out. The materials are those of the paper.

@@ -41,6 +41,7 @@ from biaxbayes.jobs.simulate import simulate, truth_file
 from biaxbayes.jobs.specimen_files import check, convert, fit, fit_all
 from biaxbayes.options import (
     CalibrationPlan,
+    InferringOptions,
     LawsPlan,
     ModelOptions,
     PopulationOptions,
@@ -309,7 +310,7 @@ def population(
 
 
 @with_progress
-@documented(CalibrationPlan, ModelOptions)
+@documented(CalibrationPlan, InferringOptions)
 def calibrate(
     specimen: SpecimenLike,
     *,
@@ -337,12 +338,12 @@ def calibrate(
         Continue the study that the folder holds.
     **options
         As in :class:`~biaxbayes.options.CalibrationPlan` and
-        :class:`~biaxbayes.options.ModelOptions`.
+        :class:`~biaxbayes.options.InferringOptions`.
     """
     from biaxbayes.jobs.calibrate import CalibrationStudy, study_of
 
     plan, model = CalibrationPlan.taken(options)
-    asked = ModelOptions.of(model).keywords()
+    asked = InferringOptions.of(model).keywords()
     executor = executor_for(workers, scheduler)
     study = study_of(opened_specimen(specimen, mounting_force), asked, plan)
     kept = CalibrationStudy(study, Path(out), plan.replications, executor)

@@ -46,7 +46,7 @@ NOT_CONVERGED = NotConverged.exit_code
     show_default=True,
 )
 @options(SamplingPlan, "seed", seed={"help": "For specimens to sample."})
-@model_options
+@model_options()
 @options(SamplingPlan, "ess", "workers")
 @click.option(
     "--anyway",

@@ -25,7 +25,7 @@ from biaxbayes.cli.options import (
     refuse_given,
 )
 from biaxbayes.errors import NotConverged, printable
-from biaxbayes.options import DesignOptions, LedgerPlan, ProfileOptions
+from biaxbayes.options import DesignOptions, InferringOptions, LedgerPlan, ProfileOptions
 from biaxbayes.progress_bar import progress_line
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def profile(
 )
 @file_option("out", "Folder [<stem>-ledger].")
 @options(LedgerPlan, "seed")
-@model_options
+@model_options(InferringOptions)
 @options(LedgerPlan, "ess", "workers")
 @any_record_option
 @quiet_option

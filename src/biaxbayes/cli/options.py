@@ -174,16 +174,20 @@ def mounting_force_option(
     )
 
 
-def model_options(function: Callable[..., Any]) -> Callable[..., Any]:
+def model_options(table: type[ModelOptions] = ModelOptions) -> Decorator:
     """Add the options of the statistical model to a command."""
-    for option in (
-        mounting_force_option(),
-        file_option("priors", "Priors, fixed and tied parameters.", "FILE.toml"),
-        fix_option("Fix a parameter, as kappa=0 or alpha=41 (degrees). Repeatable."),
-        options(ModelOptions, *MODEL),
-    ):
-        function = option(function)
-    return function
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in (
+            mounting_force_option(),
+            file_option("priors", "Priors, fixed and tied parameters.", "FILE.toml"),
+            fix_option("Fix a parameter, as kappa=0 or alpha=41 (degrees). Repeatable."),
+            options(table, *MODEL),
+        ):
+            function = option(function)
+        return function
+
+    return add
 
 
 def read_model_options(

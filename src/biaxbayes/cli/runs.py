@@ -31,6 +31,7 @@ from biaxbayes.options import (
     WHICH_FIT,
     CalibrationPlan,
     FitOptions,
+    InferringOptions,
     SamplingPlan,
 )
 from biaxbayes.progress_bar import graceful_stop, progress_line
@@ -57,7 +58,7 @@ NOT_CONVERGED = NotConverged.exit_code
 @argument("specimen")
 @file_option("out", "Run folder [<stem>-posterior].")
 @options(SamplingPlan, "seed")
-@model_options
+@model_options()
 @options(SamplingPlan, "ess", "max_steps", "workers")
 @any_record_option
 @click.option("--resume", is_flag=True, help="Continue from the folder's checkpoint.")
@@ -127,7 +128,7 @@ IN_FILE = {
 @executor_options
 @file_option("out", "Study folder [<stem>-study].")
 @options(SamplingPlan, "seed")
-@model_options
+@model_options()
 @options(SamplingPlan, "ess", "max_steps")
 @any_record_option
 @quiet_option
@@ -382,7 +383,7 @@ def _shown(value: object, form: str) -> str:
 @click.option("--resume", is_flag=True, help="Continue, or add replications to, a study.")
 @quiet_option
 @options(CalibrationPlan, "broken", broken={"hidden": True})
-@model_options
+@model_options(InferringOptions)
 def calibrate(
     specimen: Path,
     workers: int | None,

@@ -25,8 +25,8 @@ from biaxbayes.jobs.sample import Sampling
 from biaxbayes.options import (
     INFERRING,
     DesignOptions,
+    InferringOptions,
     LedgerPlan,
-    ModelOptions,
     ProfileOptions,
     documented,
 )
@@ -123,7 +123,7 @@ def profile(
 
 
 @with_progress
-@documented(LedgerPlan, ModelOptions)
+@documented(LedgerPlan, InferringOptions)
 def ledger(
     source: RunLike | SpecimenLike,
     *,
@@ -154,7 +154,7 @@ def ledger(
         in a notebook.
     **options
         As in :class:`~biaxbayes.options.LedgerPlan`, and for a specimen
-        :class:`~biaxbayes.options.ModelOptions`.
+        :class:`~biaxbayes.options.InferringOptions`.
     """
     from biaxbayes.comparison.mounting_bias import Treated, treated_three_ways
     from biaxbayes.comparison.mounting_bias import ledger as lay_out
@@ -173,12 +173,7 @@ def ledger(
             )
         inferred = Treated(posterior, run.draws, run.state)
     else:
-        asked, inferred = ModelOptions.of(model).keywords(), None
-        if asked["mounting"] not in INFERRING:
-            raise InputError(
-                f"--mounting {asked['mounting']} is what the ledger compares with",
-                remedy=f"choose {', '.join(INFERRING)}: how the force enters where it is inferred",
-            )
+        asked, inferred = InferringOptions.of(model).keywords(), None
         specimen = opened_specimen(source, mounting_force)  # type: ignore[arg-type]
     prepared = Sampling.prepare(
         specimen,

@@ -345,6 +345,13 @@ class ModelOptions(Settings):
 
 
 @dataclass(frozen=True)
+class InferringOptions(ModelOptions):
+    """The same where the mounting stretches must be unknowns."""
+
+    mounting: str = option(Settings.mounting, stated(Settings)["mounting"].words, choices=INFERRING)
+
+
+@dataclass(frozen=True)
 class ProfileOptions(ModelOptions):
     """The same for a profile likelihood, which the mounting stretches cannot be free in."""
 

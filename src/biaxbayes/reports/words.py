@@ -122,12 +122,16 @@ GLOSSARY = {
     "factor of 7",
     "mounting stretch": "stretch of the mounted specimen relative to the unloaded one; what is "
     "measured starts there",
-    "verdict": "what the data say of a parameter, in one of the four words that follow",
+    "verdict": "what the data say of a parameter, in the words that follow",
     "identified": "the data alone say where the parameter is",
     "one-sided": "the data give a largest (or a smallest) value and leave the other end open",
     "only in combination": "the parameter trades with others: each alone is loose, together they "
     "are sharp",
     "not identified": "the data say nothing of it that may be trusted; give it from elsewhere",
+    "prior-dominated": "the data say little of it: the number is mostly what was taken for "
+    "plausible before",
+    "no verdict, fixed": "the chains have not converged, so nothing is said; a value that was "
+    "given and not inferred",
     "credible band": "where the curve of the model lies with 90 % probability",
     "predictive band": "where the response of the tissue lies: the model's band and the error that "
     "the run inferred",
@@ -172,10 +176,6 @@ GLOSSARY = {
 SEVERAL = {
     "determined": "the data narrow the quantity by themselves; where they do not, its number is "
     "none of the tissue",
-    "prior-dominated": "the data say little of it: the number is mostly what was taken for "
-    "plausible before",
-    "no verdict, fixed": "the chains have not converged, so nothing is said; a value that was "
-    "given and not inferred",
     "within the law": "as if the material law were true; what is stated of a mounting stretch of "
     "the tissue is not",
     "contraction": "share of the prior's variance that the data take away: 0 % nothing learnt, "
