@@ -413,7 +413,7 @@ def test_command_line(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (["--mounting", "ignored"], "mounting stretch as an unknown"),
+        (["--mounting", "ignored"], "'ignored' is not one of 'noisy', 'exact', 'free'"),
         (["--replications", "0"], "at least 1"),
         (["--mounting", "free", "--break", "determinant"], "no determinant"),
         (["--break", "gravity"], "--break"),
@@ -432,6 +432,11 @@ def test_what_cannot_be_studied_is_refused(arguments, problem, capsys, tmp_path)
 def test_unknown_break_is_an_input_error():
     with pytest.raises(InputError):
         study(broken="noise ")
+
+
+def test_a_study_needs_the_mounting_stretch_as_an_unknown():
+    with pytest.raises(InputError, match="needs the mounting stretch as an unknown"):
+        study(mounting="ignored")
 
 
 @pytest.mark.slow

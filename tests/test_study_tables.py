@@ -150,7 +150,7 @@ def test_intervals_beside_the_truth(docs):
     text = page.read_text()
     assert "| donor1 | 6 of 7 | k1 | 6 of 7 | k1 |" in text
     assert "of 6 true values 90 % intervals hold 5 with `--noise effective` and 5 with" in text
-    assert "where 5 would be" in text and "(1 more are physical edges" in text
+    assert "where 5 would be" in text and "(1 more are ends of their ranges" in text
     row = next(line for line in text.splitlines() if line.startswith("| effective | 0.26 |"))
     assert row.split(" | ")[5] == "0.25"  # donor1, one seed short, has a kappa of 0
     assert "| independent | 0.25 |" in text

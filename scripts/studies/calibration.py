@@ -215,9 +215,11 @@ def _result(tables: dict[Case, pd.DataFrame]) -> list[str]:
     caught = [not uniform for c, (uniform, _) in judged.items() if c.broken]
     count = sum(int(tables[c]["replications"].max()) for c in sound)
     covered = pd.concat([tables[c]["coverage_90"] for c in sound])
+    failing = "; ".join(title(c) for c, p in sound.items() if p < 0.05)
+    but = f", but for {failing}" if failing else ""
     text = (
-        f"**Intervals hold the truth as often as they say. Over {count:,} simulated specimens in "
-        f"{len(sound)} studies ranks are uniform in {sum(p >= 0.05 for p in sound.values())} "
+        f"**Intervals hold the truth as often as they say{but}. Over {count:,} simulated specimens "
+        f"in {len(sound)} studies ranks are uniform in {sum(p >= 0.05 for p in sound.values())} "
         f"(smallest p {min(sound.values()):.2g}); intervals of 90 % hold "
         f"{100 * covered.min():.0f} to {100 * covered.max():.0f} % of the truths of every quantity "
         f"(mean {100 * covered.mean():.1f}). Of {len(caught)} studies that were broken on purpose "
@@ -240,7 +242,7 @@ def _summary(found: dict, tables: dict) -> list[str]:
     from biaxbayes.calibration.ranks import verdict
     from biaxbayes.laws import DEFAULT_LAW
 
-    rows: list[list[object]] = []
+    rows: dict[str, list[list[object]]] = {"specimen": [], "law": []}
     for case, ranks in found.items():
         judged = tables[case]
         states = ranks.drop_duplicates("replication")["state"]
@@ -256,13 +258,18 @@ def _summary(found: dict, tables: dict) -> list[str]:
         noise += f"; broken: {case.broken}" if case.broken else ""
         shown = f"{p:.2g}" if p > LEAST_P else f"< {LEAST_P:g}"
         count, short = len(states), int((states != "converged").sum())
-        rows.append(
-            [case.specimen, f"`{case.law or DEFAULT_LAW}`", case.mounting + own, noise, said, shown]
+        of = "law" if case.law else "specimen"
+        first = f"`{case.law}`" if case.law else case.specimen
+        rows[of].append(
+            [first, case.mounting + own, noise, said, shown]
             + [f"{outside} of {len(judged)}", f"{count} ({short})"]
         )
-    header = ["specimen", "law", "mounting", "noise", "ranks", "p, all together"]
+    header = ["mounting", "noise", "ranks", "p, all together"]
     header += ["quantities outside their band", "replications (not converged)"]
-    lines = table(header, rows, left=5).splitlines()
+    default, others = (table([of, *header], rows[of], left=4).splitlines() for of in rows)
+    lines = [f"The law `{DEFAULT_LAW}`:", "", *default]
+    if rows["law"]:
+        lines += ["", f"Other laws, on the protocols of {THREE_RATIOS}:", "", *others]
     missing = "; ".join(title(case) for case in CASES if case not in found)
     lines += ["", "[Every quantity of every study](tables/calibration.csv)"]
     return [*lines, "", f"Not run yet: {missing}."] if missing else lines
@@ -320,7 +327,8 @@ is a hidden option of `biaxbayes calibrate`.)
 
 A law of eight parameters or more is drawn with the ensembles of `biaxbayes sample`. With the
 smaller ones of a study, which do for the others, 88 of 200 chains of `four-fibre` did not converge,
-and the ranks of its fibres were not uniform: such a run is to be continued, not used.
+and the ranks of its fibres were not uniform: such a run is to be continued, not used. Its posterior
+often has [two modes](laws.md), of which a run may lose one.
 
 The same for populations stands on [their page](population-evidence.md).
 """
