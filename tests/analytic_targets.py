@@ -112,6 +112,44 @@ def two_modes(d):
     return Target(f"two-modes-{d}", d, log_density, sample)
 
 
+def two_ridges(d, *, share, bend=0.0):
+    """Two Gaussian ridges of other directions, the second of weight ``share``; they may bend."""
+    sds = np.geomspace(0.05, 3.0, d)
+    turns = [
+        np.linalg.qr(np.random.default_rng(10 + k).standard_normal((d, d)))[0] for k in range(2)
+    ]
+    centres = 8.0 * np.eye(d)[:2]
+    weights = np.array([1.0 - share, share])
+
+    def straight(x, k):
+        z = (x - centres[k]) @ turns[k] / sds
+        z[:, -2] -= bend * (z[:, -1] ** 2 - 1)
+        return z
+
+    def log_density(x):
+        logs = [
+            np.log(weights[k]) + norm.logpdf(straight(x, k)).sum(axis=1) - np.log(sds).sum()
+            for k in range(2)
+        ]
+        return np.logaddexp(*logs)
+
+    def sample(rng, n):
+        which = (rng.random(n) < share).astype(int)
+        z = rng.standard_normal((n, d))
+        z[:, -2] += bend * (z[:, -1] ** 2 - 1)
+        both = np.array(
+            [z * sds @ turn.T + centre for turn, centre in zip(turns, centres, strict=True)]
+        )
+        return both[which, np.arange(n)]
+
+    return Target(f"two-ridges-{d}-{share}-{bend}", d, log_density, sample)
+
+
+def on_second_ridge(x):
+    """Whether points of :func:`two_ridges` lie nearer the centre of the second."""
+    return x[..., 1] - x[..., 0] > 0.0
+
+
 TARGETS = [
     make
     for d in (6, 20)

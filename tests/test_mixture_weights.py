@@ -101,11 +101,12 @@ def test_a_proposal_is_kept_as_it_is_only_where_it_holds_no_walker_in_the_tails(
 
     starts = [1.3 * rng.standard_normal((24, 2)) for _ in range(4)]
     ensembles = Ensembles(log_density, starts, np.random.SeedSequence(5))
-    proposal = first_proposal(np.zeros((1, 2)), [1.1 * np.eye(2)], np.ones(1), NO_BOUNDS)
+    part = first_proposal(np.zeros((1, 2)), [1.1 * np.eye(2)], np.ones(1), NO_BOUNDS)
+    proposal = MixtureProposal(np.ones(1), (part,))
     spread = 1.5 * rng.standard_normal((1000, 2))
     spread[:100, 0] += 12.0 * (far > 0.0)
-    found = warmup.warm_up(ensembles, proposal, spread)
-    assert (ensembles.proposal.parts[0] is proposal) == (far == 0.0)
+    found = warmup.warm_up(ensembles, proposal, spread, spread)
+    assert (ensembles.proposal.parts[0] is part) == (far == 0.0)
     assert found.acceptance > 0.5 and found.rounds == 2
     with pytest.raises(RuntimeError, match="frozen"):
         ensembles.adapt(spread)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from analytic_targets import two_modes
+from analytic_targets import on_second_ridge, two_modes, two_ridges
 from biaxbayes.errors import NotConverged
 from biaxbayes.sampling import Plan, Target, bounds_array, draw, log_integral, sampler, search
 from biaxbayes.sampling.convergence import assess, effective_sample_size
+from biaxbayes.sampling.modes import Mode, separate_groups
 
 QUICK = Plan(ess=1000, seed=3, population=2048)
 BOUNDS = bounds_array({0: (0.0, np.inf)}, 2)
@@ -69,6 +70,48 @@ def test_both_modes_are_found_from_starts_near_each_and_weigh_what_they_should(s
     low = (found.quantities["x0"] < 0.0).astype(float)
     assert within_error(low, 0.3)
     assert (low.mean(axis=(1, 2)) > 0.1).all()  # in every ensemble
+
+
+RIDGES = [two_ridges(8, share=share, bend=bend) for share in (0.3, 0.05) for bend in (0.0, 1.0)]
+
+
+@pytest.mark.parametrize("target", RIDGES, ids=lambda target: target.name)
+def test_two_ridges_that_one_map_cannot_hold_weigh_what_they_should(target):
+    starts = 8.0 * np.eye(8)[:2]
+    start = search(
+        Target(target.log_density, target.bounds),
+        starts,
+        2.0 * np.ones(8),
+        QUICK.search_rng(),
+        QUICK.population,
+    )
+    assert len(start.proposal.parts) == 2
+    exact = on_second_ridge(target.sample(np.random.default_rng(1), 200_000)).mean()
+    w = np.exp(start.log_weight - start.log_weight.max())
+    of_search = (w * on_second_ridge(start.points)).sum() / w.sum()
+    assert abs(of_search - exact) < 0.1 * exact + 0.03
+    found = draw(Target(target.log_density, target.bounds), start, QUICK)
+    assert found.convergence.state == "converged"
+    second = on_second_ridge(found.chain).astype(float)
+    assert within_error(second, exact)
+    assert (second.mean(axis=(1, 2)) > 0.5 * exact).all()  # in every ensemble
+
+
+def test_modes_on_one_ridge_have_one_part_and_a_ridge_without_mass_has_none():
+    """Three starts along a straight ridge; a second ridge of e^-12 of the mass."""
+
+    def log_density(x):
+        ridge = norm.logpdf(x, 0.0, [9.0, 0.3, 0.3]).sum(axis=1)
+        return np.logaddexp(ridge, norm.logpdf(x, [0.0, 9.0, 0.0], 0.5).sum(axis=1) - 12.0)
+
+    target = Target(log_density, bounds_array({}, 3))
+    starts = np.array([[0.0, 0.0, 0.0], [-9.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]])
+    modes = [Mode(x, 0.3 * np.eye(3), 0.0, float(log_density(x[None])[0])) for x in starts]
+    groups = separate_groups(log_density, modes)
+    assert [len(group) for group in groups] == [3, 1]
+    assert groups[0][0] is modes[0]
+    start = search(target, starts, np.ones(3), QUICK.search_rng(), QUICK.population)
+    assert len(start.proposal.parts) == 1
 
 
 def test_quantities_and_reasons_are_those_of_the_target():

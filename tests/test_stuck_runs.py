@@ -65,7 +65,8 @@ def with_a_wall(monkeypatch):
 
         return replace(free, log_prob=log_prob)
 
-    def on_two_sides(population, log_weight, rng, *, ensembles, walkers):
+    def on_two_sides(start, *, ensembles, walkers):
+        population, log_weight = start.points, start.log_weight
         weight = np.exp(log_weight - log_weight.max())
         order = np.argsort(population[:, 2])
         share = np.cumsum(weight[order]) / weight.sum()
@@ -75,7 +76,7 @@ def with_a_wall(monkeypatch):
         for i in range(ensembles):
             side = (-1) ** i * (population[:, 2] - at) > place["width"]
             there = np.where(side, log_weight, -np.inf)
-            out += starts(population, there, rng, ensembles=1, walkers=walkers)
+            out += starts(replace(start, log_weight=there), ensembles=1, walkers=walkers)
         return out
 
     monkeypatch.setattr(Posterior, "target", target)

@@ -22,9 +22,10 @@ from biaxbayes.sampling.population_monte_carlo import (
     SEARCH_COMPONENTS,
     Start,
     resample,
+    resample_ridges,
 )
 from biaxbayes.sampling.population_monte_carlo import search as search_target
-from biaxbayes.sampling.proposal import fit_transported_mixture
+from biaxbayes.sampling.proposal import fit_mixture_proposal
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
 from biaxbayes.sampling.target import Target
 
@@ -146,15 +147,21 @@ def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Targ
         return None
     # Weights are ratios of densities in the same coordinates: they carry over.
     weights = log_weight[np.isfinite(log_weight)]
+    label = start.proposal.nearest_part(u[np.isfinite(log_weight)])
     softer = posterior.replaced(chart=replace(posterior.chart, softening=softening))
     with np.errstate(divide="ignore"):
         u = softer.coordinates(natural)
     regular = np.isfinite(u).all(axis=1)  # aligned fibres, to the last digit, lie at infinity
-    u, weights = u[regular], weights[regular]
-    picked = u[resample(weights, half, rng)]
+    u, weights, label = u[regular], weights[regular], label[regular]
+    label = np.unique(label, return_inverse=True)[1]
+    picked = resample_ridges(weights, label, half, rng)
     with threadpool_limits(1, user_api="blas"):
-        proposal = fit_transported_mixture(
-            picked, rng, bounds=softer.bounds, components=SEARCH_COMPONENTS
+        proposal = fit_mixture_proposal(
+            u[picked],
+            rng,
+            bounds=softer.bounds,
+            components=SEARCH_COMPONENTS * len(start.proposal.parts),
+            label=label[picked],
         )
     return softer.target(target.counts), Start(proposal, u, weights, rng)
 

@@ -34,7 +34,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.optimal_design.candidates import Candidate
 from biaxbayes.sampling.population_monte_carlo import explore, resample, tempering
-from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
+from biaxbayes.sampling.proposal import MixtureProposal, fit_mixture_proposal
 
 __all__ = [
     "OUTCOMES",
@@ -166,10 +166,15 @@ class OutcomePosterior:
         log_evidence = float(log_mean(found)) - self._normaliser(rng)
         return Sharpened(sd[0], log_evidence, float(effective[0]))
 
-    def _fitted(self, log_weight: np.ndarray, rng: np.random.Generator) -> TransportedMixture:
+    def _fitted(self, log_weight: np.ndarray, rng: np.random.Generator) -> MixtureProposal:
         chosen = resample(log_weight, POPULATION // 2, rng)
-        return fit_transported_mixture(
-            self._points[chosen], rng, bounds=self._bounds, components=COMPONENTS, screen=False
+        return fit_mixture_proposal(
+            self._points[chosen],
+            rng,
+            bounds=self._bounds,
+            components=COMPONENTS,
+            parts=1,
+            screen=False,
         )
 
     def _normaliser(self, rng: np.random.Generator) -> float:

@@ -18,13 +18,13 @@ A banana whose first coordinate ends at zero:
 ``search`` is given points of positive density to start from, and how far around them to look. It
 climbs from each to a mode (:mod:`.modes`), puts a Student t with the local curvature there
 (Laplace's approximation), and lets population Monte Carlo (:mod:`.population_monte_carlo`) turn
-that into a proposal that fits. Independent ensembles of walkers (:mod:`.ensembles`) then move by
-differential evolution and by an independence move (:mod:`.independence_move`) whose proposal
-(:mod:`.proposal`) is a mixture of Student t distributions (:mod:`.student_mixture`), seen through a
-triangular transport map (:mod:`.transport_map`) and reflected at bounds. The warm-up
-(:mod:`.adaptation`) fits it to the walkers' history; then it is frozen. :mod:`.sampler` runs blocks
-of kept steps until :mod:`.convergence` is satisfied, and :mod:`.bridge` integrates the density from
-its draws.
+that into a proposal that fits, with a part for each ridge that lies apart. Independent ensembles of
+walkers (:mod:`.ensembles`) then move by differential evolution and by an independence move
+(:mod:`.independence_move`) whose proposal (:mod:`.proposal`) is a mixture of Student t
+distributions (:mod:`.student_mixture`), seen through triangular transport maps
+(:mod:`.transport_map`) and reflected at bounds. The warm-up (:mod:`.adaptation`) fits it to the
+walkers' history; then it is frozen. :mod:`.sampler` runs blocks of kept steps until
+:mod:`.convergence` is satisfied, and :mod:`.bridge` integrates the density from its draws.
 """
 
 from biaxbayes.compilation import use_own_cache

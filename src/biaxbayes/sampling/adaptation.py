@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from biaxbayes.sampling.population_monte_carlo import LEAST_POINTS
 from biaxbayes.sampling.proposal import Located, MixtureProposal, TransportedMixture
 from biaxbayes.sampling.student_mixture import StudentMixture
 
@@ -212,8 +213,10 @@ CHECKS = ((16, 3.0), (64, 3.0), (160, 2.5), (160, 2.5), (16, np.inf))
 fitted once more. Tuned on processor time to 2,000 effective draws, the warm-up included: shipped
 specimens, three seeds, all ways of mounting and six laws. On others (measured tissue, simulated
 tests, other seeds) limits of 1.9, 1.9, 1.6 and 2.5 take 11 % longer in the geometric mean."""
-COMPONENTS, MORE_COMPONENTS = 12, 20
-"""Of the final proposal, and of one that has been fitted again."""
+COMPONENTS_OF_ROUNDS, COMPONENTS, MORE_COMPONENTS = 8, 12, 20
+"""Of the proposal of the rounds, of the final one, and of one that has been fitted again."""
+MOST_COMPONENTS = 24
+"""Of all parts together, where there are several."""
 INCREMENTS = 2
 """Rounds in which components are added."""
 LOW_EXCESS, HIGH_EXCESS = 1.6, 4.0
@@ -253,8 +256,9 @@ class WarmUp:
 
 def warm_up(
     ensembles: Ensembles,
-    proposal: TransportedMixture,
+    proposal: MixtureProposal,
     spread: np.ndarray,
+    known: np.ndarray,
     *,
     progress: Callable[[str], None] = lambda text: None,
 ) -> WarmUp:
@@ -267,21 +271,25 @@ def warm_up(
     Parameters
     ----------
     ensembles : Ensembles
-    proposal : TransportedMixture
+    proposal : MixtureProposal
         A first proposal.
     spread : ndarray, shape (n, d)
         Points spread wider than the density (:func:`.population_monte_carlo.tempered_points`). A
         proposal too narrow where they are would hold a walker for long: none is kept without a
         fit, and they make up a fifth of what a final one is fitted to.
+    known : ndarray, shape (m, d)
+        Points of every ridge (:func:`.population_monte_carlo.ridge_points`). Where the first
+        proposal has several parts, every later one is fitted to them, too: few walkers may be on a
+        ridge.
     progress : callable
         Called with a short text at each round.
     """
-    ensembles.proposal = MixtureProposal(np.ones(1), (proposal,))
+    ensembles.proposal = proposal
     ensembles.set_share(0.7)
-    rounds, points, log_prob = _adapted(ensembles, progress)
+    rounds, points, log_prob = _adapted(ensembles, known, progress)
     acceptance, excess = ensembles.acceptance, LOW_EXCESS
     if not _fits_enough(ensembles, points, log_prob, spread):
-        acceptance, excess = _final_proposal(ensembles, points, log_prob, spread, progress)
+        acceptance, excess = _final_proposal(ensembles, points, log_prob, spread, known, progress)
     message = ""
     share = 1.0 - DE_SHARES[int(np.searchsorted((LOW_EXCESS, HIGH_EXCESS), excess))]
     if acceptance < POOR_ACCEPTANCE:
@@ -296,7 +304,7 @@ def warm_up(
 
 
 def _adapted(
-    ensembles: Ensembles, progress: Callable[[str], None]
+    ensembles: Ensembles, known: np.ndarray, progress: Callable[[str], None]
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Rounds of steps and fits; their number, and the newest points with their log densities."""
     best, stalled, rounds = -1.0, 0, 0
@@ -315,7 +323,7 @@ def _adapted(
         if rounds >= REMEMBERED and (acceptance > GOOD or stalled >= 2):
             break
         if acceptance < GOOD:
-            ensembles.adapt(history, screen=False)
+            _adapt(ensembles, history, known, COMPONENTS_OF_ROUNDS, screen=False)
     return rounds, np.concatenate(recent), np.concatenate(recent_log_prob)
 
 
@@ -337,6 +345,7 @@ def _final_proposal(
     points: np.ndarray,
     log_prob: np.ndarray,
     spread: np.ndarray,
+    known: np.ndarray,
     progress: Callable[[str], None],
 ) -> tuple[float, float]:
     """Fit the proposal that is kept, once more on a longer history while its excess is large.
@@ -349,7 +358,7 @@ def _final_proposal(
         count = min(len(spread), len(points) // 4)
         chosen = ensembles.rng.choice(len(spread), count, replace=False)
         history = np.concatenate([points, spread[chosen]])
-        ensembles.adapt(history, components=components, parts=parts, screen=True)
+        _adapt(ensembles, history, known, components, parts=parts, screen=True)
         assert isinstance(ensembles.proposal, MixtureProposal)
         proposal = _with_components(
             ensembles, ensembles.proposal, points, log_prob, 2 * len(spread)
@@ -367,6 +376,27 @@ def _final_proposal(
         progress(f"adapting further, acceptance {acceptance:.2f}")
         components, parts = MORE_COMPONENTS, 2 if excess > TWO_MAPS_EXCESS else 1
     return acceptance, excess
+
+
+def _adapt(
+    ensembles: Ensembles,
+    history: np.ndarray,
+    known: np.ndarray,
+    components: int,
+    *,
+    parts: int = 1,
+    screen: bool,
+) -> None:
+    """Fit the proposal to points; a part to those of each ridge, where there are several."""
+    label = None
+    assert isinstance(ensembles.proposal, MixtureProposal)
+    if len(ensembles.proposal.parts) > 1:
+        history = np.concatenate([history, known])
+        by_part = ensembles.proposal.log_densities(history)
+        points = np.bincount(by_part.argmax(axis=0), minlength=len(by_part))
+        label = by_part[points >= LEAST_POINTS * history.shape[1]].argmax(axis=0)
+        components = min(components * (int(label.max()) + 1), MOST_COMPONENTS)
+    ensembles.adapt(history, components=components, parts=parts, label=label, screen=screen)
 
 
 def _with_components(

@@ -266,12 +266,20 @@ class Ensembles:
         *,
         components: int | None = None,
         parts: int = 1,
+        label: np.ndarray | None = None,
         screen: bool = True,
     ) -> None:
         """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
         lead = self.members[0].independence
         with threadpool_limits(1, user_api="blas"):
-            lead.adapt(history, components=components, parts=parts, screen=screen, begin=self.begin)
+            lead.adapt(
+                history,
+                components=components,
+                parts=parts,
+                label=label,
+                screen=screen,
+                begin=self.begin,
+            )
         assert lead.proposal is not None
         self.proposal = lead.proposal
 

@@ -90,13 +90,14 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         *,
         components: int | None = None,
         parts: int = 1,
+        label: np.ndarray | None = None,
         screen: bool = True,
         begin: Begin = when_asked,
     ) -> None:
         """Fit the proposal to a history of walkers, shape (n, d).
 
-        ``components`` overrides the limit of the constructor for this fit; ``parts``, ``screen``
-        and ``begin`` as in :func:`.proposal.fit_mixture_proposal`.
+        ``components`` overrides the limit of the constructor for this fit; ``parts``, ``label``,
+        ``screen`` and ``begin`` as in :func:`.proposal.fit_mixture_proposal`.
 
         Raises
         ------
@@ -111,6 +112,7 @@ class AdaptedIndependenceMove(emcee.moves.Move):
             components=components or self.components,
             bounds=self.bounds,
             parts=parts,
+            label=label,
             screen=screen,
             begin=begin,
         )

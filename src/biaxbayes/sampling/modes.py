@@ -13,7 +13,7 @@ import numpy as np
 
 from biaxbayes.sampling.target import LogDensity
 
-__all__ = ["Mode", "find_modes", "local_mode"]
+__all__ = ["Mode", "find_modes", "local_mode", "separate_groups"]
 
 
 MAX_STEPS = 40
@@ -176,6 +176,48 @@ def find_modes(
         if matters and len(kept) < MOST_MODES and not any(_same(mode, other) for other in kept):
             kept.append(mode)
     return kept
+
+
+SADDLE = 3.0
+"""Modes are on one ridge where the log density falls by less than this between them."""
+BETWEEN = 33
+"""Points of the straight line between two modes at which that is seen."""
+
+
+def separate_groups(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
+    """Modes by the ridge that they lie on.
+
+    Two modes are on one ridge where the density along the straight line between them, or between
+    others of the ridge, does not fall much below the lower one. A ridge that bends away from the
+    line may count as two.
+
+    Parameters
+    ----------
+    log_density : callable
+        Vectorised, (n, d) to (n,).
+    modes : list of Mode
+
+    Returns
+    -------
+    list of list of Mode
+        Groups, in each of them the first mode first.
+    """
+    groups: list[list[Mode]] = []
+    for mode in modes:
+        apart, joined = [], [mode]
+        for group in groups:
+            if any(_on_one_ridge(log_density, mode, m) for m in group):
+                joined = [*group, *joined]
+            else:
+                apart.append(group)
+        groups = [*apart, joined]
+    return groups
+
+
+def _on_one_ridge(log_density: LogDensity, one: Mode, other: Mode) -> bool:
+    t = np.linspace(0.0, 1.0, BETWEEN)[:, None]
+    between = log_density((1.0 - t) * one.location + t * other.location)
+    return bool(between.min() > min(one.height, other.height) - SADDLE)
 
 
 def _climb(

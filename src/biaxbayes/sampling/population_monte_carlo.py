@@ -4,6 +4,12 @@ A population is drawn from a proposal, weighted by density over proposal, and th
 fitted to it (Cappe et al., J. Comput. Graph. Stat. 13 (2004) 907). Thousands of points at once
 cost a compiled density a few milliseconds; walkers would need hundreds of steps to come as far.
 The first proposal has a Student t around every mode (:mod:`.modes`).
+
+One transport map and its mixture do not describe ridges that lie apart, and fitted to points of
+both, they lose one of them for good. So each ridge has a part of the proposal of its own, fitted to
+the points at which that part is the densest, and as many points as any other. A ridge that had
+points by its mass would have few where it is light; a part that is fitted to few fits badly, so
+that the ridge seems lighter yet.
 """
 
 from __future__ import annotations
@@ -14,11 +20,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.sampling.modes import Mode, find_modes
+from biaxbayes.sampling.modes import Mode, find_modes, separate_groups
 from biaxbayes.sampling.proposal import (
-    TransportedMixture,
+    MixtureProposal,
     first_proposal,
-    fit_transported_mixture,
+    fit_mixture_proposal,
 )
 from biaxbayes.sampling.target import LogDensity, Target
 
@@ -29,6 +35,8 @@ __all__ = [
     "effective_share",
     "explore",
     "resample",
+    "resample_ridges",
+    "ridge_points",
     "search",
     "tempered_points",
     "tempering",
@@ -51,8 +59,8 @@ class Start:
 
     Attributes
     ----------
-    proposal : TransportedMixture
-        A proposal that fits the density.
+    proposal : MixtureProposal
+        A proposal that fits the density, with a part for each ridge that lies apart.
     points : ndarray, shape (n, d)
         A population spread over the density.
     log_weight : ndarray, shape (n,)
@@ -61,7 +69,7 @@ class Start:
         The random numbers that the search drew from; what follows goes on with them.
     """
 
-    proposal: TransportedMixture
+    proposal: MixtureProposal
     points: np.ndarray
     log_weight: np.ndarray
     rng: np.random.Generator
@@ -78,9 +86,10 @@ def search(
 ) -> Start:
     """Find all modes of a density that carry mass, and a population spread over them.
 
-    The first proposal has two Student t distributions at each mode, one of the local curvature
-    and one of twice its width; three nested and wide ones, around the highest mode and the first
-    start, are there in case the modes are not all.
+    The first proposal has a part for each group of modes that lie on one ridge. It has two Student
+    t distributions at each mode, one of the local curvature and one of twice its width; three
+    nested and wide ones, around the first mode and the first start, are there in case the modes are
+    not all.
 
     Parameters
     ----------
@@ -92,7 +101,7 @@ def search(
     rng : numpy.random.Generator
         :meth:`.sampler.Plan.search_rng` makes it from a seed.
     population : int
-        Points of a generation.
+        Points of a generation; twice as many where there are several ridges.
     known : ndarray of bool, shape (d,), optional
         Coordinates whose ``scale`` is their spread already: no distribution is wider there.
 
@@ -107,41 +116,49 @@ def search(
     ]
     pinned = np.zeros(len(scale), dtype=bool) if known is None else known
     wide = [np.diag(scale * np.where(pinned, 1.0, width)) for width in NESTED]
-    means = [m.location for m in modes for _ in range(2)] + [modes[0].location, centre, centre]
-    factors = [width * m.factor for m in modes for width in (1.0, 2.0)] + wide
-    shares = [share / len(modes) for _ in modes for share in (0.4, 0.3)] + [0.1] * 3
-    first = first_proposal(np.array(means), factors, np.array(shares), bounds)
+    ridges = separate_groups(target.log_prob, modes)
+    parts = []
+    for ridge in ridges:
+        means = [m.location for m in ridge for _ in range(2)] + [ridge[0].location, centre, centre]
+        factors = [width * m.factor for m in ridge for width in (1.0, 2.0)] + wide
+        shares = [share / len(ridge) for _ in ridge for share in (0.4, 0.3)] + [0.1] * 3
+        parts.append(first_proposal(np.array(means), factors, np.array(shares), bounds))
+    weights = np.array([len(ridge) for ridge in ridges]) / len(modes)
+    first = MixtureProposal(weights, tuple(parts))
     return Start(*explore(target.log_prob, first, bounds, rng, population), rng)
 
 
 def explore(
     log_density: LogDensity,
-    proposal: TransportedMixture,
+    proposal: MixtureProposal,
     bounds: np.ndarray,
     rng: np.random.Generator,
     population: int = POPULATION,
     components: int = SEARCH_COMPONENTS,
-) -> tuple[TransportedMixture, np.ndarray, np.ndarray]:
+) -> tuple[MixtureProposal, np.ndarray, np.ndarray]:
     """From a first proposal to one that fits a density.
 
     The first one is much wider than the density, so the weights are tempered: raised to the
-    largest power that keeps a share of the population effective. A mode that no point of a
-    generation comes near is lost; :mod:`.modes` looks for them beforehand.
+    largest power that keeps a share of the population effective, in each part of the proposal for
+    itself. All parts have as many points. A mode that no point of a generation comes near is lost;
+    :mod:`.modes` looks for them beforehand. A part is given up once its points, none of which
+    stands out, weigh next to nothing.
 
     Parameters
     ----------
     log_density : callable
         Vectorised, (n, d) to (n,); -inf where the density is zero.
-    proposal : TransportedMixture
+    proposal : MixtureProposal
     bounds : ndarray, shape (d, 2)
     rng : numpy.random.Generator
     population : int
+        Points of a generation; twice as many where there are several parts.
     components : int
-        Largest number of mixture components of each proposal.
+        Largest number of mixture components of each part.
 
     Returns
     -------
-    proposal : TransportedMixture
+    proposal : MixtureProposal
     population : ndarray, shape (n, d)
     log_weight : ndarray, shape (n,)
         Of the last generation.
@@ -153,27 +170,84 @@ def explore(
     """
     best_share, stalled = 0.0, 0
     for _ in range(MAX_GENERATIONS):
-        u = proposal.sample(rng, population)
+        u = proposal.sample(rng, population * min(len(proposal.parts), MOST_POPULATIONS))
         log_prob = log_density(u)
         inside = np.isfinite(log_prob)
         log_weight = np.full(len(u), -np.inf)
         log_weight[inside] = log_prob[inside] - proposal.log_density(u[inside])
         if not np.isfinite(log_weight).any():
             raise NotConverged("no region of positive density around the starting points")
-        power = tempering(log_weight)
-        share = effective_share(log_weight)
-        if power == 1.0:
+        label = _ridges(proposal, u, log_weight)
+        powers = [tempering(log_weight[label == k]) for k in range(label.max() + 1)]
+        if min(powers) == 1.0:
+            share = min(effective_share(log_weight[label == k]) for k in range(len(powers)))
             stalled = 0 if share > best_share + 0.02 else stalled + 1
             best_share = max(share, best_share)
             if share > TARGET_SHARE or stalled >= 2:
                 break
-        tempered = np.where(inside, power * np.where(inside, log_weight, 0.0), -np.inf)
-        chosen = resample(tempered, population // 2, rng)
-        with threadpool_limits(1, user_api="blas"):
-            proposal = fit_transported_mixture(
-                u[chosen], rng, bounds=bounds, components=components, screen=False
-            )
+        tempered = np.where(
+            inside, np.array(powers)[label] * np.where(inside, log_weight, 0.0), -np.inf
+        )
+        proposal = _fitted(u, tempered, label, rng, bounds, components)
     return proposal, u, log_weight
+
+
+def _fitted(
+    u: np.ndarray,
+    log_weight: np.ndarray,
+    label: np.ndarray,
+    rng: np.random.Generator,
+    bounds: np.ndarray,
+    components: int,
+) -> MixtureProposal:
+    """A proposal with a part fitted to the weighted points of each ridge."""
+    chosen = resample_ridges(log_weight, label, len(u) // 2, rng)
+    most = components * (int(label.max()) + 1)
+    with threadpool_limits(1, user_api="blas"):
+        return fit_mixture_proposal(
+            u[chosen], rng, bounds=bounds, components=most, label=label[chosen], screen=False
+        )
+
+
+MOST_POPULATIONS = 2
+"""Populations that several parts share."""
+NEGLIGIBLE_MASS = 1e-3
+"""Share of the density below which a part of the proposal that fits is given up."""
+LEAST_POINTS = 5
+"""Points a dimension below which a part is given up: another is denser where it is."""
+
+
+def _ridges(proposal: MixtureProposal, u: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
+    """The ridge of each point, from zero: the densest part of those that are to be kept."""
+    by_part = proposal.log_densities(u)
+    label = by_part.argmax(axis=0)
+    w = np.exp(log_weight - log_weight.max())
+    masses, kept = np.bincount(label, w) / w.sum(), []
+    for k, mass in enumerate(masses):
+        own = log_weight[(label == k) & np.isfinite(log_weight)]
+        seen = len(own) >= LEAST_POINTS * u.shape[1]
+        if seen and (mass >= NEGLIGIBLE_MASS or tempering(own) < 1.0):
+            kept.append(k)
+    return np.asarray(by_part[kept or [int(masses.argmax())]].argmax(axis=0))
+
+
+def resample_ridges(
+    log_weight: np.ndarray, label: np.ndarray, size: int, rng: np.random.Generator
+) -> np.ndarray:
+    """As :func:`resample`, from each ridge as many as from any other.
+
+    Parameters
+    ----------
+    log_weight : ndarray, shape (n,)
+    label : int64 ndarray, shape (n,)
+        The ridge of each point, from zero; each has points of positive weight.
+    size : int
+        How many from all of them.
+    rng : numpy.random.Generator
+    """
+    ridges = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)]
+    each = size // len(ridges)
+    return np.concatenate([own[resample(log_weight[own], each, rng)] for own in ridges])
 
 
 def effective_share(log_weight: np.ndarray) -> float:
@@ -205,34 +279,54 @@ def resample(log_weight: np.ndarray, size: int, rng: np.random.Generator) -> np.
     )
 
 
-def tempered_points(
-    population: np.ndarray, log_weight: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """Points of a population drawn by the square root of their weights, shape (n, d)."""
-    return population[resample(0.5 * log_weight, len(population) // 2, rng)]
+def tempered_points(start: Start) -> np.ndarray:
+    """Points of a population spread wider than the density, shape (n, d).
+
+    Drawn by the square root of their weights: about twice the variance of each ridge.
+    """
+    half = len(start.points) // 2
+    return start.points[resample(_softened(start), half, start.rng)]
 
 
-def dispersed_starts(
-    population: np.ndarray,
-    log_weight: np.ndarray,
-    rng: np.random.Generator,
-    *,
-    ensembles: int,
-    walkers: int,
-) -> list[np.ndarray]:
-    """Starts of independent ensembles, spread wider than the posterior.
+RIDGE_POINTS = 600
+"""Points of each ridge that fits during the warm-up are made of, beside the walkers' history."""
 
-    Drawn from a population by the square root of its weights: about twice the posterior's
-    variance.
+
+def ridge_points(start: Start) -> np.ndarray:
+    """Points of a population drawn by their weights, as many of each ridge, shape (n, d)."""
+    some = np.isfinite(start.log_weight)
+    points, log_weight = start.points[some], start.log_weight[some]
+    label = np.unique(start.proposal.nearest_part(points), return_inverse=True)[1]
+    size = RIDGE_POINTS * (int(label.max()) + 1)
+    return points[resample_ridges(log_weight, label, size, start.rng)]
+
+
+def dispersed_starts(start: Start, *, ensembles: int, walkers: int) -> list[np.ndarray]:
+    """Starts of independent ensembles, spread as :func:`tempered_points`.
 
     Returns
     -------
     list of ndarray, shape (walkers, d)
     """
     starts = []
+    softened = _softened(start)
     for _ in range(ensembles):
         # Without replacement (Gumbel keys), so that the walkers are distinct.
-        keys = 0.5 * log_weight + rng.gumbel(size=log_weight.size)
-        keys[~np.isfinite(log_weight)] = -np.inf
-        starts.append(population[np.argsort(keys)[::-1][:walkers]])
+        keys = softened + start.rng.gumbel(size=softened.size)
+        keys[~np.isfinite(softened)] = -np.inf
+        starts.append(start.points[np.argsort(keys)[::-1][:walkers]])
     return starts
+
+
+def _softened(start: Start) -> np.ndarray:
+    """Half the log weights, each ridge as heavy as it is: walkers seldom change between ridges."""
+    log_weight = start.log_weight
+    soft = 0.5 * log_weight
+    if len(start.proposal.parts) == 1:
+        return soft
+    label = start.proposal.nearest_part(start.points)
+    for k in range(len(start.proposal.parts)):
+        own = (label == k) & np.isfinite(log_weight)
+        if own.any():
+            soft[own] += np.logaddexp.reduce(log_weight[own]) - np.logaddexp.reduce(soft[own])
+    return soft

@@ -239,6 +239,12 @@ class MixtureProposal:
         """Log of weight times density of each part at points of shape (n, d); shape (p, n)."""
         return self.log_densities_at(self.located(x))
 
+    def nearest_part(self, x: np.ndarray) -> np.ndarray:
+        """The part that is densest at points of shape (n, d); shape (n,)."""
+        if len(self.parts) == 1:
+            return np.zeros(len(x), dtype=int)
+        return np.asarray(self.log_densities(x).argmax(axis=0))
+
     def located(self, x: np.ndarray) -> Located:
         """Points of shape (n, d) in the reference coordinates of each part, with ln |dr/dx|."""
         return [part.transport.to_reference(x) for part in self.parts]
@@ -283,12 +289,13 @@ def fit_mixture_proposal(
     bounds: np.ndarray | None = None,
     components: int = 20,
     parts: int = 2,
+    label: np.ndarray | None = None,
     screen: bool = True,
     begin: Begin = when_asked,
 ) -> MixtureProposal:
     """Fit a mixture proposal, a part to each group of near points.
 
-    Groups are those of k-means on standardised coordinates.
+    Groups are stated, or those of k-means on standardised coordinates.
 
     Parameters
     ----------
@@ -299,16 +306,19 @@ def fit_mixture_proposal(
     components : int
         Largest number of mixture components of all parts together.
     parts : int
-        Groups; one where they would be too unequal.
+        Groups of k-means; one where they would be too unequal.
+    label : int64 ndarray, shape (n,), optional
+        The group of each point, from zero; each number has points.
     screen : bool
         As in :func:`fit_transported_mixture`.
     begin : callable
         Begins the fits of all parts but one beside it (:data:`.executors.beside.Begin`).
     """
-    label = _groups(points, rng, parts, begin) if parts > 1 else np.zeros(len(points), dtype=int)
+    one = np.zeros(len(points), dtype=int)
+    if label is None:
+        label = _groups(points, rng, parts, begin) if parts > 1 else one
+        label = label if np.bincount(label).min() >= MIN_SHARE * len(points) else one
     share = np.bincount(label) / len(points)
-    if share.min() < MIN_SHARE:
-        label, share = np.zeros(len(points), dtype=int), np.ones(1)
     most = max(1, components // len(share))
     first, *others = (_Drawn.of(points[label == k], rng, bounds, most) for k in range(len(share)))
     begun = [begin(_fitted, drawn, screen) for drawn in others]

@@ -25,6 +25,7 @@ from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
     Start,
     dispersed_starts,
+    ridge_points,
     search,
     tempered_points,
 )
@@ -276,13 +277,8 @@ def _dispersed(target: Target, start: Start, plan: Plan) -> Ensembles:
     """Ensembles spread wider than the density, from what a search found."""
     from biaxbayes.sampling.ensembles import Ensembles
 
-    starts = dispersed_starts(
-        start.points,
-        start.log_weight,
-        start.rng,
-        ensembles=plan.ensembles,
-        walkers=max(plan.walkers, 4 * target.dimension),
-    )
+    walkers = max(plan.walkers, 4 * target.dimension)
+    starts = dispersed_starts(start, ensembles=plan.ensembles, walkers=walkers)
     return Ensembles(
         target.log_prob,
         starts,
@@ -297,11 +293,11 @@ def _warmed_up(
     ensembles: Ensembles, target: Target, start: Start, progress: Callable[[Progress], None]
 ) -> State:
     """The state of ensembles that have forgotten where they began."""
-    spread = tempered_points(start.points, start.log_weight, start.rng)
     warmed = warm_up(
         ensembles,
         start.proposal,
-        spread,
+        tempered_points(start),
+        ridge_points(start),
         progress=lambda text: progress(Progress(f"warming up: {text}")),
     )
     assert isinstance(ensembles.proposal, MixtureProposal)
