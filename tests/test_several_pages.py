@@ -224,7 +224,9 @@ def test_the_page_explains_its_words(page):
         assert f"{term} {said}" in text, term
     assert html.count('href="#words"') >= 5
     assert "within the law" in html and "stated of the tissue" in html
-    assert "<script" not in html and "http" not in html.split("</style>")[1]
+    # the bytes of an image can spell anything
+    written = re.sub(r"base64,[A-Za-z0-9+/=]+", "", html.split("</style>")[1])
+    assert "<script" not in html and "http" not in written
 
 
 @pytest.mark.long
