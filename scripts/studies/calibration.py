@@ -325,10 +325,12 @@ where `three-ratios.csv` is that of `biaxbayes simulate --material donor2-media 
 --ratio 1:0.5 --ratio 0.5:1 --increments 20 --noise-N 0.0006 --out three-ratios.csv`. (`--break`
 is a hidden option of `biaxbayes calibrate`.)
 
-A law of eight parameters or more is drawn with the ensembles of `biaxbayes sample`. With the
-smaller ones of a study, which do for the others, 88 of 200 chains of `four-fibre` did not converge,
-and the ranks of its fibres were not uniform: such a run is to be continued, not used. The
-posterior of `four-fibre` often has [two modes](laws.md), of which a run may lose one.
+A law of eight parameters or more is drawn with the ensembles of `biaxbayes sample`; the smaller
+ones of a study do for the others. The posterior of `four-fibre` often has [two modes](laws.md) or
+more. Ranks of its fibres are not uniform for two reasons: some of the records that so wide a prior
+draws (a k2_x of 78, stresses of hundreds of kPa) are not fitted, which the run says, and which is
+ranked all the same; and in some runs a part of one mode is reached by differential evolution alone,
+too seldom for its mass. A run that has not converged is to be continued, not used.
 
 The same for populations stands on [their page](population-evidence.md).
 """
