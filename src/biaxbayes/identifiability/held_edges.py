@@ -9,6 +9,7 @@ free, and held.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -149,12 +150,12 @@ def _lost(causes: Sequence[tuple[str, int, str]], name: str, edge: Edge) -> bool
 
 def _drawn(posterior: Posterior, seed: int) -> tuple[dict[str, np.ndarray], np.ndarray, float]:
     """Draws of every quantity, their weights, and how many they are worth."""
-    from biaxbayes.model.search import draw_posterior, search
-    from biaxbayes.sampling.sampler import Plan
+    from biaxbayes.model.search import search
+    from biaxbayes.sampling.sampler import Plan, draw
 
     plan = Plan(ess=LEAST_ESS, seed=seed)
-    target, start = search(posterior, plan.search_rng())
-    x = start.proposal.sample(start.rng, DRAWS)
+    target, start = search(posterior, plan.search_rng(), plan.population)
+    x = start.proposal.sample(deepcopy(start.rng), DRAWS)  # the sampler goes on with its own
     log_prob = target.log_prob(x)
     x, log_prob = x[np.isfinite(log_prob)], log_prob[np.isfinite(log_prob)]
     log_weight = log_prob - start.proposal.log_density(x)
@@ -163,7 +164,7 @@ def _drawn(posterior: Posterior, seed: int) -> tuple[dict[str, np.ndarray], np.n
     draws = float(weight.sum() ** 2 / (weight**2).sum()) if weight.size else 0.0
     if draws >= LEAST_ESS and weight.max() < LARGEST_SHARE * weight.sum():
         return _judged(target.quantities(x), posterior), weight, draws
-    found = draw_posterior(posterior, plan)
+    found = draw(target, start, plan)
     ess = found.convergence.worst_ess if found.convergence.state == "converged" else 0.0
     flat = {name: values.ravel() for name, values in found.quantities.items()}
     some = next(iter(flat.values()))
