@@ -7,7 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
+
+from biaxbayes.laws import LAWS
+from biaxbayes.laws.response import _STATED
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.specimens.specimen import Protocol, Specimen
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 DENSITY = """
@@ -22,6 +29,25 @@ u = rng.normal(0.0, 0.3, (200, posterior.dimension))
 mixture = StudentMixture.from_factors(np.ones(1), np.zeros((1, 3)), np.eye(3)[None])
 print(posterior.log_prob(u).tobytes().hex(), mixture.log_density(rng.normal(size=(99, 3))).sum())
 """
+
+
+def test_compiled_functions_of_two_laws_have_two_names():
+    """Of one name, and compiled by two processes, one would run in the environment of the other.
+
+    A name tells types by their text, and processes count what they compile from the same number.
+    """
+    up = np.linspace(0.0, 1.0, 6)
+    record = Protocol("1", 1.0 + 0.2 * up, 1.0 + 0.1 * up, 10.0 * up, 8.0 * up)
+    specimen = Specimen("virtual", (record,), "piola", load_noise=0.5)
+    types = [
+        numba.typeof(
+            Posterior(specimen, law=law, mounting="ignored", noise="independent")._assembly.problem
+        )
+        for law in LAWS
+    ]
+    assert len({str(kind) for kind in types}) == len(LAWS)
+    registered = {kind for _, kind in _STATED}
+    assert len({kind.__name__ for kind in registered}) == len(registered)
 
 
 @pytest.mark.long

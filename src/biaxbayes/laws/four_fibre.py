@@ -44,7 +44,7 @@ __all__ = ["FourFibreLaw"]
 # --- the model ---------------------------------------------------------------------------------
 
 
-class Constants(NamedTuple):
+class FourFibreConstants(NamedTuple):
     """c and k1 (kPa), k2 of the families along x, y and the diagonals, and cos^2 alpha."""
 
     c: Any
@@ -125,7 +125,7 @@ def _energy(constants, X, Y, Z):
 
 
 register(
-    Constants,
+    FourFibreConstants,
     exponents=_exponents,
     derivatives=_derivatives,
     second_derivatives=_second_derivatives,
@@ -140,7 +140,7 @@ _C, _K1X, _K2X, _K1Y, _K2Y, _K1D, _K2D, _ALPHA = range(8)
 _FAMILIES = (("k1_x", "k2_x"), ("k1_y", "k2_y"), ("k1_d", "k2_d"))
 
 
-class Coordinates(NamedTuple):
+class FourFibreCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
     Each parameter's field is 1 where it is held as a root; ``log_scale`` is ln s, s in kPa,
@@ -199,7 +199,7 @@ def _to_natural(coordinates, value):
 
 
 def _constants_at(coordinates, value):
-    return Constants(
+    return FourFibreConstants(
         value[_C],
         value[_K1X],
         value[_K2X],
@@ -211,7 +211,7 @@ def _constants_at(coordinates, value):
     )
 
 
-register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+register(FourFibreCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -275,17 +275,17 @@ class FourFibreLaw(Law):
             "fibres carried load in extension only"
         )
 
-    def constants_at_point(self, *point: Any) -> Constants:
+    def constants_at_point(self, *point: Any) -> FourFibreConstants:
         """Constants at (c, k1_x, k2_x, k1_y, k2_y, k1_d, k2_d, cos^2 alpha)."""
-        return Constants(*point)
+        return FourFibreConstants(*point)
 
     # --- sampling coordinates ---
 
-    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+    def coordinates(self, layout: SamplingLayout) -> FourFibreCoordinates:
         """Constants of the sampling coordinates."""
         X, Y, Z = layout.widest
         held = {n: float(layout.structural and n in layout.free) for n in self.names[:_ALPHA]}
-        return Coordinates(
+        return FourFibreCoordinates(
             **held,
             log_scale=log_stress_scale(layout.peak_kPa),
             log_matrix=0.5 * float(np.log((X - Z) * (Y - Z))),
@@ -294,7 +294,7 @@ class FourFibreLaw(Law):
         )
 
     def to_coordinates(
-        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+        self, coordinates: FourFibreCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of stiffnesses, exponents; radians."""
         out = dict(values)
@@ -310,12 +310,14 @@ class FourFibreLaw(Law):
             out["c"] = root(values["c"] + coordinates.log_matrix - coordinates.log_scale)
         return out
 
-    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+    def coordinate_bounds(
+        self, coordinates: FourFibreCoordinates
+    ) -> dict[str, tuple[float, float]]:
         """Bounds of the angle."""
         del coordinates
         return {"alpha": (0.0, 0.5 * np.pi)}
 
-    def coordinate_widths(self, coordinates: Coordinates) -> dict[str, float]:
+    def coordinate_widths(self, coordinates: FourFibreCoordinates) -> dict[str, float]:
         """Of the roots."""
         held = (name for name in self.names[:_ALPHA] if getattr(coordinates, name) > 0.0)
         return dict.fromkeys(held, ROOT_WIDTH)

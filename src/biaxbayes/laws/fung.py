@@ -33,7 +33,7 @@ __all__ = ["FungLaw"]
 # --- the model ---------------------------------------------------------------------------------
 
 
-class Constants(NamedTuple):
+class FungConstants(NamedTuple):
     """c0, c in kPa and the numbers of the form."""
 
     c0: Any
@@ -84,7 +84,7 @@ def _energy(constants, X, Y, Z):
 
 
 register(
-    Constants,
+    FungConstants,
     exponents=_exponents,
     derivatives=_derivatives,
     second_derivatives=_second_derivatives,
@@ -98,7 +98,7 @@ register(
 _C0, _C, _BX, _BY, _BXY = range(5)
 
 
-class Coordinates(NamedTuple):
+class FungCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``structural`` is 1 where c, b_x and b_y are held as ln T, ln Q* and d; ``rho`` is 1 where b_xy
@@ -135,10 +135,10 @@ def _to_natural(coordinates, value):
 
 
 def _constants_at(coordinates, value):
-    return Constants(value[_C0], value[_C], value[_BX], value[_BY], value[_BXY])
+    return FungConstants(value[_C0], value[_C], value[_BX], value[_BY], value[_BXY])
 
 
-register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+register(FungCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -189,12 +189,12 @@ class FungLaw(Law):
 
     # --- sampling coordinates ---
 
-    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+    def coordinates(self, layout: SamplingLayout) -> FungCoordinates:
         """Constants of the sampling coordinates."""
         free = set(layout.free)
         X, Y, _ = layout.reference
         rho = layout.chart and "b_xy" in free
-        return Coordinates(
+        return FungCoordinates(
             float(layout.structural and rho and {"c", "b_x", "b_y"} <= free),
             float(rho),
             0.5 * (X - 1.0),
@@ -202,7 +202,7 @@ class FungLaw(Law):
         )
 
     def to_coordinates(
-        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+        self, coordinates: FungCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of c0, c, b_x, b_y."""
         out = dict(values)
@@ -218,7 +218,7 @@ class FungLaw(Law):
             out["c"] = values["c"] + log_Q + Q
         return out
 
-    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+    def coordinate_bounds(self, coordinates: FungCoordinates) -> dict[str, tuple[float, float]]:
         """Bounds of rho."""
         return {"b_xy": (-1.0, 1.0)} if coordinates.rho > 0.0 else {}
 
@@ -240,16 +240,16 @@ class FungLaw(Law):
         c = self.constants_at_point(*(float(v) for v in point))
         return tuple(float(v) for v in c)
 
-    def constants_at_point(self, c0, c, b_x, b_y, b_xy) -> Constants:
+    def constants_at_point(self, c0, c, b_x, b_y, b_xy) -> FungConstants:
         """Constants; the coupling is cut where the form would not be positive definite."""
         most = np.sqrt(b_x * b_y)
         beyond = np.abs(np.real(b_xy)) > np.real(most)
         cut = np.where(np.real(b_xy) < 0.0, -most, most)
-        return Constants(c0, c, b_x, b_y, np.where(beyond, cut, b_xy)[()])
+        return FungConstants(c0, c, b_x, b_y, np.where(beyond, cut, b_xy)[()])
 
-    def constants(self, c0, c, b_x, b_y, b_xy) -> Constants:
+    def constants(self, c0, c, b_x, b_y, b_xy) -> FungConstants:
         """Constants."""
-        return Constants(c0, c, b_x, b_y, b_xy)
+        return FungConstants(c0, c, b_x, b_y, b_xy)
 
     def shapes(
         self, size: int, largest: np.ndarray, rng: np.random.Generator

@@ -60,7 +60,7 @@ __all__ = ["EXPONENT_NEARNESS", "GOH", "GOHLaw"]
 # --- the model ---------------------------------------------------------------------------------
 
 
-class Constants(NamedTuple):
+class GOHConstants(NamedTuple):
     """C1, k1 (kPa), k2, the structure tensor, and 1 where the fibres carry no compression."""
 
     C1: Any
@@ -99,7 +99,7 @@ def _energy(constants, X, Y, Z):
 
 
 register(
-    Constants,
+    GOHConstants,
     exponents=_exponents,
     derivatives=_derivatives,
     second_derivatives=_second_derivatives,
@@ -113,7 +113,7 @@ register(
 C1, K1, K2, ALPHA, KAPPA = range(5)
 
 
-class Coordinates(NamedTuple):
+class GOHCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``chart`` is 1 for (d, v), 0 for (alpha, kappa); ``structural`` 1 where k1 and k2 are held as
@@ -156,10 +156,10 @@ def _to_natural(coordinates, value):
 
 def _constants_at(coordinates, value):
     Hx, Hy, Hz = structure_tensor(value[ALPHA], value[KAPPA])
-    return Constants(value[C1], value[K1], value[K2], Hx, Hy, Hz, coordinates.switch)
+    return GOHConstants(value[C1], value[K1], value[K2], Hx, Hy, Hz, coordinates.switch)
 
 
-register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+register(GOHCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -203,10 +203,10 @@ class GOHLaw(Law):
     ties = (("k1", "C1"), ("C1", "k1"))
     meaningless: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"),)}
 
-    def constants_at_point(self, C1, k1, k2, t, kappa) -> Constants:
+    def constants_at_point(self, C1, k1, k2, t, kappa) -> GOHConstants:
         """Constants at t = cos^2 alpha."""
         Hx, Hy, Hz = structure_tensor_of(t, kappa)
-        return Constants(C1, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
+        return GOHConstants(C1, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
 
     @property
     def in_words(self) -> str:
@@ -219,11 +219,11 @@ class GOHLaw(Law):
 
     # --- sampling coordinates ---
 
-    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+    def coordinates(self, layout: SamplingLayout) -> GOHCoordinates:
         """Constants of the sampling coordinates; the chart only where both angles are free."""
         free = layout.free
         chart = layout.chart and "alpha" in free and "kappa" in free
-        return Coordinates(
+        return GOHCoordinates(
             float(chart),
             float(layout.structural),
             layout.softening,
@@ -234,7 +234,7 @@ class GOHLaw(Law):
         )
 
     def to_coordinates(
-        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+        self, coordinates: GOHCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of C1, k1, k2; alpha in radians."""
         out = dict(values)
@@ -249,17 +249,17 @@ class GOHLaw(Law):
             out["k1"] = values["k1"] + np.exp(values["k2"]) * np.exp(log_E2) + log_EG
         return out
 
-    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+    def coordinate_bounds(self, coordinates: GOHCoordinates) -> dict[str, tuple[float, float]]:
         """Bounds of the sampling coordinates, by parameter."""
         if coordinates.chart > 0.0:
             return {"kappa": (0.0, 1.0)}
         return {"alpha": (0.0, 0.5 * np.pi), "kappa": (0.0, 1.0 / 3.0)}
 
-    def coordinate_widths(self, coordinates: Coordinates) -> dict[str, float]:
+    def coordinate_widths(self, coordinates: GOHCoordinates) -> dict[str, float]:
         """Of kappa itself, where the chart is not used."""
         return {} if coordinates.chart > 0.0 else {"kappa": 0.06}
 
-    def softens(self, coordinates: Coordinates) -> bool:
+    def softens(self, coordinates: GOHCoordinates) -> bool:
         """Where the chart is used."""
         return coordinates.chart > 0.0
 

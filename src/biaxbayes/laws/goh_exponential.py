@@ -42,7 +42,7 @@ __all__ = ["GOHExponentialLaw"]
 # --- the model ---------------------------------------------------------------------------------
 
 
-class Constants(NamedTuple):
+class GOHExponentialConstants(NamedTuple):
     """C1 (kPa) and b of the matrix; k1 (kPa), k2, structure tensor and switch of the fibres."""
 
     C1: Any
@@ -95,7 +95,7 @@ def _energy(constants, X, Y, Z):
 
 
 register(
-    Constants,
+    GOHExponentialConstants,
     exponents=_exponents,
     derivatives=_derivatives,
     second_derivatives=_second_derivatives,
@@ -109,14 +109,14 @@ register(
 _C1, _B, _K1, _K2, _ALPHA, _KAPPA = range(6)
 
 
-class Coordinates(NamedTuple):
+class GOHExponentialCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``fibres`` are those of GOH; ``C1_free``, ``b_free`` are 1 where ln S_m and ln q_m are sampled;
     ``log_I`` is ln(I1 - 3) at the reference stretch.
     """
 
-    fibres: goh.Coordinates
+    fibres: goh.GOHCoordinates
     C1_free: float
     b_free: float
     log_I: float
@@ -133,12 +133,12 @@ def _to_natural(coordinates, value):
 
 def _constants_at(coordinates, value):
     Hx, Hy, Hz = structure_tensor(value[_ALPHA], value[_KAPPA])
-    return Constants(
+    return GOHExponentialConstants(
         value[_C1], value[_B], value[_K1], value[_K2], Hx, Hy, Hz, coordinates.fibres.switch
     )
 
 
-register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+register(GOHExponentialCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -181,21 +181,21 @@ class GOHExponentialLaw(Law):
         """The law as the object of a sentence."""
         return f"{self._goh.in_words}, in a matrix that stiffens exponentially with I1"
 
-    def constants_at_point(self, C1, b, k1, k2, t, kappa) -> Constants:
+    def constants_at_point(self, C1, b, k1, k2, t, kappa) -> GOHExponentialConstants:
         """Constants at t = cos^2 alpha."""
         Hx, Hy, Hz = structure_tensor_of(t, kappa)
-        return Constants(C1, b, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
+        return GOHExponentialConstants(C1, b, k1, k2, Hx, Hy, Hz, float(self.fibre_switch))
 
     # --- sampling coordinates ---
 
-    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+    def coordinates(self, layout: SamplingLayout) -> GOHExponentialCoordinates:
         """Constants of the sampling coordinates."""
         C1, b = (float(layout.structural and name in layout.free) for name in ("C1", "b"))
         log_I = float(np.log(sum(layout.reference) - 3.0))
-        return Coordinates(self._goh.coordinates(layout), C1, b, log_I)
+        return GOHExponentialCoordinates(self._goh.coordinates(layout), C1, b, log_I)
 
     def to_coordinates(
-        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+        self, coordinates: GOHExponentialCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of C1, b, k1, k2; alpha in radians."""
         out = self._goh.to_coordinates(coordinates.fibres, values)
@@ -205,15 +205,17 @@ class GOHExponentialLaw(Law):
             out["b"] = values["b"] + coordinates.log_I
         return out
 
-    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+    def coordinate_bounds(
+        self, coordinates: GOHExponentialCoordinates
+    ) -> dict[str, tuple[float, float]]:
         """Bounds of the sampling coordinates, by parameter."""
         return self._goh.coordinate_bounds(coordinates.fibres)
 
-    def coordinate_widths(self, coordinates: Coordinates) -> dict[str, float]:
+    def coordinate_widths(self, coordinates: GOHExponentialCoordinates) -> dict[str, float]:
         """Of kappa itself, where the chart is not used."""
         return self._goh.coordinate_widths(coordinates.fibres)
 
-    def softens(self, coordinates: Coordinates) -> bool:
+    def softens(self, coordinates: GOHExponentialCoordinates) -> bool:
         """Where the chart is used."""
         return self._goh.softens(coordinates.fibres)
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from biaxbayes.laws.amplitudes import LOAD_NEARNESS, amplitude_distances
 from biaxbayes.laws.dispersed_fibres import structure_tensor
-from biaxbayes.laws.goh import EXPONENT_NEARNESS, GOH, Constants, GOHLaw
+from biaxbayes.laws.goh import EXPONENT_NEARNESS, GOH, GOHConstants, GOHLaw
 from biaxbayes.laws.law import Law, SamplingLayout
 from biaxbayes.laws.response import MaterialResponse, register
 from biaxbayes.parameters import Parameter
@@ -32,7 +32,7 @@ __all__ = ["HGOLaw"]
 _C1, _K1, _K2, _ALPHA = range(4)
 
 
-class Coordinates(NamedTuple):
+class HGOCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``k1_free``, ``k2_free`` are 1 where ln S and ln q are sampled; (X, Y) the squared reference
@@ -66,10 +66,10 @@ def _to_natural(coordinates, value):
 
 def _constants_at(coordinates, value):
     Hx, Hy, Hz = structure_tensor(value[_ALPHA], 0.0)
-    return Constants(value[_C1], value[_K1], value[_K2], Hx, Hy, Hz, 0.0)
+    return GOHConstants(value[_C1], value[_K1], value[_K2], Hx, Hy, Hz, 0.0)
 
 
-register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+register(HGOCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 _GOH = GOHLaw()
@@ -102,20 +102,20 @@ class HGOLaw(Law):
         C1, k1, k2, alpha = (float(v) for v in values)
         return GOH(C1, k1, k2, alpha, 0.0)
 
-    def constants_at_point(self, C1, k1, k2, t) -> Constants:
+    def constants_at_point(self, C1, k1, k2, t) -> GOHConstants:
         """Constants at t = cos^2 alpha."""
         return _GOH.constants_at_point(C1, k1, k2, t, 0.0)
 
     # --- sampling coordinates ---
 
-    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+    def coordinates(self, layout: SamplingLayout) -> HGOCoordinates:
         """Constants of the sampling coordinates."""
         X, Y, _ = layout.reference
         k1, k2 = (float(layout.structural and name in layout.free) for name in ("k1", "k2"))
-        return Coordinates(k1, k2, X, Y)
+        return HGOCoordinates(k1, k2, X, Y)
 
     def to_coordinates(
-        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+        self, coordinates: HGOCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of C1, k1, k2; alpha in radians."""
         out = dict(values)
@@ -126,7 +126,7 @@ class HGOLaw(Law):
             out["k1"] = values["k1"] + np.exp(values["k2"] + 2.0 * log_E) + log_E
         return out
 
-    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+    def coordinate_bounds(self, coordinates: HGOCoordinates) -> dict[str, tuple[float, float]]:
         """Bounds of the angle."""
         del coordinates
         return {"alpha": (0.0, 0.5 * np.pi)}

@@ -36,7 +36,7 @@ __all__ = ["Holzapfel2005Law"]
 # --- the model ---------------------------------------------------------------------------------
 
 
-class Constants(NamedTuple):
+class Holzapfel2005Constants(NamedTuple):
     """mu, k1 (kPa), k2, cos^2 alpha and rho."""
 
     mu: Any
@@ -100,7 +100,7 @@ def _energy(constants, X, Y, Z):
 
 
 register(
-    Constants,
+    Holzapfel2005Constants,
     exponents=_exponents,
     derivatives=_derivatives,
     second_derivatives=_second_derivatives,
@@ -114,7 +114,7 @@ register(
 _MU, _K1, _K2, _ALPHA, _RHO = range(5)
 
 
-class Coordinates(NamedTuple):
+class Holzapfel2005Coordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``k1_free``, ``k2_free`` are 1 where ln S and ln q are sampled; (X, Y, Z) the squared reference
@@ -155,10 +155,10 @@ def _to_natural(coordinates, value):
 
 def _constants_at(coordinates, value):
     cos2 = np.cos(value[_ALPHA]) ** 2
-    return Constants(value[_MU], value[_K1], value[_K2], cos2, value[_RHO])
+    return Holzapfel2005Constants(value[_MU], value[_K1], value[_K2], cos2, value[_RHO])
 
 
-register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+register(Holzapfel2005Coordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -199,9 +199,9 @@ class Holzapfel2005Law(Law):
     amplitudes = ("mu", "k1")
     meaningless: ClassVar = {"alpha": (("rho", 1, "rho = 1"), ("k1", 0, "k1 = 0"))}
 
-    def constants_at_point(self, mu, k1, k2, t, rho) -> Constants:
+    def constants_at_point(self, mu, k1, k2, t, rho) -> Holzapfel2005Constants:
         """Constants at t = cos^2 alpha."""
-        return Constants(mu, k1, k2, t, rho)
+        return Holzapfel2005Constants(mu, k1, k2, t, rho)
 
     @property
     def in_words(self) -> str:
@@ -214,13 +214,13 @@ class Holzapfel2005Law(Law):
 
     # --- sampling coordinates ---
 
-    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+    def coordinates(self, layout: SamplingLayout) -> Holzapfel2005Coordinates:
         """Constants of the sampling coordinates."""
         k1, k2 = (float(layout.structural and name in layout.free) for name in ("k1", "k2"))
-        return Coordinates(k1, k2, *layout.reference)
+        return Holzapfel2005Coordinates(k1, k2, *layout.reference)
 
     def to_coordinates(
-        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+        self, coordinates: Holzapfel2005Coordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of mu, k1, k2; alpha in radians."""
         out = dict(values)
@@ -231,7 +231,9 @@ class Holzapfel2005Law(Law):
             out["k1"] = values["k1"] + np.exp(values["k2"] + log_F) + log_G
         return out
 
-    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+    def coordinate_bounds(
+        self, coordinates: Holzapfel2005Coordinates
+    ) -> dict[str, tuple[float, float]]:
         """Bounds of the angle and of rho."""
         del coordinates
         return {"alpha": (0.0, 0.5 * np.pi), "rho": (0.0, 1.0)}
@@ -266,7 +268,7 @@ class Holzapfel2005Law(Law):
         rho[3::5] = 0.0
         X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
         one = np.ones(size)
-        F = _form(Constants(one, one, one, t, rho), X, Y, 1.0 / (X * Y))
+        F = _form(Holzapfel2005Constants(one, one, one, t, rho), X, Y, 1.0 / (X * Y))
         k2 = np.minimum(q / F, self.upper[_K2])
         return np.column_stack([one, one, k2, t, rho]), np.column_stack([0.3 * q, t, rho])
 

@@ -46,7 +46,7 @@ __all__ = ["LeeSacksLaw"]
 # --- the model ---------------------------------------------------------------------------------
 
 
-class Constants(NamedTuple):
+class LeeSacksConstants(NamedTuple):
     """c0 and c1 (kPa), the exponents c2 and c3, delta, and cos^2 alpha."""
 
     c0: Any
@@ -95,7 +95,7 @@ def _energy(constants, X, Y, Z):
 
 
 register(
-    Constants,
+    LeeSacksConstants,
     exponents=_exponents,
     derivatives=_derivatives,
     second_derivatives=_second_derivatives,
@@ -109,7 +109,7 @@ register(
 _C0, _C1, _C2, _C3, _DELTA, _ALPHA = range(6)
 
 
-class Coordinates(NamedTuple):
+class LeeSacksCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``c0``, ``c2``, ``c3`` are 1 where these are held as roots, ``stresses`` where c1 and delta are
@@ -171,7 +171,7 @@ def _to_natural(coordinates, value):
 
 
 def _constants_at(coordinates, value):
-    return Constants(
+    return LeeSacksConstants(
         value[_C0],
         value[_C1],
         value[_C2],
@@ -181,7 +181,7 @@ def _constants_at(coordinates, value):
     )
 
 
-register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+register(LeeSacksCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -236,17 +236,17 @@ class LeeSacksLaw(Law):
             "carried load in extension and compression"
         )
 
-    def constants_at_point(self, *point: Any) -> Constants:
+    def constants_at_point(self, *point: Any) -> LeeSacksConstants:
         """Constants at (c0, c1, c2, c3, delta, cos^2 alpha)."""
-        return Constants(*point)
+        return LeeSacksConstants(*point)
 
     # --- sampling coordinates ---
 
-    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+    def coordinates(self, layout: SamplingLayout) -> LeeSacksCoordinates:
         """Constants of the sampling coordinates."""
         X, Y, Z = layout.widest
         free = set(layout.free) if layout.structural else set()
-        return Coordinates(
+        return LeeSacksCoordinates(
             c0=float("c0" in free),
             c2=float("c2" in free),
             c3=float("c3" in free),
@@ -258,7 +258,7 @@ class LeeSacksLaw(Law):
         )
 
     def to_coordinates(
-        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+        self, coordinates: LeeSacksCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of c0 to c3, delta, radians."""
         out = dict(values)
@@ -278,12 +278,12 @@ class LeeSacksLaw(Law):
                 out["delta"] = root(c1 + np.log1p(-delta) + log_q3 - log_E + np.exp(log_q3))
         return out
 
-    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+    def coordinate_bounds(self, coordinates: LeeSacksCoordinates) -> dict[str, tuple[float, float]]:
         """Bounds of the angle, and of delta where it is a coordinate."""
         share = {} if coordinates.stresses > 0.0 else {"delta": (0.0, 1.0)}
         return {**share, "alpha": (0.0, 0.5 * np.pi)}
 
-    def coordinate_widths(self, coordinates: Coordinates) -> dict[str, float]:
+    def coordinate_widths(self, coordinates: LeeSacksCoordinates) -> dict[str, float]:
         """Of the roots."""
         held = [name for name in ("c0", "c2", "c3") if getattr(coordinates, name) > 0.0]
         held += ["c1", "delta"] if coordinates.stresses > 0.0 else []

@@ -38,7 +38,7 @@ __all__ = ["MayNewmanLaw"]
 # --- the model ---------------------------------------------------------------------------------
 
 
-class Constants(NamedTuple):
+class MayNewmanConstants(NamedTuple):
     """c0, k1 (kPa), k2, k3 and cos^2 alpha."""
 
     c0: Any
@@ -105,7 +105,7 @@ def _energy(constants, X, Y, Z):
 
 
 register(
-    Constants,
+    MayNewmanConstants,
     exponents=_exponents,
     derivatives=_derivatives,
     second_derivatives=_second_derivatives,
@@ -119,7 +119,7 @@ register(
 _C0, _K1, _K2, _K3, _ALPHA = range(5)
 
 
-class Coordinates(NamedTuple):
+class MayNewmanCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
     ``k1_free`` is 1 where ln S is sampled, ``both_free`` where ln Q* and d stand for k2 and k3;
@@ -171,10 +171,10 @@ def _to_natural(coordinates, value):
 
 def _constants_at(coordinates, value):
     cos2 = np.cos(value[_ALPHA]) ** 2
-    return Constants(value[_C0], value[_K1], value[_K2], value[_K3], cos2)
+    return MayNewmanConstants(value[_C0], value[_K1], value[_K2], value[_K3], cos2)
 
 
-register(Coordinates, to_natural=_to_natural, constants_at=_constants_at)
+register(MayNewmanCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
@@ -209,9 +209,9 @@ class MayNewmanLaw(Law):
         """Whether there is an exponent."""
         return np.asarray(values["k2"]) + values["k3"] > 0.0
 
-    def constants_at_point(self, c0, k1, k2, k3, t) -> Constants:
+    def constants_at_point(self, c0, k1, k2, k3, t) -> MayNewmanConstants:
         """Constants at t = cos^2 alpha."""
-        return Constants(c0, k1, k2, k3, t)
+        return MayNewmanConstants(c0, k1, k2, k3, t)
 
     @property
     def in_words(self) -> str:
@@ -224,13 +224,13 @@ class MayNewmanLaw(Law):
 
     # --- sampling coordinates ---
 
-    def coordinates(self, layout: SamplingLayout) -> Coordinates:
+    def coordinates(self, layout: SamplingLayout) -> MayNewmanCoordinates:
         """Constants of the sampling coordinates."""
         k1, k2, k3 = (layout.structural and name in layout.free for name in ("k1", "k2", "k3"))
-        return Coordinates(float(k1), float(k2 and k3), *layout.reference)
+        return MayNewmanCoordinates(float(k1), float(k2 and k3), *layout.reference)
 
     def to_coordinates(
-        self, coordinates: Coordinates, values: Mapping[str, np.ndarray]
+        self, coordinates: MayNewmanCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of c0, k1, k2, k3; alpha in radians."""
         out = dict(values)
@@ -243,7 +243,9 @@ class MayNewmanLaw(Law):
             out["k2"], out["k3"] = np.logaddexp(of_k2, of_k3), of_k3 - of_k2
         return out
 
-    def coordinate_bounds(self, coordinates: Coordinates) -> dict[str, tuple[float, float]]:
+    def coordinate_bounds(
+        self, coordinates: MayNewmanCoordinates
+    ) -> dict[str, tuple[float, float]]:
         """Bounds of the angle."""
         del coordinates
         return {"alpha": (0.0, 0.5 * np.pi)}
@@ -277,7 +279,7 @@ class MayNewmanLaw(Law):
         t[1::7], t[2::7] = 0.0, 1.0
         X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
         one = np.ones(size)
-        J, stretch = _strains(Constants(one, one, one, one, t), X, Y, 1.0 / (X * Y))
+        J, stretch = _strains(MayNewmanConstants(one, one, one, one, t), X, Y, 1.0 / (X * Y))
         k2 = np.minimum((1.0 - share) * Q / J**2, self.upper[_K2])
         k3 = np.clip(share * Q / (stretch - 1.0) ** 4, _LEAST_K3, self.upper[_K3])
         return np.column_stack([one, one, k2, k3, t]), np.column_stack([0.3 * np.log(Q), share, t])
@@ -329,6 +331,6 @@ class MayNewmanLaw(Law):
         return out
 
 
-def _largest_exponent(constants: Constants, tops: Sequence[np.ndarray]) -> np.ndarray:
+def _largest_exponent(constants: MayNewmanConstants, tops: Sequence[np.ndarray]) -> np.ndarray:
     """Largest exponent of each draw at some total stretches, shape (n,)."""
     return largest_at(lambda X, Y, Z: _exponents(constants, X, Y, Z)[0], tops)

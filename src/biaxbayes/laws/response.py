@@ -113,7 +113,8 @@ def register(kind: type, **functions: Callable[..., Any]) -> None:
     Parameters
     ----------
     kind : type
-        A ``NamedTuple``.
+        A ``NamedTuple`` whose name no other law's has: it is all that the name of a compiled
+        function says of the law, and functions that two processes compiled are linked by name.
     **functions
         By the names of the stubs, with the same argument names.
     """
