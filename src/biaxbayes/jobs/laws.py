@@ -247,9 +247,9 @@ def write_laws(compared: LawComparison, specimen: Specimen, folder: Path) -> Non
     from biaxbayes.figures.style import save_pictures
     from biaxbayes.reports.comparison import laws_page
 
-    write_csv(folder / "laws.csv", compared.table, digits=6)
-    write_csv(folder / "stated.csv", compared.stated, digits=6)
-    write_csv(folder / "left-out.csv", compared.parts, digits=6)
+    write_csv(folder / "laws.csv", compared.table, digits=8)
+    write_csv(folder / "stated.csv", compared.stated, digits=8)
+    write_csv(folder / "left-out.csv", compared.parts, digits=8)
     write_csv(folder / "stacked-draws.csv", compared.draws, digits=8)
     write_csv(folder / "stacked-bands.csv", compared.bands, digits=8)
     drawn = {
