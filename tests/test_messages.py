@@ -73,6 +73,15 @@ def test_a_strain_where_a_stretch_is_asked(capsys, small_run):
     assert code == 2 and "for a strain of 0.2 write 1.2" in err
 
 
+def test_a_protocol_that_the_run_does_not_have(capsys, small_run, tmp_path):
+    own = [p.name for p in small_run.specimen.protocols]
+    asked = ("predict", small_run.path, "--anyway", "--out", tmp_path / "out", "--protocol")
+    said = run(capsys, *asked, "nope")
+    assert said[0] == 2 and f"no protocol 'nope' in this run; it has {', '.join(own)}" in said[2]
+    assert not (tmp_path / "out").exists()
+    assert run(capsys, *asked, own[0])[0] == 0
+
+
 def test_report_of_a_folder_that_is_no_run(capsys, tmp_path):
     said = refused(capsys, "report", tmp_path)
     assert "is not a run folder" in said and "--resume" not in said
