@@ -15,6 +15,7 @@ import biaxbayes
 import quick_posteriors
 import shared
 from biaxbayes.cli import main
+from biaxbayes.cli.comparisons import _closing
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.jobs import population as job
 from biaxbayes.jobs.batch.study import Batch
@@ -144,6 +145,20 @@ def test_files_say_the_same(found):
     assert f"{row['mean_q50']:.3g}" in page
     with pytest.raises(RunError, match="not the folder of a finished population"):
         read_population(found.folder.parent)
+
+
+def test_the_terminal_qualifies_a_verdict(found):
+    table = found.groups.copy()
+    table.loc[0, ["verdict", "in_words"]] = [
+        "identified",
+        "C1: identified, but loosely, 5 to 9 kPa (90 %); sensitive to the prior",
+    ]
+    lines = _closing(replace(found, groups=table)).splitlines()
+    first = next(line for line in lines if line.startswith("C1 "))
+    assert first.endswith(" identified, but loosely; sensitive to the prior")
+    table.loc[0, "in_words"] = "C1: identified, 5 to 9 kPa (90 %)"
+    lines = _closing(replace(found, groups=table)).splitlines()
+    assert next(line for line in lines if line.startswith("C1 ")).endswith(" identified")
 
 
 @pytest.mark.long

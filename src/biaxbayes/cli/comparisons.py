@@ -290,6 +290,16 @@ def population(
     return 0 if found.state == "converged" else NOT_CONVERGED
 
 
+QUALIFIED = (", but loosely", "; sensitive to the prior")
+"""What the sentence on a verdict may add to it."""
+
+
+def _qualified(row: dict[Any, Any]) -> str:
+    """A verdict with what its sentence adds to it."""
+    sentence = str(row["in_words"])
+    return "".join((str(row["verdict"]), *(told for told in QUALIFIED if told in sentence)))
+
+
 def _closing(found: PopulationFound) -> str:
     """One screen that says what was found."""
     from biaxbayes.identifiability.verdict_names import PRIOR
@@ -318,7 +328,7 @@ def _closing(found: PopulationFound) -> str:
             new = f"{three_digits(r['new_specimen_q05'])} to {three_digits(r['new_specimen_q95'])}"
             unit = "" if r["unit"] == "1" else str(r["unit"])
             head = f"{str(r['quantity'])[:21]:<22}{unit:<6}"
-            lines.append(f"{head}{mean}{sds}   {new:<19}{r['verdict']}")
+            lines.append(f"{head}{mean}{sds}   {new:<19}{_qualified(r)}")
     lines += ["", "sds of logs where the scale is log (population.csv)"]
     if any((found.groups[f"{side}_verdict"] == PRIOR).any() for side in SDS):
         lines.append(f"{MARK} {PRIOR}: the specimens say little of this sd")
