@@ -126,7 +126,7 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
         ((run, "--out", tmp_path / "a.png", "--format", "pdf"), "--format pdf does not go"),
         ((run, "--style", tmp_path / "absent"), "the style cannot be read"),
         ((run, "--out", tmp_path / "a.tiff"), "a.tiff: cannot draw a figure as '.tiff'; let"),
-        ((tmp_path / "absent",), "is not a run folder"),
+        ((tmp_path / "absent",), "does not exist"),
         ((run, "--out", tmp_path / "no" / "folder" / "a.pdf"), "no"),
     ]
     for arguments, said in cases:

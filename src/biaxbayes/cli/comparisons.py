@@ -15,7 +15,7 @@ from biaxbayes.cli.options import (
     mounting_force_option,
     open_usable_run,
     options,
-    overwrite_run_option,
+    overwrite_option,
     quiet_option,
     read_model_options,
 )
@@ -53,7 +53,7 @@ NOT_CONVERGED = NotConverged.exit_code
     is_flag=True,
     help="Take runs whose chains have not converged, and records that cannot be loading curves.",
 )
-@overwrite_run_option
+@overwrite_option("run")
 @quiet_option
 def compare(
     sources: tuple[Path, ...],
@@ -239,6 +239,7 @@ MARK = "*"
     help="Dask scheduler for specimens that have to be sampled first, as tcp://host:8786.",
 )
 @click.option("--resume", is_flag=True, help="Continue from the folder's checkpoint.")
+@overwrite_option("population")
 @click.option("--anyway", is_flag=True, help="Take specimens whose runs are tentative, too.")
 @quiet_option
 def population(
@@ -248,6 +249,7 @@ def population(
     priors: Path | None,
     scheduler: str | None,
     resume: bool,
+    overwrite: bool,
     anyway: bool,
     quiet: bool,
     **chosen: Any,
@@ -276,6 +278,7 @@ def population(
             priors=priors,
             scheduler=scheduler,
             resume=resume,
+            overwrite=overwrite,
             anyway=anyway,
             progress=tell,
             stop=stop,

@@ -31,7 +31,7 @@ __all__ = [
     "mounting_force_option",
     "open_usable_run",
     "options",
-    "overwrite_run_option",
+    "overwrite_option",
     "quiet_option",
     "read_model_options",
     "refuse_given",
@@ -127,9 +127,14 @@ def file_option(name: str, words: str, metavar: str | None = None, **more: Any) 
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 anyway_option = click.option("--anyway", is_flag=True, help="Even if the run has not converged.")
-overwrite_run_option = click.option(
-    "--overwrite", is_flag=True, help="Replace a finished run, with all that was made of it."
-)
+
+
+def overwrite_option(kind: str) -> Decorator:
+    """``--overwrite`` of what took long to sample."""
+    words = f"Replace a finished {kind}, with all that was made of it."
+    return click.option("--overwrite", is_flag=True, help=words)
+
+
 any_record_option = click.option(
     "--anyway", is_flag=True, help="Even if the record cannot be a loading curve (see check)."
 )

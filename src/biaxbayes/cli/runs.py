@@ -18,7 +18,7 @@ from biaxbayes.cli.options import (
     model_options,
     mounting_force_option,
     options,
-    overwrite_run_option,
+    overwrite_option,
     quiet_option,
     read_model_options,
     refuse_given,
@@ -62,7 +62,7 @@ NOT_CONVERGED = NotConverged.exit_code
 @options(SamplingPlan, "ess", "max_steps", "workers")
 @any_record_option
 @click.option("--resume", is_flag=True, help="Continue from the folder's checkpoint.")
-@overwrite_run_option
+@overwrite_option("run")
 @quiet_option
 def sample(
     specimen: Path,

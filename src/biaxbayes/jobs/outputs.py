@@ -355,7 +355,7 @@ def export(
     if population is not None:
         if how.at is not None or isinstance(run, Run):
             raise InputError("--population takes a population's folder, and no --at")
-        from biaxbayes.jobs.population_files import export_population
+        from biaxbayes.jobs.population_cards import export_population
 
         cards = vars(how) | {"draws": how.draws or NEW_SPECIMENS}
         cards.pop("at")

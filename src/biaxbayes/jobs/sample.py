@@ -16,7 +16,12 @@ from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
 from biaxbayes.executors.beside import Begin, Beside, Partner
 from biaxbayes.identifiability.identify import RecordFits, record_fits
 from biaxbayes.identifiability.mounting_stretch.toe import swapped_columns
-from biaxbayes.jobs.opening import opened_specimen, readable_specimen
+from biaxbayes.jobs.opening import (
+    opened_specimen,
+    readable_specimen,
+    refuse_finished,
+    removal_told,
+)
 from biaxbayes.laws import law_named
 from biaxbayes.lean_imports import ARRAY_STATS_IMPORTS
 from biaxbayes.model.posterior import Posterior
@@ -117,7 +122,7 @@ class Sampling:
         with folder_lock(self.folder), contextlib.ExitStack() as stack:
             clear_leftovers(self.folder)
             finish_moving(self.folder)
-            self._refuse_finished(resume, overwrite)
+            refuse_finished(self.folder, PROVENANCE, resume=resume, overwrite=overwrite)
             for finding in self.findings:
                 tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
@@ -178,20 +183,9 @@ class Sampling:
     def _make_folder(self) -> None:
         """Make the folder, and do not write into one that holds something else than a run."""
         names = names_in(self.folder)
-        ours = not names or names & {checkpoint.NAME, checkpoint.PREVIOUS} or is_run(self.folder)
+        ours = not names or names & {*checkpoint.NAMES} or is_run(self.folder)
         if not ours:
             raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")
-
-    def _refuse_finished(self, resume: bool, overwrite: bool) -> None:
-        """Draws that took an hour are replaced on purpose only; to continue them adds to them."""
-        kept = resume and any(
-            (self.folder / n).exists() for n in (checkpoint.NAME, checkpoint.PREVIOUS)
-        )
-        if is_run(self.folder) and not (kept or overwrite):
-            raise RunError(
-                f"{self.folder}: holds a finished run; choose another --out, or replace it with "
-                "--overwrite"
-            )
 
     def _resumed(
         self, posterior: Posterior, resume: bool, tell: Callable[[Progress], None]
@@ -213,13 +207,7 @@ class Sampling:
         tell: Callable[[Progress], None],
     ) -> None:
         """Every file of the run, in place of those of a run before."""
-
-        def gone(names: list[str]) -> None:
-            if names:
-                note = f"removed with the run before: {', '.join(names)}"
-                tell(Progress("writing", note=note))
-
-        with staged(self.folder, gone) as folder:
+        with staged(self.folder, removal_told(tell, PROVENANCE)) as folder:
             self._write_files(folder, posterior, draws, fits, begin, clock)
 
     def _write_files(
