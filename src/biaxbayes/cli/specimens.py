@@ -37,7 +37,11 @@ __all__ = ["check", "convert", "simulate"]
     help="Whether to try if GOH can follow the record.",
 )
 def check(specimen: Path, figure: Path | None, as_json: bool, with_fit: bool) -> int:
-    """Print what is understood of a specimen file, and warn of what may go wrong."""
+    """Print what is understood of a specimen file, and warn of what may go wrong.
+
+    Exit code 0 for a record that 'sample' takes, with or without warnings; 2 for one with an error,
+    which 'sample' refuses without --anyway.
+    """
     from biaxbayes.jobs import specimen_files
 
     found = specimen_files.check(specimen, fit=with_fit, figure=figure)
@@ -49,7 +53,8 @@ def check(specimen: Path, figure: Path | None, as_json: bool, with_fit: bool) ->
         _tell_checked(found)
         if figure is not None:
             click.echo(f"figure: {figure}")
-    return 0
+    refused = any(finding.severity == "error" for finding in found.findings)
+    return InputError.exit_code if refused else 0
 
 
 def _tell_checked(found: Checked) -> None:
@@ -82,11 +87,11 @@ def _tell_checked(found: Checked) -> None:
     click.echo("")
     for finding in findings:
         click.echo(_wrapped(str(finding)))
-    errors = sum(finding.severity == "error" for finding in findings)
+    errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
     if errors:
         click.echo("cannot be a loading curve: 'sample' refuses it without --anyway")
-    count = sum(finding.severity == "warning" for finding in findings)
-    click.echo("no warnings" if not count else f"{count} {'warning' if count == 1 else 'warnings'}")
+    if count or not errors:
+        click.echo(f"{count or 'no'} {'warning' if count == 1 else 'warnings'}")
 
 
 def _dimensions(specimen: Specimen) -> str:
