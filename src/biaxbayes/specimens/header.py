@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.plausibility import NUMBER_RANGES, STRETCH_RANGE
+from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import cells_of, number_in, one_line
 
 __all__ = [
@@ -122,8 +122,7 @@ def _check_key(key: str, values: Mapping[str, object], row: int, path: Path) -> 
         raise InputError(f"header key {key!r} appears twice", file=path, row=row, remedy="keep one")
     if key in KNOWN_KEYS:
         return
-    close = difflib.get_close_matches(key[:60], KNOWN_KEYS, n=1, cutoff=0.75)
-    hint = f"did you mean {close[0]}? " if close else ""
+    _, hint = likely_name(key, KNOWN_KEYS)
     raise InputError(
         f"unknown header key {key[:60]!r}",
         file=path,
