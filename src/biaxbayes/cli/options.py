@@ -11,12 +11,14 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import ModelOptions, Option, Options, stated
+from biaxbayes.specimens.keys import KEYS, NONE, OF_FORCES
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
     from biaxbayes.runs.run import Run
 
 __all__ = [
+    "HEADER_OPTIONS",
     "MODEL",
     "Decorator",
     "Pair",
@@ -27,6 +29,7 @@ __all__ = [
     "file_option",
     "fix_option",
     "fixed_values",
+    "header_options",
     "model_options",
     "mounting_force_option",
     "open_usable_run",
@@ -254,3 +257,43 @@ def open_usable_run(path: Path, *, anyway: bool) -> Run:
     elif run.state == "tentative":
         click.echo("note: this run is tentative: few effective draws", err=True)
     return run
+
+
+# --- header keys of a specimen file ---------------------------------------------------------------
+
+
+HEADER_OPTIONS = {
+    "specimen": "TEXT",
+    "layer": "TEXT",
+    "axis_x": "TEXT",
+    "axis_y": "TEXT",
+    "geometry": "unloaded|mounted",
+    "edge_x_mm": "MM",
+    "edge_y_mm": "MM",
+    "thickness_mm": "MM",
+    "load_noise_N": "N",
+    "load_noise_kPa": "KPA",
+    "edge_sd_mm": "MM",
+    "thickness_sd_mm": "MM",
+    "mounting_stretch_x": "'M +- SD'",
+    "mounting_stretch_y": "'M +- SD'",
+    "stress_limit_kPa": "KPA",
+}
+"""Header keys that can be stated, and what the help prints for their values."""
+
+
+def header_options() -> Decorator:
+    """An option for each header key of a specimen file."""
+
+    def add(function: Any) -> Any:
+        for key, metavar in reversed(HEADER_OPTIONS.items()):
+            words, default = KEYS[key]
+            default = "name of the first file" if key == "specimen" else default
+            without = default if default == OF_FORCES else f"default: {default}"
+            text = f"{words}." if default == NONE else f"{words} ({without})."
+            option = f"--{key.replace('_', '-')}"
+            names = [option] if option == option.lower() else [option, option.lower()]
+            function = click.option(*names, key.lower(), metavar=metavar, help=text)(function)
+        return function
+
+    return add

@@ -153,7 +153,8 @@ def batch(
     layers and donors, study.html with the layers compared, and in runs/ a run folder of each
     specimen. The same command again does what is missing: a finished specimen is not sampled
     again, an interrupted one continues. A specimen that fails does not stop the others. Exit
-    code 0 when every specimen has converged, 3 when one has not, 2 when the input cannot be used.
+    code 0 when every specimen has converged, 3 when one has not or has failed, 2 when nothing
+    could be begun: a file is missing, a study file, an option or a folder cannot be used.
 
     \b
     biaxbayes batch study.toml --workers 4

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.cli.options import Decorator, Pair, argument, file_option, options
+from biaxbayes.cli.options import (
+    HEADER_OPTIONS,
+    Pair,
+    argument,
+    file_option,
+    header_options,
+    options,
+)
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS
 from biaxbayes.machines import BRANCHES, FORMATS, STRETCH_SOURCES
@@ -146,38 +153,6 @@ def _wrapped(text: str) -> str:
 # --- convert: machine exports to one specimen file, and what was taken from them -----------------
 
 
-HEADER_OPTIONS = (
-    ("specimen", "TEXT", "Name of the specimen (default: that of the first file)."),
-    ("layer", "TEXT", "Such as media."),
-    ("axis_x", "TEXT", "What x is, such as circumferential."),
-    ("axis_y", "TEXT", "What y is."),
-    ("geometry", "unloaded|mounted", "State that dimensions, and stresses in the file, refer to."),
-    ("edge_x_mm", "MM", "Edge along x."),
-    ("edge_y_mm", "MM", "Edge along y; the force in x acts on edge_y x thickness."),
-    ("thickness_mm", "MM", ""),
-    ("load_noise_N", "N", "Standard deviation of one force reading."),
-    ("load_noise_kPa", "KPA", "The same of a stress."),
-    ("edge_sd_mm", "MM", "Uncertainty of the edges."),
-    ("thickness_sd_mm", "MM", "Uncertainty of the thickness."),
-    ("mounting_stretch_x", "'M +- SD'", "Mounting stretch known from an image."),
-    ("mounting_stretch_y", "'M +- SD'", ""),
-    ("stress_limit_kPa", "KPA", "Accept stresses up to this (default 5000)."),
-)
-
-
-def header_options() -> Decorator:
-    """An option for each header key of a specimen file."""
-
-    def add(function: Any) -> Any:
-        for key, metavar, text in reversed(HEADER_OPTIONS):
-            option = f"--{key.replace('_', '-')}"
-            names = [option] if option == option.lower() else [option, option.lower()]
-            function = click.option(*names, key.lower(), metavar=metavar, help=text)(function)
-        return function
-
-    return add
-
-
 @click.command("convert")
 @argument("raw", nargs=-1, required=True)
 @click.option(
@@ -255,7 +230,7 @@ def convert(
     from biaxbayes.machines.conversion import Choice
 
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
-    stated = {key: header[key.lower()] for key, _, _ in HEADER_OPTIONS}
+    stated = {key: header[key.lower()] for key in HEADER_OPTIONS}
     found = specimen_files.convert(
         raw,
         Choice(machine, columns, cycle, branch, stretch_from, sets, sheets),
@@ -371,7 +346,7 @@ def simulate(
 ) -> None:
     r"""A virtual biaxial test, written as a specimen file.
 
-    The truth goes into a second file beside it, <stem>.truth.json, which no fit reads.
+    The truth goes into a second file beside it, `<stem>.truth.json`, which no fit reads.
 
     \b
     biaxbayes simulate --material donor2-media --noise-N 0.0006 --out media.csv

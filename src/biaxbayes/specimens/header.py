@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.keys import KEYS
 from biaxbayes.specimens.plausibility import NUMBER_RANGES, STRETCH_RANGE
 from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import cells_of, number_in, one_line
@@ -21,17 +22,6 @@ __all__ = [
     "read_header",
 ]
 
-TEXT_KEYS = (
-    "specimen",
-    "donor",
-    "layer",
-    "axis_x",
-    "axis_y",
-    "geometry",
-    "source",
-    "cycle",
-    "branch",
-)
 MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
 METADATA_KEYS = (
     "donor",
@@ -48,7 +38,7 @@ METADATA_KEYS = (
     "branch",
 )
 """Keys that a specimen keeps as they are, in ``metadata``."""
-KNOWN_KEYS = (*TEXT_KEYS, *NUMBER_RANGES, *MEASURED_STRETCH_KEYS, "rest_rows")
+KNOWN_KEYS = tuple(KEYS)
 GEOMETRIES = ("unloaded", "mounted")
 
 

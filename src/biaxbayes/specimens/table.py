@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.keys import COLUMNS
 from biaxbayes.specimens.plausibility import STRETCH_RANGE, STRETCH_REMEDY
-from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import bad_cell, cells_of, number_in, one_line, read_lines, rows_of
 
@@ -31,12 +31,7 @@ __all__ = [
 
 
 STRETCHES = ("stretch_x", "stretch_y")
-KNOWN_COLUMNS = (
-    *STRETCHES,
-    "protocol",
-    "time_s",
-    *(name for pair in STRESS_PAIRS.values() for name in pair),
-)
+KNOWN_COLUMNS = tuple(COLUMNS)
 MAX_COLUMNS = 50
 
 
