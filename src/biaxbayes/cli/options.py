@@ -44,10 +44,13 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class Pair(click.ParamType):
-    """Two positive numbers with a separator, or one number for both: ``20`` or ``20x15``."""
+    """Two positive numbers with a separator, or one number for both, as in the example."""
 
-    def __init__(self, name: str, separator: str, *, single: bool, zero: bool = False) -> None:
-        self.name, self.separator, self.single, self.zero = name, separator, single, zero
+    def __init__(
+        self, name: str, separator: str, example: str, *, single: bool = False, zero: bool = False
+    ) -> None:
+        self.name, self.separator, self.example = name, separator, example
+        self.single, self.zero = single, zero
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -64,8 +67,7 @@ class Pair(click.ParamType):
             x = y = math.nan
         lowest = min(x, y)
         if not (math.isfinite(x + y) and (lowest > 0.0 or (self.zero and lowest == 0.0))):
-            example = "20 or 20x15" if self.single else "1:0.5"
-            self.fail(f"{value!r} does not read like {example}", param, ctx)
+            self.fail(f"{value!r} does not read like {self.example}", param, ctx)
         return x, y
 
 

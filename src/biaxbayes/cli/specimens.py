@@ -291,7 +291,7 @@ def _range(stretch: Any) -> str:
 
 
 DEFAULT_HOOKS = 5
-RATIO = Pair("ratio", ":", single=False, zero=True)
+RATIO = Pair("ratio", ":", "1:0.5", zero=True)
 
 
 @click.command("simulate")
@@ -328,7 +328,7 @@ RATIO = Pair("ratio", ":", single=False, zero=True)
     "name",
     prestretch={"nargs": 2, "type": float},
     ratios={"multiple": True, "type": RATIO, "show_default": False},
-    edge={"type": Pair("edge", "x", single=True), "show_default": False},
+    edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
     noise_N={"show_default": False},
     misfit={"show_default": False},
     hooks={"is_flag": False, "flag_value": DEFAULT_HOOKS},

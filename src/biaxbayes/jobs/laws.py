@@ -36,12 +36,16 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        For an unknown name.
+        For an unknown name, or none in what was given.
     """
     from biaxbayes.laws import law_named
 
     parts = named.split(",") if isinstance(named, str) else list(named or ())
     names = [name.strip() for name in parts if name.strip()]
+    if named is not None and not names:
+        raise InputError(
+            "--laws names no law", remedy=f"laws are {', '.join(LAWS)}; leave it out for all"
+        )
     for name in names:
         law_named(name)
     return tuple(name for name in LAWS if not names or name in names)

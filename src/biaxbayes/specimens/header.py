@@ -14,6 +14,7 @@ from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import cells_of, number_in, one_line
 
 __all__ = [
+    "GEOMETRIES",
     "KNOWN_KEYS",
     "METADATA_KEYS",
     "Header",
@@ -135,7 +136,7 @@ def checked_value(key: str, value: str, row: int | None = None, path: object = N
         measured_stretch(value, path, row)
     if key == "geometry" and value not in GEOMETRIES:
         raise InputError(
-            f"geometry must be 'unloaded' or 'mounted', not {value[:40]!r}",
+            f"geometry must be {' or '.join(map(repr, GEOMETRIES))}, not {value[:40]!r}",
             file=path,
             row=row,
             remedy="say in which state the dimensions were measured",
