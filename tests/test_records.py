@@ -71,7 +71,7 @@ def test_what_cannot_be_a_loading_curve_is_refused_before_the_work(capsys, tmp_p
     write_specimen(changed(GOOD, change), path)
     code, out, err = run(capsys, "sample", path, "--out", tmp_path / "run")
     assert code == 2 and not out and len(err.splitlines()) == 1
-    assert "wrong.csv: cannot be a loading curve" in err and words in err and "--anyway" in err
+    assert f"{path}: cannot be a loading curve" in err and words in err and "--anyway" in err
     assert not (tmp_path / "run").exists()
     code, out, _ = run(capsys, "check", path, "--no-fit")
     told = next(line for line in out.splitlines() if line.startswith(("error", "warning", "note")))

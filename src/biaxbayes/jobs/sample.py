@@ -91,16 +91,18 @@ class Sampling:
     ) -> Sampling:
         """Read the specimen and check it and the options; arguments as in ``biaxbayes.sample``."""
         if isinstance(specimen, Specimen):
+            file: object = specimen.name
             source, stem = specimen.name, _safe_stem(specimen.name)
-            readable_specimen(specimen, source)
+            readable_specimen(specimen, file)
         else:
+            file = Path(specimen)
             source, stem = Path(specimen).name, Path(specimen).stem
         specimen = opened_specimen(specimen, mounting_force)
         options = ModelOptions.of(options).keywords()
         chosen = SamplingPlan(seed, ess, max_steps, workers)
-        findings = refuse_no_loading_curve(specimen, None if anyway else source)
+        findings = refuse_no_loading_curve(specimen, None if anyway else file)
         findings = (*findings, *_too_few_protocols(specimen, options["law"]))
-        specimen, options = _fitting_options(specimen, options, source)
+        specimen, options = _fitting_options(specimen, options, file)
         Posterior(specimen, **options, beta=1.0)  # refuses what cannot be sampled, before a folder
         plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.processors)
         return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
@@ -294,14 +296,14 @@ def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
 
 
 def _fitting_options(
-    specimen: Specimen, options: dict[str, Any], source: str
+    specimen: Specimen, options: dict[str, Any], file: object
 ) -> tuple[Specimen, dict[str, Any]]:
     """Options that the specimen allows, or the reason why there are none."""
     if options["mounting"] in INFERRING and specimen.is_tared:
         raise TaredSpecimen(
             "the force at the mounted state is zero: the load cell was tared after mounting, and "
             "prestretch cannot be inferred from this file",
-            file=source,
+            file=file,
             remedy="state the force before taring with --mounting-force X Y, or take the mounted "
             "state as unloaded with --mounting zeroed",
         )
