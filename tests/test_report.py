@@ -190,7 +190,7 @@ def test_a_run_that_ignores_the_mounting_says_so(run, tmp_path, mounting):
     folder = altered(run, tmp_path, lambda r: r["settings"].update(mounting=mounting))
     text = write_report(folder).read_text(encoding="utf-8")
     assert "mounting stretch was ignored" in " ".join("".join(outline(text).text).split())
-    told = f"mounting stretch was not inferred (mounting {mounting}): the parameters carry its error"
+    told = f"was not inferred (mounting {mounting}): the parameters carry its error"
     assert told in closing_message(open_run(folder)) and told not in closing_message(run)
 
 
