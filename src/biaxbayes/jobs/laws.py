@@ -137,6 +137,11 @@ def compared_laws(
             "a protocol with a mounted state of its own cannot be foretold from the others",
             remedy="leave out --mounting-stretch per-protocol",
         )
+    if len(laws) < 2:
+        raise InputError(
+            f"{', '.join(laws)} alone is no comparison",
+            remedy="name two laws or more, or sample one with 'biaxbayes sample --law'",
+        )
     tasks = [
         Task(law, specimen, part, options, _seed(plan.seed, law, part), plan.ess, plan.max_steps)
         for law in laws
