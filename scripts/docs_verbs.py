@@ -1,6 +1,6 @@
-"""Write docs/cli.md from the commands themselves, and docs/glossary.md from the words of reports.
+"""Write docs/cli.md from the commands, docs/glossary.md and docs/specimen-file.md from their words.
 
-python scripts/docs_verbs.py            writes the page
+python scripts/docs_verbs.py            writes the pages
 python scripts/docs_verbs.py --check    exit code 1 where a page is not what would be written
 """
 
@@ -16,10 +16,12 @@ import click
 from biaxbayes.cli import VERBS, group
 from biaxbayes.options import WHICH_FIT
 from biaxbayes.reports.words import GLOSSARY, SEVERAL, fit_terms
+from biaxbayes.specimens.keys import COLUMNS, KEYS, Meaning
 from biaxbayes.text_files import atomic_write_text
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "cli.md"
 WORDS = PAGE.with_name("glossary.md")
+SPECIMEN_FILE = PAGE.with_name("specimen-file.md")
 HEAD = """# Command line
 
 Every verb with its options; `biaxbayes VERB --help` prints the same. Exit codes: 0 done, 2 an
@@ -73,16 +75,59 @@ def glossary() -> str:
     )
 
 
+ABOUT_SPECIMEN_FILES = """# The specimen file
+
+A CSV in UTF-8: lines `# key: value`, a line of column names, then a row a reading. Numbers have
+decimal points; columns and keys come in any order, those that are not listed here are refused, and
+a line `#` without a colon is a comment. `biaxbayes check` says what was understood of it,
+`biaxbayes convert` makes one of a machine's export.
+
+```text
+# specimen: sheep 7
+# edge_x_mm: 20
+# edge_y_mm: 20
+# thickness_mm: 0.88
+# geometry: unloaded
+protocol,stretch_x,stretch_y,force_x_N,force_y_N
+1:1,1.000,1.000,0.0151,0.0138
+1:1,1.002,1.002,0.0180,0.0157
+```
+"""
+IN_NAMES = ("mm", "N", "kPa", "s", "deg")
+
+
+def specimen_file() -> str:
+    """The page of columns and header keys."""
+    return (
+        f"{ABOUT_SPECIMEN_FILES}\n## Columns\n\n{_meanings(COLUMNS)}\n"
+        "One pair of forces or stresses, no two of them.\n\n"
+        f"## Header keys\n\n{_meanings(KEYS)}"
+    )
+
+
+def _meanings(of: dict[str, Meaning]) -> str:
+    rows = ["| name | unit | meaning | without it |", "|---|---|---|---|"]
+    for name, (words, default) in of.items():
+        ending = name.rpartition("_")[2]
+        unit = ending if ending in IN_NAMES else ""
+        rows.append(f"| `{name}` | {unit} | {words} | {default} |")
+    return "\n".join(rows) + "\n"
+
+
+def pages() -> dict[Path, str]:
+    """Every page that is made here."""
+    return {PAGE: page(), WORDS: glossary(), SPECIMEN_FILE: specimen_file()}
+
+
 def main() -> int:
     """Write or check the pages."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true")
     if not parser.parse_args().check:
-        atomic_write_text(PAGE, page())
-        atomic_write_text(WORDS, glossary())
+        for path, text in pages().items():
+            atomic_write_text(path, text)
         return 0
-    wanted = {PAGE: page(), WORDS: glossary()}
-    stale = [p.name for p, text in wanted.items() if p.read_text(encoding="utf-8") != text]
+    stale = [p.name for p, text in pages().items() if p.read_text(encoding="utf-8") != text]
     for name in stale:
         print(f"docs/{name} is not current: run python scripts/docs_verbs.py", file=sys.stderr)
     return 1 if stale else 0

@@ -333,5 +333,10 @@ def test_what_cannot_be_compared_is_said():
         biaxbayes.compare_laws(small_specimen(), mounting_stretch="per-protocol", workers=1)
     with pytest.raises(InputError, match="did you mean fung"):
         biaxbayes.compare_laws(small_specimen(), laws="goh,fong")
+    for nothing in ("", " , ", ()):
+        with pytest.raises(InputError, match="--laws names no law; laws are goh"):
+            biaxbayes.compare_laws(small_specimen(), laws=nothing)
+    with pytest.raises(InputError, match="goh alone is no comparison"):
+        biaxbayes.compare_laws(small_specimen(), laws="goh")
     with pytest.raises(InputError, match="belongs to one law"):
         biaxbayes.compare_laws(small_specimen(), law="goh", fibre_switch=True)

@@ -20,8 +20,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines import FORMATS, Format
 from biaxbayes.machines.conversion import Choice, Recording, convert, shear_angle_deg
 from biaxbayes.machines.raw_file import read_raw_tables
-from biaxbayes.machines.raw_table import stem_of, unit_of_column
 from biaxbayes.specimens.check import check_specimen
+from biaxbayes.specimens.units import stem_of, unit_of_column
 from virtual_biotester import COLUMNS, EDGE_MM, THICKNESS_MM, biotester_export
 
 DIMENSIONS = [

@@ -151,6 +151,7 @@ def test_readme_commands_exist():
 def test_readme_check_and_convert_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     prepare(tmp_path)
+    (tmp_path / "specimen.csv").unlink()  # the first command writes it
     quick = [w for w in readme_lines() if w[0] == "biaxbayes" and w[1] in ("check", "convert")]
     assert {words[1] for words in quick} == {"check", "convert"}
     for words in quick:
@@ -161,6 +162,7 @@ def test_readme_check_and_convert_run(tmp_path, monkeypatch):
 def test_readme_and_demo_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     prepare(tmp_path)
+    (tmp_path / "specimen.csv").unlink()  # the first command writes it
     demo = (ROOT / "scripts" / "demo.sh").read_text(encoding="utf-8").splitlines()
     ours = [shlex.split(line) for line in demo if line.startswith("biaxbayes ")]
     assert ours

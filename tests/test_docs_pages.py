@@ -12,6 +12,10 @@ import pytest
 import docs_verbs
 import study
 from biaxbayes.cli import VERBS, group
+from biaxbayes.specimens.header import METADATA_KEYS, measured_stretch
+from biaxbayes.specimens.plausibility import NUMBER_RANGES, STRESS_LIMIT_KPA
+from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.specimens.table import STRETCHES
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "biaxbayes"
@@ -47,8 +51,33 @@ def test_a_study_says_what_it_is_and_its_help_names_it():
 
 
 def test_the_reference_of_the_command_line_is_current():
-    assert told(docs_verbs.PAGE) == docs_verbs.page(), "run python scripts/docs_verbs.py"
-    assert told(docs_verbs.WORDS) == docs_verbs.glossary(), "run python scripts/docs_verbs.py"
+    for path, text in docs_verbs.pages().items():
+        assert told(path) == text, "run python scripts/docs_verbs.py"
+
+
+def test_the_reference_has_no_tags_of_html():
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", told(docs_verbs.PAGE), flags=re.DOTALL)
+    assert "<" not in text
+
+
+def test_pages_say_what_codes_and_header_lines_are():
+    for page in ("studies.md", "cli.md"):
+        words = " ".join(told(DOCS / page).split())
+        assert "3 when one has not or has failed, 2 when nothing could be begun" in words
+    stretch = re.search(r"`# mounting_stretch_x: (.*?)`", told(DOCS / "interpretation.md"))
+    assert measured_stretch(stretch[1])
+
+
+def test_the_page_of_the_specimen_file_is_complete():
+    columns, keys = told(docs_verbs.SPECIMEN_FILE).split("## Header keys")
+    pairs = [name for pair in STRESS_PAIRS.values() for name in pair]
+    for name in (*STRETCHES, "protocol", "time_s", *pairs):
+        assert f"| `{name}` |" in columns
+    known = {*NUMBER_RANGES, *METADATA_KEYS, "specimen", "layer", "axis_x", "axis_y", "geometry"}
+    assert set(re.findall(r"^\| `(\w+)` \|", keys, re.MULTILINE)) == {*known, "rest_rows"}
+    assert f"{STRESS_LIMIT_KPA:g}" in keys and "unloaded with stresses" in keys
+    for page in ("README.md", "docs/tutorial.md", "docs/how-to.md", "docs/index.md"):
+        assert "specimen-file.md" in told(ROOT / page), page
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -233,6 +233,8 @@ def test_predict_says_where_no_draw_holds_the_pressure(run, capsys):
         (["--inflate", "--radius", "1", "--wall", "2"], "thicker than the mid radius"),
         (["--inflate", "--radius", "9", "--wall", "1", "--stretch", "1.2"], "--stretch does not"),
         (["--radius", "9"], "--radius does not go without --inflate"),
+        (["--inflate", "--pressure", "16"], "does not read like 0:16"),
+        (["--inflate", "--circumferential-stretch", "1.2"], "does not read like 1:1.2"),
         (["--axial-stretch", "1.1"], "--axial-stretch does not go"),
         (["--stretches", "a.csv", "--ratio", "1:2"], "whole path"),
         (["--stretches", "a.csv"], "no such file"),

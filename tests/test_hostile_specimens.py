@@ -72,7 +72,7 @@ def test_folder_without_permission_to_write(tmp_path):
     specimen = read_specimen(content(GOOD)(tmp_path))
     with pytest.raises(InputError, match="is a folder"):
         write_specimen(specimen, tmp_path)
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="nowhere does not exist; make it"):
         write_specimen(specimen, tmp_path / "nowhere" / "out.csv")
 
 

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 import biaxbayes
 from biaxbayes.cli.findings import ledger as command
+from biaxbayes.comparison import mounting_bias
 from biaxbayes.comparison.mounting_bias import TREATMENTS, Treated, ledger, treat
 from biaxbayes.errors import InputError
 from biaxbayes.figures.run.mounting import ledger_figure
@@ -77,6 +78,14 @@ def test_one_unreliable_treatment_makes_the_ledger_so(treated):
     bad = {**treated, "zeroed": Treated(*_parts(treated["zeroed"]), "tentative")}
     assert ledger(treated).converged
     assert not ledger(bad).converged
+
+
+def test_parameters_are_those_of_every_draw(treated, monkeypatch):
+    monkeypatch.setattr(mounting_bias, "MOST_DRAWS", 50)  # stresses are those of some
+    table = ledger(treated, [1.1]).parameters.set_index("quantity")
+    for name, found in (("k1", "inferred"), ("k1", "ignored")):
+        median = np.median(treated[found].draws[name])
+        assert table[f"{found}_median"][name] == pytest.approx(median, rel=1e-12)
 
 
 def _parts(found: Treated) -> tuple[Posterior, pd.DataFrame]:

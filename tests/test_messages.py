@@ -5,8 +5,11 @@ import pytest
 
 import biaxbayes
 from biaxbayes.cli import main
+from biaxbayes.errors import InputError
+from biaxbayes.machines.generic import parse_columns
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+from biaxbayes.specimens.units import likely_name
 
 MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=40)[0]
 
@@ -73,6 +76,15 @@ def test_a_strain_where_a_stretch_is_asked(capsys, small_run):
     assert code == 2 and "for a strain of 0.2 write 1.2" in err
 
 
+def test_a_protocol_that_the_run_does_not_have(capsys, small_run, tmp_path):
+    own = [p.name for p in small_run.specimen.protocols]
+    asked = ("predict", small_run.path, "--anyway", "--out", tmp_path / "out", "--protocol")
+    said = run(capsys, *asked, "nope")
+    assert said[0] == 2 and f"no protocol 'nope' in this run; it has {', '.join(own)}" in said[2]
+    assert not (tmp_path / "out").exists()
+    assert run(capsys, *asked, own[0])[0] == 0
+
+
 def test_report_of_a_folder_that_is_no_run(capsys, tmp_path):
     said = refused(capsys, "report", tmp_path)
     assert "is not a run folder" in said and "--resume" not in said
@@ -91,3 +103,41 @@ def test_an_angle_in_radians(capsys, tmp_path):
 def test_did_you_mean(capsys, typed, meant):
     assert f"did you mean {meant}?" in refused(capsys, typed, "x.csv")
     assert "verbs are sample" in refused(capsys, "quux")
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("force_x_mN", "did you mean force_x_N (values in N: 1 mN = 0.001 N)?"),
+        ("load_noise_mN", "did you mean load_noise_N (values in N: 1 mN = 0.001 N)?"),
+        ("edge_x_cm", "did you mean edge_x_mm (values in mm: 1 cm = 10 mm)?"),
+        ("thickness_m", "did you mean thickness_mm (values in mm: 1 m = 1000 mm)?"),
+        ("edge_x_nm", "did you mean edge_x_mm (values in mm)?"),
+        ("force_x", "did you mean force_x_N?"),
+    ],
+)
+def test_a_name_with_another_unit_says_how_to_scale(capsys, tmp_path, typed, meant):
+    head, rows = lines_of(tmp_path)
+    known = meant.split()[3].rstrip("?")
+    path = tmp_path / "other.csv"
+    path.write_text("\n".join([*(line.replace(known, typed) for line in head), *rows]) + "\n")
+    assert meant in refused(capsys, "check", path)
+
+
+def test_hints_of_other_units_and_of_none():
+    known = ("force_x_N", "cauchy_x_kPa", "largest_shear_angle_deg")
+    for typed, words in (
+        ("cauchy_x_MPa", "1 MPa = 1000 kPa"),
+        ("cauchy_x_N/mm2", "1 MPa = 1000 kPa"),
+        ("cauchy_x_Pa", "1 Pa = 0.001 kPa"),
+        ("cauchy_x_mPa", "(values in kPa)"),
+        ("largest_shear_angle_rad", "1 rad = 57.2958 deg"),
+    ):
+        assert words in likely_name(typed, known, 0.6)[1]
+    for typed in ("force_x_kPa", "force_x_N/mm2", "temperature"):  # no force is a stress
+        assert likely_name(typed, known) == ("", "")
+
+
+def test_a_target_of_convert_with_another_unit():
+    with pytest.raises(InputError, match="write force_x_N=Fx:mN;"):
+        parse_columns(["force_x_mN=Fx"])

@@ -106,8 +106,8 @@ def test_corner_of_named_parameters_fits_a_narrow_figure(run, tmp_path):
 def test_the_file_name_decides_the_format(run, tmp_path):
     assert call("plot", run, "--figure", "mounting", "--out", tmp_path / "a.PNG") == 0
     assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
-    assert call("plot", run, "--figure", "mounting", "--out", tmp_path / "b.run1") == 0
-    assert (tmp_path / "b.run1.pdf").read_bytes().startswith(b"%PDF")
+    assert call("plot", run, "--figure", "mounting", "--out", tmp_path / "b") == 0
+    assert (tmp_path / "b.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
@@ -125,7 +125,8 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
         ((run, "--truth", wrong), "no entry for specimen 'donor2-media'"),
         ((run, "--out", tmp_path / "a.png", "--format", "pdf"), "--format pdf does not go"),
         ((run, "--style", tmp_path / "absent"), "the style cannot be read"),
-        ((tmp_path / "absent",), "is not a run folder"),
+        ((run, "--out", tmp_path / "a.tiff"), "a.tiff: cannot draw a figure as '.tiff'; let"),
+        ((tmp_path / "absent",), "does not exist"),
         ((run, "--out", tmp_path / "no" / "folder" / "a.pdf"), "no"),
     ]
     for arguments, said in cases:

@@ -15,17 +15,20 @@ import biaxbayes
 import quick_posteriors
 import shared
 from biaxbayes.cli import main
+from biaxbayes.cli.comparisons import _closing
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.jobs import population as job
+from biaxbayes.jobs import population_files
 from biaxbayes.jobs.batch.study import Batch
 from biaxbayes.jobs.population import PopulationJob
-from biaxbayes.jobs.population_files import FIGURES, RECORD, members_of_study, read_population
+from biaxbayes.jobs.population_files import FIGURES, members_of_study, read_population
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations.model import PopulationPriors
 from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
 from biaxbayes.populations.sampler import Plan
 from biaxbayes.populations.specimens import Source, individual_of, pooled_names
+from biaxbayes.runs.folder import POPULATION, manifest
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 
@@ -142,8 +145,84 @@ def test_files_say_the_same(found):
     assert (found.reason or "R-hat") in page
     assert "data:image/png" in page and "http://" not in page
     assert f"{row['mean_q50']:.3g}" in page
-    with pytest.raises(RunError, match="not the folder of a finished population"):
-        read_population(found.folder.parent)
+
+
+def refused(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    told = capsys.readouterr().err
+    assert ended.value.code == 2 and told.count("\n") == 1 and "Error" not in told
+    return told
+
+
+def test_folders_of_another_kind_are_named(study, found, tmp_path, capsys):
+    verbs = (("identify",), ("report",), ("plot", "--figure", "trace"), ("predict",))
+    for verb, *options in (*verbs, ("export", "--to", "abaqus"), ("design",)):
+        told = refused(capsys, verb, found.folder, *options)
+        assert "is a population's folder, not a run's; give one of the runs of its study" in told
+        told = refused(capsys, verb, study, *options)
+        assert f"is a study's folder, not a run's; give one of the runs in {study / 'runs'}" in told
+        told = refused(capsys, verb, tmp_path / "absent", *options)
+        assert f"{tmp_path / 'absent'}: does not exist; make a run folder" in told
+    assert not list(tmp_path.iterdir())
+    cards = ("--to", "abaqus", "--population", "healthy")
+    for folder, said in (
+        (study / "runs" / "a", "is a run's folder, not a population's; leave --population out"),
+        (study, "is a study's folder, not a population's; make one with 'biaxbayes population'"),
+        (tmp_path, "is not the folder of a finished population; make one"),
+        (tmp_path / "absent", "does not exist; make one with 'biaxbayes population'"),
+    ):
+        assert said in refused(capsys, "export", folder, *cards)
+    (tmp_path / POPULATION).write_text("{}")
+    assert "a file is missing or damaged" in refused(capsys, "export", tmp_path, *cards)
+
+
+def test_a_finished_population_is_refused_and_stays(study, found, tmp_path, capsys):
+    folder = shutil.copytree(found.folder, tmp_path / "out")
+    before = manifest(folder)
+    told = refused(capsys, "population", study, "--out", folder)
+    assert "holds a finished population; choose another --out, or replace it" in told
+    # before the specimens of a study file are sampled
+    runs = tmp_path / "runs"
+    file = study.parent / "study.toml"
+    assert "--overwrite" in refused(capsys, "population", file, "--out", folder, "--runs", runs)
+    with pytest.raises(RunError, match="holds a finished population"):
+        quick_job(study, folder).execute()
+    assert manifest(folder) == before and not runs.exists()
+
+
+def test_a_population_is_replaced_whole(study, found, tmp_path, quick, monkeypatch):
+    monkeypatch.setattr(population_files, "_draw_figures", lambda *arguments: None)
+    folder = shutil.copytree(found.folder, tmp_path / "out")
+    biaxbayes.export(folder, "abaqus", population="healthy", draws=2)
+    (folder / "notes.txt").write_text("mine\n")
+    (folder / "population-pairs.svg").write_text("of the population before\n")
+    steps = []
+    again = quick_job(study, folder, options=PopulationOptions(seed=2)).execute(
+        overwrite=True, progress=steps.append
+    )
+    (told,) = [p.note for p in steps if p.note.startswith("removed with the population before")]
+    assert "cards-abaqus-kPa-mm" in told and "population-pairs.svg" in told
+    assert again.folder == folder
+    record = json.loads((folder / POPULATION).read_text())
+    assert record["identity"]["options"]["seed"] == 2
+    # the figures before are gone, and what is the user's stays
+    kept = {p.name for p in folder.iterdir() if not p.name.startswith((".", "checkpoint"))}
+    assert kept == {*record["files"], POPULATION, "notes.txt"}
+
+
+def test_the_terminal_qualifies_a_verdict(found):
+    table = found.groups.copy()
+    table.loc[0, ["verdict", "in_words"]] = [
+        "identified",
+        "C1: identified, but loosely, 5 to 9 kPa (90 %); sensitive to the prior",
+    ]
+    lines = _closing(replace(found, groups=table)).splitlines()
+    first = next(line for line in lines if line.startswith("C1 "))
+    assert first.endswith(" identified, but loosely; sensitive to the prior")
+    table.loc[0, "in_words"] = "C1: identified, 5 to 9 kPa (90 %)"
+    lines = _closing(replace(found, groups=table)).splitlines()
+    assert next(line for line in lines if line.startswith("C1 ")).endswith(" identified")
 
 
 @pytest.mark.long
@@ -239,7 +318,7 @@ def test_a_specimen_apart_is_named(found):
 
 
 def test_record_states_priors_and_seed(found):
-    record = json.loads((found.folder / RECORD).read_text())
+    record = json.loads((found.folder / POPULATION).read_text())
     assert record["pooled"]["C1"]["mean"].startswith("LN(10")
     assert record["identity"]["options"]["seed"] == 1
     assert set(record["identity"]["runs"]) == set("abcd")

@@ -351,7 +351,7 @@ SAMPLED = {
     "mounting": ("guessed", None),
     "noise": ("loud", None),
     "mounting_stretch": ("both", None),
-    "thin": ("half", "thin"),
+    "thin": (0, "thin must be a number of rows, none or auto; none keeps all rows"),
     "ess": (3, "--ess must be a number from 50"),
     "seed": (-1, "--seed must be a whole number"),
     "max_steps": (5, "--max-steps must be a number"),

@@ -1,6 +1,7 @@
 """Records that cannot be a loading curve: told first and refused; sound ones never are."""
 
 import contextlib
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -70,11 +71,14 @@ def test_what_cannot_be_a_loading_curve_is_refused_before_the_work(capsys, tmp_p
     write_specimen(changed(GOOD, change), path)
     code, out, err = run(capsys, "sample", path, "--out", tmp_path / "run")
     assert code == 2 and not out and len(err.splitlines()) == 1
-    assert "wrong.csv: cannot be a loading curve" in err and words in err and "--anyway" in err
+    assert f"{path}: cannot be a loading curve" in err and words in err and "--anyway" in err
     assert not (tmp_path / "run").exists()
     code, out, _ = run(capsys, "check", path, "--no-fit")
     told = next(line for line in out.splitlines() if line.startswith(("error", "warning", "note")))
-    assert code == 0 and told.startswith("error: ")
+    assert code == 2 and told.startswith("error: ")
+    assert "refuses it without --anyway" in out and "no warnings" not in out
+    code, out, _ = run(capsys, "check", path, "--no-fit", "--json")
+    assert code == 2 and any(f["severity"] == "error" for f in json.loads(out)["findings"])
     with pytest.raises(InputError, match="loading curve"):
         biaxbayes.ledger(path)
 

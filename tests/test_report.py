@@ -18,8 +18,9 @@ from biaxbayes.cli import main
 from biaxbayes.laws.goh import GOH
 from biaxbayes.prediction.predictive_checks import misfit, misfit_in_words
 from biaxbayes.reports import page as report
+from biaxbayes.reports.facts import closing_message
 from biaxbayes.reports.page import TOTAL_BYTES, pictures, write_report
-from biaxbayes.reports.parameters import prior_in_words
+from biaxbayes.reports.parameters import determined_rows, prior_in_words
 from biaxbayes.reports.words import latex_text, markdown_text
 from biaxbayes.runs.run import open_run
 
@@ -132,6 +133,18 @@ def test_numbers_are_those_of_the_run(run, html):
     assert f"{sum(p.rows for p in run.specimen.protocols):,} rows" in text
 
 
+def test_what_the_curves_determine_is_told_as_it_was_written(media_run, copied):
+    folder = copied(media_run.path)
+    path, own = folder / "determined.csv", determined_rows(open_run(folder))
+    table = pd.read_csv(path)
+    assert len(own) > 10 and {row["unit"] for row in own} == {"", "kPa"}
+    path.unlink()  # as in a run of earlier code: made again of the same draws
+    assert determined_rows(open_run(folder)) == own
+    table.loc[table["quantity"] == "Hx", ["low_90", "median", "high_90"]] = 0.123, 0.456, 0.789
+    table.to_csv(path, index=False)
+    assert determined_rows(open_run(folder))[0]["interval"] == "0.12 to 0.79"
+
+
 def test_every_verdict_stands_in_words(run, html):
     text = " ".join("".join(outline(html).text).split())
     table = pd.read_csv(run.path / "identifiability.csv")
@@ -177,6 +190,8 @@ def test_a_run_that_ignores_the_mounting_says_so(run, tmp_path, mounting):
     folder = altered(run, tmp_path, lambda r: r["settings"].update(mounting=mounting))
     text = write_report(folder).read_text(encoding="utf-8")
     assert "mounting stretch was ignored" in " ".join("".join(outline(text).text).split())
+    told = f"was not inferred (mounting {mounting}): the parameters carry its error"
+    assert told in closing_message(open_run(folder)) and told not in closing_message(run)
 
 
 def test_markdown_and_latex_keep_their_cells(run, tmp_path):

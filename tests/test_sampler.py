@@ -489,7 +489,7 @@ def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
     text = capsys.readouterr().err
     assert code == 2
     assert len(text.strip().splitlines()) == 1
-    for words in ("tared", "--mounting-force X Y", "--mounting zeroed"):
+    for words in (f"{path}: ", "tared", "--mounting-force X Y", "--mounting zeroed"):
         assert words in text
     assert not (tmp_path / "run" / "provenance.json").exists()
 

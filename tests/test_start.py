@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,19 @@ def test_a_look_at_a_file_imports_nothing_of_runs():
     found = imported(called("check", str(MEDIA)))
     assert "numpy" in found
     assert not found & (HEAVY | {"pandas", "h5py", "emcee", "matplotlib", "biaxbayes.runs.run"})
+
+
+@pytest.mark.parametrize(("stated", "expected"), [({}, "1 {1}"), ({"OMP_NUM_THREADS": "4"}, "4")])
+def test_a_command_takes_one_thread_for_its_matrices_unless_told_otherwise(stated, expected):
+    code = called("check", str(MEDIA)) + (
+        "\nimport os, numpy, threadpoolctl\nfound = threadpoolctl.threadpool_info()\n"
+        "print('threads', os.environ['OMP_NUM_THREADS'], {f['num_threads'] for f in found})"
+    )
+    rest = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=rest | stated
+    )
+    assert done.stdout.rsplit("threads ", 1)[1].startswith(expected)
 
 
 @pytest.mark.parametrize("room", ["biaxbayes.jobs.sample", "biaxbayes.jobs.products"])

@@ -86,7 +86,7 @@ def test_a_study_without_a_name_has_that_of_its_file(folder):
 
 A = '[[specimen]]\nfile = "a.csv"\n'
 BAD = {
-    "": "is empty",
+    "": "is empty; write what it should state",
     "# nothing": "lists no specimen",
     "x =": "not valid TOML",
     "specimen = 3": "lists no specimen",

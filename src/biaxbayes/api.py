@@ -23,6 +23,7 @@ from biaxbayes.jobs.opening import (
     made_folder,
     never,
     opened_specimen,
+    refuse_finished,
     silent,
     usable_run,
 )
@@ -49,6 +50,7 @@ from biaxbayes.options import (
     documented,
 )
 from biaxbayes.progress_bar import with_progress
+from biaxbayes.runs.folder import POPULATION
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen import Specimen
 
@@ -255,6 +257,7 @@ def population(
     priors: PathLike | None = None,
     scheduler: str | None = None,
     resume: bool = False,
+    overwrite: bool = False,
     anyway: bool = False,
     progress: Tell = silent,
     stop: Stop = never,
@@ -277,6 +280,8 @@ def population(
         Address of a Dask scheduler, for specimens that have to be sampled first.
     resume : bool
         Continue from the folder's checkpoint where there is one.
+    overwrite : bool
+        Replace a finished population, with all that was made of it.
     anyway : bool
         Take specimens whose runs are tentative, too.
     progress, stop : callable, optional
@@ -290,6 +295,7 @@ def population(
 
     chosen = PopulationOptions.of(options)
     stated = PopulationPriors() if priors is None else PopulationPriors.read(Path(priors))
+    refuse_finished(Path(out), POPULATION, resume=resume, overwrite=overwrite)
     source = Path(study)
     if not source.is_dir():
         folder = Path(runs) if runs is not None else Path(f"{source.stem}-study")
@@ -306,7 +312,7 @@ def population(
         raise InputError("--runs goes with a study file", file=source)
     name, members = members_of_study(source)
     job = PopulationJob(name, members, Path(out), chosen, stated, anyway)
-    return job.execute(resume=resume, progress=progress, stop=stop)
+    return job.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
 
 
 @with_progress

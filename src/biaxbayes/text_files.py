@@ -63,6 +63,13 @@ SIGNATURES = {
 }
 
 
+OF_EMPTY = {
+    **dict.fromkeys(("", ".csv", ".tsv", ".txt", ".xls", ".xlsx"), "export the record again"),
+    ".toml": "write what it should state into it",
+}
+"""What to do about an empty file, by the ending of its name."""
+
+
 def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
     """Content of a regular file.
 
@@ -95,7 +102,9 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
     except ValueError as error:
         raise InputError(f"is not a path ({error})", file=path, remedy="check the path") from None
     if not raw.strip(b" \t\r\n\0\xef\xbb\xbf"):
-        raise InputError("is empty", file=path, remedy="export the record again")
+        raise InputError(
+            "is empty", file=path, remedy=OF_EMPTY.get(path.suffix.lower(), "check the path")
+        )
     return raw
 
 
@@ -178,6 +187,10 @@ def atomic_write_bytes(path: Path, data: bytes | memoryview) -> None:
     """
     if not path.name or path.is_dir():
         raise InputError("is a folder, not a file", file=path, remedy="name a file")
+    if not path.parent.is_dir():
+        raise InputError(
+            f"the folder {path.parent} does not exist", file=path, remedy="make it, or name another"
+        )
     temporary = path.with_name(f".{path.name[:40]}.{os.getpid()}.tmp")
     try:
         # A name that is there already was left by a crash, or is somebody's link: never follow it.

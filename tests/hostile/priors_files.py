@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 REFUSED: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
-    "empty": ("", ("is empty",)),
+    "empty": ("", ("is empty; write what it should state",)),
     "binary": (b"\x00\x01\x02kappa = 0\n", ("is binary",)),
     "latin-1": ("# für uns\nkappa = 0\n".encode("latin-1"), ("is not UTF-8", "row 1")),
     "utf-16": ("kappa = 0\n".encode("utf-16"), ("is UTF-16",)),

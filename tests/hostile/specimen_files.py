@@ -291,7 +291,11 @@ REFUSED = [
     Refused("edge with unit", content(with_header("20", "20 mm")), ("without unit", "row 4")),
     Refused("geometry", content(with_header("unloaded", "deformed")), ("'deformed'", "row 3")),
     Refused("no thickness", content(with_header("# thickness_mm: 1.35\n", "")), ("thickness_mm",)),
-    Refused("no geometry", content(with_header("# geometry: unloaded\n", "")), ("geometry",)),
+    Refused(
+        "no geometry",
+        content(with_header("# geometry: unloaded\n", "")),
+        ("'# geometry: unloaded|mounted'",),
+    ),
     Refused("noise in kPa", content(with_header("noise_N", "noise_kPa")), ("load_noise_kPa",)),
     Refused("noise in mN", content(with_header("0.0006", "60")), ("exceeds every load", "row 7")),
     Refused("rest_rows 0", content("# rest_rows: 0\n" + GOOD), ("rest_rows", "row 1")),

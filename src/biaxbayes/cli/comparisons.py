@@ -15,7 +15,7 @@ from biaxbayes.cli.options import (
     mounting_force_option,
     open_usable_run,
     options,
-    overwrite_run_option,
+    overwrite_option,
     quiet_option,
     read_model_options,
 )
@@ -53,7 +53,7 @@ NOT_CONVERGED = NotConverged.exit_code
     is_flag=True,
     help="Take runs whose chains have not converged, and records that cannot be loading curves.",
 )
-@overwrite_run_option
+@overwrite_option("run")
 @quiet_option
 def compare(
     sources: tuple[Path, ...],
@@ -239,6 +239,7 @@ MARK = "*"
     help="Dask scheduler for specimens that have to be sampled first, as tcp://host:8786.",
 )
 @click.option("--resume", is_flag=True, help="Continue from the folder's checkpoint.")
+@overwrite_option("population")
 @click.option("--anyway", is_flag=True, help="Take specimens whose runs are tentative, too.")
 @quiet_option
 def population(
@@ -248,6 +249,7 @@ def population(
     priors: Path | None,
     scheduler: str | None,
     resume: bool,
+    overwrite: bool,
     anyway: bool,
     quiet: bool,
     **chosen: Any,
@@ -276,6 +278,7 @@ def population(
             priors=priors,
             scheduler=scheduler,
             resume=resume,
+            overwrite=overwrite,
             anyway=anyway,
             progress=tell,
             stop=stop,
@@ -288,6 +291,16 @@ def population(
     elif found.state != "converged":
         click.echo(f"biaxbayes: {found.reason}", err=True)
     return 0 if found.state == "converged" else NOT_CONVERGED
+
+
+QUALIFIED = (", but loosely", "; sensitive to the prior")
+"""What the sentence on a verdict may add to it."""
+
+
+def _qualified(row: dict[Any, Any]) -> str:
+    """A verdict with what its sentence adds to it."""
+    sentence = str(row["in_words"])
+    return "".join((str(row["verdict"]), *(told for told in QUALIFIED if told in sentence)))
 
 
 def _closing(found: PopulationFound) -> str:
@@ -318,7 +331,7 @@ def _closing(found: PopulationFound) -> str:
             new = f"{three_digits(r['new_specimen_q05'])} to {three_digits(r['new_specimen_q95'])}"
             unit = "" if r["unit"] == "1" else str(r["unit"])
             head = f"{str(r['quantity'])[:21]:<22}{unit:<6}"
-            lines.append(f"{head}{mean}{sds}   {new:<19}{r['verdict']}")
+            lines.append(f"{head}{mean}{sds}   {new:<19}{_qualified(r)}")
     lines += ["", "sds of logs where the scale is log (population.csv)"]
     if any((found.groups[f"{side}_verdict"] == PRIOR).any() for side in SDS):
         lines.append(f"{MARK} {PRIOR}: the specimens say little of this sd")

@@ -249,7 +249,7 @@ def _cell(row: Any, name: str) -> str:
     DesignOptions,
     ratios={
         "multiple": True,
-        "type": Pair("ratio", ":", single=False, zero=True),
+        "type": Pair("ratio", ":", "1:0.5", zero=True),
         "show_default": False,
     },
 )

@@ -11,12 +11,14 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import ModelOptions, Option, Options, stated
+from biaxbayes.specimens.keys import KEYS, NONE, OF_FORCES
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
     from biaxbayes.runs.run import Run
 
 __all__ = [
+    "HEADER_OPTIONS",
     "MODEL",
     "Decorator",
     "Pair",
@@ -27,11 +29,12 @@ __all__ = [
     "file_option",
     "fix_option",
     "fixed_values",
+    "header_options",
     "model_options",
     "mounting_force_option",
     "open_usable_run",
     "options",
-    "overwrite_run_option",
+    "overwrite_option",
     "quiet_option",
     "read_model_options",
     "refuse_given",
@@ -41,10 +44,13 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class Pair(click.ParamType):
-    """Two positive numbers with a separator, or one number for both: ``20`` or ``20x15``."""
+    """Two positive numbers with a separator, or one number for both, as in the example."""
 
-    def __init__(self, name: str, separator: str, *, single: bool, zero: bool = False) -> None:
-        self.name, self.separator, self.single, self.zero = name, separator, single, zero
+    def __init__(
+        self, name: str, separator: str, example: str, *, single: bool = False, zero: bool = False
+    ) -> None:
+        self.name, self.separator, self.example = name, separator, example
+        self.single, self.zero = single, zero
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -61,8 +67,7 @@ class Pair(click.ParamType):
             x = y = math.nan
         lowest = min(x, y)
         if not (math.isfinite(x + y) and (lowest > 0.0 or (self.zero and lowest == 0.0))):
-            example = "20 or 20x15" if self.single else "1:0.5"
-            self.fail(f"{value!r} does not read like {example}", param, ctx)
+            self.fail(f"{value!r} does not read like {self.example}", param, ctx)
         return x, y
 
 
@@ -127,9 +132,14 @@ def file_option(name: str, words: str, metavar: str | None = None, **more: Any) 
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 anyway_option = click.option("--anyway", is_flag=True, help="Even if the run has not converged.")
-overwrite_run_option = click.option(
-    "--overwrite", is_flag=True, help="Replace a finished run, with all that was made of it."
-)
+
+
+def overwrite_option(kind: str) -> Decorator:
+    """``--overwrite`` of what took long to sample."""
+    words = f"Replace a finished {kind}, with all that was made of it."
+    return click.option("--overwrite", is_flag=True, help=words)
+
+
 any_record_option = click.option(
     "--anyway", is_flag=True, help="Even if the record cannot be a loading curve (see check)."
 )
@@ -249,3 +259,43 @@ def open_usable_run(path: Path, *, anyway: bool) -> Run:
     elif run.state == "tentative":
         click.echo("note: this run is tentative: few effective draws", err=True)
     return run
+
+
+# --- header keys of a specimen file ---------------------------------------------------------------
+
+
+HEADER_OPTIONS = {
+    "specimen": "TEXT",
+    "layer": "TEXT",
+    "axis_x": "TEXT",
+    "axis_y": "TEXT",
+    "geometry": "unloaded|mounted",
+    "edge_x_mm": "MM",
+    "edge_y_mm": "MM",
+    "thickness_mm": "MM",
+    "load_noise_N": "N",
+    "load_noise_kPa": "KPA",
+    "edge_sd_mm": "MM",
+    "thickness_sd_mm": "MM",
+    "mounting_stretch_x": "'M +- SD'",
+    "mounting_stretch_y": "'M +- SD'",
+    "stress_limit_kPa": "KPA",
+}
+"""Header keys that can be stated, and what the help prints for their values."""
+
+
+def header_options() -> Decorator:
+    """An option for each header key of a specimen file."""
+
+    def add(function: Any) -> Any:
+        for key, metavar in reversed(HEADER_OPTIONS.items()):
+            words, default = KEYS[key]
+            default = "name of the first file" if key == "specimen" else default
+            without = default if default == OF_FORCES else f"default: {default}"
+            text = f"{words}." if default == NONE else f"{words} ({without})."
+            option = f"--{key.replace('_', '-')}"
+            names = [option] if option == option.lower() else [option, option.lower()]
+            function = click.option(*names, key.lower(), metavar=metavar, help=text)(function)
+        return function
+
+    return add

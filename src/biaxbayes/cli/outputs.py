@@ -49,7 +49,7 @@ PATH = ("stretch", "ratio", "stretches", "protocol")
 )
 @click.option(
     "--ratio",
-    type=Pair("ratio", ":", single=False, zero=True),
+    type=Pair("ratio", ":", "1:0.5", zero=True),
     metavar="X:Y",
     help="Share of the stretch that x and y take  [default: 1:1]",
 )
@@ -82,13 +82,13 @@ PATH = ("stretch", "ratio", "stretches", "protocol")
 )
 @click.option(
     "--pressure",
-    type=Pair("pressure", ":", single=False, zero=True),
+    type=Pair("pressure", ":", "0:16", zero=True),
     metavar="A:B",
     help="Pressures, kPa  [default: 0:16]",
 )
 @click.option(
     "--circumferential-stretch",
-    type=Pair("stretch", ":", single=False),
+    type=Pair("stretch", ":", "1:1.2"),
     metavar="A:B",
     help="Stretches of the mid wall instead of pressures.",
 )

@@ -18,7 +18,7 @@ from biaxbayes.cli.options import (
     model_options,
     mounting_force_option,
     options,
-    overwrite_run_option,
+    overwrite_option,
     quiet_option,
     read_model_options,
     refuse_given,
@@ -62,7 +62,7 @@ NOT_CONVERGED = NotConverged.exit_code
 @options(SamplingPlan, "ess", "max_steps", "workers")
 @any_record_option
 @click.option("--resume", is_flag=True, help="Continue from the folder's checkpoint.")
-@overwrite_run_option
+@overwrite_option("run")
 @quiet_option
 def sample(
     specimen: Path,
@@ -153,7 +153,8 @@ def batch(
     layers and donors, study.html with the layers compared, and in runs/ a run folder of each
     specimen. The same command again does what is missing: a finished specimen is not sampled
     again, an interrupted one continues. A specimen that fails does not stop the others. Exit
-    code 0 when every specimen has converged, 3 when one has not, 2 when the input cannot be used.
+    code 0 when every specimen has converged, 3 when one has not or has failed, 2 when nothing
+    could be begun: a file is missing, a study file, an option or a folder cannot be used.
 
     \b
     biaxbayes batch study.toml --workers 4

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.cli.options import Decorator, Pair, argument, file_option, options
+from biaxbayes.cli.options import (
+    HEADER_OPTIONS,
+    Pair,
+    argument,
+    file_option,
+    header_options,
+    options,
+)
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS
 from biaxbayes.machines import BRANCHES, FORMATS, STRETCH_SOURCES
@@ -37,7 +44,11 @@ __all__ = ["check", "convert", "simulate"]
     help="Whether to try if GOH can follow the record.",
 )
 def check(specimen: Path, figure: Path | None, as_json: bool, with_fit: bool) -> int:
-    """Print what is understood of a specimen file, and warn of what may go wrong."""
+    """Print what is understood of a specimen file, and warn of what may go wrong.
+
+    Exit code 0 for a record that 'sample' takes, with or without warnings; 2 for one with an error,
+    which 'sample' refuses without --anyway.
+    """
     from biaxbayes.jobs import specimen_files
 
     found = specimen_files.check(specimen, fit=with_fit, figure=figure)
@@ -49,7 +60,8 @@ def check(specimen: Path, figure: Path | None, as_json: bool, with_fit: bool) ->
         _tell_checked(found)
         if figure is not None:
             click.echo(f"figure: {figure}")
-    return 0
+    refused = any(finding.severity == "error" for finding in found.findings)
+    return InputError.exit_code if refused else 0
 
 
 def _tell_checked(found: Checked) -> None:
@@ -82,11 +94,11 @@ def _tell_checked(found: Checked) -> None:
     click.echo("")
     for finding in findings:
         click.echo(_wrapped(str(finding)))
-    errors = sum(finding.severity == "error" for finding in findings)
+    errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
     if errors:
         click.echo("cannot be a loading curve: 'sample' refuses it without --anyway")
-    count = sum(finding.severity == "warning" for finding in findings)
-    click.echo("no warnings" if not count else f"{count} {'warning' if count == 1 else 'warnings'}")
+    if count or not errors:
+        click.echo(f"{count or 'no'} {'warning' if count == 1 else 'warnings'}")
 
 
 def _dimensions(specimen: Specimen) -> str:
@@ -139,38 +151,6 @@ def _wrapped(text: str) -> str:
 
 
 # --- convert: machine exports to one specimen file, and what was taken from them -----------------
-
-
-HEADER_OPTIONS = (
-    ("specimen", "TEXT", "Name of the specimen (default: that of the first file)."),
-    ("layer", "TEXT", "Such as media."),
-    ("axis_x", "TEXT", "What x is, such as circumferential."),
-    ("axis_y", "TEXT", "What y is."),
-    ("geometry", "unloaded|mounted", "State that dimensions, and stresses in the file, refer to."),
-    ("edge_x_mm", "MM", "Edge along x."),
-    ("edge_y_mm", "MM", "Edge along y; the force in x acts on edge_y x thickness."),
-    ("thickness_mm", "MM", ""),
-    ("load_noise_N", "N", "Standard deviation of one force reading."),
-    ("load_noise_kPa", "KPA", "The same of a stress."),
-    ("edge_sd_mm", "MM", "Uncertainty of the edges."),
-    ("thickness_sd_mm", "MM", "Uncertainty of the thickness."),
-    ("mounting_stretch_x", "'M +- SD'", "Mounting stretch known from an image."),
-    ("mounting_stretch_y", "'M +- SD'", ""),
-    ("stress_limit_kPa", "KPA", "Accept stresses up to this (default 5000)."),
-)
-
-
-def header_options() -> Decorator:
-    """An option for each header key of a specimen file."""
-
-    def add(function: Any) -> Any:
-        for key, metavar, text in reversed(HEADER_OPTIONS):
-            option = f"--{key.replace('_', '-')}"
-            names = [option] if option == option.lower() else [option, option.lower()]
-            function = click.option(*names, key.lower(), metavar=metavar, help=text)(function)
-        return function
-
-    return add
 
 
 @click.command("convert")
@@ -250,7 +230,7 @@ def convert(
     from biaxbayes.machines.conversion import Choice
 
     names = [name.strip() for name in protocol_names.split(",")] if protocol_names else []
-    stated = {key: header[key.lower()] for key, _, _ in HEADER_OPTIONS}
+    stated = {key: header[key.lower()] for key in HEADER_OPTIONS}
     found = specimen_files.convert(
         raw,
         Choice(machine, columns, cycle, branch, stretch_from, sets, sheets),
@@ -311,7 +291,7 @@ def _range(stretch: Any) -> str:
 
 
 DEFAULT_HOOKS = 5
-RATIO = Pair("ratio", ":", single=False, zero=True)
+RATIO = Pair("ratio", ":", "1:0.5", zero=True)
 
 
 @click.command("simulate")
@@ -348,7 +328,7 @@ RATIO = Pair("ratio", ":", single=False, zero=True)
     "name",
     prestretch={"nargs": 2, "type": float},
     ratios={"multiple": True, "type": RATIO, "show_default": False},
-    edge={"type": Pair("edge", "x", single=True), "show_default": False},
+    edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
     noise_N={"show_default": False},
     misfit={"show_default": False},
     hooks={"is_flag": False, "flag_value": DEFAULT_HOOKS},
@@ -366,7 +346,7 @@ def simulate(
 ) -> None:
     r"""A virtual biaxial test, written as a specimen file.
 
-    The truth goes into a second file beside it, <stem>.truth.json, which no fit reads.
+    The truth goes into a second file beside it, `<stem>.truth.json`, which no fit reads.
 
     \b
     biaxbayes simulate --material donor2-media --noise-N 0.0006 --out media.csv

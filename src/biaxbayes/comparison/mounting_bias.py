@@ -181,8 +181,9 @@ def ledger(treated: Mapping[str, Treated], stretches: Sequence[float] | None = N
     inferred = treated["inferred"]
     specimen = inferred.posterior.specimen
     chosen = default_stretches(inferred) if stretches is None else _checked(stretches)
-    draws = {name: _thinned(treated[name].draws) for name in TREATMENTS}
-    rows = _parameter_rows(inferred.posterior, draws) + _stress_rows(treated, draws, chosen)
+    every = {name: treated[name].draws for name in TREATMENTS}
+    some = {name: _thinned(draws) for name, draws in every.items()}
+    rows = _parameter_rows(inferred.posterior, every) + _stress_rows(treated, some, chosen)
     table = pd.DataFrame(rows)
     lm = median_mounting(inferred.draws, specimen)
     at = table["total_stretch"].to_numpy(dtype=float)

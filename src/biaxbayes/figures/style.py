@@ -37,6 +37,7 @@ __all__ = [
     "keep_labels",
     "layout",
     "own_garbage",
+    "picture_suffix",
     "plain",
     "print_style",
     "read_style",
@@ -333,6 +334,24 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
     return out.getvalue()
 
 
+def picture_suffix(path: Path) -> str:
+    """The format that a file name ends with.
+
+    Raises
+    ------
+    InputError
+        If the ending is none of :data:`biaxbayes.options.PICTURES`.
+    """
+    suffix = path.suffix.lower().removeprefix(".")
+    if suffix not in PICTURES:
+        raise InputError(
+            f"cannot draw a figure as {path.suffix or 'a file without ending'!r}",
+            file=path,
+            remedy="let the name end with .pdf, .png or .svg",
+        )
+    return suffix
+
+
 def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | None = None) -> None:
     """Write a figure in the format that the file name ends with, whole or not at all.
 
@@ -342,14 +361,7 @@ def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | Non
         If the ending is none of :data:`biaxbayes.options.PICTURES`, or the file cannot be written.
     """
     path = Path(path)
-    suffix = path.suffix.lower().removeprefix(".")
-    if suffix not in PICTURES:
-        raise InputError(
-            f"cannot draw a figure as {path.suffix or 'a file without ending'!r}",
-            file=path,
-            remedy="let the name end with .pdf, .png or .svg",
-        )
-    atomic_write_bytes(path, figure_bytes(figure, suffix, style))
+    atomic_write_bytes(path, figure_bytes(figure, picture_suffix(path), style))
 
 
 def save_pictures(figure: Figure | None, folder: Path, stem: str) -> list[Path]:

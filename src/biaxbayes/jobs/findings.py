@@ -30,6 +30,7 @@ from biaxbayes.options import (
     ProfileOptions,
     documented,
 )
+from biaxbayes.options.model import ALL_ROWS
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.sampling.sampler import Progress
 
@@ -165,6 +166,7 @@ def ledger(
         run = usable_run(source)  # type: ignore[arg-type]
         posterior = run.posterior()
         asked, specimen = posterior.options(), run.specimen
+        asked["thin"] = asked["thin"] or ALL_ROWS
         if asked["mounting"] not in INFERRING:
             raise InputError(
                 f"this run's mounting stretch is {asked['mounting']}, not inferred",

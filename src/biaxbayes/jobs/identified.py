@@ -47,7 +47,8 @@ __all__ = [
 # --- identifiability.csv: verdicts with their evidence; the thresholds they depend on -------------
 
 
-DIGITS = 6
+DIGITS = 8
+"""Of the tables: more than anything is told with, so that what is read again is rounded alike."""
 
 
 def write_identifiability(found: Identifiability, path: Path) -> None:

@@ -36,12 +36,16 @@ def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        For an unknown name.
+        For an unknown name, or none in what was given.
     """
     from biaxbayes.laws import law_named
 
     parts = named.split(",") if isinstance(named, str) else list(named or ())
     names = [name.strip() for name in parts if name.strip()]
+    if named is not None and not names:
+        raise InputError(
+            "--laws names no law", remedy=f"laws are {', '.join(LAWS)}; leave it out for all"
+        )
     for name in names:
         law_named(name)
     return tuple(name for name in LAWS if not names or name in names)
@@ -132,6 +136,11 @@ def compared_laws(
         raise InputError(
             "a protocol with a mounted state of its own cannot be foretold from the others",
             remedy="leave out --mounting-stretch per-protocol",
+        )
+    if len(laws) < 2:
+        raise InputError(
+            f"{', '.join(laws)} alone is no comparison",
+            remedy="name two laws or more, or sample one with 'biaxbayes sample --law'",
         )
     tasks = [
         Task(law, specimen, part, options, _seed(plan.seed, law, part), plan.ess, plan.max_steps)
@@ -247,9 +256,9 @@ def write_laws(compared: LawComparison, specimen: Specimen, folder: Path) -> Non
     from biaxbayes.figures.style import save_pictures
     from biaxbayes.reports.comparison import laws_page
 
-    write_csv(folder / "laws.csv", compared.table, digits=6)
-    write_csv(folder / "stated.csv", compared.stated, digits=6)
-    write_csv(folder / "left-out.csv", compared.parts, digits=6)
+    write_csv(folder / "laws.csv", compared.table, digits=8)
+    write_csv(folder / "stated.csv", compared.stated, digits=8)
+    write_csv(folder / "left-out.csv", compared.parts, digits=8)
     write_csv(folder / "stacked-draws.csv", compared.draws, digits=8)
     write_csv(folder / "stacked-bands.csv", compared.bands, digits=8)
     drawn = {

@@ -35,7 +35,9 @@ __all__ = [
     "opened_specimen",
     "opened_style",
     "readable_specimen",
+    "refuse_finished",
     "refuse_model",
+    "removal_told",
     "silent",
     "usable_run",
     "write_table",
@@ -220,6 +222,44 @@ def opened_style(style: Any) -> dict[str, Any] | None:
     from biaxbayes.figures.style import read_style
 
     return read_style(style) if isinstance(style, str | Path) else style
+
+
+def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool) -> None:
+    """Draws that took an hour are replaced on purpose only; to continue them adds to them.
+
+    Parameters
+    ----------
+    folder : Path
+    record : str
+        The file that a finished folder holds: that of a run or of a population.
+    resume, overwrite : bool
+
+    Raises
+    ------
+    RunError
+    """
+    from biaxbayes.runs.checkpoint import NAMES
+    from biaxbayes.runs.folder import KINDS, is_finished
+
+    kept = resume and any((folder / name).exists() for name in NAMES)
+    if is_finished(folder, record) and not (kept or overwrite):
+        raise RunError(
+            f"{folder}: holds a finished {KINDS[record]}; choose another --out, or replace it with "
+            "--overwrite"
+        )
+
+
+def removal_told(tell: Tell, record: str) -> Callable[[list[str]], None]:
+    """Tells the names of what was made of the former run or population and went with it."""
+    from biaxbayes.runs.folder import KINDS
+    from biaxbayes.sampling.sampler import Progress
+
+    def gone(names: list[str]) -> None:
+        if names:
+            note = f"removed with the {KINDS[record]} before: {', '.join(names)}"
+            tell(Progress("writing", note=note))
+
+    return gone
 
 
 def check_new(path: Path, overwrite: bool) -> None:

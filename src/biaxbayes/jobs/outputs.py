@@ -102,6 +102,7 @@ def predict(
         raise InputError("--stretches is a whole path", remedy="leave --stretch and --ratio out")
     opened = usable_run(run, anyway=anyway)
     specimen = opened.specimen
+    _check_protocol(protocol, [p.name for p in specimen.protocols])
     states = _states(opened, path, stretch, ratio, how.points, protocol, reference)
     table = predict_stress(
         opened.draws,
@@ -135,6 +136,14 @@ def predict(
         )
         _predicted(made_folder(out) / "prediction", table, figure, drawn.suffix, style)
     return table
+
+
+def _check_protocol(protocol: str | None, names: list[str]) -> None:
+    """Refuse a protocol that the run does not have, also where all share a mounted state."""
+    if protocol is not None and protocol not in names:
+        raise InputError(
+            f"no protocol {protocol[:60]!r} in this run", remedy=f"it has {', '.join(names)}"
+        )
 
 
 def _states(
@@ -346,7 +355,7 @@ def export(
     if population is not None:
         if how.at is not None or isinstance(run, Run):
             raise InputError("--population takes a population's folder, and no --at")
-        from biaxbayes.jobs.population_files import export_population
+        from biaxbayes.jobs.population_cards import export_population
 
         cards = vars(how) | {"draws": how.draws or NEW_SPECIMENS}
         cards.pop("at")

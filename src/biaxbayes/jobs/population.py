@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ import numpy as np
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
-from biaxbayes.jobs.population_files import RECORD, Member, PopulationFound, write_population
+from biaxbayes.jobs.opening import refuse_finished, removal_told
+from biaxbayes.jobs.population_files import Member, PopulationFound, write_population
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations.model import (
     Grouping,
@@ -27,7 +28,7 @@ from biaxbayes.populations.sampler import History, Plan, State, draw
 from biaxbayes.populations.specimens import Source, individual_of, pooled_names
 from biaxbayes.populations.tuning import Spreading, Tuning
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.folder import clear_leftovers, names_in
+from biaxbayes.runs.folder import POPULATION, clear_leftovers, finish_moving, names_in, staged
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
@@ -70,6 +71,7 @@ class PopulationJob:
         self,
         *,
         resume: bool = False,
+        overwrite: bool = False,
         progress: Callable[[Progress], None] = lambda p: None,
         stop: Callable[[], int] = lambda: 0,
     ) -> PopulationFound:
@@ -80,7 +82,7 @@ class PopulationJob:
         InputError
             If the specimens make no population.
         RunError
-            If the folder is in use or holds something else.
+            If the folder is in use, or holds something else or a finished population.
         Interrupted
             If stopped; what was done is saved.
         """
@@ -94,6 +96,8 @@ class PopulationJob:
         self._make_folder()
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
+            finish_moving(self.folder, POPULATION)
+            refuse_finished(self.folder, POPULATION, resume=resume, overwrite=overwrite)
             plan = Plan(
                 ess=self.options.ess,
                 max_steps=self.options.max_steps,
@@ -127,7 +131,10 @@ class PopulationJob:
                 left_out,
                 notes,
             )
-            return write_population(self.folder, population, identity)
+            gone = removal_told(progress, POPULATION)
+            with staged(self.folder, gone, POPULATION) as aside:
+                written = write_population(aside, population, identity)
+            return replace(written, folder=self.folder)
 
     def _opened(self) -> tuple[list[Source], dict[str, str]]:
         """The runs that can be pooled, and why the others cannot."""
@@ -168,7 +175,7 @@ class PopulationJob:
 
     def _make_folder(self) -> None:
         names = names_in(self.folder)
-        if names and not names & {RECORD, checkpoint.NAME, checkpoint.PREVIOUS}:
+        if names and not names & {POPULATION, *checkpoint.NAMES}:
             raise RunError(
                 f"{self.folder}: is a folder that is not a population's; choose another --out"
             )

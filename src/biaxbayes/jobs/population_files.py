@@ -1,4 +1,4 @@
-"""The files of a population: those of its study, its own, and material cards made of them."""
+"""The files of a population: those of its study, and its own."""
 
 from __future__ import annotations
 
@@ -14,30 +14,35 @@ import numpy as np
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.laws.law import Law
-from biaxbayes.parameters import MATERIAL, mounting_names
+from biaxbayes.errors import InputError, RunError
+from biaxbayes.parameters import MATERIAL
 from biaxbayes.populations.result import Population
 from biaxbayes.reports.population import PAGE, population_page
-from biaxbayes.runs.archive import SuspiciousArchive, check_archive
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.runs.folder import (
+    POPULATION,
+    PROVENANCE,
+    READY,
+    RUNS,
+    STUDY,
+    finish_moving,
+    manifest,
+)
+from biaxbayes.runs.lock import folder_lock
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
 __all__ = [
     "FIGURES",
     "PAGE",
-    "RECORD",
     "Member",
     "PopulationFound",
-    "export_population",
     "members_of_study",
     "read_population",
     "write_population",
 ]
 
-RECORD = "population.json"
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
 BANDS = "new-specimen-bands"
+MAKE_POPULATION = "make one with 'biaxbayes population'"
 FIGURES = ("population-forest", "population-pairs", BANDS)
 
 
@@ -74,7 +79,7 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
         If the folder is no finished study's, or its groups are not stated.
     """
     try:
-        record = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+        record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
         table = pd.read_csv(folder / "study.csv", dtype=str, keep_default_na=False)
         rows = table.drop_duplicates("specimen").to_dict("records")
         names = [str(r["specimen"]) for r in rows]
@@ -164,8 +169,13 @@ def read_population(folder: Path) -> PopulationFound:
     RunError
         If the folder is none.
     """
+    if (folder / READY).is_dir():  # as in open_run
+        with folder_lock(folder):
+            finish_moving(folder, POPULATION)
+    if not (folder / POPULATION).is_file():
+        raise RunError(f"{folder}: {_no_population(folder)}")
     try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
         tables = {k: pd.read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
         found = PopulationFound(
             name=str(record["name"]),
@@ -176,11 +186,23 @@ def read_population(folder: Path) -> PopulationFound:
             left_out={str(k): str(v) for k, v in record["left_out"].items()},
             **tables,
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise RunError(
-            f"{folder}: is not the folder of a finished population ({type(error).__name__})"
+            f"{folder}: its population cannot be read, a file is missing or damaged; copy the "
+            f"folder again, or {MAKE_POPULATION}"
         ) from None
     return found
+
+
+def _no_population(folder: Path) -> str:
+    """What is wrong with a folder that is not a finished population's, and what to do."""
+    if not folder.exists():
+        return f"does not exist; {MAKE_POPULATION}"
+    if (folder / PROVENANCE).exists():
+        return "is a run's folder, not a population's; leave --population out"
+    if (folder / STUDY).is_file() and (folder / RUNS).is_dir():
+        return f"is a study's folder, not a population's; {MAKE_POPULATION} of it"
+    return f"is not the folder of a finished population; {MAKE_POPULATION}"
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -229,7 +251,8 @@ def write_population(folder: Path, found: Population, identity: dict[str, Any]) 
         "identity": identity,
     }
     atomic_write_text(folder / PAGE, population_page(folder, tables, record))
-    atomic_write_text(folder / RECORD, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+    record["files"] = manifest(folder)
+    atomic_write_text(folder / POPULATION, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
     return PopulationFound(
         found.name,
         folder,
@@ -336,115 +359,3 @@ def archive(found: Population) -> bytes:
     whole = io.BytesIO()
     tree.to_netcdf(whole, engine="h5netcdf")
     return whole.getvalue()
-
-
-# --- cards of new specimens ----------------------------------------------------------------------
-
-
-MEAN_CURVE = "mean-curve"
-
-
-def export_population(
-    folder: Path,
-    group: str,
-    program: str,
-    *,
-    out: Path,
-    draws: int,
-    units: str,
-    bulk_ratio: float | None,
-    seed: int,
-    overwrite: bool,
-    anyway: bool = False,
-) -> pd.DataFrame:
-    """Cards of new specimens of a group, and in a folder of its own that of the mean curve.
-
-    The mean curve is that of the new specimen whose curves are nearest the median curves: means
-    of parameters one by one are no material of the group.
-
-    Parameters
-    ----------
-    folder : Path
-        Of a finished population.
-    group : str
-    program : {"abaqus", "febio"}
-    out : Path
-    draws : int
-        Number of new specimens.
-    units, bulk_ratio, seed, overwrite
-        As in :func:`biaxbayes.cards.export.export_cards`.
-    anyway : bool
-        Even where the population is unusable.
-
-    Returns
-    -------
-    DataFrame
-        Manifest of the new specimens.
-    """
-    from biaxbayes.cards.export import export_cards
-    from biaxbayes.laws import law_named
-    from biaxbayes.prediction.draws import chosen_draws
-
-    state = read_population(folder).state
-    if state == "unusable" and not anyway:
-        raise NotConverged(
-            f"{folder}: the chains of this population have not converged; sample longer, or add "
-            "--anyway to use them all the same"
-        )
-    table, about = _materials(folder, group)
-    law = law_named(str(about["law"]), fibre_switch=bool(about["fibre_switch"]))
-    specimen = _equibiaxial(group, law, table, float(about["largest_stretch"]))
-    # stretches are total ones: the unloaded state is the reference
-    table = table.assign(**dict.fromkeys(mounting_names("stretch"), 1.0))
-    mean, _ = chosen_draws(table, specimen, law, at="median")
-    rows, _ = chosen_draws(table, specimen, law, count=min(draws, len(table)), seed=seed)
-    kind: dict[str, Any] = {
-        "program": program,
-        "units": units,
-        "bulk_ratio": bulk_ratio,
-        "overwrite": overwrite,
-    }
-    manifest = export_cards(
-        table, specimen, law, rows, out, origin=f"new specimen of {group}", **kind
-    )
-    export_cards(
-        table,
-        specimen,
-        law,
-        mean,
-        out / MEAN_CURVE,
-        origin=f"new specimen of {group} with the curves nearest the median curves",
-        **kind,
-    )
-    return manifest
-
-
-def _materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Materials of new specimens of a group, and what the archive says of them."""
-    import xarray as xr
-
-    path = folder / "population.nc"
-    try:
-        check_archive(path)
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            found = tree["new_specimens"]["material"].load()
-            about = {str(k): v for k, v in tree.attrs.items()}
-        groups = [str(g) for g in found["group"].to_numpy()]
-        names = [str(n) for n in found["parameter"].to_numpy()]
-        values = found.to_numpy()
-    except (OSError, KeyError, ValueError, SuspiciousArchive) as error:
-        raise RunError(f"{path}: cannot be read as a population ({type(error).__name__})") from None
-    if group not in groups:
-        raise InputError(
-            f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"
-        )
-    return pd.DataFrame(values[groups.index(group)], columns=names), about
-
-
-def _equibiaxial(group: str, law: Law, table: pd.DataFrame, top: float) -> Specimen:
-    """A record of the group's median curves, whose states the cards are checked at."""
-    stretch = np.linspace(1.0, top, 61)
-    with np.errstate(over="ignore", invalid="ignore"):
-        stress = law.material(table).cauchy(stretch[None], stretch[None])
-    x, y = (np.median(np.nan_to_num(s, nan=np.inf), axis=0) for s in stress)
-    return Specimen(group, (Protocol("equibiaxial", stretch, stretch, x, y),), "cauchy", "unloaded")

@@ -254,12 +254,19 @@ def check_figure(figure: str, **given: Any) -> None:
 
 
 def picture(out: PathLike, suffix: str | None = None) -> Path:
-    """The file of a figure: ``out`` with the ending of its format."""
+    """The file of a figure: ``out``, with the ending of its format where it has none.
+
+    Raises
+    ------
+    InputError
+        If it ends otherwise than a picture, or than ``suffix``.
+    """
+    from biaxbayes.figures.style import picture_suffix
+
     path = Path(out)
-    ending = path.suffix.lower().removeprefix(".")
-    if ending not in PICTURES:
+    if not path.suffix:
         return path.with_name(f"{path.name}.{suffix or PICTURES[0]}")
-    if suffix not in (None, ending):
+    if suffix not in (None, picture_suffix(path)):
         raise InputError(
             f"--format {suffix} does not go with the file name {path.name!r}",
             remedy="leave one of them out",

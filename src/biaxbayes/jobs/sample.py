@@ -16,7 +16,12 @@ from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
 from biaxbayes.executors.beside import Begin, Beside, Partner
 from biaxbayes.identifiability.identify import RecordFits, record_fits
 from biaxbayes.identifiability.mounting_stretch.toe import swapped_columns
-from biaxbayes.jobs.opening import opened_specimen, readable_specimen
+from biaxbayes.jobs.opening import (
+    opened_specimen,
+    readable_specimen,
+    refuse_finished,
+    removal_told,
+)
 from biaxbayes.laws import law_named
 from biaxbayes.lean_imports import ARRAY_STATS_IMPORTS
 from biaxbayes.model.posterior import Posterior
@@ -86,16 +91,18 @@ class Sampling:
     ) -> Sampling:
         """Read the specimen and check it and the options; arguments as in ``biaxbayes.sample``."""
         if isinstance(specimen, Specimen):
+            file: object = specimen.name
             source, stem = specimen.name, _safe_stem(specimen.name)
-            readable_specimen(specimen, source)
+            readable_specimen(specimen, file)
         else:
+            file = Path(specimen)
             source, stem = Path(specimen).name, Path(specimen).stem
         specimen = opened_specimen(specimen, mounting_force)
         options = ModelOptions.of(options).keywords()
         chosen = SamplingPlan(seed, ess, max_steps, workers)
-        findings = refuse_no_loading_curve(specimen, None if anyway else source)
+        findings = refuse_no_loading_curve(specimen, None if anyway else file)
         findings = (*findings, *_too_few_protocols(specimen, options["law"]))
-        specimen, options = _fitting_options(specimen, options, source)
+        specimen, options = _fitting_options(specimen, options, file)
         Posterior(specimen, **options, beta=1.0)  # refuses what cannot be sampled, before a folder
         plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.processors)
         return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
@@ -117,7 +124,7 @@ class Sampling:
         with folder_lock(self.folder), contextlib.ExitStack() as stack:
             clear_leftovers(self.folder)
             finish_moving(self.folder)
-            self._refuse_finished(resume, overwrite)
+            refuse_finished(self.folder, PROVENANCE, resume=resume, overwrite=overwrite)
             for finding in self.findings:
                 tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
@@ -178,20 +185,9 @@ class Sampling:
     def _make_folder(self) -> None:
         """Make the folder, and do not write into one that holds something else than a run."""
         names = names_in(self.folder)
-        ours = not names or names & {checkpoint.NAME, checkpoint.PREVIOUS} or is_run(self.folder)
+        ours = not names or names & {*checkpoint.NAMES} or is_run(self.folder)
         if not ours:
             raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")
-
-    def _refuse_finished(self, resume: bool, overwrite: bool) -> None:
-        """Draws that took an hour are replaced on purpose only; to continue them adds to them."""
-        kept = resume and any(
-            (self.folder / n).exists() for n in (checkpoint.NAME, checkpoint.PREVIOUS)
-        )
-        if is_run(self.folder) and not (kept or overwrite):
-            raise RunError(
-                f"{self.folder}: holds a finished run; choose another --out, or replace it with "
-                "--overwrite"
-            )
 
     def _resumed(
         self, posterior: Posterior, resume: bool, tell: Callable[[Progress], None]
@@ -213,13 +209,7 @@ class Sampling:
         tell: Callable[[Progress], None],
     ) -> None:
         """Every file of the run, in place of those of a run before."""
-
-        def gone(names: list[str]) -> None:
-            if names:
-                note = f"removed with the run before: {', '.join(names)}"
-                tell(Progress("writing", note=note))
-
-        with staged(self.folder, gone) as folder:
+        with staged(self.folder, removal_told(tell, PROVENANCE)) as folder:
             self._write_files(folder, posterior, draws, fits, begin, clock)
 
     def _write_files(
@@ -306,14 +296,14 @@ def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
 
 
 def _fitting_options(
-    specimen: Specimen, options: dict[str, Any], source: str
+    specimen: Specimen, options: dict[str, Any], file: object
 ) -> tuple[Specimen, dict[str, Any]]:
     """Options that the specimen allows, or the reason why there are none."""
     if options["mounting"] in INFERRING and specimen.is_tared:
         raise TaredSpecimen(
             "the force at the mounted state is zero: the load cell was tared after mounting, and "
             "prestretch cannot be inferred from this file",
-            file=source,
+            file=file,
             remedy="state the force before taring with --mounting-force X Y, or take the mounted "
             "state as unloaded with --mounting zeroed",
         )

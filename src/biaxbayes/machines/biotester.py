@@ -9,8 +9,9 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines.conversion import Choice, Recording, chosen_number, cycle_label, gauge_note
-from biaxbayes.machines.raw_table import RawTable, Unit
+from biaxbayes.machines.raw_table import RawTable
 from biaxbayes.specimens.specimen import rest_rows
+from biaxbayes.specimens.units import Unit
 
 __all__ = ["deformation_gradient", "recordings", "tracked_points"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +17,16 @@ from biaxbayes.machines.conversion import (
     gauge_note,
     take_branch,
 )
-from biaxbayes.machines.raw_table import UNITS, RawTable, Unit, stem_of, unit_named
+from biaxbayes.machines.raw_table import RawTable
 from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.specimens.units import (
+    UNITS,
+    Unit,
+    likely_name,
+    stem_of,
+    unit_named,
+    unit_of_column,
+)
 from biaxbayes.text_files import cells_of
 
 __all__ = ["TARGETS", "Column", "column_map", "parse_columns", "recordings"]
@@ -76,8 +83,10 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
                     remedy="give target=column pairs, separated by commas",
                 )
             if target not in TARGETS:
-                close = difflib.get_close_matches(target, TARGETS, n=1, cutoff=0.7)
-                hint = f"did you mean {close[0]}? " if close else ""
+                likely, hint = likely_name(target, TARGETS, cutoff=0.7)
+                unit = unit_of_column(target)
+                if likely and unit is not None and unit != unit_of_column(likely):
+                    hint = f"write {likely}={column}:{unit.name}; "
                 raise InputError(
                     f"--columns: unknown target {target[:60]!r}",
                     remedy=f"{hint}targets are {', '.join(TARGETS)}",

@@ -338,9 +338,12 @@ class ModelOptions(Settings):
         super().check(name, value, where, file)
         if name == "thin" and value not in (ALL_ROWS, AUTOMATIC):
             text = str(value) if isinstance(value, str | numbers.Integral) else ""
-            if isinstance(value, bool) or not text.isdecimal() or len(text) > 15:
+            digits = text.lstrip("0")  # none of zero
+            if isinstance(value, bool) or not digits.isdecimal() or len(digits) > 15:
                 raise InputError(
-                    f"{where}thin must be a number of rows, {ALL_ROWS} or {AUTOMATIC}", file=file
+                    f"{where}thin must be a number of rows, {ALL_ROWS} or {AUTOMATIC}",
+                    file=file,
+                    remedy=f"{ALL_ROWS} keeps all rows",
                 )
 
 

@@ -12,7 +12,7 @@ from biaxbayes.errors import InputError, printable
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_from
 from biaxbayes.identifiability.mounting_stretch.law_range import LAW_FITS
 from biaxbayes.identifiability.mounting_stretch.stated import cure
-from biaxbayes.options import Settings
+from biaxbayes.options import INFERRING, Settings
 from biaxbayes.parameters import STRETCH, Quantity, mounting_names
 from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
 from biaxbayes.reports.parameters import prior_in_words, unit_of
@@ -32,6 +32,7 @@ __all__ = [
     "missed_paths",
     "model_checks",
     "mounting_cure",
+    "not_inferred",
     "record_findings",
     "settings_facts",
     "specimen_facts",
@@ -287,6 +288,17 @@ def law_rows(run: Run) -> list[dict[str, Any]]:
         return []
 
 
+def not_inferred(run: Run) -> str:
+    """What a run says that takes the mounted state as unloaded; empty of others."""
+    mounting = run.provenance["settings"]["mounting"]
+    if mounting in INFERRING:
+        return ""
+    return (
+        f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry its "
+        "error"
+    )
+
+
 def mounting_cure(run: Run) -> str:
     """What to do about mounting stretches that are not stated as values; empty where all are."""
     axes = {run.quantities[n].axis for n, stated in run.stated.items() if not stated.is_value}
@@ -311,6 +323,7 @@ def closing_message(run: Run) -> str:
     lines += _thinning(record)
     lines += _identifiability(run)
     lines += _held(run)
+    lines += [text for text in [not_inferred(run)] if text]
     lines += _stated(run)
     lines += _misses(run)
     lines += [printable(f"note: {note}") for note in record["notes"][:3]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
 from dataclasses import dataclass
@@ -225,17 +226,15 @@ WORDS = {
 }
 
 
+DETERMINED_NUMBERS = (
+    *("stretch_x", "stretch_y", "median", "low_90", "high_90", "relative_width"),
+    *("tissue_low_90", "tissue_high_90"),
+)
+
+
 def determined_rows(run: Run) -> list[dict[str, str]]:
     """Quantities that do not depend on how the parameters are split."""
-    draws = run.draws.iloc[:: max(1, len(run.draws) // 2000)]
-    table = determined(
-        draws,
-        run.specimen,
-        run.law,
-        refits=refit_ranges(run),
-        values={name: (s.low, s.high) for name, s in run.stated.items() if s.is_value},
-        mounting_known=mounting_stated(run.provenance["settings"].get("priors") or {}),
-    )
+    table = _determined(run)
     out = []
     for r in table[_shown(table)].to_dict("records"):
         low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
@@ -259,6 +258,23 @@ def determined_rows(run: Run) -> list[dict[str, str]]:
             }
         )
     return out
+
+
+def _determined(run: Run) -> pd.DataFrame:
+    """The table that was written of them, made again where there is none."""
+    path = run.path / "determined.csv"
+    with contextlib.suppress(OSError, ValueError, KeyError, MemoryError):
+        if path.is_file() and not path.is_symlink():
+            table = read_csv(path).fillna({"unit": ""})
+            return table.astype(dict.fromkeys(DETERMINED_NUMBERS, float))
+    return determined(
+        run.draws,
+        run.specimen,
+        run.law,
+        refits=refit_ranges(run),
+        values={name: (s.low, s.high) for name, s in run.stated.items() if s.is_value},
+        mounting_known=mounting_stated(run.provenance["settings"].get("priors") or {}),
+    )
 
 
 def _shown(table: pd.DataFrame) -> pd.Series:

@@ -120,14 +120,15 @@ GLOSSARY = {
     "likelihood": "how well a set of values fits the data; its logarithm is what is added up",
     "sd of its logarithm": "width of a lognormal prior: 1 is a factor of 2.7 to either side, 2 a "
     "factor of 7",
-    "mounting stretch": "stretch of the mounted specimen relative to the unloaded one; what is "
-    "measured starts there",
+    "mounting stretch": "stretch of the mounted specimen relative to the unloaded one, its "
+    "prestretch; what is measured starts there",
     "verdict": "what the data say of a parameter, in the words that follow",
     "identified": "the data alone say where the parameter is",
     "one-sided": "the data give a largest (or a smallest) value and leave the other end open",
     "only in combination": "the parameter trades with others: each alone is loose, together they "
     "are sharp",
-    "not identified": "the data say nothing of it that may be trusted; give it from elsewhere",
+    "not identified": "a mounting stretch that rests on a toe which the data contradict; only the "
+    "range of refits is told",
     "prior-dominated": "the data say little of it: the number is mostly what was taken for "
     "plausible before",
     "no verdict, fixed": "the chains have not converged, so nothing is said; a value that was "

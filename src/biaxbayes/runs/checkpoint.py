@@ -26,6 +26,7 @@ from biaxbayes.text_files import atomic_write_bytes, read_bytes, sync_folder
 __all__ = [
     "FORMAT",
     "NAME",
+    "NAMES",
     "PREVIOUS",
     "DamagedCheckpoint",
     "load",
@@ -38,6 +39,7 @@ __all__ = [
 FORMAT = 4
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
+NAMES = (NAME, PREVIOUS)
 FOLLOWING = ".checkpoint-following.npz"
 MAX_BYTES = 1_000_000_000
 
@@ -112,7 +114,7 @@ def load(
         readable.
     """
     damaged = []
-    for name in (NAME, PREVIOUS):
+    for name in NAMES:
         path = folder / name
         if not path.exists() and not path.is_symlink():
             continue

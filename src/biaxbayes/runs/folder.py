@@ -1,5 +1,7 @@
 """The files of a run folder: written together, recorded, read as if a stranger had made them.
 
+Those of a population's folder are written alike.
+
 Until the last file is written, what was in the folder before stays as it was. The folder with the
 new files is then renamed to a fixed name; from there on they are the run, and whoever comes
 next finishes moving them if a crash got in between.
@@ -29,13 +31,20 @@ from biaxbayes.text_files import read_bytes, sync_folder
 
 __all__ = [
     "CARDS",
+    "KINDS",
+    "POPULATION",
     "PROVENANCE",
     "READY",
+    "RUNS",
     "STATES",
+    "STUDY",
     "clear_leftovers",
     "finish_moving",
+    "is_finished",
     "is_run",
     "manifest",
+    "names_in",
+    "other_kind",
     "read_json",
     "read_record",
     "staged",
@@ -48,6 +57,11 @@ __all__ = [
 
 PROVENANCE = "provenance.json"
 """Moved last: with it the folder is a finished run."""
+POPULATION = "population.json"
+"""The same of a population."""
+KINDS = {PROVENANCE: "run", POPULATION: "population"}
+STUDY, RUNS = "study.json", "runs"
+"""The record of a study's folder, and where its runs are."""
 WRITING, READY = ".writing-", ".ready"
 CARDS = "cards"
 CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD_UNITS)})")
@@ -58,14 +72,19 @@ DERIVED = re.compile(
     rf"|(identifiability|determined|same-curves|law-fits|edges)\.csv|report\.(html|md|tex)|explore\.html"
     r"|(identify|study-rows|study-layers)\.json"
     rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
+    rf"|(population-forest|population-pairs|new-specimen-bands)(\.csv|{PICTURE})"
 )
-"""Files that verbs make of a run's draws in its folder: worth nothing beside other draws."""
+"""Files that are made of draws in their folder: worth nothing beside other draws."""
 TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 """Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
 
 
 @contextlib.contextmanager
-def staged(folder: Path, gone: Callable[[list[str]], None] = lambda names: None) -> Iterator[Path]:
+def staged(
+    folder: Path,
+    gone: Callable[[list[str]], None] = lambda names: None,
+    record: str = PROVENANCE,
+) -> Iterator[Path]:
     """A fresh folder to write a run's files into; they replace the old ones at the end.
 
     Parameters
@@ -74,6 +93,8 @@ def staged(folder: Path, gone: Callable[[list[str]], None] = lambda names: None)
         The run folder, whose lock is held.
     gone : callable
         Is told the names of what was made of the run before and went with it.
+    record : str
+        The file that lists the others and is moved last.
 
     Raises
     ------
@@ -96,7 +117,7 @@ def staged(folder: Path, gone: Callable[[list[str]], None] = lambda names: None)
             raise RunError(f"{problem}; {kept}") from None
         finally:
             shutil.rmtree(aside, ignore_errors=True)
-        gone(finish_moving(folder))
+        gone(finish_moving(folder, record))
     except OSError as error:
         raise RunError(
             f"{folder}: cannot be written ({error.strerror or error}); check space and "
@@ -104,41 +125,44 @@ def staged(folder: Path, gone: Callable[[list[str]], None] = lambda names: None)
         ) from None
 
 
-def finish_moving(folder: Path) -> list[str]:
+def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
     """Move finished files into place, also those that a crash left waiting; no-op without any.
 
     What was made of the draws of another posterior goes with them; its names are returned.
+    Arguments as in :func:`staged`.
     """
     ready = folder / READY
     if ready.is_symlink() or not ready.is_dir():
         return []
-    listed = _listed(ready / PROVENANCE)
-    for name, digest in _listed(folder / PROVENANCE).items():
+    listed, before = _listed(ready / record), _listed(folder / record)
+    for name, digest in before.items():
         # A product of the run before that this one does not have; never a file of the user's.
         if listed and name not in listed and _digest(folder / name) == digest:
             (folder / name).unlink(missing_ok=True)
-    other = is_run(folder) and _posterior_of(folder) != _posterior_of(ready)
+    other = is_finished(folder, record) and _posterior(folder / record) != _posterior(
+        ready / record
+    )
     waiting = sorted(p for p in ready.iterdir() if p.is_file() and not p.is_symlink())
     new = {p.name for p in waiting}
-    gone = _without_derived(folder, {*listed, *new}) if listed and other else []
-    for path in sorted(waiting, key=lambda p: p.name == PROVENANCE):
+    gone = _without_derived(folder, {*listed, *new, *before}) if listed and other else []
+    for path in sorted(waiting, key=lambda p: p.name == record):
         path.replace(folder / path.name)
     sync_folder(folder)
     shutil.rmtree(ready, ignore_errors=True)
     return gone
 
 
-def _posterior_of(folder: Path) -> tuple[Any, ...]:
-    """What tells the draws of two runs apart; a run that was continued is the same."""
-    record = _record(folder / PROVENANCE)
-    return tuple(record.get(key) for key in ("specimen_sha256", "settings", "seed"))
+def _posterior(path: Path) -> tuple[Any, ...]:
+    """What tells the draws of two records apart; a run that was continued is the same."""
+    record = _record(path)
+    return tuple(record.get(key) for key in ("specimen_sha256", "settings", "seed", "identity"))
 
 
-def _without_derived(folder: Path, new: set[str]) -> list[str]:
+def _without_derived(folder: Path, kept: set[str]) -> list[str]:
     """Remove what verbs made of the draws before; what the user changed or added stays."""
-    before, gone = _listed(folder / PROVENANCE), []
+    gone = []
     for path in sorted(folder.iterdir()):
-        if path.is_symlink() or path.name in new or path.name in before:
+        if path.is_symlink() or path.name in kept:
             continue
         if path.is_file() and DERIVED.fullmatch(path.name):
             path.unlink()
@@ -180,7 +204,12 @@ def _digest(path: Path) -> str:
 
 def is_run(folder: Path) -> bool:
     """Whether a folder holds the provenance of a run of this program."""
-    return "biaxbayes" in _record(folder / PROVENANCE)
+    return is_finished(folder, PROVENANCE)
+
+
+def is_finished(folder: Path, record: str) -> bool:
+    """Whether a folder holds what this program writes last of a run, or of a population."""
+    return "biaxbayes" in _record(folder / record)
 
 
 def _listed(path: Path) -> dict[str, str]:
@@ -363,6 +392,20 @@ def _content(path: Path) -> bytes:
         return read_bytes(path, limit=MAX_BYTES)
     except InputError as error:
         raise RunError(f"{path}: {error.problem}") from None
+
+
+def other_kind(folder: Path) -> str:
+    """What a folder is that is no run's, and what to give instead; empty where it is unknown."""
+    if (folder / PROVENANCE).exists():
+        return ""
+    if (folder / POPULATION).is_file():
+        return (
+            "is a population's folder, not a run's; give one of the runs of its study, or export "
+            "its cards with --population GROUP"
+        )
+    if (folder / STUDY).is_file() and (folder / RUNS).is_dir():
+        return f"is a study's folder, not a run's; give one of the runs in {folder / RUNS}"
+    return ""
 
 
 def names_in(folder: Path) -> set[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,6 +23,7 @@ from biaxbayes.runs.folder import (
     PROVENANCE,
     READY,
     finish_moving,
+    other_kind,
     read_json,
     read_record,
     trusted_path,
@@ -146,7 +148,7 @@ def read_summary(path: Path) -> pd.DataFrame:
 
 # --- the run -------------------------------------------------------------------------------------
 
-CHECKPOINTS = (checkpoint.NAME, checkpoint.PREVIOUS)
+MAKE_RUN = "make a run folder with 'biaxbayes sample'"
 
 
 @dataclass(frozen=True)
@@ -297,9 +299,14 @@ def open_run(path: str | Path) -> Run:
     """
     path = Path(path)
     try:
+        if not os.path.lexists(path):
+            raise RunError(f"{path}: does not exist; {MAKE_RUN}")
         if not path.is_dir():
-            raise RunError(f"{path}: is not a run folder; make one with 'biaxbayes sample'")
-        if not any((path / name).exists() for name in (PROVENANCE, READY, *CHECKPOINTS)):
+            raise RunError(f"{path}: is not a run folder; {MAKE_RUN}")
+        other = other_kind(path)
+        if other:
+            raise RunError(f"{path}: {other}")
+        if not any((path / name).exists() for name in (PROVENANCE, READY, *checkpoint.NAMES)):
             raise RunError(
                 f"{path}: is not a run folder (it holds no {PROVENANCE}); name one that "
                 "'biaxbayes sample' wrote"

@@ -262,7 +262,8 @@ def _one_direction(specimen: Specimen) -> list[Finding]:
             "warning",
             "x and y are proportional to each other within "
             f"{100 * max(misses):.1f} %, in stretch and in load: the file holds one effective "
-            "direction; expect stiffness, fibre angle and dispersion to trade with each other",
+            "direction; stiffness, fibre angle and dispersion may trade with each other, which "
+            "'sample' tells",
         )
     ]
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.keys import KEYS
 from biaxbayes.specimens.plausibility import NUMBER_RANGES, STRETCH_RANGE
+from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import cells_of, number_in, one_line
 
 __all__ = [
+    "GEOMETRIES",
     "KNOWN_KEYS",
     "METADATA_KEYS",
     "Header",
@@ -21,17 +23,6 @@ __all__ = [
     "read_header",
 ]
 
-TEXT_KEYS = (
-    "specimen",
-    "donor",
-    "layer",
-    "axis_x",
-    "axis_y",
-    "geometry",
-    "source",
-    "cycle",
-    "branch",
-)
 MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
 METADATA_KEYS = (
     "donor",
@@ -48,7 +39,7 @@ METADATA_KEYS = (
     "branch",
 )
 """Keys that a specimen keeps as they are, in ``metadata``."""
-KNOWN_KEYS = (*TEXT_KEYS, *NUMBER_RANGES, *MEASURED_STRETCH_KEYS, "rest_rows")
+KNOWN_KEYS = tuple(KEYS)
 GEOMETRIES = ("unloaded", "mounted")
 
 
@@ -122,8 +113,7 @@ def _check_key(key: str, values: Mapping[str, object], row: int, path: Path) -> 
         raise InputError(f"header key {key!r} appears twice", file=path, row=row, remedy="keep one")
     if key in KNOWN_KEYS:
         return
-    close = difflib.get_close_matches(key[:60], KNOWN_KEYS, n=1, cutoff=0.75)
-    hint = f"did you mean {close[0]}? " if close else ""
+    _, hint = likely_name(key, KNOWN_KEYS)
     raise InputError(
         f"unknown header key {key[:60]!r}",
         file=path,
@@ -146,7 +136,7 @@ def checked_value(key: str, value: str, row: int | None = None, path: object = N
         measured_stretch(value, path, row)
     if key == "geometry" and value not in GEOMETRIES:
         raise InputError(
-            f"geometry must be 'unloaded' or 'mounted', not {value[:40]!r}",
+            f"geometry must be {' or '.join(map(repr, GEOMETRIES))}, not {value[:40]!r}",
             file=path,
             row=row,
             remedy="say in which state the dimensions were measured",

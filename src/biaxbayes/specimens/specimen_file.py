@@ -9,7 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.header import METADATA_KEYS, Header, measured_stretch, read_header
+from biaxbayes.specimens.header import (
+    GEOMETRIES,
+    METADATA_KEYS,
+    Header,
+    measured_stretch,
+    read_header,
+)
 from biaxbayes.specimens.plausibility import STRESS_LIMIT_KPA, check_load, check_stretch, check_time
 from biaxbayes.specimens.specimen import (
     STRESS_PAIRS,
@@ -75,10 +81,12 @@ def check_keys(header: Header, stress_pair: str, path: Path) -> None:
     if stress_pair == "force":
         for key in ("edge_x_mm", "edge_y_mm", "thickness_mm", "geometry"):
             if key not in header:
+                values = "|".join(GEOMETRIES) if key == "geometry" else "..."
+                state = ", the state that dimensions refer to" if key == "geometry" else ""
                 raise InputError(
                     f"a force file must state {key}",
                     file=path,
-                    remedy=f"add a line '# {key}: ...' at the top",
+                    remedy=f"add a line '# {key}: {values}' at the top{state}",
                 )
     wrong, right = ("kPa", "N") if stress_pair == "force" else ("N", "kPa")
     for key in (f"load_noise_{wrong}", f"load_offset_sd_{wrong}"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from array import array
 from collections.abc import Sequence
@@ -13,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.keys import COLUMNS
 from biaxbayes.specimens.plausibility import STRETCH_RANGE, STRETCH_REMEDY
-from biaxbayes.specimens.specimen import STRESS_PAIRS
+from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import bad_cell, cells_of, number_in, one_line, read_lines, rows_of
 
 __all__ = [
@@ -31,12 +31,7 @@ __all__ = [
 
 
 STRETCHES = ("stretch_x", "stretch_y")
-KNOWN_COLUMNS = (
-    *STRETCHES,
-    "protocol",
-    "time_s",
-    *(name for pair in STRESS_PAIRS.values() for name in pair),
-)
+KNOWN_COLUMNS = tuple(COLUMNS)
 MAX_COLUMNS = 50
 
 
@@ -109,8 +104,7 @@ def _unknown_column(name: str, row: int, path: Path) -> InputError:
             row=row,
             remedy="write the table without row names or indices",
         )
-    close = difflib.get_close_matches(name[:60], KNOWN_COLUMNS, n=1, cutoff=0.75)
-    hint = f"did you mean {close[0]}? " if close else ""
+    _, hint = likely_name(name, KNOWN_COLUMNS)
     return InputError(
         "unknown column",
         file=path,

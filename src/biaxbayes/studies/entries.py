@@ -10,14 +10,13 @@ from dataclasses import dataclass
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.model.priors import prior_value
+from biaxbayes.runs.folder import RUNS
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.studies.study_file import Study, StudySpecimen
 
 __all__ = ["RUNS", "Entry", "read_entries"]
-
-RUNS = "runs"
 
 
 @dataclass(frozen=True)

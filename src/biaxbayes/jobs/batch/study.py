@@ -34,7 +34,7 @@ from biaxbayes.jobs.batch.tasks import (
 )
 from biaxbayes.jobs.opening import Stop, never, silent
 from biaxbayes.progress_bar import Progress
-from biaxbayes.runs.folder import STATES, is_run, manifest
+from biaxbayes.runs.folder import STATES, STUDY, is_run, manifest
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.studies.entries import RUNS, Entry, read_entries
 from biaxbayes.studies.result import (
@@ -53,7 +53,7 @@ __all__ = ["Batch"]
 
 # --- the study -----------------------------------------------------------------------------------
 
-RECORD, GOING = "study.json", ".going-"
+GOING = ".going-"
 COMPARED_HERE = 4
 """Donors whose layers are compared sooner than workers have started."""
 
@@ -121,7 +121,7 @@ class Batch:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
-            if names - {RUNS} and RECORD not in names:
+            if names - {RUNS} and STUDY not in names:
                 raise RunError(
                     f"{self.folder}: is a folder that is not a study's; choose another --out"
                 )
@@ -146,7 +146,7 @@ class Batch:
     def _recorded(self, key: str) -> dict[str, str]:
         """What the record holds: ``done``, or ``written``; empty where it cannot be read."""
         try:
-            record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+            record = json.loads((self.folder / STUDY).read_text(encoding="utf-8"))
             return {str(k): str(v) for k, v in record[key].items()}
         except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
             return {}
@@ -160,7 +160,7 @@ class Batch:
         if self.study.columns:
             stated = {e.label: dict(e.columns) for e in self.study.specimens}
             record |= {"columns": list(self.study.columns), "stated": stated}
-        atomic_write_text(self.folder / RECORD, json.dumps(record, indent=2) + "\n")
+        atomic_write_text(self.folder / STUDY, json.dumps(record, indent=2) + "\n")
 
     def _write(self, result: StudyResult, pictures: dict[str, bytes] | None) -> None:
         """Write every file, unless those that are there are of this very result."""
@@ -175,7 +175,7 @@ class Batch:
     def _files(self) -> dict[str, str]:
         """Digests of the files of the study."""
         found = manifest(self.folder)
-        return {k: v for k, v in found.items() if k != RECORD and not k.startswith(".")}
+        return {k: v for k, v in found.items() if k != STUDY and not k.startswith(".")}
 
     def _found(
         self,

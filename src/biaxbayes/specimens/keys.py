@@ -1,0 +1,84 @@
+"""The columns and header keys of a specimen file, and what each means."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+__all__ = ["COLUMNS", "KEYS", "NONE", "OF_FORCES", "Meaning"]
+
+
+class Meaning(NamedTuple):
+    """What a column or a key says, and what holds without it."""
+
+    words: str
+    default: str
+
+
+NEEDED = "required"
+ONE_PAIR = "required, or another pair"
+OF_FORCES = "required with forces"
+NONE = "none"
+EXACT = "exact"
+ZERO = "no offset"
+FROM_SCATTER = "from the scatter of the rows"
+COLUMNS = {
+    "stretch_x": Meaning(
+        "Stretch along x relative to the mounted state; divided by its value at rest where that is "
+        "not 1",
+        NEEDED,
+    ),
+    "stretch_y": Meaning("The same along y", NEEDED),
+    "protocol": Meaning(
+        "Name of the loading path, the same in all its rows, which stand together", "one protocol"
+    ),
+    "time_s": Meaning("Time of the row; may not run backwards in a protocol", NONE),
+    "force_x_N": Meaning("Force along x, tension positive, not tared after mounting", ONE_PAIR),
+    "force_y_N": Meaning("The same along y", ONE_PAIR),
+    "piola_x_kPa": Meaning(
+        "First Piola-Kirchhoff stress: force over the section in the state of `geometry`", ONE_PAIR
+    ),
+    "piola_y_kPa": Meaning("The same along y", ONE_PAIR),
+    "cauchy_x_kPa": Meaning(
+        "Cauchy stress as the lab computes it: that stress times the measured stretch", ONE_PAIR
+    ),
+    "cauchy_y_kPa": Meaning("The same along y", ONE_PAIR),
+}
+"""Columns by name; no others are known."""
+KEYS = {
+    "specimen": Meaning("Name of the specimen", "name of the file"),
+    "donor": Meaning("Donor of the specimen, which `batch` groups by", NONE),
+    "layer": Meaning("Such as media", NONE),
+    "axis_x": Meaning("What x is, such as circumferential", NONE),
+    "axis_y": Meaning("What y is", NONE),
+    "geometry": Meaning(
+        "State that dimensions, and stresses in the file, refer to: unloaded or mounted",
+        f"unloaded with stresses; {OF_FORCES}",
+    ),
+    "edge_x_mm": Meaning("Edge along x", OF_FORCES),
+    "edge_y_mm": Meaning("Edge along y; the force in x acts on edge_y x thickness", OF_FORCES),
+    "thickness_mm": Meaning("Thickness", OF_FORCES),
+    "edge_sd_mm": Meaning("Standard deviation of the edges", EXACT),
+    "thickness_sd_mm": Meaning("Standard deviation of the thickness", EXACT),
+    "load_noise_N": Meaning("Standard deviation of one force reading", FROM_SCATTER),
+    "load_noise_kPa": Meaning("The same of a stress", FROM_SCATTER),
+    "load_offset_sd_N": Meaning(
+        "Standard deviation of the zero of the load cells, an unknown of each direction",
+        ZERO,
+    ),
+    "load_offset_sd_kPa": Meaning("The same of a stress", ZERO),
+    "mounting_stretch_x": Meaning(
+        "Mounting stretch along x known from an image, as `1.03 +- 0.01`", "inferred"
+    ),
+    "mounting_stretch_y": Meaning("The same along y", "inferred"),
+    "rest_rows": Meaning(
+        "Leading rows at rest: one number for all protocols, or one each with commas",
+        "found from the stretches",
+    ),
+    "stress_limit_kPa": Meaning("Accept stresses up to this", "5000"),
+    "source": Meaning("Where the record is from, as `convert` writes it", NONE),
+    "cycle": Meaning("Cycle that `convert` took", NONE),
+    "branch": Meaning("Branch that `convert` took; `check` warns unless it is loading", NONE),
+    "largest_shear": Meaning("Largest shear, which the model ignores", NONE),
+    "largest_shear_angle_deg": Meaning("The same as an angle", NONE),
+}
+"""Header keys by name; no others are known."""
