@@ -11,15 +11,17 @@ from scipy.stats import ks_2samp, mannwhitneyu, norm
 
 from biaxbayes.cli import main
 from biaxbayes.comparison.compare import Member, compare, differing_settings, labels_of
-from biaxbayes.comparison.distance import distance
+from biaxbayes.comparison.distance import contractions, distance, prior_material
 from biaxbayes.errors import InputError
 from biaxbayes.figures.compare import forest_figure, matrix_figure
-from biaxbayes.identifiability.determined import derived_quantities
+from biaxbayes.identifiability.determined import Derived, derived_quantities
 from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.laws.goh import GOH
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import Tie
 from biaxbayes.reports.comparison import write_comparison
 from goh_functions import GOH_LAW
-from quick_posteriors import EQUIBIAXIAL, sampled, specimen
+from quick_posteriors import EQUIBIAXIAL, sampled, small_specimen, specimen
 from readable import assert_readable, in_view
 
 SOFT, STIFF = GOH(10.0, 40.0, 8.0, 40.0, 0.1), GOH(25.0, 40.0, 8.0, 40.0, 0.1)
@@ -52,6 +54,37 @@ def test_distance_to_itself_is_nothing():
     found = distance(a, a)
     assert (found.standardised, found.kolmogorov) == (0.0, 0.0)
     assert found.probability_greater == pytest.approx(0.5)
+
+
+def test_contraction_is_that_of_the_variance_of_a_log_where_there_is_a_unit():
+    z = norm.ppf((np.arange(4000) + 0.5) / 4000)
+
+    def of(unit, values):
+        return Derived("stress", "any", unit, None, values)
+
+    prior = [of("", 3.0 + 2.0 * z), of("kPa", np.exp(1.0 + 0.8 * z)), of("kPa", np.exp(z))]
+    posterior = [of("", 1.0 + 0.5 * z), of("kPa", np.exp(2.0 + 0.4 * z)), of("kPa", 0.0 * z)]
+    # 1 - (0.5 / 2)^2, 1 - (0.4 / 0.8)^2; of nothing that is positive there is no spread to speak of
+    assert contractions(prior, posterior) == pytest.approx([1 - 1 / 16, 1 - 1 / 4, -np.inf])
+
+
+def test_materials_of_the_priors_are_independent_draws_of_them():
+    target = Posterior(
+        small_specimen(), noise="independent", priors={"k2": Tie(0.5, "C1"), "kappa": 0.1}
+    )
+    names = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x")
+    found = prior_material(target, pd.DataFrame({name: [1.0] for name in names}))
+    assert set(found) == set(names[:-1])
+    for name in ("C1", "k1", "alpha"):
+        levels = np.array([0.01, 0.25, 0.5, 0.75, 0.99])
+        at = target.priors[name].ppf(levels)
+        below = [(found[name] < x).mean() for x in at]
+        assert below == pytest.approx(levels, abs=3e-4)  # evenly spread: no Monte Carlo error
+    np.testing.assert_array_equal(found["kappa"], 0.1)
+    np.testing.assert_allclose(found["k2"], 0.5 * found["C1"])
+    ranks = found[["C1", "k1", "alpha"]].rank().corr().to_numpy()
+    # four standard errors of a correlation of 4,096 pairs
+    assert np.abs(ranks - np.eye(3)).max() < 4.0 / np.sqrt(len(found))
 
 
 # --- derived quantities --------------------------------------------------------------------

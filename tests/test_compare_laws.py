@@ -7,16 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import beta, norm
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.comparison.law_comparison import Part, Prediction, only, parts_of, without
+from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, only, parts_of, without
 from biaxbayes.comparison.law_weights import STACKED, _left_out, _LeftOut, _part_table, _weights
+from biaxbayes.comparison.mixture import mixture_bands, mixture_draws
 from biaxbayes.comparison.pooling import (
     LEAST_SHARPNESS,
     PRIOR_READINGS,
+    SHARPNESS_LOG_SD,
     calibrated_levels,
     mixed_percentiles,
     mixed_probabilities,
@@ -27,6 +29,7 @@ from biaxbayes.comparison.pooling import (
 from biaxbayes.errors import InputError, Interrupted
 from biaxbayes.identifiability.mounting_stretch.stated import stated_by_predictions
 from biaxbayes.laws.goh import GOH
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
 from quick_posteriors import small_specimen
 from quick_posteriors import specimen as specimen_of
@@ -174,6 +177,94 @@ def test_uniform_probabilities_and_few_readings_leave_the_levels():
     assert sharpness(np.r_[0.0, u, 1.0], np.ones(502)) < 1.0
     assert sharpness(np.r_[np.nan, u], np.r_[50.0, np.ones(500)]) == pytest.approx(1.0, abs=0.01)
     assert sharpness(np.zeros(9), np.ones(9)) == pytest.approx(LEAST_SHARPNESS, abs=1e-3)
+
+
+def test_sharpness_is_the_mode_of_a_beta_likelihood_and_a_lognormal_prior():
+    rng = np.random.default_rng(4)
+    u, worth = beta(3.0, 3.0).rvs(60, random_state=rng), rng.uniform(0.2, 1.0, 60)
+
+    def minus_log_density(log_c):
+        c = np.exp(log_c)
+        return -worth @ beta.logpdf(u, c, c) - norm.logpdf(log_c, 0.0, SHARPNESS_LOG_SD)
+
+    expected = np.exp(minimize_scalar(minus_log_density, bracket=(0.0, 1.0)).x)
+    assert 1.2 < expected < 2.9  # neither the prior's nor the likelihood's own
+    assert sharpness(u, worth) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_left_out_readings_are_told_in_cauchy_stress(geometry):
+    material, lm = GOH(10.0, 40.0, 5.0, 40.0, 0.15), (1.01, 1.02)
+    specimen = replace(specimen_of(material, increments=12), geometry=geometry)
+    part, share = parts_of(specimen)[1], np.ones((len(specimen.protocols), 2))
+    values = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.15, "noise_sd": 0.01}
+    values |= {"mounting_stretch_x": lm[0], "mounting_stretch_y": lm[1]}
+    drawn = Prediction("converged", "", 0.1, (), pd.DataFrame([values] * 3))
+    options = {"noise": "independent"}
+    found = _left_out(specimen, part, share, ["goh"], options, {("goh", part.name): drawn})
+    p = specimen.protocols[1]
+    measured = np.column_stack([p.stretch_x, p.stretch_y])[p.rest_rows :]
+    expected = np.column_stack(material.cauchy(*(measured * lm).T))
+    for model in found.model[0]:
+        np.testing.assert_allclose(model / found.per_kPa[0], expected.ravel(), rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def two_laws():
+    """Draws of GOH, and of the same with aligned fibres, that scatter in C1 alone."""
+    specimen = small_specimen()
+    values = {"k1": 60.0, "k2": 8.0, "alpha": 38.0, "noise_sd": 0.01}
+    values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
+    common = pd.DataFrame([values] * 2000).assign(C1=np.linspace(10.0, 18.0, 2000))
+    drawn = {"goh": common.assign(kappa=0.1), "hgo": common}
+    found = {
+        (law, WHOLE): Prediction("converged", "", 0.1, (), table) for law, table in drawn.items()
+    }
+    posteriors = {law: Posterior(specimen, law=law, noise="independent") for law in drawn}
+    return specimen, found, posteriors
+
+
+def test_draws_of_the_mixture_are_those_of_each_law_by_its_weight(two_laws):
+    specimen, found, posteriors = two_laws
+    drawn = mixture_draws(specimen, list(posteriors), np.array([0.7, 0.3]), found, posteriors)
+    assert drawn["law"].value_counts().to_dict() == {"goh": 1400, "hgo": 600}
+    for law, kappa in (("goh", 0.1), ("hgo", 0.0)):
+        own = drawn[drawn["law"] == law]
+        first, last = own.iloc[0], own.iloc[-1]
+        for row, C1 in ((first, 10.0), (last, 18.0)):
+            material = GOH(C1, 60.0, 8.0, 38.0, kappa)
+            p = specimen.protocols[1]
+            stress = material.cauchy(1.01 * p.stretch_x.max(), 1.02 * p.stretch_y.max())
+            told = [row[f"cauchy_{axis}_kPa[{p.name}]"] for axis in "xy"]
+            assert told == pytest.approx(np.ravel(stress), rel=1e-3)
+            # d s_x / d ln l_x by central differences
+            h = np.exp(1e-5)
+            slope = [
+                (material.cauchy(h, 1.0)[0] - material.cauchy(1.0 / h, 1.0)[0]) / 2e-5,
+                (material.cauchy(1.0, h)[1] - material.cauchy(1.0, 1.0 / h)[1]) / 2e-5,
+            ]
+            told = [row["stiffness_xx_kPa"], row["stiffness_yy_kPa"]]
+            assert told == pytest.approx(np.ravel(slope), rel=1e-3)
+        np.testing.assert_allclose(own["mounting_stretch_y"], 1.02)
+    alone = mixture_draws(specimen, list(posteriors), np.array([1.0, 0.0]), found, posteriors)
+    assert set(alone["law"]) == {"goh"}
+
+
+def test_bands_of_a_mixture_of_one_law_are_those_of_its_draws(two_laws):
+    specimen, found, posteriors = two_laws
+    table = found["goh", WHOLE].draws
+    middle = {("goh", WHOLE): replace(found["goh", WHOLE], draws=table.assign(C1=14.0))}
+    one = np.array([1.0])
+    bands = mixture_bands(specimen, ["goh"], one, middle, posteriors, 0.9, 1.0)
+    p = specimen.protocols[2]
+    own = bands[(bands["protocol"] == p.name) & (bands["direction"] == "y")]
+    lm = (1.01, 1.02)
+    stress = GOH(14.0, 60.0, 8.0, 38.0, 0.1).cauchy(lm[0] * p.stretch_x, lm[1] * p.stretch_y)[1]
+    # f_y = s_y A_y / l_y, of unloaded dimensions
+    load = (stress * specimen.area[1] / (lm[1] * p.stretch_y))[p.rest_rows :]
+    for q, z in (("q05", norm.ppf(0.05)), ("q50", 0.0), ("q95", norm.ppf(0.95))):
+        np.testing.assert_allclose(own[f"credible_{q}"], load, rtol=1e-6)
+        np.testing.assert_allclose(own[f"predictive_{q}"], load + 0.01 * z, rtol=1e-6, atol=1e-8)
 
 
 def test_parts_make_up_the_record_and_are_left_out_of_the_rest():

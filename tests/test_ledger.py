@@ -64,11 +64,22 @@ def test_same_draws_three_times_do_not_move(treated):
     assert np.all(found.table[["shift_ignored_sd", "shift_zeroed_sd"]] == 0.0)
 
 
+def test_what_does_not_vary_has_no_standard_deviation_to_shift_by(treated):
+    fixed = {
+        name: Treated(one.posterior, one.draws.assign(C1=value), one.state)
+        for (name, one), value in zip(treated.items(), (10.0, 11.0, 12.0), strict=True)
+    }
+    row = ledger(fixed, [1.1]).parameters.set_index("quantity").loc["C1"]
+    assert row["inferred_sd"] == 0.0
+    assert np.isnan(row["shift_ignored_sd"]) and np.isnan(row["shift_zeroed_sd"])
+
+
 def test_default_stretches_end_at_the_largest_tested_one(treated):
     found = ledger(treated)
     at = sorted(set(found.stresses["total_stretch"]))
     assert len(at) == 5
     assert at[-1] == pytest.approx(1.2, abs=2e-3)
+    np.testing.assert_allclose(np.diff([1.0, *at]), (at[-1] - 1.0) / 5, atol=2e-6)
     assert ledger(treated, [1.5]).stresses["extrapolation"].unique() == [BEYOND]
     with pytest.raises(InputError, match="unloaded"):
         ledger(treated, [1.0])
@@ -83,9 +94,10 @@ def test_one_unreliable_treatment_makes_the_ledger_so(treated):
 def test_parameters_are_those_of_every_draw(treated, monkeypatch):
     monkeypatch.setattr(mounting_bias, "MOST_DRAWS", 50)  # stresses are those of some
     table = ledger(treated, [1.1]).parameters.set_index("quantity")
-    for name, found in (("k1", "inferred"), ("k1", "ignored")):
-        median = np.median(treated[found].draws[name])
-        assert table[f"{found}_median"][name] == pytest.approx(median, rel=1e-12)
+    for name, found in (("k1", "inferred"), ("k1", "ignored"), ("C1", "zeroed")):
+        expected = np.quantile(treated[found].draws[name], [0.05, 0.5, 0.95])
+        columns = [f"{found}_{at}" for at in ("q05", "median", "q95")]
+        np.testing.assert_allclose(table.loc[name, columns].astype(float), expected, rtol=1e-12)
 
 
 def _parts(found: Treated) -> tuple[Posterior, pd.DataFrame]:

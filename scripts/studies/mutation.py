@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Mutation testing of the mechanics, the laws, the priors and the density.
+"""Mutation testing of parts of the package: their modules, and the tests that should notice.
 
     python scripts/study.py mutation --sample 100 --workers 2
+    python scripts/study.py mutation --part verdicts --sample 100 --workers 2
 
 Every mutant of a module (a sign, an operator, a number, a comparison changed) is tested with the
-quick tests that know the answer without the product: those of the laws, of the mounted state and
-the posterior written a second time. They run without compilation, one mutant in one copy of the
-repository a worker, so that this tree is never touched. A folder that holds a study already is
-continued. The survivors are listed in ``survivors.md``: each is a hole in the tests or a change
-that changes nothing, and is to be explained.
+tests of its part. Those of the density are the quick ones that know the answer without the product:
+of the laws, of the mounted state and the posterior written a second time; they run without
+compilation. One mutant in one copy of the repository a worker, so that this tree is never touched.
+A folder that holds a study already is continued. The survivors are listed in ``survivors.md``: each
+is a hole in the tests or a change that changes nothing, and is to be explained.
 
 Needs ``pip install 'biaxbayes[mutation]'``.
 """
@@ -16,28 +17,90 @@ Needs ``pip install 'biaxbayes[mutation]'``.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
 import shutil
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import TestOutcome, WorkItem
 
 ROOT = Path(__file__).resolve().parents[2]
-CONFIG = Path(__file__).with_suffix(".toml")
 COPIED = ("src", "tests", "data", "pyproject.toml")
-MODULES = (
-    "laws/*.py",
-    "mechanics/mounting.py",
-    "mechanics/exponential.py",
-    "model/priors.py",
-    "model/error_model.py",
-    "model/density.py",
-)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the package that is mutated.
+
+    Attributes
+    ----------
+    modules : tuple of str
+        Globs below ``src/biaxbayes``.
+    tests : tuple of str
+        What should notice a mutant, the quickest first: most mutants die in the first seconds.
+    compiled : bool
+        Whether the tests run compiled code; where that is mutated itself, plain Python is quicker.
+    """
+
+    modules: tuple[str, ...]
+    tests: tuple[str, ...]
+    compiled: bool = True
+
+
+PARTS = {
+    "density": Part(
+        (
+            "laws/*.py",
+            "mechanics/mounting.py",
+            "mechanics/exponential.py",
+            "model/priors.py",
+            "model/error_model.py",
+            "model/density.py",
+        ),
+        (
+            "tests/test_laws.py",
+            "tests/test_law_statements.py",
+            "tests/test_goh.py",
+            "tests/test_priors.py",
+            "tests/test_error_model.py",
+            "tests/test_posterior.py",
+            "tests/test_fit.py::test_stress_response_against_complex_step",
+            "tests/test_fit.py::test_stress_response_is_regular_at_90_degrees",
+            "tests/test_hostile_priors.py",
+            # of thousands of random boxes: no use at a hundredth the speed
+            "--deselect",
+            "tests/test_posterior.py::test_density_is_finite_or_minus_infinity",
+        ),
+        compiled=False,
+    ),
+    "verdicts": Part(
+        ("identifiability/*.py", "identifiability/mounting_stretch/*.py"),
+        (
+            "tests/test_verdict.py",
+            "tests/test_tissue_stress.py",
+            "tests/test_law_statements.py",
+            "tests/test_mounting_refits.py",
+            "tests/test_noise_worth.py",
+            "tests/test_words.py",
+            "tests/test_stated.py",
+            "tests/test_told.py",
+            "tests/test_held_edges.py",
+            "tests/test_identifiability.py",
+        ),
+    ),
+    "comparison": Part(
+        ("comparison/*.py",),
+        ("tests/test_compare_laws.py", "tests/test_ledger.py", "tests/test_compare.py"),
+    ),
+}
+SECONDS = 300.0
+"""How long the tests of a mutant may take."""
 NO_EQUATIONS = ("__init__.py", "published.py")
 TRIVIAL = ("FloorDiv", "Mod", "Shift", "Bit", "_Is", "IsNot_")
 """Replacements that end with an error at once: they only raise the score."""
@@ -50,10 +113,10 @@ def modules(patterns: list[str]) -> list[Path]:
     return [p.relative_to(ROOT) for p in found if p.name not in NO_EQUATIONS]
 
 
-def environment(copy: Path, kept: Path) -> dict[str, str]:
-    """No compilation, the copy's own package, densities of the second posterior kept."""
+def environment(copy: Path, kept: Path, *, compiled: bool) -> dict[str, str]:
+    """The copy's own package, densities of the second posterior kept."""
     return os.environ | {
-        "NUMBA_DISABLE_JIT": "1",
+        "NUMBA_DISABLE_JIT": str(int(not compiled)),
         "OMP_NUM_THREADS": "1",
         "MPLBACKEND": "Agg",
         "PYTHONDONTWRITEBYTECODE": "1",
@@ -63,8 +126,8 @@ def environment(copy: Path, kept: Path) -> dict[str, str]:
     }
 
 
-def prepared(copy: Path, paths: list[Path]) -> None:
-    """Copy the repository and write the configuration for these modules."""
+def prepared(copy: Path, paths: list[Path], tests: tuple[str, ...], seconds: float) -> None:
+    """Copy the repository and write the configuration for these modules and tests."""
     for name in COPIED:
         source = ROOT / name
         if source.is_dir():
@@ -73,10 +136,18 @@ def prepared(copy: Path, paths: list[Path]) -> None:
         else:
             copy.mkdir(parents=True, exist_ok=True)
             shutil.copy(source, copy / name)
-    listed = ", ".join(f'"{p.as_posix()}"' for p in paths)
-    text = CONFIG.read_text(encoding="utf-8").replace(
-        'module-path = "."', f"module-path = [{listed}]"
-    )
+    # Plain NumPy warns of overflow where compiled code does not.
+    options = "-x -n 0 -p no:cacheprovider -W ignore::RuntimeWarning -q"
+    settings = {
+        "module-path": [p.as_posix() for p in paths],
+        "timeout": seconds,
+        "excluded-modules": [],
+        "test-command": f"python -m pytest {options} {' '.join(tests)}",
+    }
+    # lists, numbers and texts are written in TOML as in JSON
+    lines = [f"{key} = {json.dumps(value)}" for key, value in settings.items()]
+    distributor = ["[cosmic-ray.distributor]", 'name = "local"']
+    text = "\n".join(["[cosmic-ray]", *lines, *distributor]) + "\n"
     (copy / "mutation.toml").write_text(text, encoding="utf-8")
 
 
@@ -89,13 +160,15 @@ def pointless(item: WorkItem) -> bool:
     return lines[spec.start_pos[0] - 1].strip().startswith(("@", "def ", ") ->"))
 
 
-def dealt(folder: Path, copies: list[Path], sample: int | None, seed: int) -> int:
+def dealt(
+    folder: Path, copies: list[Path], sample: int | None, seed: int, env: dict[str, str]
+) -> int:
     """Deal the mutants out to the workers' sessions; how many there are."""
     whole = folder / "all.sqlite"
     subprocess.run(
         ["cosmic-ray", "init", "mutation.toml", str(whole)],
         cwd=copies[0],
-        env=environment(copies[0], folder),
+        env=env,
         check=True,
     )
     with use_db(str(whole), WorkDB.Mode.open) as db:
@@ -134,21 +207,24 @@ def outcomes(copies: list[Path]) -> tuple[Counter[str], list[str]]:
 def main() -> int:
     """Run or continue the study; exit code 1 if too many mutants survive."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("modules", nargs="*", default=MODULES, help="globs below src/biaxbayes")
+    parser.add_argument("modules", nargs="*", help="globs below src/biaxbayes, not all of the part")
+    parser.add_argument("--part", choices=PARTS, default="density")
     parser.add_argument("--out", type=Path, default=Path("mutation"), help="folder of the study")
     parser.add_argument("--sample", type=int, help="so many mutants, drawn at random; else all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="a mutant, at most")
     parser.add_argument("--least", type=float, default=0.95, help="share to be killed")
     chosen = parser.parse_args()
+    part = PARTS[chosen.part]
     folder = chosen.out.resolve()
     copies = [folder / f"copy-{i}" for i in range(chosen.workers)]
     if not (folder / "dealt").exists():
         (folder / "kept").mkdir(parents=True, exist_ok=True)
-        paths = modules(list(chosen.modules))
+        paths = modules(chosen.modules or list(part.modules))
         for copy in copies:
-            prepared(copy, paths)
-        first = environment(copies[0], folder / "kept")
+            prepared(copy, paths, part.tests, chosen.seconds)
+        first = environment(copies[0], folder / "kept", compiled=part.compiled)
         # also fills the folder of kept densities
         subprocess.run(
             ["cosmic-ray", "--verbosity", "INFO", "baseline", "mutation.toml"],
@@ -156,13 +232,13 @@ def main() -> int:
             env=first,
             check=True,
         )
-        count = dealt(folder, copies, chosen.sample, chosen.seed)
+        count = dealt(folder, copies, chosen.sample, chosen.seed, first)
         (folder / "dealt").write_text(f"{count} mutants of {len(paths)} modules\n")
     running = [
         subprocess.Popen(
             ["cosmic-ray", "exec", "mutation.toml", "session.sqlite"],
             cwd=copy,
-            env=environment(copy, folder / "kept"),
+            env=environment(copy, folder / "kept", compiled=part.compiled),
         )
         for copy in copies
     ]

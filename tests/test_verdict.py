@@ -1,0 +1,197 @@
+"""Verdicts and their sentences, decided by evidence that is written down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from biaxbayes.identifiability.marginals import Edge, Scale
+from biaxbayes.identifiability.sloppiness import Partners, _rounded_up
+from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, in_words
+from biaxbayes.identifiability.verdict_names import (
+    COMBINATION,
+    FIXED,
+    IDENTIFIED,
+    NO_VERDICT,
+    NOT_IDENTIFIED,
+    ONE_SIDED,
+    PRIOR,
+)
+from biaxbayes.model.priors import Tie
+from biaxbayes.parameters import Quantity
+from goh_functions import GOH_LAW
+
+KAPPA, K1 = GOH_LAW.parameter("kappa"), GOH_LAW.parameter("k1")
+LOOSE = Evidence(
+    parameter=KAPPA,
+    median=0.15,
+    low=0.05,
+    high=0.25,
+    prior_sd=0.1,
+    posterior_sd=0.04,
+    prior_excluded=0.6,
+    edges=(),
+    partners=Partners((), 1.0, 1.0),
+    modes=1,
+    prior_sensitivity=0.0,
+    likelihood_sensitivity=0.5,
+)
+SHARP = replace(LOOSE, low=0.10, high=0.19)
+TRADED = Partners(("k1", "alpha"), 0.3, 0.4)
+T = Thresholds()
+
+
+def edge(side: int, kind: str = "physical", support: float = 0.5, value: float = 0.0) -> Edge:
+    return Edge(side, value, kind, 0.01, 0.05, 0.03, support)
+
+
+LOW, HIGH = edge(0), edge(1, value=1 / 3)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "verdict"),
+    [
+        (LOOSE, IDENTIFIED),
+        (SHARP, IDENTIFIED),
+        # the variance must shrink by 75 %: to half the prior's spread
+        (replace(LOOSE, posterior_sd=0.0499), IDENTIFIED),
+        (replace(LOOSE, posterior_sd=0.0501), PRIOR),
+        # separate peaks are wide and no prior, unless they exclude little of it
+        (replace(LOOSE, posterior_sd=0.08, modes=2, prior_excluded=0.5), IDENTIFIED),
+        (replace(LOOSE, posterior_sd=0.08, modes=2, prior_excluded=0.49), PRIOR),
+        # a trade counts where the partners cut the spread to half, and not for a sharp interval
+        (replace(LOOSE, partners=TRADED), COMBINATION),
+        (replace(LOOSE, partners=replace(TRADED, spread_given_partners=0.5)), COMBINATION),
+        (replace(LOOSE, partners=replace(TRADED, spread_given_partners=0.51)), IDENTIFIED),
+        (replace(SHARP, partners=TRADED), IDENTIFIED),
+        # ends
+        (replace(LOOSE, edges=(LOW,)), ONE_SIDED),
+        (replace(LOOSE, edges=(HIGH,)), ONE_SIDED),
+        (replace(LOOSE, edges=(replace(LOW, support=0.147),)), ONE_SIDED),
+        (replace(LOOSE, edges=(replace(LOW, support=0.146),)), IDENTIFIED),
+        (replace(LOOSE, edges=(LOW, HIGH)), PRIOR),
+        (replace(LOOSE, edges=(edge(1, "user"),)), PRIOR),
+        (replace(LOOSE, edges=(edge(0, "prior"),)), PRIOR),
+        # one-sided needs a quarter of the prior excluded, or the contraction of an interval
+        (replace(LOOSE, edges=(LOW,), prior_excluded=0.25, posterior_sd=0.09), ONE_SIDED),
+        (replace(LOOSE, edges=(LOW,), prior_excluded=0.24, posterior_sd=0.09), PRIOR),
+        (replace(LOOSE, edges=(LOW,), prior_excluded=0.24), ONE_SIDED),
+        # a trade comes before an open end
+        (replace(LOOSE, edges=(LOW,), partners=TRADED), COMBINATION),
+        # refits more than twice as wide as the interval (0.2) come before all else
+        (replace(LOOSE, refits=(0.0, 0.41), partners=TRADED), NOT_IDENTIFIED),
+        (replace(LOOSE, refits=(0.1, 0.49)), IDENTIFIED),
+    ],
+)
+def test_evidence_decides(evidence, verdict):
+    assert decide(evidence, T) == verdict
+
+
+def test_what_may_mean_nothing_is_never_identified():
+    assert decide(SHARP, T, meaningless=True) == PRIOR
+    assert decide(replace(SHARP, partners=TRADED), T, meaningless=True) == COMBINATION
+
+
+def kappa(verdict: str, evidence: Evidence | None, prior: object = 0.1, **how: str) -> str:
+    scale = Scale(Quantity(KAPPA), prior)
+    return in_words(scale, verdict, evidence, T, "tentative", **how)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "evidence", "sentence"),
+    [
+        (IDENTIFIED, SHARP, "identified, 0.100 to 0.190 (90 %)"),
+        (IDENTIFIED, LOOSE, "identified, but loosely, 0.050 to 0.250 (90 %)"),
+        (
+            IDENTIFIED,
+            replace(SHARP, prior_sensitivity=0.05),
+            "identified, 0.100 to 0.190 (90 %); sensitive to the prior",
+        ),
+        (
+            IDENTIFIED,
+            replace(SHARP, prior_sensitivity=0.049, modes=2),
+            "identified, 0.100 to 0.190 (90 %); 2 separate peaks",
+        ),
+        (
+            IDENTIFIED,
+            replace(SHARP, by_prior=(False, True)),
+            "identified, 0.100 to 0.190 (90 %); high end by the prior",
+        ),
+        (
+            ONE_SIDED,
+            replace(LOOSE, edges=(LOW,)),
+            "one-sided, below 0.250 (95 %); the data do not exclude 0 (aligned fibres)",
+        ),
+        (
+            ONE_SIDED,
+            replace(LOOSE, edges=(HIGH,)),
+            "one-sided, above 0.050 (95 %); the data do not exclude 1/3 (isotropic)",
+        ),
+        (
+            COMBINATION,
+            replace(LOOSE, partners=Partners(("k1",), 0.3, 0.42)),
+            "only in combination with k1; alone 0.050 to 0.250 (90 %); if it was known, the "
+            "interval would shrink to 42 % of that width",
+        ),
+        (
+            COMBINATION,
+            replace(LOOSE, partners=Partners(("k1", "k2", "alpha"), 0.3, 0.4), edges=(LOW, HIGH)),
+            "only in combination with k1, k2 and alpha; alone 0.050 to 0.250 (90 %); if they were "
+            "known, the interval would shrink to 40 % of that width; 0 (aligned fibres) and 1/3 "
+            "(isotropic) not excluded",
+        ),
+        (
+            PRIOR,
+            replace(LOOSE, posterior_sd=0.08, prior_sensitivity=0.3),
+            "prior-dominated, 0.050 to 0.250 (90 %); the data take 36 % off the prior's variance",
+        ),
+        (
+            PRIOR,
+            replace(LOOSE, posterior_sd=0.12),
+            "prior-dominated, 0.050 to 0.250 (90 %); the data take 0 % off the prior's variance",
+        ),
+        (
+            PRIOR,
+            replace(LOOSE, edges=(LOW, edge(1, "user", value=0.27))),
+            "prior-dominated, 0.050 to 0.250 (90 %); held by the bound 0.270 of its prior",
+        ),
+        (
+            NOT_IDENTIFIED,
+            replace(LOOSE, refits=(0.0, 0.5)),
+            "not identified, between 0.000 and 0.500 by fits to parts of the record; 0.050 to "
+            "0.250 (90 %) rests on the model's toe, which these data contradict",
+        ),
+        (NO_VERDICT, LOOSE, "no verdict, the chains have not converged (tentative)"),
+        (FIXED, None, "fixed at 0.1"),
+    ],
+)
+def test_a_verdict_is_one_sentence(verdict, evidence, sentence):
+    assert kappa(verdict, evidence) == f"kappa: {sentence}"
+
+
+def test_sentences_say_ties_units_and_what_means_nothing():
+    assert kappa(FIXED, None, Tie(0.5, "k1")) == "kappa: tied, 0.5 times k1"
+    why = "means nothing at kappa 1/3"
+    assert kappa(PRIOR, SHARP, meaningless=why).endswith(f"% off the prior's variance; {why}")
+    e = replace(LOOSE, parameter=K1, low=10.0, high=19.9)
+    told = in_words(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
+    assert told == "k1: identified, 10 to 19.9 kPa (90 %)"  # sharp: the ends' ratio is below 2
+    e = replace(LOOSE, parameter=K1, low=10.0, high=20.1)
+    told = in_words(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
+    assert told == "k1: identified, but loosely, 10 to 20.1 kPa (90 %)"
+
+
+@pytest.mark.parametrize(
+    ("value", "limit"),
+    [(0.0, 0.0), (-1.0, 0.0), (0.101, 0.11), (0.11, 0.11), (0.996, 1.0), (3.21e4, 3.3e4), (7, 7.0)],
+)
+def test_a_limit_is_rounded_up_to_two_digits(value, limit):
+    assert _rounded_up(value) == pytest.approx(limit, rel=1e-12)
+
+
+def test_a_limit_is_never_below_its_value():
+    values = np.exp(np.random.default_rng(1).normal(0.0, 5.0, 500))
+    limits = np.array([_rounded_up(v) for v in values])
+    assert (limits >= values * (1 - 1e-9)).all() and (limits <= 1.1 * values).all()
