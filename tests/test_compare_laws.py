@@ -13,7 +13,14 @@ from scipy.stats import beta, norm
 import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, only, parts_of, without
-from biaxbayes.comparison.law_weights import STACKED, _left_out, _LeftOut, _part_table, _weights
+from biaxbayes.comparison.law_weights import (
+    STACKED,
+    _left_out,
+    _LeftOut,
+    _part_table,
+    _weights,
+    judged_laws,
+)
 from biaxbayes.comparison.mixture import mixture_bands, mixture_draws
 from biaxbayes.comparison.pooling import (
     LEAST_SHARPNESS,
@@ -26,8 +33,8 @@ from biaxbayes.comparison.pooling import (
     stacking_weights,
     weighted_density,
 )
-from biaxbayes.errors import InputError, Interrupted
-from biaxbayes.identifiability.mounting_stretch.stated import stated_by_predictions
+from biaxbayes.errors import InputError, Interrupted, NotConverged
+from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, stated_by_predictions
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
@@ -265,6 +272,138 @@ def test_bands_of_a_mixture_of_one_law_are_those_of_its_draws(two_laws):
     for q, z in (("q05", norm.ppf(0.05)), ("q50", 0.0), ("q95", norm.ppf(0.95))):
         np.testing.assert_allclose(own[f"credible_{q}"], load, rtol=1e-6)
         np.testing.assert_allclose(own[f"predictive_{q}"], load + 0.01 * z, rtol=1e-6, atol=1e-8)
+
+
+def test_a_protocol_is_left_out_of_what_the_laws_are_fitted_to():
+    three = small_specimen()
+    for k, part in enumerate(parts_of(three)):
+        rest, own = without(three, part), only(three, part)
+        assert [p.name for p in own.protocols] == [part.name]
+        assert [p.name for p in rest.protocols] == [
+            p.name for i, p in enumerate(three.protocols) if i != k
+        ]
+
+
+SD = 0.002
+
+
+def foretold(**states):
+    """Two laws that foretell three protocols with one material each, the second 5 % too stiff."""
+    specimen = small_specimen()
+    rng = np.random.default_rng(2)
+    found = {}
+    for law, k1, kappa in (("goh", 60.0, {"kappa": 0.1}), ("hgo", 63.0, {})):
+        values = {"C1": 14.0, "k1": k1, "k2": 8.0, "alpha": 38.0, "noise_sd": SD, **kappa}
+        values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
+        residuals = tuple(
+            rng.normal(0.0, SD, (p.rows - p.rest_rows, 2)) for p in specimen.protocols
+        )
+        for name in (WHOLE, *(p.name for p in specimen.protocols)):
+            state = states.get(law, "converged")
+            reason = "" if state == "converged" else f"{state} for a reason"
+            rmse_kPa = 0.1 if law == "goh" else 0.2
+            table = pd.DataFrame([values] * 20)
+            found[law, name] = Prediction(state, reason, rmse_kPa, residuals, table)
+    return specimen, found
+
+
+def misses(specimen, k1, kappa):
+    """Measured less computed loads of each protocol, (rows, 2), and kPa of Cauchy stress a load."""
+    material, out = GOH(14.0, k1, 8.0, 38.0, kappa), []
+    for p in specimen.protocols:
+        measured = np.column_stack([p.stretch_x, p.stretch_y])[p.rest_rows :]
+        total = measured * (1.01, 1.02)
+        # f_k = s_k A_k / l_k, of unloaded dimensions
+        area = np.array(specimen.area) / total
+        load = np.column_stack(material.cauchy(*total.T)) * area
+        out.append((np.column_stack([p.load_x, p.load_y])[p.rest_rows :] - load, area))
+    return out
+
+
+def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand():
+    specimen, found = foretold()
+    judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    table, parts = judged.table.set_index("law"), judged.parts
+    assert judged.converged and judged.left_out == {}
+    assert list(table.index) == ["goh", "hgo", STACKED]
+    for law, k1, kappa in (("goh", 60.0, 0.1), ("hgo", 63.0, 0.0)):
+        own = parts[parts["law"] == law]
+        assert own["part"].tolist() == [p.name for p in specimen.protocols]
+        square, size = 0.0, 0
+        for (miss, area), (_, row) in zip(misses(specimen, k1, kappa), own.iterrows(), strict=True):
+            density = norm.logpdf(miss, 0.0, SD).sum()
+            assert row["left_out_density"] == pytest.approx(density, rel=1e-9)
+            in_kPa = miss / area
+            assert row["left_out_rms"] == pytest.approx(np.sqrt((in_kPa**2).mean()), rel=1e-9)
+            half = norm.ppf(0.95) * SD
+            assert row["band_coverage"] == pytest.approx((np.abs(miss) <= half).mean())
+            assert row["band_width"] == pytest.approx((2 * half / area).mean(), rel=1e-6)
+            assert row["readings"] == row["effective_readings"] == miss.size
+            square, size = square + (in_kPa**2).sum(), size + miss.size
+        assert table["left_out_rms"][law] == pytest.approx(np.sqrt(square / size), rel=1e-9)
+        assert table["left_out_density"][law] == pytest.approx(own["left_out_density"].sum())
+        for at in ("q05", "q50", "q95"):
+            assert table[f"mounting_stretch_y_{at}"][law] == pytest.approx(1.02)
+    assert table["weight"]["goh"] > 0.9
+    assert table["weight"][["goh", "hgo"]].sum() == pytest.approx(1.0)
+    low, high = table["weight_low"]["goh"], table["weight_high"]["goh"]
+    assert 0.5 < low <= high < 1.0
+    mixture = parts[parts["law"] == STACKED]
+    assert table["left_out_density"][STACKED] == pytest.approx(mixture["left_out_density"].sum())
+    assert set(judged.draws["law"]) == {"goh", "hgo"}
+    assert len(judged.bands) == mixture["readings"].sum()
+    for axis, middle in (("x", 1.01), ("y", 1.02)):
+        stated = judged.stated.set_index("quantity").loc[f"mounting_stretch_{axis}"]
+        margin = 0.09 * (middle - 1.0)
+        assert stated["stated_low"] == pytest.approx(middle - margin)
+        assert stated["stated_high"] == pytest.approx(middle + margin)
+
+
+def test_weights_of_the_other_parts_alone_and_of_none():
+    specimen, found = foretold()
+    judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    densities = {
+        (k, c): norm.logpdf(miss, 0.0, SD)
+        for k, c in ((60.0, 0.1), (63.0, 0.0))
+        for miss in [np.concatenate([m.ravel() for m, _ in misses(specimen, k, c)[1:]])]
+    }
+    # of the first part, by the other two: a grid of weights instead of the steps
+    stack, worth = np.array(list(densities.values())), np.ones(len(next(iter(densities.values()))))
+    expected = stacking_weights(stack, worth)
+    mixture = judged.parts[judged.parts["law"] == STACKED].set_index("part")
+    first = np.concatenate([m.ravel() for m, _ in misses(specimen, 60.0, 0.1)[:1]])
+    second = np.concatenate([m.ravel() for m, _ in misses(specimen, 63.0, 0.0)[:1]])
+    density = np.log(expected @ np.exp(norm.logpdf([first, second], 0.0, SD))).sum()
+    name = specimen.protocols[0].name
+    assert mixture["left_out_density"][name] == pytest.approx(density, rel=1e-9)
+    alone = _LeftOut(np.ones(3), np.zeros((4, 3)), [], [], np.zeros(3), [])
+    np.testing.assert_allclose(_weights([alone], []), 0.25)
+
+
+def test_laws_that_failed_or_have_not_converged_are_said_to():
+    specimen, found = foretold(hgo="tentative")
+    judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    assert not judged.converged and judged.left_out == {}
+    specimen, found = foretold(hgo="failed")
+    judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    assert not judged.converged
+    assert judged.left_out == {"hgo": f"{WHOLE}: failed for a reason"}
+    assert judged.table.set_index("law")["weight"]["goh"] == pytest.approx(1.0)
+    assert np.isnan(judged.table.set_index("law")["weight"]["hgo"])
+    specimen, found = foretold(hgo="failed", goh="unusable")
+    with pytest.raises(NotConverged, match=r"no law could be sampled.*goh.*unusable for a reason"):
+        judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+
+
+def test_a_measured_mounting_stretch_is_stated_as_the_mixture_has_it():
+    specimen, found = foretold()
+    measured = replace(
+        specimen, metadata={**specimen.metadata, "mounting_stretch_x": "1.01 +- 0.01"}
+    )
+    judged = judged_laws(measured, {"noise": "independent"}, found, ["goh", "hgo"])
+    stated = judged.stated.set_index("quantity").loc["mounting_stretch_x"]
+    assert [stated["stated_low"], stated["stated_high"]] == pytest.approx([1.01, 1.01])
+    assert stated["stated_reason"] == MEASURED
 
 
 def test_parts_make_up_the_record_and_are_left_out_of_the_rest():

@@ -94,6 +94,18 @@ PARTS = {
             "tests/test_identifiability.py",
         ),
     ),
+    "sampling": Part(
+        ("sampling/*.py",),
+        (
+            "tests/test_mixture_weights.py",
+            "tests/test_convergence.py",
+            "tests/test_mixture_fit.py",
+            "tests/test_mixture_proposal.py",
+            "tests/test_moves.py",
+            "tests/test_sampling_alone.py",
+            "tests/test_sampler.py",
+        ),
+    ),
     "comparison": Part(
         ("comparison/*.py",),
         ("tests/test_compare_laws.py", "tests/test_ledger.py", "tests/test_compare.py"),
@@ -114,8 +126,12 @@ def modules(patterns: list[str]) -> list[Path]:
 
 
 def environment(copy: Path, kept: Path, *, compiled: bool) -> dict[str, str]:
-    """The copy's own package, densities of the second posterior kept."""
+    """The copy's own package, densities of the second posterior and compiled code kept.
+
+    Compiled code is found again by its own file: what it calls of the laws is not mutated with it.
+    """
     return os.environ | {
+        "NUMBA_CACHE_DIR": str(copy / "compiled"),
         "NUMBA_DISABLE_JIT": str(int(not compiled)),
         "OMP_NUM_THREADS": "1",
         "MPLBACKEND": "Agg",
