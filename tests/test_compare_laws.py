@@ -349,6 +349,9 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand()
     low, high = table["weight_low"]["goh"], table["weight_high"]["goh"]
     assert 0.5 < low <= high < 1.0
     mixture = parts[parts["law"] == STACKED]
+    assert mixture["weight"].tolist() == [1.0] * 3
+    told = {law: f"{table['weight'][law]:.2f}" for law in ("goh", "hgo")}
+    assert repr(judged) == f"LawComparison(virtual: goh {told['goh']}, hgo {told['hgo']})"
     assert table["left_out_density"][STACKED] == pytest.approx(mixture["left_out_density"].sum())
     assert set(judged.draws["law"]) == {"goh", "hgo"}
     assert len(judged.bands) == mixture["readings"].sum()

@@ -83,6 +83,7 @@ PARTS = {
         ("identifiability/*.py", "identifiability/mounting_stretch/*.py"),
         (
             "tests/test_verdict.py",
+            "tests/test_marginals.py",
             "tests/test_tissue_stress.py",
             "tests/test_law_statements.py",
             "tests/test_mounting_refits.py",
