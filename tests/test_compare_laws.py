@@ -12,7 +12,18 @@ from scipy.stats import beta, norm
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, only, parts_of, without
+from biaxbayes.comparison.law_comparison import (
+    KEPT_DRAWS,
+    KEPT_OF_PART,
+    WHOLE,
+    Part,
+    Prediction,
+    Task,
+    only,
+    parts_of,
+    sample_part,
+    without,
+)
 from biaxbayes.comparison.law_weights import (
     STACKED,
     _left_out,
@@ -235,6 +246,7 @@ def test_draws_of_the_mixture_are_those_of_each_law_by_its_weight(two_laws):
     specimen, found, posteriors = two_laws
     drawn = mixture_draws(specimen, list(posteriors), np.array([0.7, 0.3]), found, posteriors)
     assert drawn["law"].value_counts().to_dict() == {"goh": 1400, "hgo": 600}
+    assert drawn.index.tolist() == list(range(2000))
     for law, kappa in (("goh", 0.1), ("hgo", 0.0)):
         own = drawn[drawn["law"] == law]
         first, last = own.iloc[0], own.iloc[-1]
@@ -282,6 +294,20 @@ def test_a_protocol_is_left_out_of_what_the_laws_are_fitted_to():
         assert [p.name for p in rest.protocols] == [
             p.name for i, p in enumerate(three.protocols) if i != k
         ]
+
+
+def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
+    specimen = small_specimen()
+    options = {"noise": "independent", "mounting": "exact"}
+    for part, kept in ((None, KEPT_DRAWS), (parts_of(specimen)[0], KEPT_OF_PART)):
+        task = Task("goh", specimen, part, options, seed=1, ess=20.0, max_steps=64)
+        found = sample_part(task)
+        assert len(found.draws) == kept
+        shown = specimen if part is None else without(specimen, part)
+        target = Posterior(shown, **options)
+        expected = set(target.target().quantities(np.zeros((1, target.dimension))))
+        assert set(found.draws) == expected
+        assert [len(r) for r in found.residuals] == [p.rows - p.rest_rows for p in shown.protocols]
 
 
 SD = 0.002
