@@ -90,6 +90,7 @@ PARTS = {
             "tests/test_noise_worth.py",
             "tests/test_words.py",
             "tests/test_stated.py",
+            "tests/test_compare_laws.py",
             "tests/test_told.py",
             "tests/test_held_edges.py",
             "tests/test_identifiability.py",
