@@ -151,6 +151,13 @@ def test_what_one_run_does_not_determine_is_no_difference(found):
     assert abs(stress.standardised) < 4.0
 
 
+def test_stiffness_is_compared_at_rest_and_at_the_largest_common_stretch(found):
+    t = found.distances
+    at = set(t[t["quantity"] == "stiffness_x"]["total_stretch"])
+    assert at == {1.0, found.stretches[-1]}
+    assert len(found.stretches) == 5
+
+
 def test_common_stretches_were_reached_by_every_run(members):
     short = sampled(specimen(SOFT, total_stretch=1.1, increments=10), ess=60.0)
     found = compare([members[0], Member("short", short.target, short.draws, short.state)])

@@ -381,6 +381,9 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand()
     told = {law: f"{table['weight'][law]:.2f}" for law in ("goh", "hgo")}
     assert repr(judged) == f"LawComparison(virtual: goh {told['goh']}, hgo {told['hgo']})"
     assert table["left_out_density"][STACKED] == pytest.approx(mixture["left_out_density"].sum())
+    sizes = mixture["readings"] / mixture["readings"].sum()
+    rms = np.sqrt((sizes * mixture["left_out_rms"] ** 2).sum())
+    assert table["left_out_rms"][STACKED] == pytest.approx(rms, rel=1e-9)
     assert set(judged.draws["law"]) == {"goh", "hgo"}
     assert len(judged.bands) == mixture["readings"].sum()
     for axis, middle in (("x", 1.01), ("y", 1.02)):

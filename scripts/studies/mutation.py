@@ -99,6 +99,7 @@ PARTS = {
     "sampling": Part(
         ("sampling/*.py",),
         (
+            "tests/test_modes.py",
             "tests/test_mixture_weights.py",
             "tests/test_convergence.py",
             "tests/test_mixture_fit.py",
