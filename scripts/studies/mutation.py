@@ -100,6 +100,7 @@ PARTS = {
         ("sampling/*.py",),
         (
             "tests/test_modes.py",
+            "tests/test_population_monte_carlo.py",
             "tests/test_mixture_weights.py",
             "tests/test_convergence.py",
             "tests/test_mixture_fit.py",
