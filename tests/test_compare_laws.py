@@ -396,14 +396,14 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand()
 def test_weights_of_the_other_parts_alone_and_of_none():
     specimen, found = foretold()
     judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
-    densities = {
-        (k, c): norm.logpdf(miss, 0.0, SD)
-        for k, c in ((60.0, 0.1), (63.0, 0.0))
-        for miss in [np.concatenate([m.ravel() for m, _ in misses(specimen, k, c)[1:]])]
-    }
-    # of the first part, by the other two: a grid of weights instead of the steps
-    stack, worth = np.array(list(densities.values())), np.ones(len(next(iter(densities.values()))))
-    expected = stacking_weights(stack, worth)
+    # of the first part, by the weights that the other two alone give
+    others = np.array(
+        [
+            np.concatenate([norm.logpdf(miss, 0.0, SD).ravel() for miss, _ in missed[1:]])
+            for missed in (misses(specimen, 60.0, 0.1), misses(specimen, 63.0, 0.0))
+        ]
+    )
+    expected = stacking_weights(others, np.ones(others.shape[1]))
     mixture = judged.parts[judged.parts["law"] == STACKED].set_index("part")
     first = np.concatenate([m.ravel() for m, _ in misses(specimen, 60.0, 0.1)[:1]])
     second = np.concatenate([m.ravel() for m, _ in misses(specimen, 63.0, 0.0)[:1]])

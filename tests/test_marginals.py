@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import lognorm, norm, uniform
@@ -194,5 +192,4 @@ def test_a_move_is_told_on_the_scale_of_its_parameter(name, first, last, words):
 
 
 def test_a_move_from_nothing_has_no_ratio():
-    zero = replace(GOH_LAW.parameter("k1"))
-    assert _move(zero, 0.0, 2.0) == "k1 from 0 to 2"
+    assert _move(GOH_LAW.parameter("k1"), 0.0, 2.0) == "k1 from 0 to 2"

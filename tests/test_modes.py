@@ -117,7 +117,7 @@ def test_the_heaviest_modes_are_kept_and_no_start_of_positive_density_gives_none
 
 @pytest.mark.parametrize(("apart", "count"), [(1.9, 1), (2.1, 2)])
 def test_modes_nearer_than_two_local_widths_are_one(apart, count):
-    """A flat top with a ripple: every start is where its climb ends."""
+    """Two peaks of one height, each of them a start, so many widths apart in each dimension."""
     width = 0.5
 
     def log_density(x):
