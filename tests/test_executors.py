@@ -90,6 +90,25 @@ def test_a_worker_that_dies_when_it_has_finished_costs_no_task(tmp_path):
     assert len(list(tmp_path.iterdir())) == 5
 
 
+def test_workers_are_let_go_where_dask_stumbles_over_one(monkeypatch):
+    """As over one that died while it was started in the place of another."""
+    from distributed.nanny import WorkerProcess
+
+    kill, lost = WorkerProcess.kill, []
+
+    async def stumbles_once(self, **how):
+        if lost:
+            return await kill(self, **how)
+        lost.append(self.pid)
+        raise AssertionError("can only join a started process")
+
+    monkeypatch.setattr(WorkerProcess, "kill", stumbles_once)
+    before = time.monotonic()
+    assert [o.value for o in Workers(2).run(tasks.square, [3])] == [9]
+    assert lost and gone(lost[0])
+    assert time.monotonic() - before < cluster.WORKER_SECONDS
+
+
 @pytest.mark.parametrize("executor", [InThisProcess(), Workers(2)], ids=["here", "workers"])
 def test_tasks_that_are_added_while_outcomes_are_taken_are_done_as_well(executor):
     numbers, found = [1, 2], {}

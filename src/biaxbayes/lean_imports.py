@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from functools import cache
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from biaxbayes.executors.beside import alone
@@ -19,7 +20,33 @@ if TYPE_CHECKING:
 __all__ = ["ARRAY_STATS_IMPORTS", "array_stats", "corner_package", "emcee", "imported_without"]
 
 
-def imported_without(name: str, unwanted: str) -> Any:
+class _Later:
+    """What a module holds, which is imported once this is called or looked into."""
+
+    def __init__(self, module: str, name: str) -> None:
+        self._of = module, name
+
+    def _found(self) -> Any:
+        module, name = self._of
+        return getattr(import_module(module), name)
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        return self._found()(*arguments, **options)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._found(), name)
+
+
+class _Deferred(ModuleType):
+    """A module that is imported once something of it is called or looked into."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return _Later(self.__name__, name)
+
+
+def imported_without(name: str, unwanted: str, *deferred: ModuleType) -> Any:
     """Import a module as if another package, which its own can do without, were not installed.
 
     Parameters
@@ -29,6 +56,8 @@ def imported_without(name: str, unwanted: str) -> Any:
     unwanted : str
         The other package. It is there all the same where it or the package is imported already,
         and where another thread might look for it meanwhile.
+    *deferred : module
+        Stand-ins for modules that the package takes little of.
 
     Returns
     -------
@@ -37,17 +66,19 @@ def imported_without(name: str, unwanted: str) -> Any:
     package = name.partition(".")[0]
     if package in sys.modules or unwanted in sys.modules or not alone():
         return import_module(name)
-    sys.modules[unwanted] = None  # type: ignore[assignment]
+    stand_ins = {one.__name__: one for one in deferred if one.__name__ not in sys.modules}
+    sys.modules.update({unwanted: None} | stand_ins)  # type: ignore[arg-type]
     try:
         return import_module(name)
     finally:
-        del sys.modules[unwanted]
+        for one in [unwanted, *stand_ins]:
+            del sys.modules[one]
         for part in [n for n in sys.modules if n.partition(".")[0] == package]:
             del sys.modules[part]
 
 
-ARRAY_STATS_IMPORTS = ("scipy.stats", "scipy.signal")
-"""What :data:`array_stats` needs and little else does: half a second, for a process of its own."""
+ARRAY_STATS_IMPORTS = ("scipy.fftpack", "scipy.optimize", "scipy.sparse")
+"""What :data:`array_stats` needs and little else does: for a process of its own."""
 
 
 @cache
@@ -58,8 +89,13 @@ def corner_package() -> Any:
 
 @cache
 def _array_stats() -> Any:
-    """ArviZ's statistics of arrays without xarray, whose arrays are not used."""
-    return imported_without("arviz_stats.base", "xarray").array_stats
+    """ArviZ's statistics of arrays without xarray, whose arrays are not used.
+
+    SciPy's statistics and signals, 0.3 s to import and 27 MB, wait until what needs them is asked
+    for: densities, ranks.
+    """
+    waiting = [_Deferred(f"scipy.{name}") for name in ("signal", "signal.windows", "stats")]
+    return imported_without("arviz_stats.base", "xarray", *waiting).array_stats
 
 
 @cache

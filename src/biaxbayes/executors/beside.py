@@ -25,8 +25,7 @@ from importlib import import_module
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from threadpoolctl import threadpool_limits
-
+from biaxbayes.executors.threads import one_blas_thread
 from biaxbayes.progress_bar import STOPS
 
 __all__ = ["Begin", "Beside", "Partner", "Standby", "alone", "each", "when_asked"]
@@ -264,7 +263,7 @@ def _answer_all(of: object, modules: Sequence[str], pipe: Connection) -> None:
     """Do the work that comes through a pipe, until it ends."""
     for name in modules:
         import_module(name)
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         while True:
             function, arguments = pipe.recv()
             pipe.send(_called(of, function, *arguments))

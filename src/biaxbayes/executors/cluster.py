@@ -80,11 +80,8 @@ def local_cluster(count: int, modules: Sequence[str] = ()) -> Iterator[LocalClus
     if "forkserver" in multiprocessing.get_all_start_methods():
         # a process without threads, in which all is imported
         options["distributed.worker.multiprocessing-method"] = "forkserver"
-    with (
-        tempfile.TemporaryDirectory(prefix="biaxbayes-") as scratch,
-        dask.config.set(options),
-        contextlib.ExitStack() as stack,
-    ):
+    with tempfile.TemporaryDirectory(prefix="biaxbayes-") as scratch, dask.config.set(options):
+        others = set(multiprocessing.active_children())
         with _signals_kept():
             try:
                 cluster = LocalCluster(
@@ -100,8 +97,28 @@ def local_cluster(count: int, modules: Sequence[str] = ()) -> Iterator[LocalClus
                 )
             except RuntimeError:
                 raise cannot_start() from None
-        stack.enter_context(contextlib.closing(cluster))
-        yield cluster
+        try:
+            yield cluster
+        finally:
+            _close(cluster, others)
+
+
+def _close(cluster: LocalCluster, others: set[multiprocessing.process.BaseProcess]) -> None:
+    """Close a cluster, and end its processes where Dask loses them: not ``others``.
+
+    Where a worker dies as it starts, Dask takes that for the failure of the next one, and stumbles
+    over it as it closes.
+    """
+    from distributed.core import Status
+
+    try:
+        cluster.close()
+    except AssertionError:
+        cluster.status = Status.failed  # else it waits for itself
+        cluster.close()
+        for process in set(multiprocessing.active_children()) - others:
+            if process.name.startswith("Dask Worker"):
+                process.kill()
 
 
 def cannot_start() -> RunError:

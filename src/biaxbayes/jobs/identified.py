@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 import pandas as pd
 
 from biaxbayes.errors import InputError
+from biaxbayes.executors.beside import Partner
 from biaxbayes.identifiability.determined import FARTHEST, determined, mounting_stated
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_edges, held_from, held_table
 from biaxbayes.identifiability.identify import (
@@ -26,7 +28,7 @@ from biaxbayes.identifiability.mounting_stretch.law_range import LAW_FITS, LawRa
 from biaxbayes.identifiability.profile.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.text_files import atomic_write_text, read_csv, write_csv
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
 __all__ = [
     "Identified",
@@ -376,14 +378,26 @@ def write_identifiability_products(
     InputError
         If a file cannot be written.
     """
-    found = identified(posterior, draws, state, kept=kept)
-    write_tables(found, posterior, folder)
-    if figure:
-        from biaxbayes.figures.run.identifiability import identifiability_figure
-        from biaxbayes.figures.style import save_figure
-
-        save_figure(identifiability_figure(found.verdicts), folder / "identifiability.pdf")
+    workers = (os.cpu_count() or 1) if figure else 1
+    with Partner(workers, modules=_DRAWING) as partner:
+        found = identified(posterior, draws, state, kept=kept)
+        drawn = partner.begin(_picture, found.verdicts) if figure else None
+        write_tables(found, posterior, folder)
+        if drawn is not None:
+            atomic_write_bytes(folder / "identifiability.pdf", drawn())
     return found
+
+
+_DRAWING = ("matplotlib.backends.backend_agg", "matplotlib.backends.backend_pdf")
+"""Whose imports take as long as all that is judged."""
+
+
+def _picture(verdicts: Identifiability) -> bytes:
+    """The figure, for print."""
+    from biaxbayes.figures.run.identifiability import identifiability_figure
+    from biaxbayes.figures.style import figure_bytes
+
+    return figure_bytes(identifiability_figure(verdicts), "pdf")
 
 
 def write_tables(found: Identified, posterior: Posterior, folder: Path) -> None:

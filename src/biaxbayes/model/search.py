@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from biaxbayes.errors import NotConverged
 from biaxbayes.executors.beside import Begin, when_asked
+from biaxbayes.executors.threads import one_blas_thread
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.model.posterior import Posterior
@@ -155,7 +155,7 @@ def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Targ
     u, weights, label = u[regular], weights[regular], label[regular]
     label = np.unique(label, return_inverse=True)[1]
     picked = resample_ridges(weights, label, half, rng)
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         proposal = fit_mixture_proposal(
             u[picked],
             rng,

@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from biaxbayes.executors.beside import Partner
+from biaxbayes.executors.threads import one_blas_thread
 from biaxbayes.lean_imports import emcee
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import Proposal
@@ -200,7 +200,7 @@ class Ensembles:
         own, *shares = (
             range(k, min(k + each, len(self.members))) for k in range(0, len(self.members), each)
         )
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread():
             others = []
             for share in shares:
                 snapshots = [self.members[k].snapshot() for k in share]
@@ -271,7 +271,7 @@ class Ensembles:
     ) -> None:
         """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
         lead = self.members[0].independence
-        with threadpool_limits(1, user_api="blas"):
+        with one_blas_thread():
             lead.adapt(
                 history,
                 components=components,

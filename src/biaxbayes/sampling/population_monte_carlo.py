@@ -17,9 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from biaxbayes.errors import NotConverged
+from biaxbayes.executors.threads import one_blas_thread
 from biaxbayes.sampling.modes import Mode, find_modes, separate_groups
 from biaxbayes.sampling.proposal import (
     MixtureProposal,
@@ -203,7 +203,7 @@ def _fitted(
     """A proposal with a part fitted to the weighted points of each ridge."""
     chosen = resample_ridges(log_weight, label, len(u) // 2, rng)
     most = components * (int(label.max()) + 1)
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         return fit_mixture_proposal(
             u[chosen], rng, bounds=bounds, components=most, label=label[chosen], screen=False
         )
