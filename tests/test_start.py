@@ -63,7 +63,7 @@ def test_a_corner_is_drawn_without_arviz_which_who_imports_corner_later_gets():
     """ArviZ takes longer to import than a run takes to sample."""
     code = "from biaxbayes.lean_imports import corner_package\nassert corner_package().corner\n"
     found = imported(code)
-    assert "matplotlib" in found and not found & {"arviz", "corner"}
+    assert "matplotlib" in found and not found & {"arviz", "corner", "matplotlib.pyplot"}
     whole = imported(code + "import corner\nassert corner.corner is not corner_package().corner")
     assert "corner" in whole and "corner.arviz_corner" in whole
 
@@ -71,7 +71,7 @@ def test_a_corner_is_drawn_without_arviz_which_who_imports_corner_later_gets():
 def test_statistics_of_arrays_come_without_xarray_which_who_imports_arviz_later_gets():
     code = "from biaxbayes.lean_imports import array_stats\nassert array_stats.rhat\n"
     found = imported(code)
-    assert not found & {"arviz_stats", "xarray", "scipy.stats", "scipy.signal"}
+    assert not found & {"arviz_stats", "xarray", "scipy.stats", "scipy.signal", "scipy.interpolate"}
     whole = imported(code + "import arviz_stats")
     assert {"arviz_stats", "xarray"} <= whole
     kept = imported("import xarray\n" + code)  # nothing is hidden from who has it

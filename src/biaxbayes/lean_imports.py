@@ -83,18 +83,18 @@ ARRAY_STATS_IMPORTS = ("scipy.fftpack", "scipy.optimize", "scipy.sparse")
 
 @cache
 def corner_package() -> Any:
-    """The corner package without ArviZ, whose data no figure is drawn of."""
-    return imported_without("corner", "arviz")
+    """The corner package without ArviZ, whose data no figure is drawn of, and without windows."""
+    return imported_without("corner", "arviz", _Deferred("matplotlib.pyplot"))
 
 
 @cache
 def _array_stats() -> Any:
     """ArviZ's statistics of arrays without xarray, whose arrays are not used.
 
-    SciPy's statistics and signals, 0.3 s to import and 27 MB, wait until what needs them is asked
-    for: densities, ranks.
+    Of SciPy, what takes 0.3 s to import and 30 MB waits until it is asked for: by densities, ranks.
     """
-    waiting = [_Deferred(f"scipy.{name}") for name in ("signal", "signal.windows", "stats")]
+    names = ("interpolate", "signal", "signal.windows", "stats")
+    waiting = [_Deferred(f"scipy.{name}") for name in names]
     return imported_without("arviz_stats.base", "xarray", *waiting).array_stats
 
 

@@ -170,10 +170,10 @@ def own_garbage() -> Iterator[None]:
     Within, Python's collector would go through everything that is in memory several times. What was
     free before is given back to the system: the picture of a page alone takes 20 MB.
     """
-    if not gc.isenabled():
+    return_memory()
+    if not gc.isenabled():  # within another
         yield
         return
-    return_memory()
     gc.disable()
     gc.freeze()
     try:

@@ -30,7 +30,7 @@ WORKER_MODULES = (
     "biaxbayes.jobs.products",
     "biaxbayes.reports.study_page",
     "biaxbayes.figures.compare",
-    "scipy.signal",
+    "scipy.optimize",
     "jinja2",
     *DRAWING_MODULES,
 )
