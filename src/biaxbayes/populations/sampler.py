@@ -16,8 +16,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from biaxbayes.executors.threads import one_blas_thread
 from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble
 from biaxbayes.populations.tuning import Spreading, Tuning
 from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
@@ -192,7 +192,7 @@ def draw(
     """
     seeds = np.random.SeedSequence(plan.seed).spawn(plan.ensembles + 1)
     ensembles = [Ensemble(design, k, plan.chains, seeds[k]) for k in range(plan.ensembles)]
-    with one_blas_thread(), ThreadPoolExecutor(plan.workers) as pool:
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(plan.workers) as pool:
         if state is None:
             rng = np.random.default_rng(seeds[-1])
             tuning = _warm_up(design, plan, ensembles, pool, rng, progress)
