@@ -43,9 +43,11 @@ def canvas() -> type[FigureCanvasAgg]:
             FigureCanvasAgg.draw(self)
             pixels, dpi = self.buffer_rgba(), self.figure.dpi
             opaque = np.asarray(pixels)[..., 3].min() == 255
-            kept, drawn = ("RGB", "RGBX") if opaque else ("RGBA", "RGBA")
+            drawn = "RGBX" if opaque else "RGBA"
             size = self.get_width_height(physical=True)
-            picture = Image.frombytes(kept, size, pixels, "raw", drawn)
+            picture = Image.frombuffer(drawn, size, pixels, "raw", drawn, 0, 1)
+            if opaque:  # the same memory: a copy of a corner plot takes 18 MB
+                picture = Image.fromarrow(picture, "RGB", size)
             picture.save(filename_or_obj, "PNG", dpi=(dpi, dpi), compress_level=PNG_LEVEL)
 
         def print_pdf(self, filename_or_obj: Any, *, metadata: Any = None, **_: Any) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
-import gc
 import io
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
+from biaxbayes.executors.memory import own_garbage
 from biaxbayes.figures.canvas import canvas
 from biaxbayes.options import PICTURES
 from biaxbayes.text_files import atomic_write_bytes
@@ -36,12 +35,10 @@ __all__ = [
     "font_points",
     "keep_labels",
     "layout",
-    "own_garbage",
     "picture_suffix",
     "plain",
     "print_style",
     "read_style",
-    "return_memory",
     "save_figure",
     "save_pictures",
     "settle",
@@ -161,34 +158,6 @@ def read_style(path: Path | str) -> dict[str, Any]:
     except Exception as error:  # whatever a validator raises
         raise InputError(f"matplotlib does not accept the style: {error}", file=path) from None
     return {key: value for key, value in settings.items() if key not in _IGNORED}
-
-
-@contextmanager
-def own_garbage() -> Iterator[None]:
-    """Collect the garbage of a figure, a heap of small parts, once and apart from all else.
-
-    Within, Python's collector would go through everything that is in memory several times. What was
-    free before is given back to the system: the picture of a page alone takes 20 MB.
-    """
-    return_memory()
-    if not gc.isenabled():  # within another
-        yield
-        return
-    gc.disable()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        for _ in range(2):  # contours let go of their panels only once they have gone
-            gc.collect()
-        gc.unfreeze()
-        gc.enable()
-
-
-def return_memory() -> None:
-    """Give back what the C library keeps of freed memory, where it can be asked to."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 @contextmanager

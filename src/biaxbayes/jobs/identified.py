@@ -15,6 +15,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.executors.beside import Partner
+from biaxbayes.figures.run import BACKENDS
 from biaxbayes.identifiability.determined import FARTHEST, determined, mounting_stated
 from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_edges, held_from, held_table
 from biaxbayes.identifiability.identify import (
@@ -379,17 +380,13 @@ def write_identifiability_products(
         If a file cannot be written.
     """
     workers = (os.cpu_count() or 1) if figure else 1
-    with Partner(workers, modules=_DRAWING) as partner:
+    with Partner(workers, modules=BACKENDS) as partner:
         found = identified(posterior, draws, state, kept=kept)
         drawn = partner.begin(_picture, found.verdicts) if figure else None
         write_tables(found, posterior, folder)
         if drawn is not None:
             atomic_write_bytes(folder / "identifiability.pdf", drawn())
     return found
-
-
-_DRAWING = ("matplotlib.backends.backend_agg", "matplotlib.backends.backend_pdf")
-"""Whose imports take as long as all that is judged."""
 
 
 def _picture(verdicts: Identifiability) -> bytes:

@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.executors.beside import Begin, Beside, Standby, when_asked
+from biaxbayes.executors.memory import own_garbage, return_memory
 from biaxbayes.figures.run import DRAWING_MODULES
-from biaxbayes.figures.style import PRINT_AND_SCREEN, figure_bytes, own_garbage, return_memory
+from biaxbayes.figures.style import PRINT_AND_SCREEN, figure_bytes
 from biaxbayes.identifiability.held_edges import held_edges
 from biaxbayes.identifiability.identify import Identifiability, RecordFits, identify_draws
 from biaxbayes.jobs.identified import said_of, with_curves, write_tables

@@ -20,6 +20,7 @@ import h5netcdf
 import h5py
 import numpy as np
 import pandas as pd
+from numpy.random import Generator
 
 from biaxbayes.errors import RunError
 from biaxbayes.model.curves import Curves
@@ -200,34 +201,21 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Group]:
     }
     pick = _spread_indices(steps * walkers, POINTWISE_DRAWS)
     curves = Curves.of(posterior)
-    natural = {name: flat[name][:, pick].ravel() for name in posterior.parameter_names}
-    model, sd = curves.model(natural), curves.noise(natural)
+    natural = {name: flat[name][:, pick] for name in posterior.parameter_names}
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
-    predicted = curves.with_noise(model, sd, rng)
+    of_rows = _of_rows(posterior, curves, natural, rng)
     rows = {
         "row": _Stored(("row",), np.arange(curves.rows)),
         "direction": _Stored(("direction",), np.array(["x", "y"], dtype=object)),
     }
     chosen = {"chain": coords["chain"], "draw": _Stored(("draw",), pick)} | rows
     plane = ("row", "direction")
-    dims = (*each, *plane)
-    shape = (ensembles, len(pick), curves.rows, 2)
 
-    def pointwise(values: np.ndarray, unit: str = "") -> _Stored:
-        return _Stored(dims, values.reshape(shape).astype(np.float32), unit)
-
-    exact = curves.log_likelihood(model, sd)
     reading = ("mount", "direction")
     return {
         "posterior": variables | coords,
         "sample_stats": stats | coords,
-        "log_likelihood": {"load": pointwise(posterior.beta * exact)} | chosen,
-        "log_likelihood_unweighted": {"load": pointwise(exact)} | chosen,
-        "posterior_predictive": {
-            "load": pointwise(predicted, unit),
-            "model_load": pointwise(model, unit),
-        }
-        | chosen,
+        **{name: group | chosen for name, group in of_rows.items()},
         "observed_data": {"load": _Stored(plane, curves.measured, unit)} | rows,
         "constant_data": {
             "stretch": _Stored(plane, curves.stretch, "1"),
@@ -236,6 +224,28 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Group]:
             "mounting_reading_sd": _Stored(reading, curves.mounting_reading_sd, unit),
         }
         | rows,
+    }
+
+
+def _of_rows(
+    posterior: Posterior, curves: Curves, natural: Mapping[str, np.ndarray], rng: Generator
+) -> dict[str, Group]:
+    """Groups with a number for each draw and reading, in single precision as they are stored."""
+    chains, draws = next(iter(natural.values())).shape
+    values = {name: of_draws.ravel() for name, of_draws in natural.items()}
+    model, sd = curves.model(values), curves.noise(values)
+
+    def stored(values: np.ndarray, unit: str = "") -> _Stored:
+        of_draws = values.reshape(chains, draws, curves.rows, 2)
+        return _Stored(("chain", "draw", "row", "direction"), of_draws.astype(np.float32), unit)
+
+    unit = posterior.specimen.unit
+    predicted = stored(curves.with_noise(model, sd, rng), unit)
+    exact = curves.log_likelihood(model, sd)
+    return {
+        "log_likelihood": {"load": stored(posterior.beta * exact)},
+        "log_likelihood_unweighted": {"load": stored(exact)},
+        "posterior_predictive": {"load": predicted, "model_load": stored(model, unit)},
     }
 
 
