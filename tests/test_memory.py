@@ -1,5 +1,6 @@
 """Memory that is free goes back to the system, and a picture is in memory once."""
 
+import os
 import platform
 import subprocess
 import sys
@@ -22,9 +23,9 @@ def resident_MB():
 
 
 def _printed(script):
-    run = subprocess.run(
-        [sys.executable, "-c", RESIDENT + script], capture_output=True, text=True, check=True
-    )
+    own = {k: v for k, v in os.environ.items() if not k.startswith("MALLOC_")}  # Dask leaves some
+    command = [sys.executable, "-c", RESIDENT + script]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, env=own)
     return [float(word) for word in run.stdout.split()]
 
 
