@@ -4,14 +4,16 @@ import os
 import platform
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from biaxbayes.jobs.batch import tasks
 
-pytestmark = pytest.mark.skipif(
-    not Path("/proc/self/statm").exists(), reason="the system does not say what a process holds"
+ON_LINUX = pytest.mark.skipif(
+    sys.platform != "linux", reason="elsewhere /proc does not say what a process holds"
+)
+GNU = pytest.mark.skipif(
+    platform.libc_ver()[0] != "glibc", reason="only the GNU C library can be asked to"
 )
 
 RESIDENT = """
@@ -43,18 +45,18 @@ print(full - resident_MB())
 """
 
 
+@ON_LINUX
+@GNU
 def test_large_arrays_go_back_once_they_are_freed():
-    if sys.platform != "linux" or platform.libc_ver()[0] != "glibc":
-        pytest.skip("only the GNU C library can be asked to")
     (kept,) = _printed(FREED.format(first=""))
     (freed,) = _printed(FREED.format(first="memory.return_arrays()"))
     assert kept < 8.0 and freed > 39.0
 
 
+@ON_LINUX
 def test_a_picture_is_not_copied():
     surface, took = _printed(
         """
-import io
 from biaxbayes.figures.style import blank_figure, figure_bytes, print_style
 
 def peak_MB():
