@@ -209,7 +209,9 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Group]:
         "direction": _Stored(("direction",), np.array(["x", "y"], dtype=object)),
     }
     chosen = {"chain": coords["chain"], "draw": _Stored(("draw",), pick)} | rows
-    plane, reading = ("row", "direction"), ("mount", "direction")
+    plane = ("row", "direction")
+
+    reading = ("mount", "direction")
     return {
         "posterior": variables | coords,
         "sample_stats": stats | coords,
