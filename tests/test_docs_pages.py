@@ -38,6 +38,21 @@ def test_scripts_and_studies_that_pages_name_are_there():
     assert named <= study.studies().keys()
 
 
+def test_tables_and_figures_of_the_pages_are_there_and_used():
+    text = "\n".join(told(page) for page in PAGES)
+    for folder, kind in (("tables", "csv"), ("figures", "png")):
+        linked = set(re.findall(rf"{folder}/([\w-]+\.{kind})", text))
+        assert linked == {path.name for path in (DOCS / folder).iterdir()}
+
+
+def test_a_measured_page_names_release_date_and_command():
+    measured = [page for page in PAGES if "\nMeasured with release " in told(page)]
+    assert len(measured) >= 8
+    for page in measured:
+        (line,) = re.findall(r"\nMeasured with release [\d.]+ on [\d-]{10} by (.*)", told(page))
+        assert re.findall(r"scripts/(study\.py \w+|reproduce_paper\.py)", line), page
+
+
 def test_a_study_says_what_it_is_and_its_help_names_it():
     listed = subprocess.run(
         [sys.executable, ROOT / "scripts" / "study.py"], capture_output=True, text=True, check=True

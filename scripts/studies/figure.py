@@ -57,7 +57,7 @@ def figure(
 def save(drawing: plt.Figure, path: Path) -> None:
     """Write a figure, whole or not at all, and close it."""
     buffer = BytesIO()
-    # No software stamp: the same numbers give the same bytes
+    # Without the writer's name: the same numbers give the same bytes
     drawing.savefig(buffer, format=path.suffix[1:], dpi=200, metadata={"Software": None})
     plt.close(drawing)
     atomic_write_bytes(path, buffer.getvalue())

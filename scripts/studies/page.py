@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +13,9 @@ __all__ = [
     "DOCS",
     "ROOT",
     "SPECIMENS",
-    "Stamp",
     "image",
     "number",
     "put",
-    "put_stamp",
-    "stamp_of",
     "table",
     "write_table",
 ]
@@ -75,53 +70,3 @@ def put(page: Path, name: str, text: str) -> None:
     if not end:
         raise ValueError(f"{page} has no <!-- {name} --> ... <!-- /{name} -->")
     atomic_write_text(page, f"{head}{begin}\n\n{text.strip()}\n\n{end}{tail}")
-
-
-# --- what a page was made of ---------------------------------------------------------------------
-
-
-STAMP = re.compile(
-    r"\*Figures of this page: commit ([0-9a-f]{7,40}) of ([0-9]{4}(?:-[0-9]{2}){2})[^*]*\*"
-)
-
-
-@dataclass(frozen=True)
-class Stamp:
-    """What the figures of a page were made of.
-
-    Attributes
-    ----------
-    commit, day : str
-        The code, and the day of the commit.
-    made, command : str
-        The day of the measurement and what remakes it; empty where a page does not say.
-    """
-
-    commit: str
-    day: str
-    made: str = ""
-    command: str = ""
-
-    def __str__(self) -> str:
-        """The line below the heading of a page."""
-        return (
-            f"*Figures of this page: commit {self.commit} of {self.day}, made on {self.made} with "
-            f"`{self.command}`.*"
-        )
-
-
-def stamp_of(page: Path) -> Stamp | None:
-    """What a page says that it was made of; None where it does not."""
-    found = STAMP.search(page.read_text(encoding="utf-8"))
-    return Stamp(found[1], found[2]) if found else None
-
-
-def put_stamp(page: Path, stamp: Stamp) -> None:
-    """Write below the heading of a page what it was made of, in place of what stood there."""
-    text = page.read_text(encoding="utf-8")
-    if STAMP.search(text):
-        new = STAMP.sub(lambda _: str(stamp), text, count=1)
-    else:
-        heading, _, rest = text.partition("\n")
-        new = f"{heading}\n\n{stamp}\n{rest}"
-    atomic_write_text(page, new)
