@@ -27,7 +27,6 @@ from biaxbayes.optimal_design.information_gain import (
 from biaxbayes.sampling.sampler import Plan
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
 from readable import in_view
-from studies.design import resample
 
 MATERIAL = GOH(15.0, 60.0, 8.0, 42.0, 0.1)
 
@@ -308,18 +307,3 @@ def test_command_writes_a_ranked_table(small_run, copied):
     assert "1:0.75" in set(table["candidate"])
     assert table["information_gain_nats"].is_monotonic_decreasing
     assert (folder / "design.pdf").stat().st_size > 5000
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["fibre angle ± 5°", "1:0.5"])
-def test_prediction_agrees_with_sampling_again(run, candidates, name):
-    candidate = candidates[name]
-    posterior = run.posterior()
-    rng = np.random.default_rng(8)
-    found = expect(candidate, run.draws, targets(posterior, run.draws), rng, outcomes=400)
-    plan = Plan(ess=200, seed=2, workers=2)
-    again = resample(posterior, run.draws, candidate, outcomes=8, plan=plan)
-    for i, quantity in enumerate(again.quantities):
-        j = list(targets(posterior, run.draws)).index(quantity)
-        error = np.hypot(again.error[i], found.error[j])
-        assert abs(again.reduction[i] - found.reduction[j]) < 4.0 * error + 0.03, quantity

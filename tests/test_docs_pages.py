@@ -34,7 +34,7 @@ def test_scripts_and_studies_that_pages_name_are_there():
     for name in scripts:
         assert (ROOT / name).exists(), name
     named = set(re.findall(r"scripts/study\.py (\w+)", text))
-    assert len(named) >= 10
+    assert len(named) >= 6
     assert named <= study.studies().keys()
 
 
@@ -47,7 +47,7 @@ def test_tables_and_figures_of_the_pages_are_there_and_used():
 
 def test_a_measured_page_names_release_date_and_command():
     measured = [page for page in PAGES if "\nMeasured with release " in told(page)]
-    assert len(measured) >= 8
+    assert len(measured) >= 7
     for page in measured:
         (line,) = re.findall(r"\nMeasured with release [\d.]+ on [\d-]{10} by (.*)", told(page))
         assert re.findall(r"scripts/(study\.py \w+|reproduce_paper\.py)", line), page
@@ -58,7 +58,7 @@ def test_a_study_says_what_it_is_and_its_help_names_it():
         [sys.executable, ROOT / "scripts" / "study.py"], capture_output=True, text=True, check=True
     )
     names = [line.split()[0] for line in listed.stdout.splitlines()]
-    assert names == list(study.studies()) and "fuzz" in names and "page" not in names
+    assert names == list(study.studies()) and "toes" in names and "page" not in names
     unknown = [sys.executable, ROOT / "scripts" / "study.py", "nothing"]
     assert subprocess.run(unknown, capture_output=True).returncode == 2
     for name, path in study.studies().items():

@@ -1,20 +1,15 @@
-"""The model checked against its own data, in words; and a protocol left out."""
+"""The model checked against its own data, in words."""
 
 import time
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import binom, norm
 
-from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.prediction.predictive_checks import checks_in_words, path_warnings, predictive_checks
-from biaxbayes.sampling.sampler import Plan
-from goh_functions import GOH_LAW
 from model_cases import bent
-from quick_posteriors import THREE_RATIOS, specimen
-from studies.leave_out import leave_out, leave_out_each, with_own_mounting
+from quick_posteriors import specimen
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 
@@ -66,45 +61,3 @@ def test_fast_enough_for_a_closing_message():
     clock = time.process_time()
     predictive_checks(data, draws)
     assert time.process_time() - clock < 0.5
-
-
-def test_own_mounting_balances_the_reading():
-    data = specimen(TRUTH, increments=20)
-    name = data.protocols[2].name
-    draws = with_own_mounting(true_draws(0.002, 400), data, name, np.random.default_rng(1), GOH_LAW)
-    lm = draws[[f"mounting_stretch_x[{name}]", f"mounting_stretch_y[{name}]"]].to_numpy()
-    force = np.column_stack(TRUTH.piola(*lm.T)) * data.area
-    reading, sd = data.mounting_readings(shared=False)
-    assert force.mean(axis=0) == pytest.approx(reading[2], abs=5 * float(sd.max()) / 20)
-    assert force.std(axis=0) == pytest.approx(sd[2], rel=0.15)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("mounting", ["shared", "per-protocol"])
-def test_a_goh_protocol_is_predicted(mounting):
-    noise_N, probability = 0.005, 0.99
-    data = specimen(TRUTH, increments=40, noise_N=noise_N)
-    table = leave_out(
-        data,
-        data.protocols[1].name,
-        plan=Plan(ess=100, workers=1, ensembles=2, population=2048, walkers=32),
-        probability=probability,
-        mounting_stretch=mounting,
-        noise="independent",
-    )
-    assert list(table["direction"]) == ["x", "y"]
-    outside = ((1.0 - table["inside"]) * table["readings"]).round()
-    # as many as the band's content lets miss it, but for one protocol in a thousand
-    assert (outside <= binom.isf(1e-3, table["readings"], 1.0 - probability)).all()
-    # As wide as the noise, which 160 readings state to 6 %, and one mounting reading explain.
-    alone = 2.0 * norm.isf(0.5 * (1.0 - probability)) * noise_N
-    assert (table["width"] > 0.8 * alone).all()
-    assert (table["width"] < (1.2 if mounting == "shared" else 2.0) * alone).all()
-
-
-def test_nothing_to_leave_out():
-    data = specimen(TRUTH, ratios=THREE_RATIOS[:1])
-    with pytest.raises(InputError, match="none to leave out"):
-        leave_out_each(data)
-    with pytest.raises(InputError, match="no protocol"):
-        leave_out(data, "other")

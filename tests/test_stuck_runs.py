@@ -17,7 +17,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling import sampler
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.sampler import Plan
-from studies.quick_runs import without_products
+from quick_posteriors import without_figures
 
 SPECIMEN = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"
 CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
@@ -27,7 +27,7 @@ CELLS = ["mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail"]
 def quick(monkeypatch):
     """No figures, few walkers."""
     monkeypatch.setattr(sampling, "Plan", partial(Plan, walkers=32, population=2048))
-    with without_products():
+    with without_figures():
         yield
 
 

@@ -41,9 +41,9 @@ from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from hostile import priors_files, specimen_files
 from hostile.mutations import TOKENS, as_toml, mutated_bytes, mutated_table, odd_numbers
-from studies.quick_runs import without_products
+from quick_posteriors import without_figures
 
-__all__ = ["LONG", "READERS", "Bases", "Tally", "finished_run", "hammer"]
+__all__ = ["READERS", "Bases", "Tally", "finished_run", "hammer"]
 
 SECONDS = 10.0
 REPLACED = 0.05
@@ -88,7 +88,7 @@ def finished_run(folder: Path) -> Bases:
     """A small run to damage, without figures."""
     specimen = Path(__file__).parents[2] / "data" / "donor2-adventitia.csv"
     with (
-        without_products(),
+        without_figures(),
         mock.patch("biaxbayes.jobs.sample.Plan", partial(Plan, walkers=32, first_block=16)),
     ):
         biaxbayes.sample(specimen, out=folder / "run", ess=500)
@@ -469,20 +469,6 @@ READERS: dict[str, Callable[[np.random.Generator, Path, Bases, Tally], None]] = 
     "options of sample": options,
     "tared specimen": tared_specimen,
 }
-
-
-LONG = {
-    "specimen CSV": 6300,
-    "priors TOML": 4000,
-    "study TOML": 3000,
-    "machine export": 4000,
-    "run folder": 500,
-    "checkpoint": 1000,
-    "path of stretches": 1500,
-    "options of sample": 1500,
-    "tared specimen": 1500,
-}
-"""Inputs in the long run."""
 
 
 @contextlib.contextmanager
