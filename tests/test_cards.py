@@ -12,7 +12,7 @@ from biaxbayes.cards import export
 from biaxbayes.cards.abaqus import read_abaqus, write_abaqus
 from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable, plain_text, safe_label
 from biaxbayes.cards.export import MANIFEST, biaxial_stress, export_cards, relative_deviation
-from biaxbayes.cards.febio import read_febio, read_mixture, write_febio
+from biaxbayes.cards.febio import read_febio, write_febio
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH, GOHLaw
@@ -97,7 +97,7 @@ def test_mixtures_agree_with_the_law_at_twenty_states(law, values, units, tmp_pa
         assert manifest[p.label][0] == pytest.approx(values[p.name], rel=1e-14)
     x, y = np.random.default_rng(3).uniform(0.9, 1.25, (2, 20))
     ours = np.array(law_named(law).stated(values).cauchy(x, y)) * PER_KPA[units]
-    read = read_mixture(text)
+    read = read_febio(text)
     np.testing.assert_allclose(
         biaxial_stress(read.isochoric_energy, x, y), ours, rtol=1e-6, atol=1e-9 * np.abs(ours).max()
     )
@@ -124,20 +124,87 @@ def test_what_a_mixture_says_by_hand(tmp_path):
     assert float(solids[0].findtext("c1")) == 18.536 / 2
     assert [float(s.findtext("ksi")) for s in fibres] == [16.593 / 2, 25.37 / 2, 0.039, 0.039]
     assert [float(s.findtext("alpha")) for s in fibres] == [0.108, 0.036, 1.719, 1.719]
-    directions = [[float(v) for v in s.findtext("mat_axis/a").split(",")] for s in fibres]
+    directions = [[float(v) for v in s.findtext("fiber").split(",")] for s in fibres]
     c, s = np.cos(np.radians(61.2146)), np.sin(np.radians(61.2146))
     np.testing.assert_allclose(
         directions, [[1, 0, 0], [0, 1, 0], [c, s, 0], [c, -s, 0]], atol=1e-15
     )
 
 
+# What FEBio 4.0 to 4.11 accepts inside a material, from the parameter lists of its sources:
+# positive parameters, those that may be zero, any number; its properties. The bulk modulus k
+# belongs to the outermost material alone.
+FEBIO = {
+    "Holzapfel-Gasser-Ogden": ("", "c k1 k2 kappa", "gamma", {"mat_axis"}),
+    "uncoupled solid mixture": ("", "", "", {"mat_axis", "solid"}),
+    "Mooney-Rivlin": ("", "", "c1 c2", set()),
+    "fiber-exp-pow-uncoupled": ("", "alpha beta ksi", "", {"fiber"}),
+    "Fung orthotropic": ("E1 E2 E3 c", "G12 G23 G31", "v12 v23 v31", {"mat_axis"}),
+}
+
+
+def assert_febio_accepts(node: ElementTree.Element, *, outermost: bool = True) -> None:
+    positive, not_negative, any_number, properties = FEBIO[node.get("type")]
+    parameters = set(f"{positive} {not_negative} {any_number}".split()) | (
+        {"k"} if outermost else set()
+    )
+    tags = [child.tag for child in node]
+    assert set(tags) <= parameters | properties
+    assert parameters <= set(tags)
+    assert all(tags.count(tag) == 1 for tag in set(tags) - {"solid"})
+    for child in node:
+        if child.tag == "solid":
+            assert_febio_accepts(child, outermost=False)
+        elif child.tag == "mat_axis":
+            assert child.attrib == {"type": "vector"}
+            assert [(c.tag, len(c.text.split(","))) for c in child] == [("a", 3), ("d", 3)]
+        elif child.tag == "fiber":
+            assert child.attrib == {"type": "vector"} and not len(child)
+            assert np.linalg.norm([float(v) for v in child.text.split(",")]) == pytest.approx(1.0)
+        else:
+            value = float(child.text)
+            assert not child.attrib and not len(child)
+            assert np.isfinite(value)
+            assert value > 0.0 or child.tag not in (*positive.split(), "k")
+            assert value >= 0.0 or child.tag not in not_negative.split()
+            assert value <= 1.0 / 3.0 or child.tag != "kappa"
+            assert value >= 2.0 or child.tag != "beta"
+    if node.get("type") == "fiber-exp-pow-uncoupled":
+        assert "fiber" in tags
+
+
+@pytest.mark.parametrize(
+    ("law", "values"),
+    [
+        ("fung", FUNG),
+        ("fung", FUNG_BACK),
+        ("four-fibre", FIBRES),
+        ("four-fibre", NO_FIBRES_IN_X),
+        ("goh", {"C1": 5.0, "k1": 20.0, "k2": 0.0, "alpha": 90.0, "kappa": 1.0 / 3.0}),
+    ],
+)
+def test_febio_accepts_every_tag_of_a_card(law, values, tmp_path):
+    _, text = mixtures(law, values, tmp_path)
+    root = ElementTree.fromstring(text.encode())
+    assert (root.tag, root.attrib) == ("febio_spec", {"version": "4.0"})
+    assert [child.tag for child in root] == ["Module", "Material"]
+    assert_febio_accepts(root.find("Material/material"))
+
+
+def test_material_axes_inside_a_fibre_material_are_refused(tmp_path):
+    _, text = mixtures("four-fibre", FIBRES, tmp_path)
+    node = ElementTree.fromstring(text.encode()).find("Material/material")
+    node.find("solid/fiber").tag = "mat_axis"
+    with pytest.raises(AssertionError):
+        assert_febio_accepts(node)
+
+
 def test_the_axes_of_a_mixture_turn_all_its_parts(tmp_path):
     """Where the first axis is along y, the stresses of x and y change places."""
     for law, values in (("fung", FUNG), ("four-fibre", FIBRES)):
         _, text = mixtures(law, values, tmp_path / law)
-        head, tail = text.split("<k>")
-        turned = head.replace(">1.0,0.0,0<", ">0,1,0<").replace(">0.0,1.0,0<", ">-1,0,0<") + "<k>"
-        x, y = biaxial_stress(read_mixture(turned + tail).isochoric_energy, 1.2, 1.1)
+        turned = text.replace("<a>1,0,0<", "<a>0,1,0<").replace("<d>0,1,0<", "<d>-1,0,0<")
+        x, y = biaxial_stress(read_febio(turned).isochoric_energy, 1.2, 1.1)
         sx, sy = law_named(law).stated(values).cauchy(1.1, 1.2)
         assert (x[0], y[0]) == pytest.approx((sy, sx), rel=1e-8)
 
@@ -331,7 +398,8 @@ def test_edges_are_exported_and_pass_the_check(program, edge, tmp_path):
     assert manifest["check_relative_deviation"][0] < 1e-8
     text = (tmp_path / manifest["file"][0]).read_text()
     assert ("k2 = 0 is written as 1e-09" in text) == ("k2" in edge)
-    assert READ[program](text).kappa <= 1.0 / 3.0
+    found = READ[program](text)
+    assert (found.kappa if program == "abaqus" else found.solids[0].values["kappa"]) <= 1.0 / 3.0
 
 
 def test_no_matrix_is_refused_by_name():
@@ -413,7 +481,8 @@ def test_numbers_fit_abaqus_fields_and_read_back(program):
         data = [line for line in text.splitlines() if line[0] not in "*"]
         assert max(len(cell.strip()) for line in data for cell in line.split(",")) <= 20
     found = READ[program](text)
-    assert found.k1 == pytest.approx(9.87654321e8, rel=1e-12)
+    k1 = found.k1 if program == "abaqus" else found.solids[0].values["k1"]
+    assert k1 == pytest.approx(9.87654321e8, rel=1e-12)
 
 
 @pytest.mark.parametrize("reader", READ.values())

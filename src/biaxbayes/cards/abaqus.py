@@ -18,8 +18,6 @@ import numpy as np
 from biaxbayes.cards.card import Card, header_lines
 from biaxbayes.errors import InputError
 
-__all__ = ["SUFFIX", "AbaqusCard", "read_abaqus", "write_abaqus"]
-
 SUFFIX = ".inp"
 
 CONVENTIONS = [
@@ -42,7 +40,7 @@ USE = [
 
 @dataclass(frozen=True)
 class AbaqusCard:
-    """What a written card says, in its own units.
+    """A card read back, in its own units.
 
     Attributes
     ----------

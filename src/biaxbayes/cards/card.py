@@ -11,19 +11,6 @@ from typing import Any
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
 
-__all__ = [
-    "K2_FLOOR",
-    "UNIT_SYSTEMS",
-    "Card",
-    "UnitSystem",
-    "exportable",
-    "header_lines",
-    "plain_text",
-    "safe_label",
-    "unit_system",
-]
-
-
 # --- consistent unit systems of finite-element input ---------------------------------------------
 
 

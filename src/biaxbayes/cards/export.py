@@ -7,10 +7,9 @@ shares nothing with :mod:`biaxbayes.laws.goh`.
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,16 +27,6 @@ from biaxbayes.laws.response import MaterialResponse
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, write_csv
-
-__all__ = [
-    "AGREEMENT",
-    "MANIFEST",
-    "PROGRAMS",
-    "biaxial_stress",
-    "export_cards",
-    "relative_deviation",
-]
-
 
 # --- the check that a written card gives the stress of the draw it was made from -----------------
 
@@ -126,14 +115,13 @@ def relative_deviation(
 
 
 Writer = Callable[[Card, str], str]
-Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard | febio.MixtureCard]
+Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard]
 
 PROGRAMS: dict[str, tuple[Writer, Reader, str]] = {
     "abaqus": (abaqus.write_abaqus, abaqus.read_abaqus, abaqus.SUFFIX),
     "febio": (febio.write_febio, febio.read_febio, febio.SUFFIX),
 }
-"""Writer, reader and file ending of each program, for materials of GOH."""
-MIXTURE = (febio.write_mixture, febio.read_mixture, febio.SUFFIX)
+"""Writer, reader and file ending of each program."""
 NO_CARD = {
     ("fung", "abaqus"): "Abaqus' Fung form has no neo-Hookean part, and c0 is above zero here",
 }
@@ -199,7 +187,7 @@ def export_cards(
     BiaxbayesError
         If a card fails its check.
     """
-    kind = card_kind(law, program)
+    _check_law(law, program)
     if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:
         raise InputError(f"a bulk ratio of {bulk_ratio:g} is not a positive number")
     if bulk_ratio is None and program == "febio":
@@ -207,27 +195,36 @@ def export_cards(
     system = unit_system(units)
     _prepare(out, overwrite=overwrite)
     stem, digits = safe_label(specimen.name), max(4, len(str(len(draws))))
+    suffix = PROGRAMS[program][2]
     records = []
     for row in rows:
         draw = draws.iloc[[int(row)]]
         states = _states(draw, specimen)
-        told = _told(law, [float(draw.iloc[0][name]) for name in law.names], states)
+        values = [float(draw.iloc[0][name]) for name in law.names]
+        fitted, written, matrix_shear_kPa, notes, fibres = _material(law, values, states)
+        bulk_kPa = None
+        if bulk_ratio is not None:
+            peak = float(np.abs(fitted.cauchy(*states.T)).max())
+            bulk_kPa = bulk_ratio * max(matrix_shear_kPa, peak)
         card = Card(
             f"{stem}_{row:0{digits}d}",
-            told.written,
+            written,
             system,
-            _bulk_modulus(told, states, bulk_ratio),
+            bulk_kPa,
             specimen.name,
             f"{origin}; row {row} of {len(draws)} draws, weight {1.0 / len(rows):.6g}",
             bool(mounting_labels(draws, specimen)),
-            told.notes,
+            notes,
         )
-        file = f"{stem}-{row:0{digits}d}{kind[2]}"
-        deviation = _write_and_check(card, out / file, kind, told.fitted, states)
+        file = f"{stem}-{row:0{digits}d}{suffix}"
+        deviation = _write_and_check(card, out / file, program, fitted, states)
+        labels = [p.label for p in written.law.parameters]
         records.append(
             {"card": card.label, "file": file, "draw": int(row), "weight": 1.0 / len(rows)}
-            | _parameters(card, program)
-            | told.switch
+            | dict(zip(labels, written.values, strict=True))
+            | {"bulk_modulus_kPa": np.nan if bulk_kPa is None else bulk_kPa}
+            | {"program": program, "units": system.name}
+            | fibres
             | {"check_relative_deviation": deviation}
         )
     manifest = pd.DataFrame(records)
@@ -235,86 +232,52 @@ def export_cards(
     return manifest
 
 
-def card_kind(law: Law, program: str) -> tuple[Writer, Reader, str]:
-    """Writer, reader and file ending of the cards of a law.
-
-    Raises
-    ------
-    InputError
-        For a program that is not known, or does not have the law.
-    """
+def _check_law(law: Law, program: str) -> None:
+    """Refuse a program that is not known, or does not have the law."""
     if program not in PROGRAMS:
         raise InputError(f"no export to {program[:40]!r}", remedy=f"choose {', '.join(PROGRAMS)}")
-    if law.as_goh([p.low if p.bounded else 1.0 for p in law.parameters]) is not None:
-        return PROGRAMS[program]
-    if law.name in MIXTURES and program == "febio":
-        return MIXTURE
-    words = f"there is no card of the law {law.name} for {program}"
+    is_goh = law.as_goh([p.low if p.bounded else 1.0 for p in law.parameters]) is not None
+    if is_goh or (law.name in MIXTURES and program == "febio"):
+        return
+    message = f"there is no card of the law {law.name} for {program}"
     if (law.name, program) in NO_CARD:
-        words += f": {NO_CARD[law.name, program]}"
+        message += f": {NO_CARD[law.name, program]}"
     elsewhere = "export it to febio" if law.name in MIXTURES else "export a run of --law goh or hgo"
-    raise InputError(words, remedy=elsewhere)
+    raise InputError(message, remedy=elsewhere)
 
 
-@dataclass(frozen=True)
-class _Told:
-    """A draw as its material and as it is written, and what the manifest says of its fibres."""
-
-    fitted: MaterialResponse
-    written: MaterialResponse
-    matrix_shear_kPa: float
-    notes: tuple[str, ...]
-    switch: dict[str, float]
+Exported = tuple[MaterialResponse, MaterialResponse, float, tuple[str, ...], dict[str, float]]
 
 
-def _told(law: Law, values: Sequence[float], states: np.ndarray) -> _Told:
+def _material(law: Law, values: Sequence[float], states: np.ndarray) -> Exported:
+    """Material as fitted and as written, matrix shear modulus (kPa), notes, columns on fibres."""
     goh = law.as_goh(values)
     if goh is None:
         material = law.scalar(values)
         shear = MIXTURES[law.name].matrix_shear_kPa(dict(zip(law.names, values, strict=True)))
-        return _Told(material, material, shear, (), {"switch_changes_stress_kPa": 0.0})
-    written, notes = exportable(goh)
-    fibres = _fibres(goh, states)
-    switch = {
-        "smallest_fibre_strain": fibres.smallest,
-        "switch_changes_stress_kPa": fibres.change_kPa,
-    }
-    return _Told(goh, written, 2.0 * goh.C1_kPa, (*notes, *fibres.notes), switch)
-
-
-def _parameters(card: Card, program: str) -> dict[str, object]:
-    """What a card says, as columns of the manifest."""
-    written = card.material
-    return {
-        **{p.label: v for p, v in zip(written.law.parameters, written.values, strict=True)},
-        "bulk_modulus_kPa": np.nan if card.bulk_kPa is None else card.bulk_kPa,
-        "program": program,
-        "units": card.units.name,
-    }
-
-
-def _bulk_modulus(told: _Told, states: np.ndarray, ratio: float | None) -> float | None:
-    """Bulk modulus in kPa, from the stiffness and the stress that the material meets."""
-    if ratio is None:
-        return None
-    peak = float(np.abs(told.fitted.cauchy(*states.T)).max())
-    return ratio * max(told.matrix_shear_kPa, peak)
+        return material, material, shear, (), {"switch_changes_stress_kPa": 0.0}
+    written, changed = exportable(goh)
+    smallest, change, notes = _fibre_switch(goh, states)
+    columns = {"smallest_fibre_strain": smallest, "switch_changes_stress_kPa": change}
+    return goh, written, 2.0 * goh.C1_kPa, (*changed, *notes), columns
 
 
 def _write_and_check(
     card: Card,
     path: Path,
-    kind: tuple[Writer, Reader, str],
+    program: str,
     fitted: MaterialResponse,
     states: np.ndarray,
 ) -> float:
     """Write a card, read the file back and compare its stress with the draw's."""
-    write, read, _ = kind
+    write, read, _ = PROGRAMS[program]
     atomic_write_text(path, write(card, __version__))
     # What counts is the file, not what was meant to be in it. In the incompressible limit the
     # volumetric term vanishes; evaluating it would only add its rounding, K times 1e-16.
-    found = read(path.read_text(encoding="utf-8"))
-    deviation = relative_deviation(found.isochoric_energy, card.units.per_kPa, fitted, *states.T)
+    card_read = read(path.read_text(encoding="utf-8"))
+    deviation = relative_deviation(
+        card_read.isochoric_energy, card.units.per_kPa, fitted, *states.T
+    )
     if not deviation <= AGREEMENT:
         path.unlink()
         raise BiaxbayesError(
@@ -323,15 +286,8 @@ def _write_and_check(
     return deviation
 
 
-@dataclass(frozen=True)
-class _Fibres:
-    smallest: float
-    change_kPa: float
-    notes: tuple[str, ...]
-
-
-def _fibres(fitted: GOH, states: np.ndarray) -> _Fibres:
-    """What the programs' fibre switch does to this draw in the tested states."""
+def _fibre_switch(fitted: GOH, states: np.ndarray) -> tuple[float, float, tuple[str, ...]]:
+    """Smallest fibre strain in the tested states, stress change by the switch (kPa), notes."""
     X, Y = np.square(states.T)
     E = fibre_strain(fitted.constants, X, Y, 1.0 / (X * Y))
     smallest = float(E.min())
@@ -343,14 +299,14 @@ def _fibres(fitted: GOH, states: np.ndarray) -> _Fibres:
     )
     if smallest >= 0.0 or fitted.fibre_switch:
         where = "Over the tested states E >= 0, so the two agree there." if smallest >= 0.0 else ""
-        return _Fibres(smallest, 0.0, (f"{switch} {where}".strip(),))
-    switched = dataclasses.replace(fitted, fibre_switch=True)
+        return smallest, 0.0, (f"{switch} {where}".strip(),)
+    switched = replace(fitted, fibre_switch=True)
     change = float(np.abs(np.subtract(switched.cauchy(*states.T), fitted.cauchy(*states.T))).max())
     note = (
         f"WARNING: E falls to {smallest:.3g} in the tested states, where the switch changes the "
         f"stress by up to {change:.3g} kPa; sample with --fibre-switch for a consistent material."
     )
-    return _Fibres(smallest, change, (switch, note))
+    return smallest, change, (switch, note)
 
 
 def _states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
