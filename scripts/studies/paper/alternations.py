@@ -166,8 +166,9 @@ the same for each method; 5 to 95 % of the fits that converged ([all specimens a
 quantities]({{link}})). Without noise the three agree to ten digits.
 """
 CONCLUSION = """
-`fip` and `constrained` balance the first force as it was read and carry its noise into the mounting
-stretch; `linden` treats it as one row among a hundred, so the model error goes there instead. That
+`fip` and the `constrained` of this table balance the first force as it was read and carry its noise
+into the mounting stretch (`constrained` now weighs it as one reading with the load cell's noise);
+`linden` treats it as one row among a hundred, so the model error goes there instead. That
 `linden` leaves more uncertainty, as the paper suggests, holds for walls and media, whose first
 force is more than twenty times the noise, and is reversed for intima and adventitia, where it is
 less than eight times. With a 2 % misfit one test says little about k2 and kappa, by any method.

@@ -1,12 +1,17 @@
 """One least squares over theta with the mounting stretch implicit in the force balance.
 
-It minimises what the posterior minimises, the misfit of the load, and is where a sampler
-starts.
+It minimises the posterior's own misfit, without its priors. With z the mounting force less its
+reading in sds s0 of the load cell, r the residuals of the n stretched rows, w their sd (profiled:
+their root mean square) and beta their weight n_eff / n,
+
+    sum z^2 + beta sum r^2 / w^2.
+
+Its minimum is what is reported as a fit, where a sampler starts, and how other laws are fitted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,21 +31,29 @@ from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.response import MaterialResponse
-from biaxbayes.model.effective_readings import effective_readings, misses_smoothly
+from biaxbayes.model.effective_readings import (
+    EffectiveReadings,
+    effective_readings,
+    misses_smoothly,
+)
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["MOUNTING_STRETCH", "READINGS", "constrained_fit", "refuse_tared"]
-
-READINGS = ("exact", "noisy", "ignored", "zeroed")
+MOUNTING = ("exact", "noisy", "ignored", "zeroed")
 MAX_REWEIGHTINGS = 50
+MAX_WEIGHTS = 10  # beta moves in steps: after so many it stays as it is
 MIN_SD = 1e-6  # of the peak load: below, a reading counts as exact
+
+Weigh = Callable[[Sequence[np.ndarray], Sequence[np.ndarray] | None], EffectiveReadings]
+"""From residuals, one array (n_p, 2) a protocol, and their sd where it is not constant, to the
+independent readings they are worth."""
 
 
 def constrained_fit(
     specimen: Specimen,
     *,
-    reading: str = "exact",
+    mounting: str = "noisy",
+    weigh: Weigh | None = effective_readings,
     mounting_stretch: str = "shared",
     fixed: Mapping[str, float] | None = None,
     starts: int = 8,
@@ -55,11 +68,14 @@ def constrained_fit(
     Parameters
     ----------
     specimen : Specimen
-    reading : {"exact", "noisy", "ignored", "zeroed"}
-        ``exact``: the mounting load is what was read. ``noisy``: it is unknown with its
-        reading as one more datum, weighed by the load cell's sd against the rms misfit of the
-        other rows, until that rms no longer changes. ``ignored`` and ``zeroed``: the mounted
-        state is taken as unloaded, loads as they are or less their reading.
+    mounting : {"noisy", "exact", "ignored", "zeroed"}
+        ``noisy``: the mounting force is unknown, its reading one datum with the load cell's sd.
+        ``exact``: it is what was read; so it is too in a file without load noise. ``ignored`` and
+        ``zeroed``: the mounted state is taken as unloaded, loads as they are or less their
+        reading.
+    weigh : callable, optional
+        What the rows are worth against the reading of the mounting force; None where every row
+        counts.
     mounting_stretch : {"shared", "per-protocol"}
     fixed : mapping, optional
         Values held, by the law's parameters in their own units.
@@ -89,28 +105,11 @@ def constrained_fit(
     InputError
         For an unknown option or fixed parameter.
     """
-    if reading not in READINGS:
-        raise InputError(f"unknown reading {reading!r}", remedy=f"one of {', '.join(READINGS)}")
     chosen = law_named(law, fibre_switch=fibre_switch)
-    setup = replace(_setup(specimen, reading, mounting_stretch, fixed, chosen), compiled=compiled)
-    points = _starting_points(setup, starts, seed, initial)
-    held = (chosen.lower[setup.free], chosen.upper[setup.free])
-    found = best_descent(setup.problem, [p[setup.free] for p in points], *held)
-    problem: GivenMounting = setup.problem()
-    if reading == "noisy" and setup.sd is not None and np.isfinite(found.cost):
-        problem, found = _reweighted(setup, found)
-    unknowns = found.unknowns
-    return fit_result(
-        "constrained" if setup.balanced else ("standard" if reading == "ignored" else "zeroed"),
-        specimen,
-        setup.data,
-        problem.theta(unknowns),
-        problem.mounting(unknowns),
-        setup.free,
-        iterations=found.iterations,
-        converged=found.converged,
-        law=chosen,
-    )
+    setup = _setup(specimen, mounting, mounting_stretch, fixed, chosen, weigh)
+    setup = replace(setup, compiled=compiled)
+    problem, found = _minimum(setup, _starting_points(setup, starts, seed, initial))
+    return _result(setup, specimen, problem, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,18 +120,32 @@ class _Setup:
     stretched: Readings
     point: np.ndarray
     free: np.ndarray
-    balanced: bool
-    sd: np.ndarray | None
+    mounting: str
+    sd: np.ndarray | None  # of the mounting readings; None where they are exact
     law: Law
+    weigh: Weigh | None = None
     compiled: bool = True
 
-    def problem(self) -> GivenMounting:
-        """The problem with the mounting load known, or with no mounting stretch at all."""
-        common = (self.stretched, "load", self.point, self.free, self.data.peak)
+    @property
+    def balanced(self) -> bool:
+        """Whether the mounting stretch is inferred."""
+        return self.mounting in ("exact", "noisy")
+
+    def problem(self, scale: float | None = None) -> GivenMounting:
+        """Residuals over the peak load, the reading exact; or over ``scale``, the reading noisy."""
+        scaled = self.data.peak if scale is None else scale
         one = np.ones_like(self.data.mounting_load)
-        if self.balanced:
-            return BalancedMounting(*common, one, self.law, compiled=self.compiled)
-        return GivenMounting(*common, one, self.law)
+        common = (self.stretched, "load", self.point, self.free, scaled, one, self.law)
+        if not self.balanced:
+            return GivenMounting(*common)
+        sd = None if scale is None else self.sd
+        return BalancedMounting(*common, reading_sd=sd, compiled=self.compiled)
+
+    def by_protocol(self, residual: np.ndarray) -> list[np.ndarray]:
+        """Rows of a residual vector, one array (n_p, 2) a protocol."""
+        n = self.stretched.group.size
+        pairs = residual[: 2 * n].reshape(2, n).T
+        return [pairs[rows] for rows in self.stretched.rows]
 
 
 def refuse_tared(specimen: Specimen) -> None:
@@ -148,25 +161,27 @@ def refuse_tared(specimen: Specimen) -> None:
 
 def _setup(
     specimen: Specimen,
-    reading: str,
+    mounting: str,
     mounting_stretch: str,
     fixed: Mapping[str, float] | None,
     law: Law,
+    weigh: Weigh | None,
 ) -> _Setup:
+    if mounting not in MOUNTING:
+        raise InputError(f"unknown mounting {mounting!r}", remedy=f"one of {', '.join(MOUNTING)}")
     if mounting_stretch not in MOUNTING_STRETCH:
         raise InputError(
             f"unknown mounting stretch {mounting_stretch!r}",
             remedy=f"one of {', '.join(MOUNTING_STRETCH)}",
         )
-    balanced = reading in ("exact", "noisy")
-    if balanced:
+    if mounting in ("exact", "noisy"):
         refuse_tared(specimen)
     point, free = held_and_free(fixed, law)
-    data = readings(specimen, shared=mounting_stretch == "shared", zeroed=reading == "zeroed")
+    data = readings(specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed")
     sd = None
-    if reading == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
+    if mounting == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
         sd = np.maximum(data.mounting_sd, MIN_SD * data.peak)
-    return _Setup(data, data.stretched(), point, free, balanced, sd, law)
+    return _Setup(data, data.stretched(), point, free, mounting, sd, law, weigh)
 
 
 def _starting_points(
@@ -190,37 +205,60 @@ def _starting_points(
     return points
 
 
-def _reweighted(setup: _Setup, exact: Descent) -> tuple[BalancedMounting, Descent]:
-    """Free the mounting loads; weigh their readings against the rms misfit of the other rows."""
-    reading = setup.data.mounting_load
-    unknowns = np.concatenate([exact.unknowns, np.zeros(reading.size)])
-    far = np.full(reading.size, np.inf)
+def _minimum(
+    setup: _Setup, points: Sequence[np.ndarray], **how: Any
+) -> tuple[GivenMounting, Descent]:
+    """The problem at its final weights, and where its descent ended."""
+    bounds = (setup.law.lower[setup.free], setup.law.upper[setup.free])
+    found = best_descent(setup.problem, [p[setup.free] for p in points], *bounds, **how)
+    if setup.sd is None or not np.isfinite(found.cost):
+        return setup.problem(), found
+    return _reweighted(setup, found, **how)
+
+
+def _reweighted(
+    setup: _Setup, exact: Descent, *, steps: int = 500, tolerance: float = 1e-10, **_: Any
+) -> tuple[GivenMounting, Descent]:
+    """Free the mounting forces; weigh rows and readings until neither w nor beta changes."""
+    offsets = setup.data.mounting_load.size
+    unknowns = np.concatenate([exact.unknowns, np.zeros(offsets)])
+    far = np.full(offsets, np.inf)
     lower = np.concatenate([setup.law.lower[setup.free], -far])
     upper = np.concatenate([setup.law.upper[setup.free], far])
     rows = 2 * setup.stretched.group.size
     floor = MIN_SD * setup.data.peak
-    rms = max(np.sqrt(exact.cost / rows) * setup.data.peak, floor)
-    steps, settled = exact.iterations, False
-    for _ in range(MAX_REWEIGHTINGS):
-        problem = BalancedMounting(
-            setup.stretched,
-            "load",
-            setup.point,
-            setup.free,
-            rms,
-            np.ones_like(reading),
-            setup.law,
-            reading_sd=setup.sd,
-        )
-        found = descend(problem, unknowns, lower, upper, tolerance=1e-10)
-        unknowns, steps = found.unknowns, steps + found.iterations
-        misfit = problem.residual(unknowns)[:rows]
-        new = max(float(np.sqrt(misfit @ misfit / rows)) * rms, floor)
-        settled = abs(new - rms) <= 1e-4 * rms
-        rms = new
+    rms, beta = max(np.sqrt(exact.cost / rows) * setup.data.peak, floor), 1.0
+    taken, settled = exact.iterations, False
+    for turn in range(MAX_REWEIGHTINGS):
+        scale = rms / np.sqrt(beta)
+        problem = setup.problem(scale)
+        found = descend(problem, unknowns, lower, upper, steps=steps, tolerance=tolerance)
+        unknowns, taken = found.unknowns, taken + found.iterations
+        misfit = problem.residual(unknowns)[:rows] * scale
+        new_rms = max(float(np.sqrt(misfit @ misfit / rows)), floor)
+        new_beta = beta
+        if setup.weigh is not None and turn < MAX_WEIGHTS:
+            new_beta = setup.weigh(setup.by_protocol(misfit), None).beta
+        settled = abs(new_rms - rms) <= 1e-4 * rms and abs(new_beta - beta) <= 0.01 * beta
+        rms, beta = new_rms, new_beta
         if settled:
             break
-    return problem, Descent(unknowns, found.cost, steps, found.converged and settled)
+    return problem, Descent(unknowns, found.cost, taken, found.converged and settled)
+
+
+def _result(setup: _Setup, specimen: Specimen, problem: GivenMounting, found: Descent) -> FitResult:
+    method = "constrained" if setup.balanced else ("standard", "zeroed")[setup.mounting == "zeroed"]
+    return fit_result(
+        method,
+        specimen,
+        setup.data,
+        problem.theta(found.unknowns),
+        problem.mounting(found.unknowns),
+        setup.free,
+        iterations=found.iterations,
+        converged=found.converged,
+        law=setup.law,
+    )
 
 
 # --- the mounting stretch of one law among others ------------------------------------------------
@@ -266,7 +304,7 @@ def fit_law(
     specimen: Specimen,
     law: str,
     *,
-    reading: str = "exact",
+    mounting: str = "noisy",
     mounting_stretch: str = FitOptions.mounting_stretch,
     starts: int = 3,
     seed: int = 0,
@@ -277,36 +315,20 @@ def fit_law(
     ----------
     specimen : Specimen
     law : str
-    reading : {"exact", "ignored", "zeroed"}
+    mounting, mounting_stretch, starts, seed
         As in :func:`constrained_fit`.
-    mounting_stretch : {"shared", "per-protocol"}
-    starts, seed : int
 
     Returns
     -------
     LawFit
     """
-    setup = replace(
-        _setup(specimen, reading, mounting_stretch, None, law_named(law)), compiled=False
-    )
-    points = _starting_points(setup, starts, seed, None)
-    bounds = (setup.law.lower[setup.free], setup.law.upper[setup.free])
-    found = best_descent(setup.problem, [p[setup.free] for p in points], *bounds, **AMONG_LAWS)
-    problem: GivenMounting = setup.problem()
-    fitted = fit_result(
-        "constrained",
-        specimen,
-        setup.data,
-        problem.theta(found.unknowns),
-        problem.mounting(found.unknowns),
-        setup.free,
-        iterations=found.iterations,
-        converged=found.converged,
-        law=setup.law,
-    )
+    setup = _setup(specimen, mounting, mounting_stretch, None, law_named(law), effective_readings)
+    setup = replace(setup, compiled=False)
+    problem, found = _minimum(setup, _starting_points(setup, starts, seed, None), **AMONG_LAWS)
+    fitted = _result(setup, specimen, problem, found)
     rms = float(np.sqrt(np.mean(np.concatenate(fitted.residuals) ** 2)))
     sd = np.zeros_like(fitted.mounting_stretch)
-    if setup.balanced:
+    if isinstance(problem, BalancedMounting):
         sd = _mounting_sd(setup, problem, found.unknowns, fitted.residuals)
     smooth = misses_smoothly(fitted.residuals)
     return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, smooth, fitted.converged)
@@ -314,26 +336,24 @@ def fit_law(
 
 def _mounting_sd(
     setup: _Setup,
-    problem: GivenMounting,
+    problem: BalancedMounting,
     unknowns: np.ndarray,
     residuals: tuple[np.ndarray, ...],
 ) -> np.ndarray:
     """Standard deviation (m, 2) of the mounting stretches at the least squares."""
-    data, law = setup.data, setup.law
+    rows = 2 * setup.stretched.group.size
     with np.errstate(all="ignore"):
-        r, jacobian = problem.residual(unknowns), problem.jacobian(unknowns)
+        r, jacobian = problem.residual(unknowns)[:rows], problem.jacobian(unknowns)
+        # rows in units of w / sqrt(beta), w with the degrees of freedom that the rows are worth
         worth = effective_readings(residuals)
-        # covariance s^2 (J^T J)^-1, with s^2 over the readings that the rows are worth
-        left = max(worth.total - unknowns.size, 1.0)
-        variance = float(r @ r) / r.size * worth.total / left / min(worth.beta, 1.0)
-        covariance = variance * np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
-        point = problem.theta(unknowns)
-        lm, inverse = mounting_roots(data, point, data.mounting_load, law, compiled=False)
-        state = law.response(point, lm)
-        # J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
-        slope = -np.einsum("gij,jpg->igp", inverse, state.by_coordinate)[..., setup.free]
-        by_theta = np.einsum("igp,pq,igq->ig", slope, covariance, slope)
-        load = data.mounting_sd / data.area[:, None] * (1.0 if data.mounted else lm)
-        by_reading = np.einsum("gij,jg->igj", inverse, load)
-        total = np.sqrt(by_theta + (by_reading**2).sum(axis=-1)) * lm
+        left = max(worth.total - setup.free.size, 1.0)
+        unit = np.sqrt(r @ r / rows * worth.total / left / worth.beta)
+        jacobian = np.vstack([jacobian[:rows] / unit, jacobian[rows:]])
+        covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
+        point, load = problem.theta(unknowns), problem.mounting_load(unknowns)
+        lm, inverse = mounting_roots(setup.data, point, load, setup.law, compiled=False)
+        state = setup.law.response(point, lm)
+        slope = problem.log_stretch_by_unknowns(unknowns, lm, inverse, state)
+        variance = np.einsum("ij,jk,ik->i", slope, covariance, slope).reshape(lm.shape)
+        total = np.sqrt(variance) * lm
     return np.where(np.isfinite(total), total, np.inf).T

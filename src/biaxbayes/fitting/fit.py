@@ -171,7 +171,8 @@ def fit(
         ``zeroed``: the same with the first load subtracted.
         ``fip``: the method paper's alternation of root finding and refitting.
         ``linden``: the mounting stretches are two more unknowns.
-        ``constrained``: one least squares with the mounting stretch implicit.
+        ``constrained``: one least squares with the mounting stretch implicit, its force one reading
+        with the load cell's noise: the mode of the posterior's own misfit.
         The first four minimise residuals of the Cauchy stress over all rows, as their
         authors did; ``constrained`` minimises residuals of the load, as the posterior does.
     starts : int

@@ -259,29 +259,45 @@ class BalancedMounting(GivenMounting):
         load = self.mounting_load(unknowns)
         return mounting_roots(self.data, self.theta(unknowns), load, self.law, self.compiled)[0]
 
-    def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        point, data = self.theta(unknowns), self.data
-        load = self.mounting_load(unknowns)
-        lm, inverse = mounting_roots(data, point, load, self.law, self.compiled)
-        if not np.isfinite(lm).all():
-            rows = 2 * data.group.size + unknowns.size - self.free.size
-            return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
-        r, by_point, by_lm, state = self._rows(point, lm)
+    def log_stretch_by_unknowns(
+        self, unknowns: np.ndarray, lm: np.ndarray, inverse: np.ndarray, state: StressResponse
+    ) -> np.ndarray:
+        """Derivative of all ln lm by the unknowns, shape (2m, unknowns), by the balance.
+
+        Parameters
+        ----------
+        unknowns : ndarray
+        lm, inverse : ndarray
+            From :func:`mounting_roots`.
+        state : StressResponse
+            Of the mounted states.
+        """
         # Implicit function theorem: J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
-        slope = -np.einsum("gij,jpg->pig", inverse, state.by_coordinate).reshape(point.size, -1)
-        by_theta = (by_point + slope @ by_lm.T)[self.free].T
+        by_theta = -np.einsum("gij,jpg->igp", inverse, state.by_coordinate)
+        by_theta = by_theta[..., self.free].reshape(lm.size, -1)
         if self.reading_sd is None:
-            return r, by_theta
-        load = self.reading_sd / data.area[:, None] * (1.0 if data.mounted else lm)
+            return by_theta
+        load = self.reading_sd / self.data.area[:, None] * (1.0 if self.data.mounted else lm)
         groups = lm.shape[1]
         by_offset = np.zeros((2, groups, 2, groups))
         for g in range(groups):
             by_offset[:, g, :, g] = inverse[g] * load[:, g]
-        by_load = by_lm @ by_offset.reshape(2 * groups, -1)
+        return np.hstack([by_theta, by_offset.reshape(2 * groups, -1)])
+
+    def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        point, data = self.theta(unknowns), self.data
+        load = self.mounting_load(unknowns)
+        lm, inverse = mounting_roots(data, point, load, self.law, self.compiled)
+        offsets = unknowns[self.free.size :]
+        if not np.isfinite(lm).all():
+            rows = 2 * data.group.size + offsets.size
+            return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
+        r, by_point, by_lm, state = self._rows(point, lm)
+        jacobian = by_lm @ self.log_stretch_by_unknowns(unknowns, lm, inverse, state)
+        jacobian[:, : self.free.size] += by_point[self.free].T
         # an offset has itself for a residual
-        pin = np.eye(2 * groups, unknowns.size, self.free.size)
-        jacobian = np.vstack([np.hstack([by_theta, by_load]), pin])
-        return np.concatenate([r, unknowns[self.free.size :]]), jacobian
+        pin = np.eye(offsets.size, unknowns.size, self.free.size)
+        return np.concatenate([r, offsets]), np.vstack([jacobian, pin])
 
 
 def mounting_roots(

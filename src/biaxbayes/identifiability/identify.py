@@ -254,7 +254,7 @@ def fits_of_laws(posterior: Posterior) -> LawRange | None:
     settings = posterior.settings
     return law_fits(
         posterior.specimen,
-        reading="exact" if settings.infers_mounting else settings.mounting,
+        mounting="noisy" if settings.mounting == "free" else settings.mounting,
         mounting_stretch=settings.mounting_stretch,
     )
 

@@ -80,7 +80,8 @@ def deterministic_fit(posterior: Posterior, seed: int = 0) -> FitResult:
     settings = posterior.settings
     return constrained_fit(
         posterior.specimen,
-        reading="noisy" if settings.mounting == "free" else settings.mounting,
+        mounting="noisy" if settings.mounting == "free" else settings.mounting,
+        weigh=errors_of(settings).weigh,
         mounting_stretch=settings.mounting_stretch,
         fixed={k: v for k, v in settings.fixed.items() if k != "noise_sd"},
         seed=seed,

@@ -222,7 +222,8 @@ FIT_WORDS = {
     "zeroed": "the same with the mounting force subtracted, as after a tare",
     "fip": "finds the mounting stretch by the force balance, refits, and repeats (method paper)",
     "linden": "takes the mounting stretches as two more parameters of the stress fit",
-    "constrained": "fits the forces in one go, the mounting stretch from the force balance",
+    "constrained": "fits the forces in one go, the mounting stretch from the force balance, the "
+    "mounting force one reading with the load cell's noise",
 }
 """Deterministic fits, and what each does."""
 FIT_METHODS = tuple(FIT_WORDS)

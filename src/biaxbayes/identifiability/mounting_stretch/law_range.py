@@ -188,7 +188,7 @@ def law_fits(
     specimen: Specimen,
     laws: Sequence[str] = tuple(LAWS),
     *,
-    reading: str = "exact",
+    mounting: str = "noisy",
     mounting_stretch: str = "shared",
     rows: int = ROWS,
     starts: int = 3,
@@ -199,7 +199,7 @@ def law_fits(
     ----------
     specimen : Specimen
     laws : sequence of str
-    reading : {"exact", "ignored", "zeroed"}
+    mounting : {"noisy", "exact", "ignored", "zeroed"}
         As in :func:`~biaxbayes.fitting.constrained.constrained_fit`.
     mounting_stretch : {"shared", "per-protocol"}
     rows : int
@@ -214,7 +214,7 @@ def law_fits(
     # The scatter of neighbouring rows is lost by averaging: state it.
     data = replace(thinned_specimen(specimen, rows).specimen, load_noise=specimen.noise_sd or None)
     found = [
-        fit_law(data, law, reading=reading, mounting_stretch=mounting_stretch, starts=starts)
+        fit_law(data, law, mounting=mounting, mounting_stretch=mounting_stretch, starts=starts)
         for law in laws
     ]
     kept = [f for f in found if np.isfinite(f.rms) and np.isfinite(f.mounting_stretch).all()]
@@ -256,10 +256,10 @@ def better_law(specimen: Specimen, law: str = DEFAULT_LAW) -> str:
     specimen : Specimen
     law : str
     """
-    reading = "ignored" if specimen.is_tared else "exact"
+    mounting = "ignored" if specimen.is_tared else "noisy"
 
     def fitted(laws: Sequence[str]) -> LawRange | None:
-        return law_fits(specimen, laws, reading=reading, rows=QUICK_ROWS, starts=QUICK_STARTS)
+        return law_fits(specimen, laws, mounting=mounting, rows=QUICK_ROWS, starts=QUICK_STARTS)
 
     own = fitted((law,))
     # no law misses by less than the noise

@@ -351,7 +351,7 @@ class _Work:
         settings = self.posterior.settings
         return constrained_fit(
             part,
-            reading="exact",
+            mounting="noisy" if settings.mounting == "free" else settings.mounting,
             mounting_stretch=settings.mounting_stretch,
             fixed={k: v for k, v in settings.fixed.items() if k in self.posterior.law.names},
             starts=STARTS,
