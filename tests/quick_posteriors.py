@@ -100,8 +100,7 @@ def without_figures() -> Iterator[None]:
     from biaxbayes.reports import page
     from biaxbayes.runs.archive import flatten
 
-    def verdicts_alone(folder, posterior, draws, fits, *, meanwhile, begin, workers):
-        meanwhile()
+    def verdicts_alone(folder, posterior, draws):
         table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})
         found = identify_draws(posterior, table, draws.convergence.state)
         write_identifiability(found, folder / "identifiability.csv")

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.identifiability.identify import identify_draws, record_fits
+from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
 from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
 from biaxbayes.jobs.identified import write_identifiability
@@ -86,7 +86,7 @@ def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
 def test_fits_made_beforehand_are_those_that_would_be_made():
     posterior = prepare(missed())
     draws = narrow_draws(posterior)
-    parts = record_fits(posterior).parts
+    parts = mounting_refits(posterior)
     given = identify_draws(posterior, draws, "converged", refits=lambda _: parts)
     made = identify_draws(posterior, draws, "converged")
     pd.testing.assert_frame_equal(given.to_frame(), made.to_frame())

@@ -1,6 +1,5 @@
 """The sampler on densities that are no posterior of a specimen, from search to judged draws."""
 
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -177,7 +176,7 @@ def test_long_runs_are_judged_a_few_times_and_saved_often(monkeypatch):
     """Judging grows with what is kept: a dozen times in 20,000 steps, not once a block."""
     judged, saved = [], []
 
-    def seen(quantities, *, target_ess, begin):
+    def seen(quantities, *, target_ess):
         judged.append(quantities["x0"].shape[1])
         return assess(quantities, target_ess=target_ess)
 
@@ -188,31 +187,3 @@ def test_long_runs_are_judged_a_few_times_and_saved_often(monkeypatch):
     assert np.diff(saved).max() <= sampler.LONGEST_BLOCK
     assert saved[-1] == plan.max_steps
     assert len(judged) <= 10 < len(saved)
-
-
-@pytest.mark.long
-def test_what_a_first_run_compiles_beside_its_work_is_what_sampling_calls(tmp_path):
-    """After the small example sampling compiles nothing that takes long, in any process."""
-    program = (
-        "import time\n"
-        "from biaxbayes.sampling import sampler\n"
-        "before = sampler.are_compiled()\n"
-        "start = time.process_time()\n"
-        "sampler.compile_kernels()\n"
-        "print(before, sampler.are_compiled(), time.process_time() - start)\n"
-    )
-
-    def compiled() -> tuple[str, str, float]:
-        done = subprocess.run(
-            [sys.executable, "-c", program],
-            capture_output=True,
-            text=True,
-            check=True,
-            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-        )
-        before, after, seconds = done.stdout.split()
-        return before, after, float(seconds)
-
-    first, later = compiled(), compiled()
-    assert first[:2] == ("False", "True") and later[:2] == ("True", "True")
-    assert later[2] < 0.5 * first[2]

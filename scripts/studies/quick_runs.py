@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from unittest import mock
 
-from biaxbayes.executors.beside import Begin, Beside, when_asked
-from biaxbayes.identifiability.identify import Identifiability, RecordFits
+from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.verdict import Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Draws
@@ -16,18 +15,8 @@ from biaxbayes.sampling.sampler import Draws
 __all__ = ["without_products"]
 
 
-def _no_verdicts(
-    folder: Path,
-    posterior: Posterior,
-    draws: Draws,
-    fits: Beside[RecordFits],
-    *,
-    meanwhile: Callable[[], None],
-    begin: Begin = when_asked,
-    workers: int = 1,
-) -> Identifiability:
-    del folder, fits, begin, workers
-    meanwhile()
+def _no_verdicts(folder: Path, posterior: Posterior, draws: Draws) -> Identifiability:
+    del folder
     return Identifiability((), draws.convergence.state, 0, Thresholds(), posterior.law)
 
 

@@ -22,8 +22,7 @@ from biaxbayes import figures, jobs, reports
 from biaxbayes.cli import group
 from biaxbayes.cli import main as biaxbayes_main
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.executors.beside import Begin, Beside, when_asked
-from biaxbayes.identifiability.identify import Identifiability, RecordFits, identify
+from biaxbayes.identifiability.identify import Identifiability, identify
 from biaxbayes.jobs import products as run_products
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
@@ -147,18 +146,8 @@ class Bench:
 
         verdicts = identify(open_run(self.whole))
 
-        def write_products(
-            folder: Path,
-            posterior: Posterior,
-            draws: Draws,
-            fits: Beside[RecordFits],
-            *,
-            meanwhile: Callable[[], None],
-            begin: Begin = when_asked,
-            workers: int = 1,
-        ) -> Identifiability:
-            del posterior, draws, fits, begin, workers
-            meanwhile()
+        def write_products(folder: Path, posterior: Posterior, draws: Draws) -> Identifiability:
+            del posterior, draws
             for name, content in products.items():
                 atomic_write_bytes(folder / name, content)
             return verdicts

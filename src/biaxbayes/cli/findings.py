@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,38 +46,21 @@ NOT_CONVERGED = NotConverged.exit_code
 def identify(run: Path, as_json: bool, no_figure: bool) -> int:
     """Say which parameters of RUN the data determine, alone or only in combination.
 
-    Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder,
-    and identify.json, from which the same is said again at once: of a run as it was sampled, too.
+    Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder.
     Exit code 3 where the chains have not converged: there is no verdict then.
     """
-    from biaxbayes.runs.said import (
-        IDENTIFIED,
-        IDENTIFIED_FIGURE,
-        IDENTIFIED_TABLES,
-        keep_said,
-        said_before,
-    )
+    from biaxbayes import api
+    from biaxbayes.jobs.identified import as_json as identified_as_json
+    from biaxbayes.jobs.identified import terminal_lines
 
-    made = [*IDENTIFIED_TABLES, *([] if no_figure else [IDENTIFIED_FIGURE])]
-    said = said_before(run, IDENTIFIED, made)
-    if said is None:
-        said = _identified(run, figure=not no_figure)
-        keep_said(run, IDENTIFIED, made, said)
+    result = api.identify(run, out=run, figure=not no_figure)
     if as_json:
-        click.echo(json.dumps(said["json"], indent=2, allow_nan=False, ensure_ascii=False))
+        click.echo(identified_as_json(result))
     else:
-        for line in said["lines"]:
+        for line in terminal_lines(result):
             click.echo(printable(line))
         click.echo(f"\nevidence in {run / 'identifiability.csv'}")
-    return 0 if said["state"] == "converged" else NOT_CONVERGED
-
-
-def _identified(run: Path, *, figure: bool) -> dict[str, Any]:
-    """What is found of a run: its state, lines to read, the same as JSON."""
-    from biaxbayes import api
-    from biaxbayes.jobs.identified import said_of
-
-    return said_of(api.identify(run, out=run, figure=figure))
+    return 0 if result.state == "converged" else NOT_CONVERGED
 
 
 # --- profile: the likelihood along one parameter, everything else re-optimised -------------------

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.executors.beside import Begin, each, when_asked
 from biaxbayes.identifiability import power_scaling
 from biaxbayes.identifiability.marginals import (
     INTERVAL,
@@ -44,7 +42,6 @@ def evidence_of_run(
     thresholds: Thresholds,
     *,
     refits: Refits = mounting_refits,
-    begin: Begin = when_asked,
 ) -> dict[str, Found]:
     """What the draws of a posterior tell of its parameters, by name.
 
@@ -61,8 +58,6 @@ def evidence_of_run(
     thresholds : Thresholds
     refits : callable
         Fits to parts of the record, of the posterior.
-    begin : callable
-        As in :func:`evidence_of_draws`.
     """
     found = evidence_of_draws(
         free,
@@ -71,7 +66,6 @@ def evidence_of_run(
         (power_scaling.log_prior(free, draws), power_scaling.log_likelihood(posterior, draws)),
         edge_distances(draws, posterior.specimen, posterior.law),
         thresholds,
-        begin=begin,
     )
     mounting = [s for s in free if s.parameter.kind == STRETCH]
     found = _with_prior_ends(found, posterior, mounting, every)
@@ -86,8 +80,6 @@ def evidence_of_draws(
     log_components: tuple[np.ndarray, np.ndarray | None],
     distances: Mapping[str, float],
     thresholds: Thresholds,
-    *,
-    begin: Begin = when_asked,
 ) -> dict[str, Found]:
     """What draws and priors tell of parameters, by name.
 
@@ -105,13 +97,10 @@ def evidence_of_draws(
     distances : mapping of str to float
         How near to a physical edge counts as near, by kind of parameter.
     thresholds : Thresholds
-    begin : callable
-        Begins what ArviZ computes beside the rest (:data:`.executors.beside.Begin`).
     """
     values = np.column_stack([s.of(draws[s.name].to_numpy(dtype=float)) for s in free])
-    sensitivities = begin(each, partial(power_scaling.sensitivity, values), log_components)
+    by_prior, by_data = (power_scaling.sensitivity(values, log) for log in log_components)
     partners = find_partners(values, tuple(s.name for s in free))
-    by_prior, by_data = sensitivities()
     return {
         scale.name: _evidence_of(
             scale,

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.identifiability.evidence import Found, Refits, evidence_of_run
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edges
 from biaxbayes.identifiability.marginals import (
@@ -28,7 +27,7 @@ from biaxbayes.identifiability.mounting_stretch.law_range import (
     law_fits,
 )
 from biaxbayes.identifiability.mounting_stretch.stated import Stated, stated_mounting
-from biaxbayes.identifiability.mounting_stretch.toe import MountingRefits, mounting_refits
+from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
 from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, in_words
 from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT, NOT_IDENTIFIED
 from biaxbayes.laws.law import Law
@@ -39,12 +38,10 @@ from biaxbayes.parameters import MATERIAL, STRETCH
 __all__ = [
     "Identifiability",
     "ParameterVerdict",
-    "RecordFits",
     "fits_of_laws",
     "identify",
     "identify_draws",
     "judged",
-    "record_fits",
 ]
 
 MOST_DRAWS = 20_000
@@ -259,31 +256,6 @@ def fits_of_laws(posterior: Posterior) -> LawRange | None:
     )
 
 
-class RecordFits(NamedTuple):
-    """Least squares to a record that verdicts on its posterior need, whatever the draws are.
-
-    Attributes
-    ----------
-    laws : LawRange or None
-        From :func:`fits_of_laws`.
-    parts : MountingRefits or None
-        From :func:`.mounting_stretch.toe.mounting_refits`.
-    """
-
-    laws: LawRange | None
-    parts: MountingRefits | None
-
-
-def record_fits(posterior: Posterior) -> RecordFits:
-    """Fits of other laws, and of parts of the record, to the record of a posterior.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    """
-    return RecordFits(fits_of_laws(posterior), mounting_refits(posterior))
-
-
 def identify_draws(
     posterior: Posterior,
     draws: pd.DataFrame,
@@ -294,7 +266,6 @@ def identify_draws(
     refits: Refits = mounting_refits,
     stated: Mapping[str, Stated] | None = None,
     priors: Mapping[str, Prior | DrawnPrior | Tie | float] | None = None,
-    begin: Begin = when_asked,
 ) -> Identifiability:
     """Judge the parameters of a posterior by its draws.
 
@@ -317,8 +288,6 @@ def identify_draws(
         What is stated already of the mounting stretches of the tissue.
     priors : mapping, optional
         In place of the posterior's own, for draws under other priors of the same likelihood.
-    begin : callable
-        As in :func:`.evidence.evidence_of_draws`.
     """
     chosen = thresholds or Thresholds()
     every, draws = draws, draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
@@ -327,7 +296,7 @@ def identify_draws(
     evidence = (
         {}
         if state == "unusable"
-        else evidence_of_run(posterior, draws, every, free, chosen, refits=refits, begin=begin)
+        else evidence_of_run(posterior, draws, every, free, chosen, refits=refits)
     )
     fits = fits if state == "converged" else None
     if stated is None or state != "converged":

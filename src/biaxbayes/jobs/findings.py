@@ -55,14 +55,19 @@ def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) 
     figure : bool
         Whether to draw the figure there.
     """
-    from biaxbayes.jobs.identified import identified, write_identifiability_products
+    from biaxbayes.figures.run.identifiability import identifiability_figure
+    from biaxbayes.figures.style import save_figure
+    from biaxbayes.jobs.identified import identified, write_tables
 
     opened = opened_run(run)
-    judged = opened.posterior(), opened.draws, opened.state
-    if out is None:
-        return identified(*judged, kept=opened.path)
-    folder = made_folder(out)
-    return write_identifiability_products(folder, *judged, figure=figure, kept=opened.path)
+    posterior = opened.posterior()
+    result = identified(posterior, opened.draws, opened.state)
+    if out is not None:
+        folder = made_folder(out)
+        write_tables(result, posterior, folder)
+        if figure:
+            save_figure(identifiability_figure(result.verdicts), folder / "identifiability.pdf")
+    return result
 
 
 @documented(ProfileOptions)

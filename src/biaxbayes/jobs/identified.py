@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +11,8 @@ from typing import Any
 
 import pandas as pd
 
-from biaxbayes.errors import InputError
-from biaxbayes.executors.beside import Partner
-from biaxbayes.figures.run import BACKENDS
 from biaxbayes.identifiability.determined import FARTHEST, determined, mounting_stated
-from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_edges, held_from, held_table
+from biaxbayes.identifiability.held_edges import EDGES, held_edges, held_table
 from biaxbayes.identifiability.identify import (
     Identifiability,
     ParameterVerdict,
@@ -25,27 +20,11 @@ from biaxbayes.identifiability.identify import (
     identify_draws,
 )
 from biaxbayes.identifiability.marginals import BOUND_TAIL, PRIOR_TAIL
-from biaxbayes.identifiability.mounting_stretch.law_range import LAW_FITS, LawRange, law_range
+from biaxbayes.identifiability.mounting_stretch.law_range import LAW_FITS
 from biaxbayes.identifiability.profile.profile import FLAT, THRESHOLD, Profile
 from biaxbayes.identifiability.sloppiness import Sloppiness, sloppiness
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
-
-__all__ = [
-    "Identified",
-    "identified",
-    "interval_table",
-    "profiles_as_json",
-    "said_of",
-    "thresholds_record",
-    "verdicts_as_json",
-    "with_curves",
-    "write_identifiability",
-    "write_identifiability_products",
-    "write_profiles",
-    "write_tables",
-]
-
+from biaxbayes.text_files import atomic_write_text, write_csv
 
 # --- identifiability.csv: verdicts with their evidence; the thresholds they depend on -------------
 
@@ -88,33 +67,9 @@ def thresholds_record(found: Identifiability) -> dict[str, Any]:
 
 
 def write_law_fits(found: Identifiability, posterior: Posterior, folder: Path) -> None:
-    """Write ``law-fits.csv``: least squares of every law; nothing where there are none.
-
-    All digits are kept: what is stated is read off them again.
-
-    Parameters
-    ----------
-    found : Identifiability
-    posterior : Posterior
-    folder : Path
-    """
+    """Write ``law-fits.csv``: least squares of every law; nothing where there are none."""
     if found.fits is not None:
         write_csv(folder / LAW_FITS, found.fits.to_frame(_mounts(posterior)))
-
-
-def kept_law_fits(folder: Path, posterior: Posterior) -> LawRange | None:
-    """The fits that ``law-fits.csv`` of a run keeps; None where it does not keep them all.
-
-    Parameters
-    ----------
-    folder : Path
-    posterior : Posterior
-    """
-    try:
-        table = read_csv(folder / LAW_FITS)
-        return law_range(table, posterior.specimen, _mounts(posterior))
-    except (OSError, InputError, KeyError):  # of an earlier version
-        return None
 
 
 def write_held_edges(found: Identifiability, folder: Path) -> None:
@@ -127,17 +82,6 @@ def write_held_edges(found: Identifiability, folder: Path) -> None:
     """
     if found.held:
         write_csv(folder / EDGES, held_table(found.held), digits=10)
-
-
-def _held_edges(
-    found: Identifiability, posterior: Posterior, kept: Path | None
-) -> tuple[HeldEdge, ...]:
-    """Those that a run keeps, or else new ones."""
-    open_edges = found.open_edges()
-    if open_edges and kept is not None:
-        with contextlib.suppress(OSError, InputError, KeyError):
-            return held_from(read_csv(kept / EDGES), posterior.quantities)
-    return held_edges(posterior, open_edges)
 
 
 def _mounts(posterior: Posterior) -> Sequence[str]:
@@ -311,9 +255,7 @@ class Identified:
         return lines + (self.directions.in_words() if self.directions else [])
 
 
-def identified(
-    posterior: Posterior, draws: pd.DataFrame, state: str, *, kept: Path | None = None
-) -> Identified:
+def identified(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identified:
     """Judge the draws of a run.
 
     Parameters
@@ -322,20 +264,11 @@ def identified(
     draws : DataFrame
         Natural quantities, ``log_likelihood`` and ``lp``, one row a draw.
     state : {"converged", "tentative", "unusable"}
-    kept : Path, optional
-        Folder of the run, where the fits of laws need not be made again.
     """
-    fits = kept_law_fits(kept, posterior) if kept is not None else None
-    if fits is None and state == "converged":
-        fits = fits_of_laws(posterior)
+    fits = fits_of_laws(posterior) if state == "converged" else None
     verdicts = identify_draws(posterior, draws, state, fits=fits)
-    verdicts = verdicts.with_held(_held_edges(verdicts, posterior, kept))
-    return with_curves(verdicts, posterior, draws)
-
-
-def with_curves(verdicts: Identifiability, posterior: Posterior, draws: pd.DataFrame) -> Identified:
-    """Verdicts with what the curves determine, of converged draws."""
-    if verdicts.state != "converged":
+    verdicts = verdicts.with_held(held_edges(posterior, verdicts.open_edges()))
+    if state != "converged":
         return Identified(verdicts, None, None)
     table = determined(
         draws,
@@ -346,55 +279,6 @@ def with_curves(verdicts: Identifiability, posterior: Posterior, draws: pd.DataF
         mounting_known=mounting_stated(posterior.settings.priors),
     )
     return Identified(verdicts, table, sloppiness(posterior, draws))
-
-
-def write_identifiability_products(
-    folder: Path,
-    posterior: Posterior,
-    draws: pd.DataFrame,
-    state: str,
-    *,
-    figure: bool = True,
-    kept: Path | None = None,
-) -> Identified:
-    """Judge the draws of a run and write what was found into its folder.
-
-    Writes ``identifiability.csv``, with converged draws ``determined.csv`` and
-    ``same-curves.csv``, and ``identifiability.pdf``.
-
-    Parameters
-    ----------
-    folder : Path
-    posterior, draws, state, kept
-        As in :func:`identified`.
-    figure : bool
-        Whether to draw the figure, which takes matplotlib.
-
-    Returns
-    -------
-    Identified
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
-    """
-    workers = (os.cpu_count() or 1) if figure else 1
-    with Partner(workers, modules=BACKENDS) as partner:
-        found = identified(posterior, draws, state, kept=kept)
-        drawn = partner.begin(_picture, found.verdicts) if figure else None
-        write_tables(found, posterior, folder)
-        if drawn is not None:
-            atomic_write_bytes(folder / "identifiability.pdf", drawn())
-    return found
-
-
-def _picture(verdicts: Identifiability) -> bytes:
-    """The figure, for print."""
-    from biaxbayes.figures.run.identifiability import identifiability_figure
-    from biaxbayes.figures.style import figure_bytes
-
-    return figure_bytes(identifiability_figure(verdicts), "pdf")
 
 
 def write_tables(found: Identified, posterior: Posterior, folder: Path) -> None:
@@ -414,20 +298,19 @@ def write_tables(found: Identified, posterior: Posterior, folder: Path) -> None:
 SHOWN = ("Hx", "Hy", "Hz", "small-strain stiffness xx", "small-strain stiffness yy")
 
 
-def said_of(found: Identified) -> dict[str, Any]:
-    """State of the run, lines to read, the same as JSON.
-
-    Parameters
-    ----------
-    found : Identified
-    """
-    lines = found.verdicts.in_words()
-    if found.determined is not None:
-        directions = found.directions.in_words() if found.directions else []
-        words = [*_determined_words(found.determined), *directions]
+def terminal_lines(result: Identified) -> list[str]:
+    """The verdicts as lines to read, with what the curves determine."""
+    lines = result.verdicts.in_words()
+    if result.determined is not None:
+        directions = result.directions.in_words() if result.directions else []
+        words = [*_determined_words(result.determined), *directions]
         lines = [*lines, "", "what the curves themselves say:", *(f"  {line}" for line in words)]
-    told = verdicts_as_json(found.verdicts, found.determined, found.directions)
-    return {"state": found.state, "lines": lines, "json": json.loads(told)}
+    return lines
+
+
+def as_json(result: Identified) -> str:
+    """State, thresholds, one object per parameter, and what the curves determine."""
+    return verdicts_as_json(result.verdicts, result.determined, result.directions)
 
 
 def _determined_words(table: pd.DataFrame) -> list[str]:

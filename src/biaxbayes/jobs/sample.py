@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
-from biaxbayes.executors.beside import Begin, Beside, Partner
-from biaxbayes.identifiability.identify import RecordFits, record_fits
 from biaxbayes.identifiability.mounting_stretch.toe import swapped_columns
 from biaxbayes.jobs.opening import (
     opened_specimen,
@@ -23,7 +19,6 @@ from biaxbayes.jobs.opening import (
     removal_told,
 )
 from biaxbayes.laws import law_named
-from biaxbayes.lean_imports import ARRAY_STATS_IMPORTS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
@@ -43,14 +38,11 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run, summarise, with_verdicts, write_summary
-from biaxbayes.runs.said import IDENTIFIED, IDENTIFIED_FIGURE, IDENTIFIED_TABLES, seal_said
 from biaxbayes.sampling.sampler import (
     Draws,
     Plan,
     Progress,
     State,
-    are_compiled,
-    compile_kernels,
 )
 from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
@@ -116,12 +108,10 @@ class Sampling:
         stop: Callable[[], int] = lambda: False,
     ) -> Path:
         """Sample, write the run folder, and return its path."""
-        from biaxbayes.jobs.products import drawing_beside
-
         tell = progress or _warn
         clock = time.perf_counter()
         self._make_folder()
-        with folder_lock(self.folder), contextlib.ExitStack() as stack:
+        with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder)
             refuse_finished(self.folder, PROVENANCE, resume=resume, overwrite=overwrite)
@@ -129,10 +119,6 @@ class Sampling:
                 tell(Progress("fitting", note=str(finding)))
             tell(Progress("fitting"))
             fit_clock = time.perf_counter()
-            stack.enter_context(drawing_beside(self.plan.workers))
-            stack.enter_context(Beside(compile_kernels, self._compilers()))
-            statistics = Partner(self.plan.workers, modules=ARRAY_STATS_IMPORTS, gives_way=True)
-            begin = stack.enter_context(statistics).begin
             posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
             swapped = swapped_columns(
                 posterior.specimen,
@@ -145,26 +131,24 @@ class Sampling:
                 tell(Progress("fitting", note=str(swapped)))
             fit_seconds = time.perf_counter() - fit_clock
             state = self._resumed(posterior, resume, tell)
-            with Beside(partial(record_fits, posterior), self.plan.workers, gives_way=True) as fits:
-                draws = draw_posterior(
-                    posterior,
-                    self.plan,
-                    state=state,
-                    on_block=lambda s: checkpoint.save(
-                        self.folder, s, identity(posterior, self.plan)
-                    ),
-                    progress=tell,
-                    stop=stop,
-                    begin=begin,
-                )
-                if draws.interrupted:
-                    raise self._interruption(draws, stop())
-                tell(Progress("sampling", 1.0))
-                tell(Progress("writing"))
-                if state is None:
-                    draws.seconds["fit"] += fit_seconds
-                draws.seconds["before output"] = time.perf_counter() - clock
-                self._write(posterior, draws, fits, begin, clock, tell)
+            draws = draw_posterior(
+                posterior,
+                self.plan,
+                state=state,
+                on_block=lambda s: checkpoint.save(self.folder, s, identity(posterior, self.plan)),
+                progress=tell,
+                stop=stop,
+            )
+            if draws.interrupted:
+                raise self._interruption(draws, stop())
+            tell(Progress("sampling", 1.0))
+            tell(Progress("writing"))
+            if state is None:
+                draws.seconds["fit"] += fit_seconds
+            draws.seconds["before output"] = time.perf_counter() - clock
+            # Every file of the run, in place of those of a run before.
+            with staged(self.folder, removal_told(tell, PROVENANCE)) as folder:
+                self._write_files(folder, posterior, draws, clock)
         return self.folder
 
     def _interruption(self, draws: Draws, signal: int) -> Interrupted:
@@ -177,10 +161,6 @@ class Sampling:
         if not isinstance(signal, bool):  # the number of a signal (a hang-up is 1)
             error.exit_code = 128 + signal
         return error
-
-    def _compilers(self) -> int:
-        """Processors for what sampling compiles: a first run does it beside its own density."""
-        return 1 if are_compiled() else self.plan.workers
 
     def _make_folder(self) -> None:
         """Make the folder, and do not write into one that holds something else than a run."""
@@ -199,28 +179,7 @@ class Sampling:
             tell(Progress("resuming", note=note))
         return state
 
-    def _write(
-        self,
-        posterior: Posterior,
-        draws: Draws,
-        fits: Beside[RecordFits],
-        begin: Begin,
-        clock: float,
-        tell: Callable[[Progress], None],
-    ) -> None:
-        """Every file of the run, in place of those of a run before."""
-        with staged(self.folder, removal_told(tell, PROVENANCE)) as folder:
-            self._write_files(folder, posterior, draws, fits, begin, clock)
-
-    def _write_files(
-        self,
-        folder: Path,
-        posterior: Posterior,
-        draws: Draws,
-        fits: Beside[RecordFits],
-        begin: Begin,
-        clock: float,
-    ) -> None:
+    def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
         from biaxbayes.jobs.identified import thresholds_record
         from biaxbayes.jobs.products import write_products
         from biaxbayes.reports.page import write_report
@@ -237,32 +196,20 @@ class Sampling:
             "beta": posterior.beta,
             "sampling_seed": self.plan.seed,
         }
-
-        def archive() -> None:
-            write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
-
+        write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
         table = summarise(
             draws.quantities, posterior.parameter_names, posterior.quantities, draws.convergence
         )
         atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
-        found = write_products(
-            folder,
-            posterior,
-            draws,
-            fits,
-            meanwhile=archive,
-            begin=begin,
-            workers=self.plan.workers,
-        )
+        found = write_products(folder, posterior, draws)
         verdicts = {p.name: p.verdict for p in found.parameters}
         write_summary(folder / "summary.csv", with_verdicts(table, verdicts))
         record["identifiability"] = thresholds_record(found)
         record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
         run = Run(folder, record).with_draws(draw_table(draws.quantities))
         write_report(folder, run)
-        record["files"] = manifest(folder, without=(IDENTIFIED,))  # which holds the record's digest
+        record["files"] = manifest(folder)
         atomic_write_text(folder / PROVENANCE, _json(record))
-        seal_said(folder, IDENTIFIED, (*IDENTIFIED_TABLES, IDENTIFIED_FIGURE))
 
 
 def _warn(progress: Progress) -> None:

@@ -7,6 +7,7 @@ is given to it; :func:`.preparation.prepare` makes all three.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -261,10 +262,12 @@ class Posterior:
             Where to go on counting evaluations; new ones if not given.
         """
         seen = np.zeros(1 + len(REASONS), dtype=np.int64) if counts is None else counts
+        lock = threading.Lock()  # ensembles are advanced by several threads
 
         def log_prob(coordinates: np.ndarray) -> np.ndarray:
             out, new = self._counted(coordinates)
-            np.add(seen, new, out=seen)
+            with lock:
+                np.add(seen, new, out=seen)
             return out
 
         return Target(

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.executors.threads import one_blas_thread
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
@@ -45,7 +44,6 @@ def draw_posterior(
     on_block: Callable[[State], None] | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
-    begin: Begin = when_asked,
 ) -> Draws:
     """Draw from a posterior until the plan is met or its budget spent.
 
@@ -57,7 +55,7 @@ def draw_posterior(
     plan : Plan
     state : State, optional
         Continue from here rather than from the start.
-    on_block, progress, stop, begin
+    on_block, progress, stop
         As in :func:`~biaxbayes.sampling.sampler.draw`.
 
     Returns
@@ -72,9 +70,7 @@ def draw_posterior(
     """
     if state is not None:
         target = charted(posterior, state.frame["softening"]).target()
-        return draw(
-            target, state, plan, on_block=on_block, progress=progress, stop=stop, begin=begin
-        )
+        return draw(target, state, plan, on_block=on_block, progress=progress, stop=stop)
     seconds = {}
     clock = time.perf_counter()
     progress(Progress("fitting"))
@@ -88,7 +84,7 @@ def draw_posterior(
     progress(Progress("searching"))
     target, start = search(posterior, plan.search_rng(), plan.population)
     seconds["warm-up"] = time.perf_counter() - clock
-    draws = draw(target, start, plan, on_block=on_block, progress=progress, stop=stop, begin=begin)
+    draws = draw(target, start, plan, on_block=on_block, progress=progress, stop=stop)
     seconds["warm-up"] += draws.seconds["warm-up"]
     seconds["sampling"] = draws.seconds["sampling"]
     return replace(draws, seconds=seconds)

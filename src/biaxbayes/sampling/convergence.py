@@ -15,8 +15,6 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from biaxbayes.executors.beside import Begin, each, when_asked
-
 __all__ = ["Convergence", "assess", "effective_sample_size", "rank_normalised", "split_rhat"]
 
 RHAT_LIMIT = 1.01
@@ -145,12 +143,7 @@ class Convergence:
         return float(self.rhat.max())
 
 
-def assess(
-    quantities: dict[str, np.ndarray],
-    *,
-    target_ess: float,
-    begin: Begin = when_asked,
-) -> Convergence:
+def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergence:
     """Judge the draws.
 
     Parameters
@@ -159,8 +152,6 @@ def assess(
         Constant quantities are left out of the judgement.
     target_ess : float
         Effective sample size asked for, for the worst quantity.
-    begin : callable
-        Begins what ArviZ computes, R-hat, beside the rest (:data:`.executors.beside.Begin`).
 
     Returns
     -------
@@ -174,7 +165,6 @@ def assess(
         for name, draws in quantities.items()
         if np.ptp(draws) > 1e-12 * max(abs(float(draws.flat[0])), 1e-300)
     }
-    rhats = begin(each, split_rhat, list(moving.values()))
     bulk, tail, tau = [], [], []
     steps = 0
     for draws in moving.values():
@@ -190,7 +180,7 @@ def assess(
                 effective_sample_size((draws >= high).astype(float)),
             )
         )
-    names, rhat = list(moving), np.array(rhats())
+    names, rhat = list(moving), np.array([split_rhat(draws) for draws in moving.values()])
     ess_bulk, ess_tail = np.array(bulk), np.array(tail)
     state, reason = _state(names, ess_bulk, ess_tail, rhat, np.array(tau), steps, target_ess)
     held = longest_hold(quantities) if names else 0

@@ -1,21 +1,18 @@
 """Independent ensembles of walkers on one density, and how they are warmed up.
 
-Each ensemble has its own random numbers, so that the draws do not depend on how many processes
-share the ensembles. Between two calls of a compiled density there is as much work for the
-interpreter, of which threads would have one among them.
-
-The processes that share the ensembles also share fits of several parts (:meth:`Ensembles.begin`).
+Each ensemble has its own random numbers, so that the draws do not depend on how many threads
+advance the ensembles. Compiled densities let go of the interpreter while they are evaluated.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+import threading
+from collections.abc import Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from typing import Any
 
 import numpy as np
 
-from biaxbayes.executors.beside import Partner
 from biaxbayes.executors.threads import one_blas_thread
 from biaxbayes.lean_imports import emcee
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
@@ -93,8 +90,13 @@ class Ensemble:
         self.evaluations += len(x)
         return self.log_density(x)
 
-    def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Advance; coordinates (steps, walkers, d) and log densities (steps, walkers)."""
+    def run(
+        self, steps: int, stopped: threading.Event | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Advance; coordinates (steps, walkers, d) and log densities (steps, walkers).
+
+        Fewer steps where ``stopped`` is set by another thread.
+        """
         walkers, d = self.state.coords.shape
         share = self.independence_share if self.independence.proposal is not None else 0.0
         moves: list[tuple[Any, float]] = [(m, w * (1.0 - share)) for m, w in self._de]
@@ -108,7 +110,8 @@ class Ensemble:
         start = emcee.State(self.state.coords, log_prob=self.state.log_prob, copy=True)
         state = start
         for state in sampler.sample(start, iterations=steps, skip_initial_state_check=True):  # noqa: B007
-            pass
+            if stopped is not None and stopped.is_set():
+                break
         self.state = emcee.State(state.coords, log_prob=state.log_prob, copy=True)
         return sampler.get_chain(), sampler.get_log_prob()
 
@@ -136,15 +139,8 @@ class Ensemble:
         self.independence.accepted = int(snapshot["accepted"])
 
 
-Snapshots: TypeAlias = list[dict[str, Any]]
-Apart: TypeAlias = tuple[list[tuple[np.ndarray, np.ndarray]], Snapshots, np.ndarray]
-"""Coordinates and log densities of ensembles advanced elsewhere, their snapshots, and counts."""
-
-
 class Ensembles:
     """Several independent ensembles that share one proposal.
-
-    Within a ``with`` statement other processes share the work.
 
     Parameters
     ----------
@@ -154,10 +150,8 @@ class Ensembles:
     seed : numpy.random.SeedSequence
     bounds : ndarray, shape (d, 2), optional
         Bounds of the coordinates, for the independence move.
-    counts : int64 ndarray, optional
-        Where ``log_density`` counts its evaluations.
     workers : int
-        Processors that may be used.
+        Threads that advance ensembles at the same time.
     """
 
     def __init__(
@@ -167,7 +161,6 @@ class Ensembles:
         seed: np.random.SeedSequence,
         *,
         bounds: np.ndarray | None = None,
-        counts: np.ndarray | None = None,
         workers: int = 1,
     ) -> None:
         seeds = seed.spawn(len(starts) + 1)
@@ -175,58 +168,26 @@ class Ensembles:
         self.members = [
             Ensemble(log_density, start, s, bounds) for start, s in zip(starts, seeds, strict=False)
         ]
-        self.counts = np.zeros(0, dtype=np.int64) if counts is None else counts
         self.workers = min(workers, len(self.members))
-        self._partners: list[Partner] = []
-        self._stack = contextlib.ExitStack()
-
-    def __enter__(self) -> Ensembles:
-        others = [Partner(self.workers, of=self) for _ in range(self.workers - 1)]
-        self._partners = [self._stack.enter_context(partner) for partner in others]
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._partners = []
-        self._stack.close()
-
-    def begin(self, function: Callable[..., Any] | str, *arguments: Any) -> Callable[[], Any]:
-        """As :meth:`.Partner.begin`, in a process that is free."""
-        free = (partner for partner in self._partners if partner.is_free)
-        return next(free, Partner(1, of=self)).begin(function, *arguments)
 
     def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Advance every ensemble; (ensembles, steps, walkers, d), (ensembles, steps, walkers)."""
-        each = -(-len(self.members) // self.workers)
-        own, *shares = (
-            range(k, min(k + each, len(self.members))) for k in range(0, len(self.members), each)
-        )
         with one_blas_thread():
-            others = []
-            for share in shares:
-                snapshots = [self.members[k].snapshot() for k in share]
-                others.append(self.begin("_run_apart", share, snapshots, self.proposal, steps))
-            out = [self.members[k].run(steps) for k in own]
-            for share, result in zip(shares, others, strict=True):
-                runs, snapshots, counts = result()
-                for k, snapshot in zip(share, snapshots, strict=True):
-                    self.members[k].restore(snapshot)
-                self.counts += counts
-                out += runs
+            if self.workers == 1:
+                out = [member.run(steps) for member in self.members]
+            else:
+                out = self._run_in_threads(steps)
         return np.stack([c for c, _ in out]), np.stack([p for _, p in out])
 
-    def _run_apart(
-        self, share: Sequence[int], snapshots: Snapshots, proposal: Proposal | None, steps: int
-    ) -> Apart:
-        """Advance some ensembles, perhaps in another process, where counts are not seen."""
-        members = [self.members[k] for k in share]
-        for member, snapshot in zip(members, snapshots, strict=True):
-            member.restore(snapshot)
-            member.independence.proposal = proposal
-        before = self.counts.copy()
-        runs = [member.run(steps) for member in members]
-        counts = self.counts - before
-        self.counts[:] = before
-        return runs, [member.snapshot() for member in members], counts
+    def _run_in_threads(self, steps: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        stopped = threading.Event()
+        with ThreadPoolExecutor(self.workers) as pool:
+            runs = [pool.submit(member.run, steps, stopped) for member in self.members]
+            try:
+                wait(runs, return_when=FIRST_EXCEPTION)
+            finally:
+                stopped.set()
+            return [run.result() for run in runs]
 
     @property
     def evaluations(self) -> int:
@@ -278,7 +239,6 @@ class Ensembles:
                 parts=parts,
                 label=label,
                 screen=screen,
-                begin=self.begin,
             )
         assert lead.proposal is not None
         self.proposal = lead.proposal

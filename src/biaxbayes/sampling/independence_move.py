@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.lean_imports import emcee
 from biaxbayes.sampling.proposal import Proposal, fit_mixture_proposal
 
@@ -92,12 +91,11 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         parts: int = 1,
         label: np.ndarray | None = None,
         screen: bool = True,
-        begin: Begin = when_asked,
     ) -> None:
         """Fit the proposal to a history of walkers, shape (n, d).
 
-        ``components`` overrides the limit of the constructor for this fit; ``parts``, ``label``,
-        ``screen`` and ``begin`` as in :func:`.proposal.fit_mixture_proposal`.
+        ``components`` overrides the limit of the constructor for this fit; ``parts``, ``label``
+        and ``screen`` as in :func:`.proposal.fit_mixture_proposal`.
 
         Raises
         ------
@@ -114,7 +112,6 @@ class AdaptedIndependenceMove(emcee.moves.Move):
             parts=parts,
             label=label,
             screen=screen,
-            begin=begin,
         )
 
     def freeze(self) -> None:

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
-from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.sampling.student_mixture import StudentMixture
 
 __all__ = ["fit_gaussians", "fit_mixture", "groups", "mixture_seed", "spread_points"]
@@ -83,13 +82,7 @@ SETTLED = 1e-4
 """Squared shift of all centres, over the mean variance, at which the groups are kept."""
 
 
-def groups(
-    x: np.ndarray,
-    count: int,
-    random: np.random.RandomState,
-    *,
-    begin: Begin = when_asked,
-) -> np.ndarray:
+def groups(x: np.ndarray, count: int, random: np.random.RandomState) -> np.ndarray:
     """Groups of near points by k-means (Lloyd's algorithm), the best of several starts.
 
     Parameters
@@ -97,8 +90,6 @@ def groups(
     x : ndarray, shape (n, d)
     count : int
     random : numpy.random.RandomState
-    begin : callable
-        Begins half of the starts beside the others (:data:`.executors.beside.Begin`).
 
     Returns
     -------
@@ -107,10 +98,8 @@ def groups(
     """
     x = x - x.mean(axis=0)
     starts = [x[spread_points(x, count, random)] for _ in range(RESTARTS)]
-    half = RESTARTS // 2
-    others = begin(_settled, x, starts[half:])
     best, least = None, np.inf
-    for label, within in (*_settled(x, starts[:half]), *others()):
+    for label, within in _settled(x, starts):
         # The same groups by other numbers are no better, whatever rounding says.
         if best is None or (within < least and np.unique(label * count + best).size > count):
             best, least = label, within

@@ -20,7 +20,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.sampling.mixture_fit import fit_mixture, groups, mixture_seed
 from biaxbayes.sampling.student_mixture import Mirrors, StudentMixture
 from biaxbayes.sampling.transport_map import TransportMap, fit_transport_map
@@ -291,7 +290,6 @@ def fit_mixture_proposal(
     parts: int = 2,
     label: np.ndarray | None = None,
     screen: bool = True,
-    begin: Begin = when_asked,
 ) -> MixtureProposal:
     """Fit a mixture proposal, a part to each group of near points.
 
@@ -311,21 +309,18 @@ def fit_mixture_proposal(
         The group of each point, from zero; each number has points.
     screen : bool
         As in :func:`fit_transported_mixture`.
-    begin : callable
-        Begins the fits of all parts but one beside it (:data:`.executors.beside.Begin`).
     """
     one = np.zeros(len(points), dtype=int)
     if label is None:
-        label = _groups(points, rng, parts, begin) if parts > 1 else one
+        label = _groups(points, rng, parts) if parts > 1 else one
         label = label if np.bincount(label).min() >= MIN_SHARE * len(points) else one
     share = np.bincount(label) / len(points)
     most = max(1, components // len(share))
-    first, *others = (_Drawn.of(points[label == k], rng, bounds, most) for k in range(len(share)))
-    begun = [begin(_fitted, drawn, screen) for drawn in others]
-    return MixtureProposal(share, (_fitted(first, screen), *(result() for result in begun)))
+    drawn = [_Drawn.of(points[label == k], rng, bounds, most) for k in range(len(share))]
+    return MixtureProposal(share, tuple(_fitted(part, screen) for part in drawn))
 
 
-def _groups(points: np.ndarray, rng: np.random.Generator, parts: int, begin: Begin) -> np.ndarray:
+def _groups(points: np.ndarray, rng: np.random.Generator, parts: int) -> np.ndarray:
     spread = points.std(axis=0)
     z = (points - points.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    return groups(z, parts, np.random.RandomState(mixture_seed(rng)), begin=begin)
+    return groups(z, parts, np.random.RandomState(mixture_seed(rng)))

@@ -7,17 +7,13 @@ that a seed determines every byte, however often the run is interrupted.
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
 
-from biaxbayes.executors.beside import Begin, when_asked
 from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
 from biaxbayes.sampling.convergence import LONGEST_HOLD, Convergence, assess, longest_hold
@@ -26,7 +22,6 @@ from biaxbayes.sampling.population_monte_carlo import (
     Start,
     dispersed_starts,
     ridge_points,
-    search,
     tempered_points,
 )
 from biaxbayes.sampling.proposal import MixtureProposal
@@ -40,8 +35,6 @@ __all__ = [
     "Plan",
     "Progress",
     "State",
-    "are_compiled",
-    "compile_kernels",
     "draw",
     "ensembles_at",
     "first_state",
@@ -70,7 +63,7 @@ class Plan:
     ensembles, walkers : int
     seed : int
     workers : int
-        Processors that may be used; the draws do not depend on it.
+        Threads that advance ensembles; the draws do not depend on it.
     population : int
         Points of a generation of the search before the walkers start.
     first_block : int
@@ -180,7 +173,6 @@ def draw(
     on_block: Callable[[State], None] | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
-    begin: Begin = when_asked,
 ) -> Draws:
     """Draw from a density until the plan is met or its budget spent.
 
@@ -195,48 +187,45 @@ def draw(
     progress : callable
     stop : callable
         Asked between blocks; True (or the number of a signal) ends the run early.
-    begin : callable
-        As in :func:`.convergence.assess`.
 
     Returns
     -------
     Draws
     """
     seconds: dict[str, float] = {}
-    with contextlib.ExitStack() as stack:
-        if isinstance(start, State):
-            state = start
-            ensembles = stack.enter_context(ensembles_at(target, plan, state))
-        else:
-            clock = time.perf_counter()
-            ensembles = stack.enter_context(_dispersed(target, start, plan))
-            state = _warmed_up(ensembles, target, start, progress)
-            seconds["warm-up"] = time.perf_counter() - clock
-            if on_block:
-                on_block(state)
+    if isinstance(start, State):
+        state = start
+        ensembles = ensembles_at(target, plan, state)
+    else:
         clock = time.perf_counter()
-        due = _judged_at(state.steps, plan)
-        convergence, quantities, a_step = None, None, 0.0
-        if state.steps >= due:
-            convergence, quantities, _ = _judge(target, state, plan, begin)
-        interrupted = False
-        while convergence is None or (
-            convergence.state != "converged" and state.steps < plan.max_steps
-        ):
-            if stop():
-                interrupted = True
-                break
-            if state.steps == due:
-                due = _judged_at(due + 1, plan)
-            state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
-            if state.steps == due:
-                convergence, quantities, share = _judge(target, state, plan, begin)
-                state.finished = convergence is not None and convergence.state == "converged"
-                a_step = share / state.steps
-            progress(Progress("sampling", min(a_step * state.steps, 0.99)))
-            if on_block:
-                on_block(state)
-        seconds["sampling"] = time.perf_counter() - clock
+        ensembles = _dispersed(target, start, plan)
+        state = _warmed_up(ensembles, target, start, progress)
+        seconds["warm-up"] = time.perf_counter() - clock
+        if on_block:
+            on_block(state)
+    clock = time.perf_counter()
+    due = _judged_at(state.steps, plan)
+    convergence, quantities, a_step = None, None, 0.0
+    if state.steps >= due:
+        convergence, quantities, _ = _judge(target, state, plan)
+    interrupted = False
+    while convergence is None or (
+        convergence.state != "converged" and state.steps < plan.max_steps
+    ):
+        if stop():
+            interrupted = True
+            break
+        if state.steps == due:
+            due = _judged_at(due + 1, plan)
+        state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
+        if state.steps == due:
+            convergence, quantities, share = _judge(target, state, plan)
+            state.finished = convergence is not None and convergence.state == "converged"
+            a_step = share / state.steps
+        progress(Progress("sampling", min(a_step * state.steps, 0.99)))
+        if on_block:
+            on_block(state)
+    seconds["sampling"] = time.perf_counter() - clock
     if convergence is None and state.steps >= plan.first_block:
         convergence = assess(
             _judged_ones(target, _quantities(target, state.chain)), target_ess=plan.ess
@@ -269,8 +258,7 @@ def first_state(
     progress: Callable[[Progress], None] = lambda p: None,
 ) -> State:
     """Warm ensembles up from what a search found; the state before the first kept step."""
-    with _dispersed(target, start, plan) as ensembles:
-        return _warmed_up(ensembles, target, start, progress)
+    return _warmed_up(_dispersed(target, start, plan), target, start, progress)
 
 
 def _dispersed(target: Target, start: Start, plan: Plan) -> Ensembles:
@@ -284,7 +272,6 @@ def _dispersed(target: Target, start: Start, plan: Plan) -> Ensembles:
         starts,
         plan.ensemble_seed(),
         bounds=target.bounds,
-        counts=target.counts,
         workers=plan.workers,
     )
 
@@ -323,7 +310,6 @@ def ensembles_at(target: Target, plan: Plan, state: State) -> Ensembles:
         [m["coordinates"] for m in state.members],
         np.random.SeedSequence(plan.seed),
         bounds=target.bounds,
-        counts=target.counts,
         workers=plan.workers,
     )
     for member, snapshot in zip(ensembles.members, state.members, strict=True):
@@ -371,10 +357,7 @@ def _judged_at(steps: int, plan: Plan) -> int:
 
 
 def _judge(
-    target: Target,
-    state: State,
-    plan: Plan,
-    begin: Begin = when_asked,
+    target: Target, state: State, plan: Plan
 ) -> tuple[Convergence | None, dict[str, np.ndarray], float]:
     """What is to be said of the draws, their quantities, and the share of the target reached.
 
@@ -386,36 +369,9 @@ def _judge(
     steps, held = state.chain.shape[1], longest_hold(judged)
     if held > LONGEST_HOLD * steps and state.steps < plan.max_steps:
         return None, kept, LONGEST_HOLD * steps / held
-    convergence = assess(judged, target_ess=plan.ess, begin=begin)
+    convergence = assess(judged, target_ess=plan.ess)
     return convergence, kept, convergence.worst_ess / plan.ess
 
 
 def _judged_ones(target: Target, kept: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: values for name, values in kept.items() if name not in target.unjudged}
-
-
-# --- what sampling compiles, ahead of its use: a first run can do it beside other work -----------
-#
-# Compiled code is kept between runs (biaxbayes.compilation): a process that compiles it fills the
-# cache for every other.
-
-LAST = "independence_move._accept"
-"""The function that an example of sampling compiles last."""
-
-
-def are_compiled() -> bool:
-    """Whether an earlier run has left compiled code behind."""
-    config: Any = numba.config
-    return any(Path(config.CACHE_DIR).rglob(f"{LAST}-*.nbi"))
-
-
-def compile_kernels() -> None:
-    """Compile everything that :func:`search` and :func:`draw` call, by a small example."""
-    target = Target(_half_normal, np.array([[0.0, np.inf], [-np.inf, np.inf]]))
-    plan = Plan(ess=20, seed=0, max_steps=1)
-    draw(target, search(target, np.array([[0.5, 0.0]]), np.ones(2), plan.search_rng()), plan)
-
-
-def _half_normal(x: np.ndarray) -> np.ndarray:
-    """Log density of independent normals, the first of them cut at zero; x of shape (n, 2)."""
-    return np.where(x[:, 0] >= 0.0, -0.5 * (x**2).sum(axis=1), -np.inf)
