@@ -415,7 +415,14 @@ def generic(folder: Path, text: str, columns: str | None, capsys, *more: object)
         ("stretch", STRETCH),
         ("engineering", STRETCH - 1.0),
         ("percent", 100.0 * (STRETCH - 1.0)),
+        ("engineering_percent", 100.0 * (STRETCH - 1.0)),
+        ("stretch_percent", 100.0 * STRETCH),
         ("green", 0.5 * (STRETCH**2 - 1.0)),
+        ("green_percent", 50.0 * (STRETCH**2 - 1.0)),
+        ("log", np.log(STRETCH)),
+        ("hencky", np.log(STRETCH)),
+        ("almansi", 0.5 * (1.0 - STRETCH**-2)),
+        ("almansi_percent", 50.0 * (1.0 - STRETCH**-2)),
         ("mm", 17.0 * STRETCH),
         ("um", 17000.0 * STRETCH),
         ("displacement_mm", 10.0 * (STRETCH - 1.0)),
@@ -432,9 +439,215 @@ def test_kinds_of_stretch(unit, values, tmp_path, capsys):
     np.testing.assert_array_equal(np.column_stack([p.load_x, p.load_y]), PIOLA)
 
 
+GREEN, LOG, ALMANSI = 0.5 * (STRETCH**2 - 1.0), np.log(STRETCH), 0.5 * (1.0 - STRETCH**-2)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "values"),
+    [
+        ("Green strain XX [%]", "Green strain YY [%]", 100.0 * GREEN),
+        ("Green-Lagrange E11", "Green-Lagrange E22", GREEN),
+        ("greenStrainX (mm/mm)", "greenStrainY (mm/mm)", GREEN),
+        ("Exx_true", "Eyy_true", LOG),
+        ("exx (Hencky)", "eyy (Hencky)", LOG),
+        ("log strain x [‰]", "log strain y [‰]", 1e3 * LOG),
+        ("Almansi 1", "Almansi 2", ALMANSI),
+        ("Euler-Almansi x, %", "Euler-Almansi y, %", 100.0 * ALMANSI),
+        ("Eng. strain 1 [%]", "Eng. strain 2 [%]", 100.0 * (STRETCH - 1.0)),
+        ("nominal_strain_x [µε]", "nominal_strain_y [µε]", 1e6 * (STRETCH - 1.0)),
+        ("Stretch 1 (-)", "Stretch 2 (-)", STRETCH),
+    ],
+)
+def test_a_kind_of_strain_that_its_name_says(x, y, values, tmp_path, capsys):
+    text = generic_text(values, PIOLA, [x, y, "P_kPa", "Q_kPa"])
+    columns = f"stretch_x={x},stretch_y={y},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    code, printed, specimen = generic(tmp_path, text, columns, capsys)
+    assert code == 0, printed
+    (p,) = specimen.protocols
+    np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), STRETCH, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "stated"),
+    [
+        ("E11 Lagrange %", ""),
+        ("Lagrangian strain", ""),
+        ("exx", ""),
+        ("E11", ""),
+        ("strain [%]", ""),
+        ("Strain mm/mm", ""),
+        ("true stretch", ""),
+        ("stretch [%]", ""),
+        ("Green strain [foo]", ""),
+        ("Green strain XX [%]", ":percent"),
+        ("strain_true", ":percent"),
+    ],
+)
+def test_a_kind_of_strain_that_is_open_is_asked_for(name, stated, tmp_path, capsys):
+    text = generic_text(STRETCH - 1.0, PIOLA, [name, f"{name} y", "P_kPa", "Q_kPa"])
+    columns = f"stretch_x={name}{stated},stretch_y={name} y,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    code, printed, _ = generic(tmp_path, text, columns, capsys)
+    assert code == 2 and printed.count("\n") == 1
+    assert "kind" in printed and "green_percent" in printed and "log" in printed
+
+
+def test_a_stated_kind_takes_per_cent_from_the_name(tmp_path, capsys):
+    text = generic_text(100.0 * GREEN, PIOLA, ["E11 Lagrange %", "E22 [%]", "P_kPa", "Q_kPa"])
+    columns = "stretch_x=E11 Lagrange %:green,stretch_y=E22 [%]:green,piola_x_kPa=P_kPa,"
+    code, _, specimen = generic(tmp_path, text, columns + "piola_y_kPa=Q_kPa", capsys)
+    assert code == 0
+    np.testing.assert_allclose(specimen.protocols[0].stretch_x, STRETCH[:, 0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "values", "says"),
+    [
+        (["Green [%]", "Green y [%]"], GREEN, "spreadsheets keep 20 % as 0.2"),
+        (["Green", "Green y"], STRETCH, "starts at 1"),
+        (["lambda_x", "lambda_y"], STRETCH - 1.0, "starts at 0"),
+    ],
+)
+def test_values_that_contradict_the_name(names, values, says, tmp_path, capsys):
+    text = generic_text(values, PIOLA, [*names, "P_kPa", "Q_kPa"])
+    columns = f"stretch_x={names[0]},stretch_y={names[1]},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    code, printed, _ = generic(tmp_path, text, columns, capsys)
+    assert code == 2 and says in printed and printed.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        (["Grip displacement X [mm]", "Grip displacement Y [mm]"], 1.0),
+        (["crosshead_x_um", "crosshead_y_um"], 1e3),
+        (["Weg X, cm", "Weg Y, cm"], 0.1),
+        (["Extension 1 (in)", "Extension 2 (in)"], 1 / 25.4),
+    ],
+)
+def test_a_displacement_refers_to_the_gauge_length(names, unit, tmp_path, capsys):
+    """Mounted at 1.02 and 1.05, zeroed there: the gauge length is not the unloaded edge."""
+    gauge = EDGE_MM * np.array([1.02, 1.05])
+    text = generic_text((STRETCH - 1.0) * gauge * unit, PIOLA, [*names, "P_kPa", "Q_kPa"])
+    columns = f"stretch_x={names[0]},stretch_y={names[1]},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    stated = ["--gauge-x-mm", gauge[0], "--gauge-y-mm", gauge[1]]
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS, *stated)
+    assert code == 0 and "the stated gauge length" in printed
+    (p,) = specimen.protocols
+    np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), STRETCH, rtol=1e-12)
+    # Without it the edge is taken, and screen and file say by how much that may be wrong.
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
+    assert code == 0 and "too large by that factor" in printed
+    assert "no gauge length is stated" in specimen.metadata["conversion"]
+    assert specimen.protocols[0].stretch_y[-1] == pytest.approx(1.0 + 0.15 * 1.05)
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS[:-1], "mounted")
+    assert code == 0 and "mounted edge" in printed and "too large" not in printed
+
+
+def test_a_distance_of_marks_needs_no_gauge_length(tmp_path, capsys):
+    names = ["Marker distance X [mm]", "Marker distance Y [mm]"]
+    text = generic_text(7.3 * STRETCH, PIOLA, [*names, "P_kPa", "Q_kPa"])
+    columns = f"stretch_x={names[0]},stretch_y={names[1]},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    code, printed, specimen = generic(tmp_path, text, columns, capsys)
+    assert code == 0 and "over its first value, 7.3 mm" in printed
+    np.testing.assert_allclose(specimen.protocols[0].stretch_y, STRETCH[:, 1], rtol=1e-12)
+    code, printed, specimen = generic(
+        tmp_path, text, columns, capsys, "--gauge-x-mm", 7.0, "--gauge-y-mm", 7.0
+    )
+    assert code == 0
+    assert specimen.protocols[0].reference == pytest.approx((7.3 / 7.0, 7.3 / 7.0))
+
+
+def test_a_displacement_that_does_not_start_at_zero_is_asked_about(tmp_path, capsys):
+    moved = 0.5 + 10.0 * (STRETCH - 1.0)  # the first row is 10 mm apart, zero was 9.5 mm
+    text = generic_text(moved, PIOLA, ["dispx_mm", "dispy_mm", "P_kPa", "Q_kPa"])
+    columns = "stretch_x=dispx_mm,stretch_y=dispy_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    for at, length in (("zero", 9.5), ("start", 10.0)):
+        stated = ["--gauge-x-mm", length, "--gauge-y-mm", length]
+        code, printed, _ = generic(tmp_path, text, columns, capsys, *stated)
+        assert code == 2 and "starts at 0.5 mm" in printed and "--gauge-at" in printed
+        code, _, specimen = generic(tmp_path, text, columns, capsys, *stated, "--gauge-at", at)
+        assert code == 0
+        np.testing.assert_allclose(specimen.protocols[0].stretch_x, STRETCH[:, 0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["Position X (mm)", "x_mm", "travel distance [mm]"])
+def test_a_position_is_asked_about(name, tmp_path, capsys):
+    text = generic_text(STRETCH, PIOLA, [name, f"{name} ", "P_kPa", "Q_kPa"])
+    columns = f"stretch_x={name},stretch_y=P_kPa:stretch,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    code, printed, _ = generic(tmp_path, text, columns, capsys)
+    assert code == 2 and ("displacement or a length" in printed or "ambiguous" in printed)
+
+
+@pytest.mark.parametrize(
+    ("target", "name", "says"),
+    [
+        ("piola", "Cauchy stress {} [kPa]", "cauchy_x_kPa"),
+        ("piola", "True stress {} (kPa)", "cauchy_x_kPa"),
+        ("cauchy", "P11 {} kPa", "piola_x_kPa"),
+        ("cauchy", "Engineering stress {} [kPa]", "piola_x_kPa"),
+        ("piola", "PK2 {} [kPa]", "times the stretch"),
+        ("piola", "Membrane stress {} [N/m]", "membrane tension"),
+        ("piola", "P {} [foo]", "'foo' of 'P X [foo]' is no known unit"),
+    ],
+)
+def test_a_stress_of_another_kind_or_unit_is_refused(target, name, says, tmp_path, capsys):
+    x, y = name.format("X"), name.format("Y")
+    text = generic_text(STRETCH, PIOLA, ["F11", "F22", x, y])
+    columns = f"stretch_x=F11,stretch_y=F22,{target}_x_kPa={x},{target}_y_kPa={y}"
+    code, printed, _ = generic(tmp_path, text, columns, capsys)
+    assert code == 2 and says in printed and printed.count("\n") == 1
+
+
+@pytest.mark.parametrize("prefix", ["Axis", "Position(8800 (0,1):"])
+def test_names_with_colons_and_commas_need_no_marks(prefix, tmp_path, capsys):
+    names = [f"{prefix}Digital {axis} disp) (mm)" for axis in "XY"]
+    loads = [f"Load(8800 (0,{i}):Load) (N)" for i in (1, 2)]
+    text = generic_text(10.0 * (STRETCH - 1.0), PIOLA * 0.012, [*names, *loads])
+    columns = ",".join(
+        f"{t}={n}"
+        for t, n in zip(
+            ("stretch_x", "stretch_y", "force_x_N", "force_y_N"), [*names, *loads], strict=True
+        )
+    )
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
+    assert code == 0, printed
+    np.testing.assert_allclose(specimen.protocols[0].load_y, PIOLA[:, 1] * 0.012, rtol=1e-12)
+    code, printed, _ = generic(tmp_path, text, None, capsys, *DIMENSIONS)
+    assert code == 2 and f"--columns 'stretch_x={names[0]},stretch_y={names[1]}" in printed
+
+
 @pytest.mark.parametrize(
     ("name", "factor"),
-    [("F_N", 1.0), ("F_mN", 1e3), ("F [mN]", 1e3), ("F (gf)", 1 / 9.80665e-3), ("F_uN", 1e6)],
+    [
+        ("P [kgf/cm2]", 1 / 98.0665),
+        ("P [kg/cm^2]", 1 / 98.0665),
+        ("P (psi)", 1 / 6.894757293168),
+        ("P [dyn/cm²]", 1e4),
+        ("P, N/m^2", 1e3),
+        ("P [N mm-2]", 1e-3),
+        ("P_gf/mm2", 1 / 9.80665),
+        ("P [mmHg]", 1 / 0.133322387415),
+    ],
+)
+def test_units_of_stress_of_other_countries(name, factor, tmp_path, capsys):
+    text = generic_text(STRETCH, PIOLA * factor, ["lx", "ly", f"X {name}", f"Y {name}"])
+    columns = f"stretch_x=lx,stretch_y=ly,piola_x_kPa=X {name},piola_y_kPa=Y {name}"
+    code, printed, specimen = generic(tmp_path, text, columns, capsys)
+    assert code == 0, printed
+    np.testing.assert_allclose(specimen.protocols[0].load_x, PIOLA[:, 0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"),
+    [
+        ("F_N", 1.0),
+        ("F_kg", 1 / 9.80665),
+        ("F [lbf]", 1 / 4.4482216152605),
+        ("F (dyn)", 1e5),
+        ("F_mN", 1e3),
+        ("F [mN]", 1e3),
+        ("F (gf)", 1 / 9.80665e-3),
+        ("F_uN", 1e6),
+    ],
 )
 def test_units_of_force(name, factor, tmp_path, capsys):
     force = PIOLA * 0.012
@@ -545,15 +758,18 @@ def test_shear_angle_knows_rotation_from_shear():
     [
         ("stretch_x=F13", ("no column 'F13'", "found F11, F22, P_kPa, Q_kPa, P, F11")),
         ("stretch_x=F11,stretch_y=F22", ("column 'F11' is ambiguous: columns 1 and 6",)),
-        ("stretch_x=E,stretch_y=F22", ("not clear what kind of stretch or strain 'E'", ":green")),
+        ("stretch_x=E,stretch_y=F22", ("not clear what kind of stretch or strain 'E'", "green")),
         ("stretch_x=F22:stretch", ("no column for stretch_y", "found F11")),
         ("stretch_x=F22,stretch_y=E:stretch", ("no column for a force or stress",)),
-        ("stretch_x=F22,stretch_y=E:stretch,piola_x_kPa=P", ("'P' does not say its unit", "P:kPa")),
+        (
+            "stretch_x=F22,stretch_y=E:stretch,piola_x_kPa=P",
+            ("'P' does not say its unit", "P:UNIT", "kgf/cm2"),
+        ),
         ("stretch_x=F22,stretch_y=E:stretch,piola_x_kPa=P_kPa", ("no column for piola_y_kPa",)),
         ("stretch_x=F22,stretch_y=E:stretch,piola_x_kPa=P_kPa,force_y_N=P:N", ("more than one",)),
         (
             "stretch_x=F22,stretch_y=E:stretch,force_x_N=P_kPa",
-            ("'P_kPa' is in kPa, but force_x_N",),
+            ("'P_kPa' is in kPa, a stress, but force_x_N",),
         ),
         ("stretch_x=F22,stretch_y=F22,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa", ("used for both",)),
         ("stretch_x=F22,stretch_x=E", ("stretch_x is given twice",)),
@@ -576,7 +792,8 @@ def test_displacements_need_edges(tmp_path, capsys):
     text = generic_text(STRETCH - 1.0, PIOLA, ["xdisp_mm", "ydisp_mm", "P_kPa", "Q_kPa"])
     columns = "stretch_x=xdisp_mm,stretch_y=ydisp_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     code, printed, _ = generic(tmp_path, text, columns, capsys)
-    assert code == 2 and "give --edge-x-mm and --edge-y-mm" in printed
+    assert code == 2
+    assert "needs the length between the marks or grips" in printed and "--gauge-x-mm" in printed
     text = generic_text(STRETCH - 1.0, PIOLA, ["x_mm", "y_mm", "P_kPa", "Q_kPa"])
     columns = "stretch_x=x_mm,stretch_y=y_mm,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     code, printed, _ = generic(tmp_path, text, columns, capsys)

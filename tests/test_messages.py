@@ -64,11 +64,11 @@ def test_metres_instead_of_millimetres(capsys, tmp_path, keys):
 def test_unknown_kind_of_strain(capsys, tmp_path):
     path = tmp_path / "raw.csv"
     path.write_text("a,b,P_kPa,Q_kPa\n" + "\n".join(f"{i},{i},{i},{i}" for i in range(9)))
-    columns = "stretch_x=a:log,stretch_y=b:log,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
+    columns = "stretch_x=a:swainger,stretch_y=b:swainger,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
     out = tmp_path / "out.csv"
     asked = ("convert", path, "--machine", "generic", "--columns", columns, "--out", out)
     said = refused(capsys, *asked)
-    assert "'log' behind 'a'" in said and "green" in said and "logarithmic" in said
+    assert "'swainger' behind 'a'" in said and "green" in said and "almansi" in said
 
 
 def test_a_strain_where_a_stretch_is_asked(capsys, small_run):
@@ -128,7 +128,7 @@ def test_hints_of_other_units_and_of_none():
     known = ("force_x_N", "cauchy_x_kPa", "largest_shear_angle_deg")
     for typed, words in (
         ("cauchy_x_MPa", "1 MPa = 1000 kPa"),
-        ("cauchy_x_N/mm2", "1 MPa = 1000 kPa"),
+        ("cauchy_x_N/mm2", "1 N/mm2 = 1000 kPa"),
         ("cauchy_x_Pa", "1 Pa = 0.001 kPa"),
         ("cauchy_x_mPa", "(values in kPa)"),
         ("largest_shear_angle_rad", "1 rad = 57.2958 deg"),

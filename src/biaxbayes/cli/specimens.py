@@ -17,8 +17,9 @@ from biaxbayes.cli.options import (
 )
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS
-from biaxbayes.machines import BRANCHES, FORMATS, STRETCH_SOURCES
+from biaxbayes.machines import BRANCHES, FORMATS, GAUGE_AT, STRETCH_SOURCES
 from biaxbayes.options import VirtualTest
+from biaxbayes.specimens.units import STRAINS, units_of
 
 if TYPE_CHECKING:
     from biaxbayes.jobs.specimen_files import Checked
@@ -168,8 +169,21 @@ def _wrapped(text: str) -> str:
     metavar="TARGET=COLUMN[:UNIT],...",
     help="generic: stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,... Targets are stretch_x, _y, "
     "force_x_N, piola_x_kPa, cauchy_x_kPa (and _y), time_s, protocol, cycle, shear_xy, shear_yx. "
-    "Units are read from the ending of the column's name or given as :mN, :gf, :MPa, :um, "
-    ":stretch, :engineering, :green, :percent.",
+    "Units and kinds of strain are read from the column's name where it is clear, or given behind "
+    f"a colon: {units_of('force', 'stress', 'length', 'displacement', *STRAINS, 'time')}.",
+)
+@click.option(
+    "--gauge-x-mm",
+    type=float,
+    metavar="MM",
+    help="Length between marks or grips in x where the displacement is zero.",
+)
+@click.option("--gauge-y-mm", type=float, metavar="MM", help="The same in y.")
+@click.option(
+    "--gauge-at",
+    type=click.Choice(GAUGE_AT),
+    help="Where the gauge length was measured if the displacement does not start at zero: at "
+    "displacement zero, or at the first row of the file.",
 )
 @click.option("--cycle", default="last", show_default=True, metavar="last|N", help="Cycle to take.")
 @click.option(
@@ -216,6 +230,9 @@ def convert(
     stretch_from: str,
     sets: tuple[str, ...],
     sheets: tuple[str, ...],
+    gauge_x_mm: float | None,
+    gauge_y_mm: float | None,
+    gauge_at: str | None,
     **header: str | None,
 ) -> int:
     r"""Convert machine exports to one specimen file, each RAW (or set, or sheet) a protocol of it.
@@ -233,7 +250,18 @@ def convert(
     stated = {key: header[key.lower()] for key in HEADER_OPTIONS}
     found = specimen_files.convert(
         raw,
-        Choice(machine, columns, cycle, branch, stretch_from, sets, sheets),
+        Choice(
+            machine,
+            columns,
+            cycle,
+            branch,
+            stretch_from,
+            sets,
+            sheets,
+            gauge_x_mm,
+            gauge_y_mm,
+            gauge_at or "",
+        ),
         header={key: text for key, text in stated.items() if text is not None},
         protocol_names=names,
         out=out,
@@ -275,6 +303,9 @@ def _tell_converted(conversion: Conversion, out: Path) -> None:
             click.echo(f"    {note}")
     for note in conversion.recordings[0].notes if common else ():
         click.echo(f"  {note}")
+    for note in str(specimen.metadata.get("conversion", "")).split("; "):
+        if note:
+            click.echo(f"  {note}")
     if not conversion.geometry_stated:
         click.echo("  geometry not stated: the stresses are taken to refer to the unloaded state")
     shear: Any = specimen.metadata.get("largest_shear")

@@ -2,20 +2,19 @@
 
 The module ``machines/NAME.py`` of a format holds its reader,
 
-    recordings(table: RawTable, choice: Choice, edges_mm: (float, float) or None) -> list[Recording]
+    recordings(table: RawTable, choice: Choice, gauge: Gauge) -> list[Recording]
 
 which takes from a table of text what was chosen (:class:`~biaxbayes.machines.conversion.Choice`):
-one recording a protocol, in N or kPa and with stretches as measured.
+one recording per protocol, in N or kPa and with stretches as measured.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BRANCHES", "FORMATS", "STRETCH_SOURCES", "Format"]
-
 BRANCHES = ("loading", "unloading", "both")
 STRETCH_SOURCES = ("auto", "tracked", "rake")
+GAUGE_AT = ("zero", "start")
 
 
 @dataclass(frozen=True)

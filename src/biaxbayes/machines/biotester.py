@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.conversion import Choice, Recording, chosen_number, cycle_label, gauge_note
+from biaxbayes.machines.conversion import Choice, Gauge, Recording, chosen_number, cycle_label
 from biaxbayes.machines.raw_table import RawTable
 from biaxbayes.specimens.specimen import rest_rows
 from biaxbayes.specimens.units import Unit
@@ -96,9 +96,7 @@ PHASE = re.compile(r"\s*(\d+)\s*-\s*(\w+)")
 BRANCH_PHASES = {"loading": ("stretch",), "unloading": ("recover",), "both": ("stretch", "recover")}
 
 
-def recordings(
-    table: RawTable, choice: Choice, edges_mm: tuple[float, float] | None = None
-) -> list[Recording]:
+def recordings(table: RawTable, choice: Choice, gauge: Gauge) -> list[Recording]:
     """Take the branch of a cycle from each wanted set of a BioTester export.
 
     Parameters
@@ -112,8 +110,8 @@ def recordings(
         turned round, or both; Hold, Preload and Rest stay out. Stretches are those of the
         tracked points where there are any, else of the rake, unless it says which. Its sets may
         be ``all``.
-    edges_mm : (float, float), optional
-        Rake distances at rest, where the file holds displacements only.
+    gauge : Gauge
+        Rake distances, where the file holds displacements only.
 
     Returns
     -------
@@ -130,7 +128,7 @@ def recordings(
     wanted, left = _sets(table, choice.sets)
     for name, rows in wanted:
         taken, label = _branch_rows(table, phases, name, rows, choice)
-        found.append(_recording(table, name, taken, label, choice, edges_mm))
+        found.append(_recording(table, name, taken, label, choice, gauge))
     if left:
         note = f"sets left out: {', '.join(left)} (--set NAME or --set all takes them)"
         found = [replace(r, notes=(*r.notes, note)) for r in found]
@@ -235,11 +233,12 @@ def _recording(
     rows: np.ndarray,
     cycle: str | None,
     choice: Choice,
-    edges_mm: tuple[float, float] | None,
+    gauge: Gauge,
 ) -> Recording:
     tracked = tracked_points(table, rows, required=choice.stretch_from == "tracked")
     notes: tuple[str, ...]
     gradient = None
+    assumptions: list[str] = []
     if choice.stretch_from != "rake" and tracked is not None:
         kept = np.isfinite(tracked).all(axis=(1, 2))
         points = tracked.shape[1]
@@ -250,8 +249,8 @@ def _recording(
         gradient = deformation_gradient(tracked[kept], table, rows)
         stretch = np.column_stack([gradient[:, 0, 0], gradient[:, 1, 1]])
     else:
-        stretch, gauges = _rake_stretch(table, rows, edges_mm)
-        notes = ("stretch from the rakes, not from the tissue", *gauges)
+        stretch, assumptions = _rake_stretch(table, rows, gauge)
+        notes = ("stretch from the rakes, not from the tissue",)
     seen = "tracked points" if gradient is not None else "Size_um"
     time = _quantity(table, "time", "time", rows) if choice.branch != "unloading" else None
     return Recording(
@@ -268,6 +267,7 @@ def _recording(
         cycle=cycle,
         branch=choice.branch,
         notes=(*table.notes, *notes),
+        assumptions=tuple(assumptions),
     )
 
 
@@ -278,27 +278,28 @@ def _force(table: RawTable, axis: str, rows: np.ndarray) -> np.ndarray:
     return force
 
 
-def _rake_stretch(
-    table: RawTable, rows: np.ndarray, edges_mm: tuple[float, float] | None
-) -> tuple[np.ndarray, list[str]]:
+def _rake_stretch(table: RawTable, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndarray, list[str]]:
     """Stretches by the distance of the rakes, and what had to be assumed for them."""
-    columns, told = [], []
+    columns, assumptions = [], []
     for k, axis in enumerate("xy"):
         size = _quantity(table, f"{axis}size", "length", rows)
         moved = _quantity(table, f"{axis}displacement", "length", rows)
-        if size is not None and (moved is None or np.ptp(size) > 0.0):
-            length = size  # the rake distance at every moment
-        elif moved is not None and size is not None:
-            length = size + moved  # XSize is the distance at the start
-        elif moved is not None and edges_mm is not None:
-            length = edges_mm[k] + moved - moved[0]
-            told.append(gauge_note(axis, edges_mm[k]))
-        else:
+        if size is None and moved is None:
             raise InputError(
                 f"no column '{axis.upper()}Size_um', so no rake distance",
                 file=table.path,
-                remedy=f"found {', '.join(table.names)[:300]}",
+                remedy=table.found,
             )
+        if size is not None:
+            # XSize is the rake distance at every moment, or that at the start
+            length = size if moved is None or np.ptp(size) > 0.0 else size + moved
+        else:
+            assert moved is not None
+            first = _quantity(table, f"{axis}displacement", "length", np.array([0]))
+            assert first is not None
+            name = f"{axis.upper()}Displacement"
+            length, note = gauge.displaced(moved, float(first[0]), k, name, table.path)
+            assumptions.append(note)
         if length.min() <= 0.0:
             raise InputError(
                 f"a rake distance of {length.min():g} mm in {axis}",
@@ -309,4 +310,4 @@ def _rake_stretch(
         columns.append(length)
     lengths = np.column_stack(columns)
     resting = rest_rows(lengths[:, 0], lengths[:, 1])
-    return lengths / lengths[:resting].mean(axis=0), told
+    return lengths / lengths[:resting].mean(axis=0), assumptions

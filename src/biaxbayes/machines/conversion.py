@@ -10,26 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines import BRANCHES, FORMATS, STRETCH_SOURCES
+from biaxbayes.machines import BRANCHES, FORMATS, GAUGE_AT, STRETCH_SOURCES
 from biaxbayes.machines.raw_file import read_raw_tables
 from biaxbayes.machines.raw_table import RawTable
 from biaxbayes.specimens.path import Cycle, cycles, progress
 from biaxbayes.specimens.plausibility import check_load, check_stretch
 from biaxbayes.specimens.specimen import Protocol, Specimen, rest_rows
-
-__all__ = [
-    "Choice",
-    "Conversion",
-    "Reader",
-    "Recording",
-    "chosen_number",
-    "convert",
-    "cycle_label",
-    "gauge_note",
-    "shear_angle_deg",
-    "take_branch",
-]
-
 
 # --- what to take from a raw file, and what was taken from it for one protocol -------------------
 
@@ -53,6 +39,11 @@ class Choice:
         Of a BioTester; the last where empty.
     sheets : tuple of str
         Of a workbook, one or more protocols each; ``all`` for every one that holds a table.
+    gauge_x_mm, gauge_y_mm : float, optional
+        Length between the marks or grips where their displacement is zero.
+    gauge_at : {"", "zero", "start"}
+        Whether that is where the displacement reads zero, or at the first row of the file; needed
+        where the two differ.
     """
 
     machine: str
@@ -62,15 +53,109 @@ class Choice:
     stretch_from: str = "auto"
     sets: tuple[str, ...] = ()
     sheets: tuple[str, ...] = ()
+    gauge_x_mm: float | None = None
+    gauge_y_mm: float | None = None
+    gauge_at: str = ""
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
             ("machine", self.machine, tuple(FORMATS)),
             ("branch", self.branch, BRANCHES),
             ("stretch_from", self.stretch_from, STRETCH_SOURCES),
+            ("gauge_at", self.gauge_at, ("", *GAUGE_AT)),
         ):
             if value not in allowed:
                 raise InputError(f"{name} must be one of {', '.join(allowed)}, not {value!r}")
+        for axis in "xy":
+            length = getattr(self, f"gauge_{axis}_mm")
+            if length is not None and not 0.01 <= length <= 10_000.0:
+                raise InputError(
+                    f"a gauge length of {length:g} mm in {axis} cannot be",
+                    remedy=f"give --gauge-{axis}-mm in mm, between 0.01 and 10000",
+                )
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Lengths in x and y between marks or grips that displacements and distances refer to.
+
+    Attributes
+    ----------
+    stated_mm : (float or None, float or None)
+        As the user gives them.
+    edges_mm : (float, float) or None
+        What is taken in place of a gauge length that is not stated.
+    geometry : str
+        State that the edges were measured in.
+    at : {"", "zero", "start"}
+        As ``gauge_at`` of :class:`Choice`.
+    """
+
+    stated_mm: tuple[float | None, float | None] = (None, None)
+    edges_mm: tuple[float, float] | None = None
+    geometry: str = "unloaded"
+    at: str = ""
+
+    def displaced(
+        self, moved_mm: np.ndarray, first_mm: float, k: int, column: str, file: object
+    ) -> tuple[np.ndarray, str]:
+        """Stretches of a displacement whose first reading in the file is given, and a note."""
+        axis, length = "xy"[k], self.stated_mm[k]
+        if length is None and self.edges_mm is not None:
+            length = self.edges_mm[k]
+        if length is None:
+            raise InputError(
+                f"{column!r} is a displacement and needs the length between the marks or grips at "
+                "displacement zero",
+                file=file,
+                column=column,
+                remedy=f"give --gauge-{axis}-mm (or --edge-x-mm and --edge-y-mm, if the edges are "
+                "all that is known)",
+            )
+        if not self.at and abs(first_mm) > 0.01 * length:
+            raise InputError(
+                f"{column!r} starts at {first_mm:g} mm, not at zero",
+                file=file,
+                column=column,
+                remedy=f"say with --gauge-at whether the gauge length of {length:g} mm is that at "
+                "displacement zero ('zero') or that of the first row ('start')",
+            )
+        origin = first_mm if self.at == "start" else 0.0
+        # lambda = 1 + (d - d0) / L0
+        stretch = 1.0 + (moved_mm - origin) / length
+        formula = "displacement" if origin == 0.0 else f"(displacement - {origin:g} mm)"
+        note = f"stretch {axis} is 1 + {formula} / {length:g} mm"
+        if self.stated_mm[k] is not None:
+            return stretch, f"{note}, the stated gauge length"
+        if self.geometry == "mounted":
+            return stretch, (
+                f"{note}: no gauge length is stated, and the mounted edge is taken for it; if "
+                f"marks or grips were another distance apart, give --gauge-{axis}-mm"
+            )
+        reached = float(stretch.max())
+        return stretch, (
+            f"{note}: no gauge length is stated, and the unloaded edge is taken for it. The length "
+            f"when the test was zeroed is longer by the mounting stretch, so that the strain in "
+            f"{axis} is too large by that factor (mounted at 1.05: {reached:.3f} is "
+            f"{1.0 + (reached - 1.0) / 1.05:.3f}); give --gauge-{axis}-mm"
+        )
+
+    def stretched(
+        self, length_mm: np.ndarray, first_mm: float, k: int, column: str, file: object
+    ) -> tuple[np.ndarray, str]:
+        """Stretches of a distance between marks or grips, and a note."""
+        if first_mm <= 0.0:
+            raise InputError(
+                f"{column!r} starts at {first_mm:g}, which is no length",
+                file=file,
+                column=column,
+                remedy=f"for a displacement write stretch_{'xy'[k]}={column}:displacement_mm",
+            )
+        stated = self.stated_mm[k]
+        reference = first_mm if stated is None else stated
+        origin = "its first value" if stated is None else "the stated gauge length"
+        note = f"stretch {'xy'[k]} is {column} over {origin}, {reference:g} mm"
+        return length_mm / reference, note
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +182,9 @@ class Recording:
         Such as ``6 of 6``; None where the file holds one cycle only.
     branch : str
     notes : tuple of str
+        How the file was read.
+    assumptions : tuple of str
+        What stretches and loads rest on; written into the specimen file.
     """
 
     name: str
@@ -112,6 +200,7 @@ class Recording:
     cycle: str | None
     branch: str
     notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
     def check(
         self, file: object, sections: tuple[float, float] | None, limit_kPa: float | None = None
@@ -144,16 +233,8 @@ class Recording:
             )
 
 
-Reader = Callable[[RawTable, Choice, tuple[float, float] | None], list[Recording]]
-"""Reader of a format: a table, what to take, and the edges (mm) where they are known."""
-
-
-def gauge_note(axis: str, edge_mm: float) -> str:
-    """What a displacement was divided by to make a stretch of it."""
-    return (
-        f"stretch {axis} is 1 + displacement / {edge_mm:g} mm: the edge is taken as gauge length; "
-        "if the grips or markers are another distance apart, give a column of lengths or stretches"
-    )
+Reader = Callable[[RawTable, Choice, Gauge], list[Recording]]
+"""Reader of a format: a table, what to take, and what displacements refer to."""
 
 
 def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:
@@ -301,10 +382,16 @@ def _recordings(path: Path, choice: Choice, header: Mapping[str, float | str]) -
     edges = None
     if "edge_x_mm" in header and "edge_y_mm" in header:
         edges = (float(header["edge_x_mm"]), float(header["edge_y_mm"]))
+    gauge = Gauge(
+        (choice.gauge_x_mm, choice.gauge_y_mm),
+        edges,
+        str(header.get("geometry", "unloaded")),
+        choice.gauge_at,
+    )
     read: Reader = import_module(f"biaxbayes.machines.{choice.machine}").recordings
     found = []
     for sheet, table in tables.items():
-        of_sheet = read(table, choice, edges)
+        of_sheet = read(table, choice, gauge)
         if len(tables) > 1:
             of_sheet = [replace(r, name=f"{sheet} {r.name}".rstrip()) for r in of_sheet]
         found += of_sheet
@@ -371,6 +458,9 @@ def _specimen(
     if any(cycles):
         metadata["cycle"] = ", ".join(dict.fromkeys(c or "the only one" for c in cycles))
     metadata["branch"] = choice.branch
+    assumptions = dict.fromkeys(note for r in recordings for note in r.assumptions)
+    if assumptions:
+        metadata["conversion"] = "; ".join(assumptions)
     metadata.update(_shear(recordings))
     timed = all(r.time_s is not None for r in recordings)
     noise = header.get(f"load_noise_{unit}")

@@ -114,6 +114,14 @@ class RawTable:
         name = self.names[index]
         return unit_of_column(name) or unit_named(self.units.get(name, "").strip("[]() "))
 
+    def is_numeric(self, index: int) -> bool:
+        """Whether all cells of a column are numbers."""
+        try:
+            self.numbers(index)
+        except InputError:
+            return False
+        return True
+
     def text(self, index: int, rows: np.ndarray | None = None) -> list[str]:
         """Cells of a column, stripped."""
         cells = self.columns[index]

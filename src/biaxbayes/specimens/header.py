@@ -35,6 +35,7 @@ METADATA_KEYS = (
     "largest_shear",
     "largest_shear_angle_deg",
     "source",
+    "conversion",
     "cycle",
     "branch",
 )

@@ -76,6 +76,7 @@ KEYS = {
     ),
     "stress_limit_kPa": Meaning("Accept stresses up to this", "5000"),
     "source": Meaning("Where the record is from, as `convert` writes it", NONE),
+    "conversion": Meaning("What `convert` took stretches and loads to be", NONE),
     "cycle": Meaning("Cycle that `convert` took", NONE),
     "branch": Meaning("Branch that `convert` took; `check` warns unless it is loading", NONE),
     "largest_shear": Meaning("Largest shear, which the model ignores", NONE),

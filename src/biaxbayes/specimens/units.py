@@ -1,4 +1,7 @@
-"""Units behind the names of columns and keys, and what a misspelt name was meant to be."""
+"""Units and kinds of strain behind column names and header keys, and misspelt names.
+
+The table of units is the only one: help, messages and documentation list what stands here.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +10,14 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-__all__ = ["UNITS", "Unit", "likely_name", "stem_of", "unit_named", "unit_of_column"]
-
-
-# --- units of names, and what they are in N, kPa, mm and s ---------------------------------------
+# --- units, and what they are in N, kPa, mm and s -------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: what it measures, and its size in the unit that this program keeps.
+    """A unit: what it measures, and its size in N, kPa, mm, s or as a fraction.
 
-    Attributes
-    ----------
-    name : str
-    quantity : {"force", "stress", "length", "displacement", "time", "stretch"}
-    factor : float
-        Of N, kPa, mm or s; one for the kinds of stretch.
+    For a kind of strain, ``quantity`` is the kind: a key of :data:`STRAINS`.
     """
 
     name: str
@@ -30,101 +25,138 @@ class Unit:
     factor: float
 
 
+GRAVITY = 9.80665
+FACTORS: dict[str, dict[str, float]] = {
+    "force": {
+        "N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 1e-3 * GRAVITY, "kgf": GRAVITY,
+        "lbf": 4.4482216152605, "dyn": 1e-5,
+    },
+    "stress": {
+        "kPa": 1.0, "Pa": 1e-3, "MPa": 1e3, "GPa": 1e6, "N/m2": 1e-3, "N/cm2": 10.0, "N/mm2": 1e3,
+        "mN/mm2": 1.0, "kN/m2": 1.0, "gf/mm2": GRAVITY, "gf/cm2": 1e-2 * GRAVITY,
+        "kgf/mm2": 1e3 * GRAVITY, "kgf/cm2": 10.0 * GRAVITY, "dyn/cm2": 1e-4,
+        "psi": 6.894757293168, "bar": 100.0, "mbar": 0.1, "mmHg": 0.133322387415,
+        "cmH2O": 1e-2 * GRAVITY,
+    },
+    "length": {"mm": 1.0, "um": 1e-3, "cm": 10.0, "m": 1e3, "inch": 25.4},
+    "displacement": {
+        "displacement_mm": 1.0, "displacement_um": 1e-3, "displacement_cm": 10.0,
+        "displacement_m": 1e3, "displacement_inch": 25.4,
+    },
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0},
+    "fraction": {"percent": 0.01, "permille": 1e-3, "microstrain": 1e-6, "mm/mm": 1.0},
+    "stretch": {"stretch": 1.0, "stretch_percent": 0.01},
+    "engineering": {"engineering": 1.0, "engineering_percent": 0.01},
+    "green": {"green": 1.0, "green_percent": 0.01},
+    "log": {"log": 1.0, "log_percent": 0.01},
+    "almansi": {"almansi": 1.0, "almansi_percent": 0.01},
+    # What a column may hold that no test can be made of, so that it is refused by its name.
+    "membrane tension": {"N/m": 1.0, "N/mm": 1e3, "N/cm": 100.0, "mN/mm": 1.0, "gf/cm": GRAVITY},
+    "pixel": {"px": 1.0},
+    "angle": {"deg": 1.0, "rad": 57.29577951308232},
+}  # fmt: skip
 UNITS = {
-    unit.name: unit
-    for unit in (
-        Unit("N", "force", 1.0),
-        Unit("mN", "force", 1e-3),
-        Unit("uN", "force", 1e-6),
-        Unit("kN", "force", 1e3),
-        Unit("gf", "force", 9.80665e-3),
-        Unit("g", "force", 9.80665e-3),
-        Unit("kgf", "force", 9.80665),
-        Unit("Pa", "stress", 1e-3),
-        Unit("kPa", "stress", 1.0),
-        Unit("MPa", "stress", 1e3),
-        Unit("mmHg", "stress", 0.133322387415),
-        Unit("um", "length", 1e-3),
-        Unit("mm", "length", 1.0),
-        Unit("cm", "length", 10.0),
-        Unit("displacement_um", "displacement", 1e-3),
-        Unit("displacement_mm", "displacement", 1.0),
-        Unit("px", "pixel", 1.0),
-        Unit("s", "time", 1.0),
-        Unit("ms", "time", 1e-3),
-        Unit("min", "time", 60.0),
-        Unit("stretch", "stretch", 1.0),
-        Unit("engineering", "stretch", 1.0),
-        Unit("green", "stretch", 1.0),
-        Unit("percent", "stretch", 1.0),
-    )
+    name: Unit(name, quantity, factor)
+    for quantity, factors in FACTORS.items()
+    for name, factor in factors.items()
 }
 """Units by name."""
 ALIASES = {
-    "µN": "uN",
-    "μN": "uN",
-    "µm": "um",
-    "μm": "um",
-    "sec": "s",
-    "seconds": "s",
-    "%": "percent",
-    "eng": "engineering",
-    "N/mm2": "MPa",
-    "N/mm²": "MPa",
-    "lambda": "stretch",
+    "g": "gf", "gram": "gf", "grams": "gf", "kg": "kgf", "kp": "kgf", "lb": "lbf", "lbs": "lbf",
+    "dyne": "dyn", "dynes": "dyn", "newton": "N", "g/mm2": "gf/mm2", "g/cm2": "gf/cm2",
+    "kg/mm2": "kgf/mm2", "kg/cm2": "kgf/cm2", "dyne/cm2": "dyn/cm2", "lbf/in2": "psi",
+    "lb/in2": "psi", "in": "inch", "micron": "um", "sec": "s", "seconds": "s", "hr": "h",
+    "%": "percent", "pct": "percent", "‰": "permille", "ue": "microstrain", "uε": "microstrain",
+    "ustrain": "microstrain", "m/m": "mm/mm", "um/um": "mm/mm", "in/in": "mm/mm",
+    "eng": "engineering", "lambda": "stretch", "hencky": "log", "true": "log",
+    "g/cm": "gf/cm", "pixel": "px", "pixels": "px", "°": "deg",
+}  # fmt: skip
+# "mPa" in small letters is not MPa, and nobody measures tissue in it.
+LOWER_CASE = {name.lower(): unit for name, unit in UNITS.items()} | {
+    alias: UNITS[name] for alias, name in ALIASES.items()
 }
-# Where the case is not kept: MPa and mPa would both become mpa, and only one of them is meant.
-BY_LOWER_CASE = {name.lower(): unit for name, unit in UNITS.items()}
-BY_LOWER_CASE.update({alias.lower(): UNITS[name] for alias, name in ALIASES.items()})
 
-SUFFIX = re.compile(
-    r"^(?P<stem>.*?)\s*(?:[\[(](?P<boxed>[^\])]*)[\])]|[_\s,/](?P<tail>N/mm[2²]|[^\s_,/]+))\s*$"
-)
+
+def units_of(*quantities: str) -> str:
+    """Names of the units of some quantities, for help and messages."""
+    return ", ".join(name for quantity in quantities for name in FACTORS[quantity])
 
 
 def unit_named(text: str) -> Unit | None:
-    """The unit of a name, None where there is no such unit."""
-    text = text.strip()
-    if text in UNITS:
-        return UNITS[text]
-    if text in ALIASES:
-        return UNITS[ALIASES[text]]
-    return None if text == "mPa" else BY_LOWER_CASE.get(text.lower())
+    """The unit of a name as files write it (``kgf/cm^2``, ``N mm-2``, ``µm``), or None."""
+    name = text.strip("[](){} \t").replace("µ", "u").replace("μ", "u").replace("²", "2")
+    name = re.sub(r"\^|\*\*", "", name)
+    name = re.sub(r"[\s.*·]+(mm|cm|m|in)-2$", r"/\g<1>2", name)
+    name = re.sub(r"\s*/\s*", "/", name)
+    if name in UNITS:
+        return UNITS[name]
+    return None if name == "mPa" else LOWER_CASE.get(name.lower())
 
 
-def _split(column: str) -> tuple[str, Unit | None]:
-    match = SUFFIX.match(column.strip())
-    if match is None:
-        return column.strip(), None
-    unit = unit_named(match["boxed"] if match["boxed"] is not None else match["tail"])
-    return (match["stem"], unit) if unit is not None else (column.strip(), None)
+BOX = re.compile(r"^(?P<stem>.*?)\s*[\[({](?P<boxed>[^\[\](){}]*)[\])}]\s*$")
+
+
+def split_unit(column: str) -> tuple[str, Unit | None]:
+    """A column name without its unit, and the unit: ``Force X [mN]``, ``XForce_mN``, ``P, N/mm2``.
+
+    The unit is None, and the name whole, where the name ends with none.
+    """
+    column = column.strip()
+    match = BOX.match(column)
+    if match is not None:
+        unit = unit_named(match["boxed"])
+        return (match["stem"], unit) if unit is not None else (column, None)
+    for separator in re.finditer(r"[_\s,/]+", column):
+        unit = unit_named(column[separator.end() :])
+        if unit is not None and separator.start() > 0:
+            return column[: separator.start()], unit
+    return column, None
 
 
 def unit_of_column(column: str) -> Unit | None:
-    """The unit behind a column name: ``XForce_mN``, ``Force X [mN]``, ``Time (s)``.
+    """The unit at the end of a column name; None where there is none."""
+    return split_unit(column)[1]
 
-    None where the name ends with none.
-    """
-    return _split(column)[1]
+
+def unknown_unit(column: str) -> str:
+    """What stands in brackets at the end of a name and is neither a unit, an axis nor a kind."""
+    match = BOX.match(column.strip())
+    if match is None or unit_named(match["boxed"]) is not None or strain_kinds(match["boxed"]):
+        return ""
+    return "" if re.fullmatch(r"[-\s]*|1|[xyXY12]{1,2}", match["boxed"]) else match["boxed"].strip()
 
 
 def stem_of(column: str) -> str:
     """A column name without its unit, in lower case and without spaces: ``xforce``."""
-    return re.sub(r"[\s_-]+", "", _split(column)[0]).lower()
+    return re.sub(r"[\s_-]+", "", split_unit(column)[0]).lower()
 
 
-# --- a misspelt name -----------------------------------------------------------------------------
+# --- kinds of strain ------------------------------------------------------------------------------
 
-
-OF_KEYS = {
-    unit.name: unit
-    for unit in (Unit("m", "length", 1e3), Unit("deg", "angle", 1.0), Unit("rad", "angle", 57.2958))
+STRAINS = ("stretch", "engineering", "green", "log", "almansi")
+"""Kinds of strain, the stretch itself among them."""
+STRAIN_CHOICES = units_of(*STRAINS)
+KIND_WORDS = {
+    "stretch": r"\w*stretch\w*|[xy]?(lambda|lam)([xy12]{1,2})?|\w*λ\w*|f11|f22|fxx|fyy|lx|ly",
+    "engineering": r"engineering|eng|nominal|technical|biot",
+    "green": r"green",
+    "log": r"true|hencky|log|logarithmic|ln",
+    "almansi": r"almansi",
 }
-"""Units that a key of a header may be given in by mistake, and no column of a machine ends with."""
 
 
-def _ending(name: str) -> Unit | None:
-    return unit_of_column(name) or OF_KEYS.get(name.rpartition("_")[2])
+def strain_kinds(column: str) -> set[str]:
+    """Kinds of strain that a column's name speaks of; Lagrange alone may mean two and is none."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column)
+    words = [word for word in re.split(r"[^0-9a-zλ]+", spaced.lower()) if word]
+    return {
+        kind
+        for kind, pattern in KIND_WORDS.items()
+        if any(re.fullmatch(pattern, word) for word in words)
+    }
+
+
+# --- a misspelt name ------------------------------------------------------------------------------
 
 
 def likely_name(name: str, known: Iterable[str], cutoff: float = 0.75) -> tuple[str, str]:
@@ -144,9 +176,9 @@ def likely_name(name: str, known: Iterable[str], cutoff: float = 0.75) -> tuple[
     hint : str
         Ends with a space; where the names differ in their unit it says how to scale the values.
     """
-    given = _ending(name)
+    given = unit_of_column(name)
     for likely in difflib.get_close_matches(name[:60], known, n=3, cutoff=cutoff):
-        kept = _ending(likely)
+        kept = unit_of_column(likely)
         if given is not None and (kept is None or kept.quantity != given.quantity):
             continue
         scaled = ""
