@@ -21,7 +21,7 @@ def run(bases, tmp_path):
 def refused(run: Path, capsys) -> str:
     """The one line of a refusal."""
     with pytest.raises(SystemExit) as ended:
-        main(["report", str(run), "--format", "md", "--out", "-"])
+        main(["report", str(run), "--format", "latex", "--out", "-"])
     told = capsys.readouterr()
     assert ended.value.code == 2, told
     assert told.err.count("\n") == 1 and str(run) in told.err and told.out == ""

@@ -10,13 +10,13 @@ import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.laws.goh import GOH
 from biaxbayes.reports.facts import closing_message
-from biaxbayes.reports.page import latex_table, markdown_table, report_page
+from biaxbayes.reports.page import latex_table, report_page
 from model_cases import bent
 from quick_posteriors import runs_without_figures, specimen
 
 TRUTH = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
 REAL = os.environ.get("BIAXBAYES_REAL", "")
-WRITERS = (closing_message, report_page, markdown_table, latex_table)
+WRITERS = (closing_message, report_page, latex_table)
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from biaxbayes.reports import page as report
 from biaxbayes.reports.facts import closing_message
 from biaxbayes.reports.page import TOTAL_BYTES, pictures, write_report
 from biaxbayes.reports.parameters import determined_rows, prior_in_words
-from biaxbayes.reports.words import latex_text, markdown_text
+from biaxbayes.reports.words import latex_text
 from biaxbayes.runs.run import open_run
 
 VOID = {"meta", "link", "img", "br", "hr"}
@@ -194,18 +194,11 @@ def test_a_run_that_ignores_the_mounting_says_so(run, tmp_path, mounting):
     assert told in closing_message(open_run(folder)) and told not in closing_message(run)
 
 
-def test_markdown_and_latex_keep_their_cells(run, tmp_path):
-    for kind in ("md", "latex"):
-        with pytest.raises(SystemExit) as ended:
-            main(["report", str(run.path), "--format", kind, "--out", str(tmp_path / kind)])
-        assert ended.value.code == 0
-    markdown = (tmp_path / "md").read_text(encoding="utf-8")
-    rows = [line for line in markdown.splitlines() if line.startswith("|")]
-    assert len(rows) == 2 + len(run.summary)
-    # what is stated of the tissue has a column where anything is
-    more = int(bool(run.stated))
-    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {6 + more}
-    assert not re.search(r"(?<!\\)<", markdown)
+def test_latex_keeps_its_cells(run, tmp_path):
+    with pytest.raises(SystemExit) as ended:
+        main(["report", str(run.path), "--format", "latex", "--out", str(tmp_path / "latex")])
+    assert ended.value.code == 0
+    more = int(bool(run.stated))  # a column for what is stated of the tissue
     latex = (tmp_path / "latex").read_text(encoding="utf-8")
     body = latex.partition("\\midrule")[2].partition("\\bottomrule")[0].strip().splitlines()
     assert len(body) == len(run.summary)
@@ -311,7 +304,6 @@ def test_text_from_files_is_escaped():
         r"50 \% \& a\_b \{x\} \textbackslash{}end\{table\} \#1 \$y\$ "
         r"\textasciitilde{}\textasciicircum{}"
     )
-    assert markdown_text("a|b <i> *c* [d](e)") == r"a\|b &lt;i&gt; \*c\* \[d\]\(e\)"
     assert latex_text("line\nbreak\u202ereversed") == "line break reversed"
 
 

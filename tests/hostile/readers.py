@@ -304,7 +304,7 @@ def machine_export(rng: np.random.Generator, folder: Path, bases: Bases, tally: 
 
 RUN_FILES = ("provenance.json", "posterior.nc", "summary.csv", "specimen.csv", "fit.json")
 VERBS = (
-    ("report", "--format", "md", "--out", "-"),
+    ("report", "--format", "latex", "--out", "-"),
     ("report", "--format", "html", "--out", "-"),
     ("report", "--format", "latex", "--out", "-"),
     ("export", "--to", "abaqus", "--at", "map", "--overwrite"),

@@ -38,7 +38,7 @@ VERBS = {
     "calibrate": "Simulation-based calibration on your own protocol.",
     "predict": "Stress with bands on any path; thin-walled inflation.",
     "plot": "Figures of a run, sized for a paper.",
-    "report": "The report of a run: HTML page, Markdown or LaTeX tables.",
+    "report": "The report of a run: HTML page or LaTeX table.",
     "export": "Material cards for Abaqus and FEBio.",
 }
 """Verbs in the order of the help page."""

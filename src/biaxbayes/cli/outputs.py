@@ -261,11 +261,11 @@ def plot(
     type=click.Choice(list(REPORTS)),
     default="html",
     show_default=True,
-    help="A page, the tables as Markdown or LaTeX, or the page to explore.",
+    help="A page, the table as LaTeX, or the page to explore.",
 )
 @file_option(
     "out",
-    "The file to write; - prints  [default: report.html, .md, .tex or explore.html in RUN]",
+    "The file to write; - prints  [default: report.html, report.tex or explore.html in RUN]",
     "FILE",
 )
 def report(run: Path, kind: str, out: Path | None) -> int:

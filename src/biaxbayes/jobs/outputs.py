@@ -259,15 +259,14 @@ def report_text(run: RunLike, kind: str = "html") -> str:
     Parameters
     ----------
     run : Run or path-like
-    kind : {"html", "md", "latex", "explore"}
+    kind : {"html", "latex", "explore"}
     """
-    from biaxbayes.reports.page import latex_table, markdown_table, report_page
+    from biaxbayes.reports.page import latex_table, report_page
 
     if kind not in REPORTS:
         raise InputError(f"no report {str(kind)[:40]!r}", remedy=f"choose {', '.join(REPORTS)}")
     write = {
         "html": report_page,
-        "md": markdown_table,
         "latex": latex_table,
         "explore": _exploration,
     }[kind]
@@ -287,10 +286,10 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
     Parameters
     ----------
     run : Run or path-like
-    kind : {"html", "md", "latex", "explore"}
+    kind : {"html", "latex", "explore"}
         ``html`` in the run itself renews the page to explore beside it, too.
     out : path-like, optional
-        Default report.html, .md, .tex or explore.html in the run.
+        Default report.html, report.tex or explore.html in the run.
     """
     opened = opened_run(run)
     if kind in PAGES and out is None:

@@ -36,7 +36,6 @@ PLOT_TAKES = {
 """Options that go with some figures only."""
 REPORTS = {
     "html": "report.html",
-    "md": "report.md",
     "latex": "report.tex",
     "explore": "explore.html",
 }

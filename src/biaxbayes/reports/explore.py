@@ -1,19 +1,13 @@
-"""explore.html: a posterior in one's hands, on one page that opens anywhere.
+"""explore.html: the posterior to brush, and to reweight to other priors, on one page.
 
-Draws are brushed in any pair of parameters, held near one value of one parameter, or reweighted to
-other priors; the curves of those draws stand beside them. Everything on the page is a number of
-this package, packed with the draws; what the page computes itself are percentiles and importance
-weights (``explore_numbers.js``), and BokehJS, which the bokeh package brings, draws it.
+Bokeh draws it: all panels of the corner share one source of draws, so what is brushed in one is
+selected in all. A script (``explore.js``) computes percentiles of the draws that are selected, and
+importance weights. Every other number on the page is computed here.
 """
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import importlib.util
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,118 +16,44 @@ import pandas as pd
 from markupsafe import Markup
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.labels import round_values
 from biaxbayes.figures.quantities import corner_columns
 from biaxbayes.figures.run.bands import LOADS, abscissa, residual_unit, shown_protocols
 from biaxbayes.figures.run.corner import axis_span
 from biaxbayes.figures.style import CREDIBLE, PAGE_MM, colour, print_style
+from biaxbayes.identifiability.bounded_density import Span
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FAMILIES, Prior
+from biaxbayes.options import CONTENT
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
 from biaxbayes.reports.page import EXPLORE, NAME, page_template
-from biaxbayes.reports.parameters import PRIOR_NUMBERS, prior_in_words
+from biaxbayes.reports.parameters import PRIOR_NUMBERS, interval_numbers, prior_in_words
 from biaxbayes.reports.words import as_html, cut
 from biaxbayes.text_files import atomic_write_text
 
-__all__ = [
-    "LEAST_EFFECTIVE",
-    "can_be_explored",
-    "explore_page",
-    "thinned_draws",
-    "write_explore",
-]
-
 LEAST_EFFECTIVE = 200
 """Effective draws (Kish) below which other priors are refused: few draws carry all the weight."""
-PROBABILITY = 0.9
-"""Content of the bands, as in the report."""
-FEWEST, MOST = 500, 1000
+MOST_DRAWS = 700
 """Draws on the page."""
-NUMBERS = 220_000
-"""Loads on the page, over draws, protocols, directions and states: 1.2 MB."""
 STATES, MOST_STATES = 130, 41
 """States of all protocols together, and of one."""
-PANELS_MM = 155.0
-"""Width of all panels side by side, for the labels of their axes."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """A quantity with panels of its own.
-
-    Attributes
-    ----------
-    name : str
-        As in ``summary.csv``, without a mounted state.
-    symbol, unit, words : str
-        As on the other pages; the symbol as HTML.
-    ticks : list of (float, str)
-        Round values: where on the axis, in percent, and how written.
-    """
-
-    name: str
-    symbol: Markup
-    unit: str
-    words: str
-    ticks: list[tuple[float, str]]
-
-
-@dataclass(frozen=True)
-class PriorControl:
-    """A prior that the page lets one change.
-
-    Attributes
-    ----------
-    symbol : Markup
-        Of the quantities that have it.
-    words, stated : str
-        What they are, and the prior of the run in words.
-    numbers : list of str
-        What its two numbers are called.
-    """
-
-    symbol: Markup
-    words: str
-    stated: str
-    numbers: list[str]
+BINS = 24
+PANEL, CURVE = 105, 380
+"""Width of a panel of the corner, and of the curves of a protocol, pixels."""
 
 
 def can_be_explored(known: Quantities, draws: pd.DataFrame) -> bool:
-    """Whether something of a run varies that the page has panels for.
-
-    Parameters
-    ----------
-    known : Quantities
-        What each column of the draws is.
-    draws : DataFrame
-    """
+    """Whether anything of a run varies that the page has panels for."""
     return len(corner_columns(draws, known)) > 0
 
 
-def thinned_draws(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
-    """The draws that the page holds, evenly chosen: as many as its size allows.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    draws : DataFrame
-        One row a draw, columns as in ``summary.csv``.
-    """
-    columns = sum(2 * min(p.rows, _most_states(posterior)) for p in _shown(posterior))
-    count = int(np.clip(NUMBERS // max(columns, 1), FEWEST, MOST))
-    return draws.iloc[evenly_chosen(len(draws), count)].reset_index(drop=True)
+def thinned_draws(draws: pd.DataFrame) -> pd.DataFrame:
+    """The draws that the page holds, evenly chosen."""
+    return draws.iloc[evenly_chosen(len(draws), MOST_DRAWS)].reset_index(drop=True)
 
 
 def write_explore(folder: Path, posterior: Posterior, draws: pd.DataFrame, state: str) -> Path:
-    """Write the page into a run folder, where it points to the report; the path of the page.
-
-    Parameters
-    ----------
-    folder : Path
-    posterior, draws, state
-        As in :func:`explore_page`.
-    """
+    """Write the page into a run folder, where it points to the report; the path of the page."""
     path = folder / EXPLORE
     atomic_write_text(path, explore_page(posterior, draws, state, report=NAME))
     return path
@@ -157,255 +77,345 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, repor
     InputError
         If there is no posterior to explore.
     """
+    from bokeh.document import Document
+    from bokeh.embed import file_html
+    from bokeh.models import CustomJS
+    from bokeh.resources import INLINE
+
     if state == "unusable" or not can_be_explored(posterior.quantities, draws):
         raise InputError(
             "this run holds no posterior to explore",
             remedy="sample until it converges, with something free",
         )
-    few = thinned_draws(posterior, draws)
-    axes, axis_data = _axes(posterior, few)
-    controls, prior_data = _priors(posterior, few)
-    names = list(dict.fromkeys(n for d in (*axis_data, *prior_data) for n in d["columns"]))
+    few = thinned_draws(draws)
     with print_style():
-        hues = {"x": colour("x"), "y": colour("y"), "shown": colour("third")}
-    specimen = posterior.specimen
-    data = {
-        "draws": len(few),
-        "least": LEAST_EFFECTIVE,
-        "levels": [0.5, *tails(PROBABILITY)],
-        "values": {n: _packed(few[n].to_numpy(dtype=float), "<f8") for n in names},
-        "axes": axis_data,
-        "priors": prior_data,
-        "hues": hues,
-        "opacity": CREDIBLE,
-        **_curves(posterior, few),
-    }
-    library, script = _library(), _script()
-    return page_template("explore.html.jinja").render(
-        name=cut(specimen.name),
-        law=posterior.law.title,
-        report=report,
-        state=state,
-        draws=len(few),
-        total=len(draws),
-        least=LEAST_EFFECTIVE,
-        probability=PROBABILITY,
-        axes=axes,
-        controls=controls,
-        protocols=[cut(p.name, 60) for p in _shown(posterior)],
-        all_protocols=len(specimen.protocols),
-        directions=[("x", specimen.axis_x), ("y", specimen.axis_y)],
-        load=LOADS[specimen.stress_pair].replace("\n", " "),
-        hues=hues,
-        data=data,
-        library=Markup(library),
-        script=Markup(script),
-        hashes=[_hash(library), _hash(script)],
+        hues = {"x": colour("x"), "y": colour("y"), "selected": colour("third")}
+    axes, priors = _axes(posterior.quantities, draws, few), _prior_controls(posterior, few)
+    source = _source(axes, priors, few)
+    corner, histograms = _corner(axes, source, hues)
+    panels, curves = _curve_panels(posterior, few, source, hues)
+    script = CustomJS(
+        args={
+            "draws": source,
+            "histograms": histograms,
+            "curves": [band for band, _, _ in curves],
+            "axes": [{"column": f"axis {a.name}", "unit": a.unit, "log": a.ratio} for a in axes],
+            "loads": [{"column": column, "factor": factor} for _, column, factor in curves],
+            "priors": [p.data for p in priors],
+            "levels": [0.5, *tails(CONTENT)],
+            "least": LEAST_EFFECTIVE,
+        },
+        code=(Path(__file__).parent / "explore.js").read_text(encoding="utf-8"),
+    )
+    document = Document()
+    for root in (corner, panels):
+        document.add_root(root)
+    document.js_on_event("document_ready", script)
+    return file_html(
+        document,
+        INLINE,
+        title=f"{cut(posterior.specimen.name)} – explore the posterior",
+        template=page_template("explore.html.jinja"),
+        template_variables={
+            "name": cut(posterior.specimen.name),
+            "law": posterior.law.title,
+            "report": report,
+            "state": state,
+            "draws": len(few),
+            "total": len(draws),
+            "least": LEAST_EFFECTIVE,
+            "percent": f"{100 * CONTENT:g}",
+            "axes": axes,
+            "priors": priors,
+            "hues": hues,
+            "width": PANEL * len(axes) + 80,
+            "protocols": shown_protocols(posterior.specimen, PAGE_MM),
+            "all_protocols": len(posterior.specimen.protocols),
+            "directions": [("x", posterior.specimen.axis_x), ("y", posterior.specimen.axis_y)],
+        },
     )
 
 
-# --- what stands on the page ---------------------------------------------------------------------
+# --- the corner ----------------------------------------------------------------------------------
 
 
-def _shown(posterior: Posterior) -> tuple[Any, ...]:
-    """Protocols that have a panel, as many as in the figure of the bands."""
-    specimen = posterior.specimen
-    return specimen.protocols[: shown_protocols(specimen, PAGE_MM)]
+@dataclass(frozen=True)
+class Axis:
+    """A quantity with panels of its own.
+
+    Attributes
+    ----------
+    name : str
+        As in ``summary.csv``, without a mounted state.
+    symbol, unit : str
+        The symbol as HTML.
+    values : ndarray, shape (draws,)
+        Of the draws on the page; the mean over mounted states.
+    span : Span
+        What its axes show.
+    ratio : bool
+        Whether its shifts are measured on a logarithmic scale.
+    reported : str
+        Median and interval of all draws, as in the report.
+    """
+
+    name: str
+    symbol: Markup
+    unit: str
+    values: np.ndarray
+    span: Span
+    ratio: bool
+    reported: str
 
 
-def _most_states(posterior: Posterior) -> int:
-    """States of a curve, so that those of all protocols fit the page."""
-    return min(MOST_STATES, STATES // len(_shown(posterior)))
-
-
-def _axes(posterior: Posterior, draws: pd.DataFrame) -> tuple[list[Axis], list[dict[str, Any]]]:
-    """Quantities of the corner: what the template and what the script need of each."""
-    known: Quantities = posterior.quantities
-    shown, data = [], []
-    columns = corner_columns(draws, known)
-    for name, (text, values) in columns.items():
-        states = [q for q in known.of_parameter(name) if q.name in draws]
+def _axes(known: Quantities, draws: pd.DataFrame, few: pd.DataFrame) -> list[Axis]:
+    axes = []
+    every = corner_columns(draws, known)
+    for name, (text, values) in corner_columns(few, known).items():
+        states = [q for q in known.of_parameter(name) if q.name in few]
         parameter = states[0].parameter
-        axis = axis_span(text, values)
-        width = PANELS_MM / len(columns)
-        ticks, labels = round_values(axis.low, axis.high, log=axis.log, length_mm=width)
-        places = 100.0 * axis.forward(ticks)
-        plain = [t if "$" not in t else f"{v:g}" for v, t in zip(ticks, labels, strict=True)]
+        low, median, high = interval_numbers(
+            parameter, *np.quantile(every[name][1], [0.05, 0.5, 0.95])
+        )
         symbol = as_html(Quantity(parameter))
-        shown.append(
+        axes.append(
             Axis(
                 name,
                 Markup("mean {}").format(symbol) if len(states) > 1 else symbol,
                 text.unit,
-                parameter.words,
-                [(round(float(p), 2), t) for p, t in zip(places, plain, strict=True)],
+                values,
+                axis_span(text, values),
+                parameter.logarithmic and bool((values > 0.0).all()),
+                f"{median} ({low} to {high})",
             )
         )
-        data.append(
+    return axes
+
+
+def _source(axes: list[Axis], priors: list[PriorControl], few: pd.DataFrame) -> Any:
+    """The draws, shared by all panels: axes of the corner, quantities with a prior, weights."""
+    from bokeh.models import ColumnDataSource
+
+    columns: dict[str, Any] = {f"axis {a.name}": a.values for a in axes}
+    for prior in priors:
+        columns |= {n: few[n].to_numpy(dtype=float) for n in prior.data["columns"]}
+    columns["opacity"] = np.full(len(few), 0.5)
+    return ColumnDataSource(columns, name="draws")
+
+
+def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, list[Any]]:
+    """Panels of pairs to brush and histograms, and the sources of the histograms."""
+    from bokeh.layouts import gridplot
+    from bokeh.models import BoxSelectTool, ColumnDataSource, Range1d
+    from bokeh.plotting import figure
+
+    ranges = [Range1d(a.span.low, a.span.high) for a in axes]
+    kinds = ["log" if a.span.log else "linear" for a in axes]
+    grid: list[list[Any]] = []
+    histograms = []
+    for i, up in enumerate(axes):
+        row: list[Any] = []
+        for j in range(i + 1):
+            alone = j == i
+            panel = figure(
+                width=PANEL + (55 if j == 0 else 0),
+                height=PANEL + (45 if i == len(axes) - 1 else 0),
+                x_range=ranges[j],
+                x_axis_type=kinds[j],
+                y_axis_type="linear" if alone else kinds[i],
+                tools=[] if alone else [BoxSelectTool()],
+                min_border=2,
+            )
+            if alone:
+                histograms.append(_histogram(panel, up, hues["selected"], ColumnDataSource))
+            else:
+                panel.y_range = ranges[i]
+                panel.scatter(
+                    f"axis {axes[j].name}",
+                    f"axis {up.name}",
+                    source=source,
+                    size=3,
+                    line_color=None,
+                    fill_color="#4a525c",
+                    fill_alpha="opacity",
+                    selection_fill_color=hues["selected"],
+                    selection_fill_alpha=0.9,
+                    nonselection_fill_alpha=0.1,
+                )
+            _label(panel.xaxis[0], axes[j], shown=i == len(axes) - 1)
+            _label(panel.yaxis[0], up, shown=j == 0 and not alone)
+            row.append(panel)
+        grid.append(row + [None] * (len(axes) - 1 - i))
+    return gridplot(grid, toolbar_location="right", merge_tools=True), histograms
+
+
+def _label(axis: Any, quantity: Axis, *, shown: bool) -> None:
+    axis.visible = shown
+    axis.axis_label = f"{quantity.name} ({quantity.unit})" if quantity.unit else quantity.name
+    axis.axis_label_text_font_size, axis.major_label_text_font_size = "11px", "10px"
+    axis.axis_label_text_font_style = "normal"
+    axis.ticker.desired_num_ticks = 3
+    axis.ticker.num_minor_ticks = 0
+
+
+def _histogram(panel: Any, axis: Axis, hue: str, source_type: Any) -> Any:
+    """All draws as a line, the selected ones as bars; the source of both."""
+    edges = axis.span.back(np.linspace(0.0, 1.0, BINS + 1))
+    counts = np.histogram(axis.values, edges)[0] / len(axis.values)
+    source = source_type(
+        {"left": edges[:-1], "right": edges[1:], "all": counts, "selected": counts}
+    )
+    panel.quad(left="left", right="right", top="selected", bottom=0, source=source, color=hue)
+    outline = {"fill_alpha": 0, "line_width": 0.7, "line_color": "#4a525c"}
+    panel.quad(left="left", right="right", top="all", bottom=0, source=source, **outline)
+    panel.grid.visible = False
+    return source
+
+
+# --- the curves ----------------------------------------------------------------------------------
+
+Curve = tuple[Any, str, float]
+"""Source of a band, the column of its loads among the draws, and the factor of its residuals."""
+
+
+def _curve_panels(
+    posterior: Posterior, few: pd.DataFrame, source: Any, hues: dict[str, str]
+) -> tuple[Any, list[Curve]]:
+    """Loads of each protocol, and below what is left over the median of all draws."""
+    from bokeh.layouts import gridplot
+
+    specimen = posterior.specimen
+    count = shown_protocols(specimen, PAGE_MM)
+    drawn = curves_of_draws(
+        specimen, few, settings=posterior.settings, max_rows=min(MOST_STATES, STATES // count)
+    )[:count]
+    tables = [_table(curves) for curves in drawn]
+    factor, finer = residual_unit(pd.concat(tables), specimen.unit)
+    curves: list[Curve] = []
+    panels: list[list[Any]] = []
+    for p, (protocol, table) in enumerate(zip(drawn, tables, strict=True)):
+        test = {str(axis): part for axis, part in table.groupby("direction")}
+        places, label = abscissa(test)
+        load, residual = _two_panels(cut(protocol.protocol, 60), label)
+        load.yaxis.axis_label = LOADS[specimen.stress_pair].replace("\n", " ")
+        residual.yaxis.axis_label = f"less median ({finer})"
+        for k, axis in enumerate("xy"):
+            order = np.argsort(places[axis], kind="stable")
+            column = f"load {p} {axis}"
+            source.data[column] = protocol.load[:, order, k].astype(np.float32)
+            band = _band(places[axis][order], protocol.load[:, order, k], factor)
+            measured = protocol.measured[order, k]
+            _draw_curve((load, residual), band, measured, hues[axis], axis, factor)
+            curves.append((band, column, factor))
+        panels += [[load], [residual]]
+    return gridplot(panels, toolbar_location=None, sizing_mode="stretch_width"), curves
+
+
+def _table(curves: DrawnCurves) -> pd.DataFrame:
+    """Both directions of a protocol, one below the other, with the median of all draws."""
+    parts = [
+        pd.DataFrame(
             {
-                "name": name,
-                "unit": text.unit,
-                "columns": [q.name for q in states],
-                "low": axis.low,
-                "high": axis.high,
-                "log": axis.log,
-                "ratio": parameter.logarithmic and bool((values > 0.0).all()),
+                "direction": axis,
+                "row": curves.rows,
+                "stretch": curves.stretch[:, k],
+                "measured": curves.measured[:, k],
+                "median": np.median(curves.load[:, :, k], axis=0),
             }
         )
-    return shown, data
+        for k, axis in enumerate("xy")
+    ]
+    return pd.concat(parts, ignore_index=True)
 
 
-def _priors(
-    posterior: Posterior, draws: pd.DataFrame
-) -> tuple[list[PriorControl], list[dict[str, Any]]]:
-    """Priors of what varies; equal ones of mounting stretches are one."""
+def _two_panels(title: str, label: str) -> tuple[Any, Any]:
+    from bokeh.models import PlainText, Title
+    from bokeh.plotting import figure
+
+    load = figure(width=CURVE, height=230, tools=[], title=Title(text=PlainText(title)))
+    residual = figure(width=CURVE, height=150, tools=[], x_range=load.x_range)
+    load.xaxis.visible = False
+    residual.xaxis.axis_label = label
+    for panel in (load, residual):
+        panel.axis.axis_label_text_font_style = "normal"
+        panel.min_border_left = 70
+    return load, residual
+
+
+def _band(x: np.ndarray, loads: np.ndarray, factor: float) -> Any:
+    from bokeh.models import ColumnDataSource
+
+    low, median, high = np.quantile(loads, [tails(CONTENT)[0], 0.5, tails(CONTENT)[1]], axis=0)
+    band = {"x": x, "all": median, "low": low, "median": median, "high": high}
+    band |= {f"{n}_residual": factor * (band[n] - median) for n in ("low", "median", "high")}
+    return ColumnDataSource(band)
+
+
+def _draw_curve(
+    panels: tuple[Any, Any], band: Any, measured: np.ndarray, hue: str, axis: str, factor: float
+) -> None:
+    """Band, median and readings of one direction as loads and as residuals."""
+    x, median = band.data["x"], band.data["all"]
+    readings = (measured, factor * (measured - median))
+    for panel, tail, y in zip(panels, ("", "_residual"), readings, strict=True):
+        panel.varea("x", f"low{tail}", f"high{tail}", source=band, color=hue, alpha=CREDIBLE)
+        panel.line("x", f"median{tail}", source=band, color=hue)
+        marker = "circle" if axis == "x" else "square"
+        panel.scatter(x, y, marker=marker, size=4, line_color=hue, fill_color="white")
+    panels[0].line("x", "all", source=band, color="black", line_dash="dashed", line_width=0.8)
+
+
+# --- other priors --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PriorControl:
+    """A prior that the page lets one change.
+
+    Attributes
+    ----------
+    symbol : Markup
+        Of the quantities that have it.
+    words, of_run : str
+        What they are, and the prior of the run in words.
+    numbers : list of str
+        What its two numbers are called.
+    data : dict
+        For the script: columns, unit, family and the two numbers of the run.
+    """
+
+    symbol: Markup
+    words: str
+    of_run: str
+    numbers: list[str]
+    data: dict[str, Any]
+
+
+def _prior_controls(posterior: Posterior, draws: pd.DataFrame) -> list[PriorControl]:
+    """Priors of what varies; equal ones of mounting stretches are one, and come first."""
     groups: dict[tuple[Any, ...], list[Quantity]] = {}
     for name, prior in posterior.priors.items():
         if isinstance(prior, Prior) and name in draws and np.ptp(draws[name]) > 0.0:
             q = posterior.quantities[name]
-            mounted = q.parameter.kind == STRETCH
-            groups.setdefault((prior, "" if mounted else name), []).append(q)
-    controls, data = [], []
-    ranked = sorted(groups.items(), key=lambda g: g[1][0].parameter.kind != STRETCH)
-    for (prior, _), members in ranked:  # the mounting stretches first: they are what one asks about
-        symbols = list(dict.fromkeys(as_html(Quantity(q.parameter)) for q in members))
-        words = list(dict.fromkeys(q.parameter.words for q in members))
-        first = members[0].parameter
+            shared = "" if q.parameter.kind == STRETCH else name
+            groups.setdefault((prior, shared), []).append(q)
+    controls = []
+    for (prior, _), members in sorted(
+        groups.items(), key=lambda g: g[1][0].parameter.kind != STRETCH
+    ):
+        flat = prior.family in ("uniform", "loguniform")
         controls.append(
             PriorControl(
-                Markup(", ").join(symbols),
-                " and ".join(words),
+                Markup(", ").join(dict.fromkeys(as_html(Quantity(q.parameter)) for q in members)),
+                " and ".join(dict.fromkeys(q.parameter.words for q in members)),
                 prior_in_words(prior.as_table(), members[0].unit),
                 [PRIOR_NUMBERS.get(k, k) for k in FAMILIES[prior.family]],
+                {
+                    "columns": [q.name for q in members],
+                    "unit": members[0].parameter.unit_symbol(members[0].load_unit),
+                    "family": prior.family,
+                    "run": [prior.low, prior.high] if flat else [prior.location, prior.scale],
+                },
             )
         )
-        flat = prior.family in ("uniform", "loguniform")
-        data.append(
-            {
-                "columns": [q.name for q in members],
-                "unit": first.unit_symbol(members[0].load_unit),
-                "family": prior.family,
-                "stated": [prior.low, prior.high] if flat else [prior.location, prior.scale],
-            }
-        )
-    return controls, data
-
-
-KINDS = ("load", "cauchy")
-"""What the curves are: loads as measured, or Cauchy stress."""
-
-
-def _curves(posterior: Posterior, draws: pd.DataFrame) -> dict[str, Any]:
-    """Loads of every draw at measured states, and what makes Cauchy stresses of them."""
-    specimen, shown = posterior.specimen, len(_shown(posterior))
-    found = curves_of_draws(
-        specimen, draws, settings=posterior.settings, max_rows=_most_states(posterior)
-    )[:shown]
-    cauchy_file = specimen.stress_pair == "cauchy"
-    tables: dict[str, list[pd.DataFrame]] = {kind: [] for kind in KINDS}
-    protocols, loads = [], []
-    for curves in found:
-        nominal = curves.stretch if cauchy_file else np.ones_like(curves.stretch)
-        # s = l g (f - o); g and o of one draw, the median of all
-        g, o = np.median(curves.kPa_per_load, axis=0), np.median(curves.offset, axis=0)
-        median = np.median(curves.load, axis=0)
-        for kind in KINDS:
-            moved = [
-                v if kind == "load" else curves.stretch * g * (v / nominal - o)
-                for v in (median, curves.measured)
-            ]
-            tables[kind].append(_table(curves, *moved))
-        test = {str(a): part for a, part in tables["load"][-1].groupby("direction")}
-        places, label = abscissa(test)
-        order = {a: np.argsort(x, kind="stable") for a, x in places.items()}
-        loads += [curves.load[:, order[a], k].T.ravel() for k, a in enumerate("xy")]
-        protocols.append(
-            {
-                "name": curves.protocol,
-                "label": label,
-                "axes": [
-                    {
-                        "rows": curves.rows[order[a]].tolist(),
-                        "place": places[a][order[a]].tolist(),
-                        "stretch": curves.stretch[order[a], k].tolist(),
-                        "measured": curves.measured[order[a], k].tolist(),
-                        "kPa_per_load": _packed(curves.kPa_per_load[:, k], "<f8"),
-                        "offset": _packed(curves.offset[:, k], "<f8")
-                        if curves.offset.any()
-                        else "",
-                    }
-                    for k, a in enumerate("xy")
-                ],
-            }
-        )
-    units = {"load": specimen.unit, "cauchy": "kPa"}
-    finer = {kind: residual_unit(pd.concat(tables[kind]), units[kind]) for kind in KINDS}
-    return {
-        "protocols": protocols,
-        "loads": _packed(np.concatenate(loads), "<f4"),
-        "cauchyFile": cauchy_file,
-        "names": {
-            "load": LOADS[specimen.stress_pair].replace("\n", " "),
-            "cauchy": LOADS["cauchy"],
-        },
-        "residuals": {kind: {"factor": f, "unit": unit} for kind, (f, unit) in finer.items()},
-    }
-
-
-def _table(curves: DrawnCurves, median: np.ndarray, measured: np.ndarray) -> pd.DataFrame:
-    """Both directions of a protocol, one below the other."""
-    columns: Sequence[dict[str, Any]] = [
-        {
-            "direction": axis,
-            "row": curves.rows,
-            "stretch": curves.stretch[:, k],
-            "measured": measured[:, k],
-            "median": median[:, k],
-        }
-        for k, axis in enumerate("xy")
-    ]
-    return pd.concat([pd.DataFrame(c) for c in columns], ignore_index=True)
-
-
-def _packed(values: np.ndarray, kind: str) -> str:
-    """Numbers as the bytes of a typed array, in base64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
-
-
-# --- the scripts of the page ---------------------------------------------------------------------
-
-
-@cache
-def _library() -> str:
-    """BokehJS from the installed package, which is not imported: that takes a second."""
-    found = importlib.util.find_spec("bokeh")
-    if found is None or found.origin is None:
-        raise InputError("the page to explore needs bokeh", remedy="pip install bokeh")
-    folder = Path(found.origin).parent / "server" / "static" / "js"
-    return _inline("".join(_read(folder / f"{n}.min.js") for n in ("bokeh", "bokeh-api")))
-
-
-@cache
-def _script() -> str:
-    """The page's own script: its numbers, then what it shows."""
-    here = Path(__file__).parent
-    return _inline("".join(_read(here / f"{n}.js") for n in ("explore_numbers", "explore")))
-
-
-def _read(path: Path) -> str:
-    return path.read_text(encoding="utf-8").replace("\r\n", "\n") + "\n"
-
-
-def _inline(text: str) -> str:
-    """A script that a page can hold: nothing in it may end the element."""
-    if "</script" in text.lower() or "<!--" in text:
-        raise InputError(
-            "this version of bokeh cannot be put into a page", remedy="install another"
-        )
-    return f"\n{text}"
-
-
-def _hash(script: str) -> str:
-    """What a Content-Security-Policy knows a script by."""
-    digest = hashlib.sha256(script.encode()).digest()
-    return f"sha256-{base64.b64encode(digest).decode('ascii')}"
+    return controls

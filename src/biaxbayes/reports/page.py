@@ -29,31 +29,14 @@ from biaxbayes.reports.words import (
     GLOSSARY,
     as_html,
     as_latex,
-    as_markdown,
     cut,
     latex_text,
-    markdown_text,
 )
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
     from jinja2 import Template
-
-__all__ = [
-    "EXPLORE",
-    "NAME",
-    "STATED",
-    "TEMPLATE",
-    "Picture",
-    "embedded",
-    "latex_table",
-    "markdown_table",
-    "page_template",
-    "pictures",
-    "report_page",
-    "write_report",
-]
 
 # --- the templates of the pages; text that is put into them is escaped ---------------------------
 
@@ -235,34 +218,10 @@ def _misfit(run: Run) -> dict[str, Any]:
     }
 
 
-# --- the parameter table of a run for a paper: Markdown or LaTeX ---------------------------------
+# --- the parameter table of a run for a paper, as LaTeX ------------------------------------------
 
 STATED = "stated of the tissue"
 """Head of what is stated of a mounting stretch."""
-
-
-def markdown_table(run: Run) -> str:
-    """Table, paths that the model misses, verdicts and methods paragraph as Markdown."""
-    rows = parameter_rows(run)
-    more = any(row.stated for row in rows)
-    lines = [
-        f"# {markdown_text(run.specimen.name)}",
-        "",
-        markdown_text(" ".join(state_words(run)).strip(), 500),
-        "",
-        *_missed_markdown(run),
-        f"| parameter | unit | median | 90 % interval |{f' {STATED} |' if more else ''} verdict |",
-        f"|---|---|--:|--:|{'---|' if more else ''}---|",
-    ]
-    for row in rows:
-        stated = (row.stated,) if more else ()
-        cells = (as_markdown(row.name), row.unit, row.median, row.interval, *stated, row.verdict)
-        lines.append(f"| {' | '.join(cells)} |")
-    words = [f"- {as_markdown(r.name)}: {markdown_text(r.words, 500)}" for r in rows if r.words]
-    if words:
-        lines += ["", "## Verdicts", "", *words]
-    lines += ["", "## Methods", "", markdown_text(methods(run, rows), 20_000), ""]
-    return "\n".join(lines)
 
 
 def latex_table(run: Run) -> str:
@@ -299,18 +258,6 @@ def latex_table(run: Run) -> str:
             "",
         ]
     )
-
-
-def _missed_markdown(run: Run) -> list[str]:
-    missed = missed_paths(run)
-    if not missed:
-        return []
-    return [
-        "**The model misses some paths.**",
-        "",
-        *(f"- {markdown_text(text, 500)}" for text in missed),
-        "",
-    ]
 
 
 def _latex_row(row: Row, *, stated: bool) -> str:

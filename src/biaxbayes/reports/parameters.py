@@ -14,7 +14,7 @@ import pandas as pd
 from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.determined import MEASURED, determined, mounting_stated
 from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
-from biaxbayes.parameters import MATERIAL, STRETCH, Quantity
+from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantity
 from biaxbayes.reports.words import cut
 from biaxbayes.runs.run import Run
 from biaxbayes.text_files import read_csv
@@ -104,13 +104,11 @@ def parameter_rows(run: Run) -> list[Row]:
         quantity = run.quantities[name]
         p = quantity.parameter
         q05, q50, q95 = (float(record[k]) for k in ("q05", "q50", "q95"))
-        wide = p.logarithmic and q05 > 0.0 and q95 / q05 > WIDE
-        write = _stretch if p.kind == STRETCH else partial(number, log=wide)
         verdict, words, ends = verdicts.get(name, ("", "", None))
         refits = verdict == NOT_IDENTIFIED and ends is not None
         if refits and ends is not None:
             q05, q95 = ends
-        median, low, high = (DASH if math.isnan(v) else write(v, q05, q95) for v in (q50, q05, q95))
+        low, median, high = interval_numbers(p, q05, q50, q95)
         ess = min(float(record["ess_bulk"]), float(record["ess_tail"]))
         rhat = float(record["rhat"])
         rows.append(
@@ -128,6 +126,13 @@ def parameter_rows(run: Run) -> list[Row]:
             )
         )
     return rows
+
+
+def interval_numbers(p: Parameter, low: float, median: float, high: float) -> tuple[str, ...]:
+    """Lower end, median and upper end of an interval as text, a dash for NaN."""
+    log = p.logarithmic and low > 0.0 and high / low > WIDE
+    write = _stretch if p.kind == STRETCH else partial(number, log=log)
+    return tuple(DASH if math.isnan(v) else write(v, low, high) for v in (low, median, high))
 
 
 def _stretch(value: float, low: float, high: float) -> str:

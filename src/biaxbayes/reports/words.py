@@ -2,33 +2,13 @@
 
 from __future__ import annotations
 
-import re
-
 from markupsafe import Markup, escape
 
 from biaxbayes.options import FIT_WORDS
 from biaxbayes.parameters import Quantity
 from biaxbayes.text_files import one_line
 
-__all__ = [
-    "GLOSSARY",
-    "NATS",
-    "SEVERAL",
-    "VERDICT_TERMS",
-    "as_html",
-    "as_latex",
-    "as_markdown",
-    "chosen_terms",
-    "counted",
-    "cut",
-    "derived_words",
-    "fit_terms",
-    "latex_text",
-    "markdown_text",
-]
-
-
-# --- names on a page, in Markdown and in LaTeX; text from files made safe ------------------------
+# --- names on a page and in LaTeX; text from files made safe ------------------------
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -92,20 +72,9 @@ def as_latex(quantity: Quantity) -> str:
     return f"{symbol} {latex_text(quantity.state, 40)}".strip()
 
 
-def as_markdown(name: str) -> str:
-    """Name of a quantity as Markdown."""
-    return markdown_text(name, 80)
-
-
 def latex_text(text: object, length: int = 120) -> str:
     """Text from a file that LaTeX prints as it stands."""
     return "".join(_LATEX.get(c, c) for c in cut(text, length))
-
-
-def markdown_text(text: object, length: int = 120) -> str:
-    """Text from a file that Markdown, or the HTML made of it, prints as it stands."""
-    escaped = re.sub(r"([\\`*_{}\[\]()#+!|~$])", r"\\\1", cut(text, length))
-    return escaped.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 # --- the words of a report, each in half a line, for somebody who is no statistician -------------
