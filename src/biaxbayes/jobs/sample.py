@@ -19,10 +19,12 @@ from biaxbayes.jobs.opening import (
     removal_told,
 )
 from biaxbayes.laws import law_named
+from biaxbayes.model.conflicts import bracket_findings
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, documented
+from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.archive import draw_table, write_archive
@@ -142,6 +144,11 @@ class Sampling:
             if draws.interrupted:
                 raise self._interruption(draws, stop())
             tell(Progress("sampling", 1.0))
+            stretches = posterior.quantities.of_kind(STRETCH)
+            drawn = {q.name: draws.quantities[q.name] for q in stretches}
+            for finding in bracket_findings(drawn):
+                self.findings = (*self.findings, finding)
+                tell(Progress("sampling", note=str(finding)))
             tell(Progress("writing"))
             if state is None:
                 draws.seconds["fit"] += fit_seconds

@@ -88,8 +88,9 @@ def sections(area, edge_x, edge_y, thickness):
 
 # --- the mounted state ---------------------------------------------------------------------------
 
-BRACKET = (0.5, 2.0)
-"""Mounting stretches are looked for between these; outside there is no root."""
+BRACKET = (0.3, 4.0)
+"""Mounting stretches are looked for between these; outside there is no root. Wider than any soft
+tissue is mounted, so that a prior that is stated wide is not cut."""
 
 LOG_LOW, LOG_HIGH = float(np.log(BRACKET[0])), float(np.log(BRACKET[1]))
 MAX_STEPS = 40

@@ -54,7 +54,7 @@ __all__ = [
 MMHG_PER_KPA = 7.500616827
 """Millimetres of mercury per kPa (1 mmHg = 133.322 Pa)."""
 
-GRID = 400  # states at which a crossing is looked for, equally spaced in log stretch
+GRID = 750  # states at which a crossing is looked for, equally spaced in log stretch
 MAX_STEPS = 80
 TOLERANCE = 1e-13  # of the stretch
 
@@ -173,7 +173,7 @@ def inflation_stretch(
     Returns
     -------
     ndarray, shape (n, m)
-        NaN where no equilibrium lies inside the bracket of stretches 0.5 to 2.
+        NaN where no equilibrium lies inside :data:`BRACKET`.
     """
     offset = np.atleast_1d(np.asarray(piola_offset_kPa, dtype=float))[:, None]
     target = np.atleast_1d(np.asarray(pressure_kPa, dtype=float))
@@ -319,7 +319,7 @@ def predict_diameter(
     DataFrame
         ``pressure_kPa``, ``pressure_mmHg``, bands of ``circumferential_stretch`` and of
         ``outer_diameter_mm``, ``share_without_equilibrium`` (draws that have no state inside
-        stretches of 0.5 to 2; they are left out of the bands), ``extrapolation`` (of the
+        stretches of 0.3 to 4; they are left out of the bands), ``extrapolation`` (of the
         median).
     """
     pressure = np.atleast_1d(np.asarray(pressure_kPa, dtype=float))
