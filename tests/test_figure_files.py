@@ -1,22 +1,17 @@
-"""What makes figures quick to draw changes neither how they look nor the bytes of their files."""
+"""Labels and marks of figures are where matplotlib puts them, and files depend on nothing else."""
 
-import io
 import subprocess
 import sys
 
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from PIL import Image
 
 from biaxbayes.figures import style
-from biaxbayes.figures.canvas import canvas, letters_alone
 from biaxbayes.figures.labels import few_ticks
 from biaxbayes.figures.run import corner
 from biaxbayes.figures.run.trace import trace_figure
-from biaxbayes.figures.style import figure_bytes, print_style
+from biaxbayes.figures.style import figure_bytes
 
 RANDOM = np.random.default_rng(3)
 DRAWS = pd.DataFrame(
@@ -63,30 +58,6 @@ def test_marks_of_panels_within_are_ticks(monkeypatch, settings):
     monkeypatch.setattr(corner, "repeat_ticks", ticks)
     figure = corner.corner_figure(DRAWS, style=settings)
     assert figure_bytes(figure, "png", settings) == with_marks
-
-
-def test_pictures_are_those_of_matplotlib():
-    figure, out = corner.corner_figure(DRAWS), io.BytesIO()
-    with print_style():
-        FigureCanvasAgg(figure).print_figure(out, format="png")
-    with Image.open(out) as image:
-        drawn = np.asarray(image.convert("RGB"))
-    canvas()(figure)
-    with Image.open(io.BytesIO(figure_bytes(figure, "png"))) as image:
-        assert image.mode == "RGB" and np.array_equal(np.asarray(image), drawn)
-        assert tuple(round(dpi) for dpi in image.info["dpi"]) == (300, 300)
-    see_through = figure_bytes(figure, "png", {"savefig.transparent": True})
-    with Image.open(io.BytesIO(see_through)) as image:
-        assert image.mode == "RGBA"
-
-
-def test_pages_are_those_of_matplotlib():
-    figure, out = corner.corner_figure(DRAWS), io.BytesIO()
-    FigureCanvasPdf(figure)
-    with print_style(), letters_alone():
-        figure.savefig(out, format="pdf", metadata={"CreationDate": None})
-    canvas()(figure)
-    assert figure_bytes(figure, "pdf") == out.getvalue()
 
 
 SMALL = """

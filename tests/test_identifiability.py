@@ -310,6 +310,15 @@ def test_power_scaling_moves_a_normal_as_theory_says():
     assert found == pytest.approx(expected / np.log2(a), rel=0.02)
 
 
+def test_power_scaling_is_that_of_arviz():
+    array_stats = pytest.importorskip("arviz_stats.base").array_stats
+    x = np.random.default_rng(4).gamma(2.0, size=3000)
+    centred = np.log(x) - np.log(x).mean()
+    weights = [np.exp((power - 1.0) * centred) for power in (0.99, 1.01)]
+    theirs = array_stats.power_scale_sense(x[None], *[w[None] for w in weights], 0.99, 1.01)
+    assert sensitivity(x[:, None], np.log(x))[0] == pytest.approx(theirs, rel=1e-6)
+
+
 def test_an_end_that_the_prior_decides_is_named():
     """Draws of prior times likelihood, both normal, and of a prior that the data cut from below."""
     z = norm.ppf((np.arange(20_000) + 0.5) / 20_000)

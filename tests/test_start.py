@@ -58,48 +58,6 @@ def test_a_run_imports_nothing_that_it_does_not_use(room):
     assert not found & {"distributed", "emcee", "sklearn", "arviz", "arviz_stats", "xarray"}
 
 
-@pytest.mark.long
-def test_a_corner_is_drawn_without_arviz_which_who_imports_corner_later_gets():
-    """ArviZ takes longer to import than a run takes to sample."""
-    code = "from biaxbayes.lean_imports import corner_package\nassert corner_package().corner\n"
-    found = imported(code)
-    assert "matplotlib" in found and not found & {"arviz", "corner", "matplotlib.pyplot"}
-    whole = imported(code + "import corner\nassert corner.corner is not corner_package().corner")
-    assert "corner" in whole and "corner.arviz_corner" in whole
-
-
-def test_statistics_of_arrays_come_without_xarray_which_who_imports_arviz_later_gets():
-    code = "from biaxbayes.lean_imports import array_stats\nassert array_stats.rhat\n"
-    found = imported(code)
-    assert not found & {"arviz_stats", "xarray", "scipy.stats", "scipy.signal", "scipy.interpolate"}
-    whole = imported(code + "import arviz_stats")
-    assert {"arviz_stats", "xarray"} <= whole
-    kept = imported("import xarray\n" + code)  # nothing is hidden from who has it
-    assert {"arviz_stats", "xarray"} <= kept
-
-
-def test_what_statistics_of_arrays_wait_for_comes_once_it_is_asked_for():
-    code = (
-        "import sys, numpy\nfrom biaxbayes.lean_imports import array_stats\n"
-        "x = numpy.random.default_rng(0).normal(size=(4, 101))\n"
-        "def told(a):\n"
-        "    return a.rhat(x, method='split'), a.rhat(x), a.ess(x), a.kde(x[0])[1].tolist()\n"
-        "assert array_stats.rhat(x, method='split') < 1.1 and 'scipy.stats' not in sys.modules\n"
-        "waited = told(array_stats)\nfrom arviz_stats.base import array_stats as whole\n"
-        "assert whole is not array_stats and told(whole) == waited\n"
-    )
-    assert {"scipy.stats", "scipy.signal"} <= imported(code)
-
-
-def test_what_another_thread_may_import_is_not_hidden():
-    code = (
-        "import threading\ndone = threading.Event()\n"
-        "threading.Thread(target=done.wait, daemon=True).start()\n"
-        "from biaxbayes.lean_imports import array_stats\ndone.set()"
-    )
-    assert "xarray" in imported(code)
-
-
 def test_the_package_runs_as_a_module():
     done = subprocess.run(
         [sys.executable, "-m", "biaxbayes", "--version"], capture_output=True, text=True, check=True

@@ -192,8 +192,8 @@ def compared(
     folder: Path, theirs: dict[str, tuple[str, dict[str, str], np.ndarray]]
 ) -> list[dict[str, Any]]:
     """Means and sds of both, and their differences in Monte Carlo errors."""
+    import arviz
     import xarray as xr
-    from arviz_stats.base import array_stats
 
     ours = xr.open_datatree(folder / "population" / "population.nc", engine="h5netcdf").load()
     record = json.loads((folder / "population" / "population.json").read_text())
@@ -207,7 +207,7 @@ def compared(
         # of the sd: what the squared deviations are worth
         squares = _effective((shaped - own.mean()) ** 2, (other - other.mean()) ** 2)
         of_sd = (_error_of_sd(x, e) for x, e in zip((own, other), squares, strict=True))
-        row: dict[str, Any] = {"quantity": label, "ess": ess, "rhat": array_stats.rhat(other)}
+        row: dict[str, Any] = {"quantity": label, "ess": ess, "rhat": arviz.rhat(np.asarray(other))}
         row |= {"mean": [own.mean(), other.mean()], "sd": [own.std(), other.std()]}
         row["z_mean"] = (own.mean() - other.mean()) / math.hypot(*errors)
         row["z_sd"] = (own.std() - other.std()) / math.hypot(*of_sd)
@@ -218,11 +218,11 @@ def compared(
 
 def _effective(own: np.ndarray, other: np.ndarray) -> list[float]:
     """Effective draws for the means of ours (ensembles, steps, walkers) and theirs."""
-    from arviz_stats.base import array_stats
+    import arviz
 
     from biaxbayes.sampling.convergence import effective_sample_size
 
-    theirs = float(array_stats.ess(other, method="mean"))
+    theirs = float(arviz.ess(np.asarray(other), method="mean"))
     return [effective_sample_size(own), min(theirs, other.size)]
 
 

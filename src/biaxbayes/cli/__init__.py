@@ -6,12 +6,10 @@ Nothing heavy is imported here; a verb's module is imported when the verb is cal
 
 from __future__ import annotations
 
-import atexit
 import contextlib
-import gc
 import os
 import sys
-from collections.abc import Iterator
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -103,28 +101,14 @@ def main(arguments: list[str] | None = None) -> None:
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     # Matrices are small: with two threads `sample` takes an eighth more processor time, and longer.
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported
+    # What ArviZ 0.23 says once a day about ArviZ 1.
+    warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     try:
-        with _seldom_collected():
-            sys.exit(_outcome(arguments))
+        sys.exit(_outcome(arguments))
     except BrokenPipeError:
         # Whoever read the output has gone; nothing may be flushed into it on the way out.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
-
-
-@contextlib.contextmanager
-def _seldom_collected() -> Iterator[None]:
-    """Look for garbage seldom: imports make none, and to look through them takes a sixth more.
-
-    At the end of the process nobody looks: that would take a third of a second.
-    """
-    atexit.register(gc.freeze)
-    before = gc.get_threshold()
-    gc.set_threshold(10_000, 20, 100)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
 
 
 def _outcome(arguments: list[str] | None) -> int:

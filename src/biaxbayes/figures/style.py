@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
-from biaxbayes.executors.memory import own_garbage
-from biaxbayes.figures.canvas import canvas
 from biaxbayes.options import PICTURES
 from biaxbayes.text_files import atomic_write_bytes
 
@@ -203,10 +201,7 @@ def font_points(setting: str) -> float:
 
 
 def blank_figure(width: float, height: float, room: Any = None) -> Figure:
-    """An empty figure that measures its texts once.
-
-    Without a canvas of its own a figure makes a new renderer for every box that is asked for, and
-    each of them measures all texts again.
+    """An empty figure on an Agg canvas, which asks for no backend and no window.
 
     Parameters
     ----------
@@ -215,10 +210,11 @@ def blank_figure(width: float, height: float, room: Any = None) -> Figure:
     room : layout engine or str, optional
         As the ``layout`` of :class:`matplotlib.figure.Figure`.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure((width, height), layout=room)
-    canvas()(figure)
+    FigureCanvasAgg(figure)
     return figure
 
 
@@ -296,7 +292,7 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
     """
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    with print_style(style), warnings.catch_warnings(), own_garbage():
+    with print_style(style), warnings.catch_warnings():
         # Characters that the font lacks are drawn as boxes; that is no error.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
         figure.savefig(out, format=suffix, metadata=undated.get(suffix))

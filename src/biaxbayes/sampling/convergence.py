@@ -1,21 +1,19 @@
 """Whether the draws can be trusted.
 
-Ensembles, not walkers, are independent: R-hat compares ensembles (each cut into an early and a
-late half). The autocorrelation is averaged over the walkers of an ensemble around the mean of
-all ensembles, so that ensembles that disagree lower the effective sample size.
-Rank normalisation and tail indicators follow Vehtari et al., Bayesian Analysis 16 (2021) 667;
-R-hat is ArviZ's.
+R-hat and effective sample sizes are those of ArviZ (Vehtari et al., Bayesian Analysis 16 (2021)
+667). Ensembles, not walkers, are independent: for R-hat an ensemble is a chain, its early steps
+first, so that early and late halves of ensembles are compared. For effective sizes each walker is
+a chain, so that autocorrelation is that of a walker.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import pandas as pd
-from scipy.special import ndtri
 
-__all__ = ["Convergence", "assess", "effective_sample_size", "rank_normalised", "split_rhat"]
+__all__ = ["Convergence", "assess", "autocorrelation_time", "effective_sample_size", "split_rhat"]
 
 RHAT_LIMIT = 1.01
 TENTATIVE_RHAT = 1.05
@@ -23,76 +21,48 @@ TENTATIVE_RHAT = 1.05
 MIN_STEPS_PER_TAU = 25.0
 """A chain shorter than this many autocorrelation times cannot measure the time itself."""
 TENTATIVE_ESS = 100.0
+TENTATIVE_STEPS_PER_TAU = 2.0
+"""Below these nothing is shown: walkers that never move count as many independent draws."""
 LONGEST_HOLD = 1.0 / 3.0
 """Share of the run that no walker may stand still for: one that does never left its start."""
 
 
-def rank_normalised(draws: np.ndarray) -> np.ndarray:
-    """Normal scores of the pooled ranks, same shape."""
-    ranks = pd.Series(draws.ravel()).rank().to_numpy()
-    return ndtri((ranks - 0.375) / (ranks.size + 0.25)).reshape(draws.shape)
-
-
 def split_rhat(draws: np.ndarray) -> float:
-    """Split R-hat of draws of shape (ensembles, steps, walkers).
+    """Rank-normalised split R-hat of draws of shape (ensembles, steps, walkers).
 
-    The larger of the rank-normalised one and that of the folded draws, which sees scale. ArviZ's
-    own ranks would import all of SciPy's statistics.
     Infinite when the ensembles do not move, or have no two halves.
     """
-    from biaxbayes.lean_imports import array_stats  # imports ArviZ: a tenth of a second
+    import arviz  # takes a second or two
 
     ensembles, steps, _ = draws.shape
     if steps < 2:
         return float("inf")
-    # An ensemble is a chain, its early steps first, so that its halves are early and late steps.
-    chains = draws.reshape(ensembles, -1)
-    half = chains.shape[1] // 2
-    chains = np.hstack([chains[:, :half], chains[:, -half:]])
-    both = chains, np.abs(chains - np.median(chains))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return float(max(array_stats.rhat(rank_normalised(z), method="split") for z in both))
+        rhat = float(arviz.rhat(draws.reshape(ensembles, -1), method="rank"))
+    return rhat if np.isfinite(rhat) else float("inf")
+
+
+def effective_sample_size(draws: np.ndarray, **method: Any) -> float:
+    """Effective sample size of draws of shape (ensembles, steps, walkers).
+
+    Never more than the number of draws; that of the mean unless ``method`` and ``prob`` are given
+    as for :func:`arviz.ess`.
+    """
+    import arviz
+
+    ensembles, steps, walkers = draws.shape
+    if steps < 4 or not np.ptp(draws) > 0.0:
+        return 0.0
+    chains = draws.transpose(0, 2, 1).reshape(ensembles * walkers, steps)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = float(arviz.ess(chains, **{"method": "mean"} | method))
+    return min(size, float(draws.size)) if np.isfinite(size) else 0.0
 
 
 def autocorrelation_time(draws: np.ndarray) -> float:
-    """Integrated autocorrelation time in steps of draws of shape (ensembles, steps, walkers).
-
-    Geyer's initial monotone sequence on the autocorrelation averaged over all walkers, around
-    the common mean. ArviZ would take walkers for chains, cut them in halves and end the sequence
-    early: 10 % above to 20 % below the effective sizes of AR(1) walkers that are known, and
-    depending on the length of the chains; with ensembles for chains it sees no correlation at all.
-    """
-    ensembles, steps, walkers = draws.shape
-    z = draws - draws.mean()
-    size = 1 << (2 * steps - 1).bit_length()
-    power = np.zeros(size // 2 + 1)
-    for e in range(ensembles):
-        spectrum = np.fft.rfft(z[e], size, axis=0)
-        power += (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
-    covariance = np.fft.irfft(power, size)[:steps] / (ensembles * walkers)
-    # Unbiased in the lag: n - t products make up the covariance at lag t.
-    covariance /= steps - np.arange(steps)
-    if covariance[0] <= 0.0:
-        return float("inf")
-    rho = covariance / covariance[0]
-    total, last = 0.0, np.inf
-    for lag in range(0, steps - 1, 2):
-        pair = rho[lag] + rho[lag + 1]
-        if pair <= 0.0:
-            break
-        last = min(last, pair)
-        total += last
-    return max(2.0 * total - 1.0, 1.0 / (ensembles * steps * walkers))
-
-
-def effective_sample_size(draws: np.ndarray) -> float:
-    """Effective sample size for the mean of draws of shape (ensembles, steps, walkers).
-
-    Never more than the number of draws.
-    """
-    if draws.shape[1] < 4 or not np.ptp(draws) > 0.0:
-        return 0.0
-    return float(min(draws.size / autocorrelation_time(draws), draws.size))
+    """Integrated autocorrelation time of the mean, in steps; at least 1."""
+    size = effective_sample_size(draws)
+    return draws.size / size if size > 0.0 else float("inf")
 
 
 def longest_hold(quantities: dict[str, np.ndarray]) -> int:
@@ -157,8 +127,8 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     -------
     Convergence
         ``converged``: R-hat below 1.01, ESS on target, chains longer than 25 autocorrelation
-        times and no walker that stood still for a third of them. ``tentative``: R-hat below 1.05
-        and ESS above 100. ``unusable`` otherwise.
+        times and no walker that stood still for a third of them. ``tentative``: R-hat below 1.05,
+        ESS above 100 and chains longer than two autocorrelation times. ``unusable`` otherwise.
     """
     moving = {
         name: draws
@@ -168,18 +138,11 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     bulk, tail, tau = [], [], []
     steps = 0
     for draws in moving.values():
-        z = rank_normalised(draws)
         steps = draws.shape[1]
-        time = autocorrelation_time(z) if steps >= 4 else float("inf")
-        low, high = np.quantile(draws, [0.05, 0.95])
-        tau.append(time)
-        bulk.append(min(draws.size / time, draws.size))
-        tail.append(
-            min(
-                effective_sample_size((draws <= low).astype(float)),
-                effective_sample_size((draws >= high).astype(float)),
-            )
-        )
+        size = effective_sample_size(draws, method="bulk")
+        bulk.append(size)
+        tail.append(effective_sample_size(draws, method="tail", prob=(0.05, 0.95)))
+        tau.append(draws.size / size if size > 0.0 else float("inf"))
     names, rhat = list(moving), np.array([split_rhat(draws) for draws in moving.values()])
     ess_bulk, ess_tail = np.array(bulk), np.array(tail)
     state, reason = _state(names, ess_bulk, ess_tail, rhat, np.array(tau), steps, target_ess)
@@ -215,4 +178,5 @@ def _state(
     else:
         reason = f"the effective sample size of {names[least]} is {ess[least]:.0f} of {target:.0f}"
     good = rhat[worst] < TENTATIVE_RHAT and ess[least] >= TENTATIVE_ESS
+    good = good and steps >= TENTATIVE_STEPS_PER_TAU * tau[slow]
     return ("tentative" if good else "unusable"), reason

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import Any
 
+import emcee
 import numpy as np
 
 from biaxbayes.executors.threads import one_blas_thread
-from biaxbayes.lean_imports import emcee
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import Proposal
 from biaxbayes.sampling.target import LogDensity

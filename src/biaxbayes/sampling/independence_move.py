@@ -20,10 +20,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import emcee
 import numpy as np
 from numba import njit
 
-from biaxbayes.lean_imports import emcee
 from biaxbayes.sampling.proposal import Proposal, fit_mixture_proposal
 
 __all__ = ["AdaptedIndependenceMove"]

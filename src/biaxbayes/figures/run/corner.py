@@ -36,7 +36,6 @@ from biaxbayes.identifiability.bounded_density import (
     interval,
     span,
 )
-from biaxbayes.lean_imports import corner_package
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import evenly_chosen
@@ -251,6 +250,8 @@ def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | N
 
     Panel by panel: corner has one width of smoothing for all pairs, and a ridge wants a narrow one.
     """
+    import corner  # takes a second or two: it imports ArviZ
+
     hue = colour(RUNS[run])
     paired: list[Moved | None] = []
     for i, up in enumerate(columns):
@@ -258,7 +259,7 @@ def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | N
         draws, axis = up.draws[run], up.own[run]
         if draws is None or axis is None:
             continue
-        corner_package().corner(
+        corner.corner(
             draws[:, None],
             fig=_Panel([grid[i, i]]),
             range=[(axis.low, axis.high)],

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from biaxbayes.identifiability.bounded_density import Span, robust_sd
-from biaxbayes.lean_imports import corner_package
 from biaxbayes.prediction.bands import evenly_chosen
 
 if TYPE_CHECKING:
@@ -65,6 +64,8 @@ def regions(ax: Axes, pair: Sequence[Moved], hue: str, *, filled: bool | None) -
         Three shaded regions, or the outline of the one that holds 90 %, or None: the region of
         50 % in that outline.
     """
+    import corner  # takes a second or two: it imports ArviZ
+
     axes, bins = [one.axis for one in pair], cells(pair)
     centres = [a.back((np.arange(n) + 0.5) / n) for a, n in zip(axes, bins, strict=True)]
     density, at_draws = _smooth([one.along for one in pair], bins)
@@ -72,7 +73,7 @@ def regions(ax: Axes, pair: Sequence[Moved], hue: str, *, filled: bool | None) -
     # corner counts the mass of the density; smoothing has spread that of the draws
     edges = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
     look["levels"] = [density[density >= edge].sum() / density.sum() for edge in edges]
-    corner_package().hist2d(
+    corner.hist2d(
         *(c.ravel() for c in np.meshgrid(*centres, indexing="ij")),
         weights=density.ravel(),
         ax=ax,

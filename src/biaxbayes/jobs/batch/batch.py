@@ -22,7 +22,8 @@ __all__ = ["WORKER_MODULES", "batch"]
 WORKER_MODULES = (
     "biaxbayes.sampling.ensembles",
     "biaxbayes.comparison.compare",
-    "biaxbayes.jobs.batch.ahead",
+    "arviz",
+    "corner",
     "biaxbayes.jobs.batch.tasks",
     "biaxbayes.jobs.sample",
     "biaxbayes.studies.rows",

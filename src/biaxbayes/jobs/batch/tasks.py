@@ -6,7 +6,6 @@ Nothing heavy is imported here before it is needed: to say again what is known t
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
 import socket
 import traceback
@@ -18,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import BiaxbayesError, CannotResume, InputError, Interrupted
-from biaxbayes.executors.memory import return_arrays, return_memory
 from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.runs.folder import READY
 from biaxbayes.runs.said import (
@@ -306,13 +304,8 @@ Task = SpecimenTask | LayerTask | FigureTask | WritingTask
 
 def work_on(task: Task) -> Any:
     """Do a task: of a specimen, the layers of a donor, the figure, or the files of the study."""
-    if multiprocessing.parent_process():
-        return_arrays()
     if isinstance(task, SpecimenTask):
-        tried = try_specimen(task)
-        if not task.finished:
-            return_memory()  # the next one would begin with what this one left
-        return tried
+        return try_specimen(task)
     if isinstance(task, LayerTask):
         return compare_layers(task)
     from biaxbayes.reports.study_page import study_pictures, write_study
