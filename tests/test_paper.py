@@ -1,16 +1,13 @@
-"""The page of the method paper: what ``scripts/reproduce_paper.py`` says, pinned."""
-
-from pathlib import Path
+"""The page of the method paper: what ``scripts/reproduce_paper.py`` finds, pinned."""
 
 import numpy as np
 import pytest
 
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
-from studies.paper import printed, table5, table6, tables34
-from studies.paper.experiments import mae, r2_truth, theta, total_path
+from studies.paper import printed, tables
+from studies.paper.experiments import PRESTRETCHES, mae, r2_truth, theta, total_path
 
-ROOT = Path(__file__).resolve().parents[1]
 # Cells of Tables 3 and 4 that print and computation do not share.
 MISPRINTS = {
     ("weisbecker-media", "zeroed", "1.010"): ["C1"],
@@ -20,7 +17,7 @@ MISPRINTS = {
 
 @pytest.fixture(scope="module")
 def comparisons():
-    found = [c for material in printed.VIRTUAL for c in tables34.compare(material)]
+    found = [c for material in printed.VIRTUAL for c in tables.compare(material)]
     return {(c.material, c.printed.method, c.prestretch): c for c in found}
 
 
@@ -28,11 +25,6 @@ def test_tables_3_and_4_agree_but_for_two_cells(comparisons):
     assert len(comparisons) == 16
     differing = {key: c.differs() for key, c in comparisons.items() if c.differs()}
     assert differing == MISPRINTS
-
-
-def test_every_disagreement_has_a_reason(comparisons):
-    cells = {(*key, cell) for key, c in comparisons.items() for cell in c.differs()}
-    assert cells == set(tables34.REASONS)
 
 
 def test_parameters_within_one_unit_of_the_last_digit(comparisons):
@@ -56,9 +48,7 @@ def test_the_two_disagreements_are_what_the_page_says(comparisons):
     assert media.mae_own == pytest.approx(48.9, abs=0.1)
     m55 = comparisons["smoljkic-m55", "standard", "1.015"]
     assert m55.r2_printed == pytest.approx(0.932, abs=5e-4)
-    assert tables34.next_row_r2("smoljkic-m55", "standard", "1.015") == pytest.approx(
-        0.879, abs=5e-4
-    )
+    assert tables.next_row_r2("smoljkic-m55", "standard", "1.015") == pytest.approx(0.879, abs=5e-4)
 
 
 def test_mae_of_a_hand_computed_row():
@@ -110,7 +100,7 @@ def test_forward_mounting_forces(name):
     stretch = np.array([lx, ly])
     cauchy = (2 * C1 + H * e) * stretch**2 - (2 * C1 + kappa * e) * az
     force = cauchy / stretch * 20.0 * MATERIALS[name].thickness_mm  # kPa mm^2 = mN
-    np.testing.assert_allclose(table6.mounting_force_mN(name), force, rtol=1e-10)
+    np.testing.assert_allclose(tables.mounting_force_mN(name), force, rtol=1e-10)
     np.testing.assert_allclose(force, FORCES[name], rtol=0.03)
     outside = force.min() < 12 or force.max() > 24
     assert outside == (name != "donor2-media")
@@ -118,8 +108,8 @@ def test_forward_mounting_forces(name):
 
 @pytest.mark.parametrize("name", FORCES)
 def test_printed_rows_and_virtual_rows_imply_one_mounting_force(name):
-    printed_rows = table6.implied_force_mN(name)
-    virtual_rows = table6.implied_force_mN(name, virtual=True)
+    printed_rows = tables.implied_force_mN(name)
+    virtual_rows = tables.implied_force_mN(name, virtual=True)
     np.testing.assert_allclose(printed_rows, virtual_rows, rtol=0.15)
 
 
@@ -128,29 +118,27 @@ def test_table_6_r2_but_for_the_intima():
         (name, method)
         for name in printed.TABLE6
         for method in ("standard", "zeroed")
-        if table6.bias(name, method).differs
+        if tables.bias(name, method).differs
     ]
     assert differing == [("donor2-intima", "standard")]
-    assert table6.bias("donor2-intima", "standard").r2_printed == pytest.approx(0.806, abs=1e-3)
+    assert tables.bias("donor2-intima", "standard").r2_printed == pytest.approx(0.806, abs=1e-3)
 
 
 @pytest.mark.parametrize("specimen", printed.TABLE5)
 def test_rows_of_table_5_describe_one_record(specimen):
     for top in (1.2, 1.3, 1.4):
-        found = table5.agreement(specimen, top)
-        assert found.r2 > 0.997
-        np.testing.assert_allclose(
-            found.mounting_kPa["linden"], found.mounting_kPa["fip"], rtol=0.035
-        )
+        mounting_kPa, r2 = tables.agreement(specimen, top)
+        assert r2 > 0.997
+        np.testing.assert_allclose(mounting_kPa["linden"], mounting_kPa["fip"], rtol=0.035)
     if specimen == "3":  # and yet differ by more than twofold in C1
         rows = printed.TABLE5["3"]
         assert GOH(*rows["fip"].values).C1_kPa > 2.3 * GOH(*rows["linden"].values).C1_kPa
 
 
-def test_page_and_figures_are_committed():
-    page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    for part in page.split("](figures/")[1:]:
-        assert (ROOT / "docs" / "figures" / part.split(")")[0]).is_file()
-    for number in (3, 6, 7, 8, 9, 10):
-        assert f"paper-figure{number}.png" in page
-    assert "**14.06**" in page and "**0.9320**" in page and "No reason found" not in page
+def test_zeroed_errs_less_than_standard_but_by_no_order_of_magnitude():
+    ratios = [
+        float(rows["standard", p].mae) / float(rows["zeroed", p].mae)
+        for rows in printed.VIRTUAL.values()
+        for p in PRESTRETCHES
+    ]
+    assert min(ratios) == pytest.approx(4.5, abs=0.05) and max(ratios) == pytest.approx(23, abs=0.5)

@@ -11,17 +11,6 @@ from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.virtual_test import smooth_misfit, virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
-__all__ = [
-    "PRESTRETCHES",
-    "mae",
-    "noisy",
-    "r2_truth",
-    "table6_specimen",
-    "theta",
-    "total_path",
-    "virtual_specimen",
-]
-
 PRESTRETCHES = ("1.005", "1.010", "1.015", "1.020")
 EDGE_MM = 20.0
 ROWS = 101  # the mounted state and a hundred increments

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["PARAMETERS", "TABLE5", "TABLE6", "TRUTH", "VIRTUAL", "Row", "unit"]
-
 PARAMETERS = ("C1", "k1", "k2", "alpha", "kappa")
 
 
