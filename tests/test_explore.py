@@ -106,6 +106,13 @@ def test_the_page_gives_the_numbers_of_the_report(media_run):
     assert cells == [f"{r.median} ({r.low} to {r.high})" for r in rows]
 
 
+def test_the_same_run_gives_the_same_bytes_again(small_run):
+    posterior, draws = small_run.posterior(), small_run.draws
+    assert explore_page(posterior, draws, "converged") == explore_page(
+        posterior, draws, "converged"
+    )
+
+
 def test_offline_and_small(media_run, hostile_run):
     for run in (media_run, hostile_run):
         page = (run.path / "explore.html").read_text(encoding="utf-8")

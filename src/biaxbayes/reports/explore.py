@@ -7,6 +7,7 @@ importance weights. Every other number on the page is computed here.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,7 @@ STATES, MOST_STATES = 130, 41
 BINS = 24
 PANEL, CURVE = 105, 380
 """Width of a panel of the corner, and of the curves of a protocol, pixels."""
+UUID = r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 
 
 def can_be_explored(known: Quantities, draws: pd.DataFrame) -> bool:
@@ -111,7 +113,7 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, repor
     for root in (corner, panels):
         document.add_root(root)
     document.js_on_event("document_ready", script)
-    return file_html(
+    page = file_html(
         document,
         INLINE,
         title=f"{cut(posterior.specimen.name)} – explore the posterior",
@@ -134,6 +136,17 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, repor
             "directions": [("x", posterior.specimen.axis_x), ("y", posterior.specimen.axis_y)],
         },
     )
+    return _numbered_in_order(page)
+
+
+def _numbered_in_order(page: str) -> str:
+    """The page with Bokeh's ids, which count on within a process, numbered from the first on it."""
+    models = dict.fromkeys(re.findall(r'"id":"(p\d+)"', page))
+    number = {name: f"p{1001 + k}" for k, name in enumerate(models)}
+    page = re.sub(r'(?<!"text":)"(p\d+)"', lambda m: f'"{number.get(m[1], m[1])}"', page)
+    elements = dict.fromkeys(re.findall(UUID, page))
+    order = {name: f"bokeh-{k}" for k, name in enumerate(elements)}
+    return re.sub(UUID, lambda m: order[m[0]], page)
 
 
 # --- the corner ----------------------------------------------------------------------------------
