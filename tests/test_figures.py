@@ -452,6 +452,13 @@ def test_mounting_figure_is_readable(width, states):
     assert len(figure.axes[1].get_yticks()) == 2 * len(states)
 
 
+def test_both_panels_of_the_mounting_figure_use_its_height():
+    figure = mounting_figure(specimen_of(), draws_of(500), width_mm=180.0)
+    figure.draw_without_rendering()
+    tall = figure.bbox.height
+    assert all(ax.bbox.height > 0.6 * tall for ax in figure.axes)
+
+
 def test_mounting_figure_of_exact_and_of_ignored_runs():
     specimen, draws = specimen_of(), draws_of(500)
     reading = specimen.mounting_reading(specimen.protocols[0])

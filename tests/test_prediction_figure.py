@@ -112,17 +112,21 @@ def test_piola_stress_is_named():
 
 
 @pytest.mark.parametrize("by", ["pressure", "diameter"])
-def test_inflation_has_both_units_of_pressure(by):
+def test_inflation_has_both_units_of_pressure_and_bands_that_are_seen(by):
     figure = inflation_figure(tube_table(by))
-    ax = figure.axes[0]
+    ax, strip = figure.axes
     figure.draw_without_rendering()
     low, high = ax.get_ylim()
-    (right,) = ax.child_axes
+    (right,) = (ax if by == "diameter" else strip).child_axes
     assert right.get_ylabel() == "pressure (mmHg)"
     assert right.get_ylim() == pytest.approx((low * 7.500617, high * 7.500617))
     (solid,), (dashed,) = drawn(ax, "-"), drawn(ax, "--")
     assert solid[0] == pytest.approx([20.0, 0.0]) and dashed[-1] == pytest.approx([24.0, 16.0])
-    assert len(ax.collections) == 4  # two bands, and two swatches of the legend
+    ends = [p.get_extents() for c in strip.collections for p in c.get_paths()]
+    wide = [e.height if by == "diameter" else e.width for e in ends]
+    assert wide == pytest.approx([1.0, 0.4])  # predictive and credible band
+    low, high = strip.get_ylim() if by == "diameter" else strip.get_xlim()
+    assert min(wide) > 0.2 * (high - low)
 
 
 @pytest.mark.parametrize("suffix", ["pdf", "svg"])

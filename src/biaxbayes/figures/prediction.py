@@ -166,6 +166,8 @@ def inflation_figure(
 ) -> Figure:
     """Pressure against outer diameter with both bands; dashed where nothing was tested.
 
+    Below, or beside, the bands less their median, which they hardly leave on the scale of the test.
+
     Parameters
     ----------
     table : DataFrame
@@ -184,24 +186,37 @@ def inflation_figure(
     """
     with print_style(style):
         tint = colour("run")
-        figure = blank_figure(width_mm * MM, min(72.0, 0.85 * width_mm) * MM, "constrained")
-        ax = figure.subplots()
+        figure = blank_figure(width_mm * MM, 0.85 * width_mm * MM, "constrained")
         if "pressure_kPa_median" in table:
+            ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
             across = table["outer_diameter_mm"].to_numpy()
+            middle: Any = table["pressure_kPa_median"]
+            about = {c: table[c] - middle for c in table if str(c).startswith("pressure_kPa_")}
             _bands(ax, across, table, "pressure_kPa", tint)
-            _median(ax, across, table["pressure_kPa_median"], table, tint)
+            _median(ax, across, middle, table, tint)
+            _bands(strip, across, pd.DataFrame(about), "pressure_kPa", tint)
+            strip.axhline(0.0, color=tint)
+            strip.set(xlabel="outer diameter (mm)", ylabel="less median\n(kPa)")
+            right = ax
         else:
+            ax, strip = figure.subplots(1, 2, sharey=True, width_ratios=(3.0, 1.0))
             up = table["pressure_kPa"].to_numpy()
+            middle = table["outer_diameter_mm_median"].to_numpy()
             for kind, opacity in (("predictive", PREDICTIVE), ("credible", CREDIBLE)):
-                low, high = (table[f"outer_diameter_mm_{kind}_{end}"] for end in ("low", "high"))
-                ax.fill_betweenx(up, low, high, color=tint, alpha=opacity, linewidth=0.0)
-            _median(ax, table["outer_diameter_mm_median"].to_numpy(), up, table, tint)
-        ax.set_xlabel("outer diameter (mm)")
+                ends = np.array([table[f"outer_diameter_mm_{kind}_{e}"] for e in ("low", "high")])
+                for panel, (low, high) in ((ax, ends), (strip, ends - middle)):
+                    panel.fill_betweenx(up, low, high, color=tint, alpha=opacity, linewidth=0.0)
+            _median(ax, middle, up, table, tint)
+            strip.axvline(0.0, color=tint)
+            ax.set_xlabel("outer diameter (mm)")
+            strip.set_xlabel("less median\n(mm)")
+            right = strip
+        strip.locator_params(nbins=3, axis="y" if right is ax else "x")
         ax.set_ylabel("pressure (kPa)")
         ax.margins(y=0.0)
-        right = ax.secondary_yaxis("right", functions=(_mmHg, _kPa))
-        right.set_ylabel("pressure (mmHg)")
-        right.spines["right"].set_visible(True)
+        mercury = right.secondary_yaxis("right", functions=(_mmHg, _kPa))
+        mercury.set_ylabel("pressure (mmHg)")
+        mercury.spines["right"].set_visible(True)
         ax.plot([], [], color=tint, label="median")
         _legend(ax, table, probability, bands=True)
     return figure

@@ -146,6 +146,8 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
             2 * blocks, columns, squeeze=False, height_ratios=HEIGHTS * blocks, sharex="col"
         )
         colours = {method: f"C{k}" for k, method in enumerate(FIT_METHODS)}
+        # Fits often coincide: the first are wide, and the last lie narrow on top of them.
+        widths = dict(zip(colours, np.linspace(2.6, 0.5, len(colours)), strict=True))
         for k, protocol in enumerate(shown):
             upper, lower = (grid[2 * (k // columns) + i, k % columns] for i in range(2))
             load, moving = specimen.load(protocol), slice(protocol.rest_rows, None)
@@ -162,11 +164,12 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
                     markeredgewidth=0.5,
                     color="0.3",
                 )
-                for found in fits:
-                    missed = found.residuals[k][:, axis]
-                    how = {"linestyle": DASHES[name], "color": colours[found.method]}
-                    upper.plot(path[moving], load[moving, axis] - missed, linewidth=0.8, **how)
-                    lower.plot(path[moving], missed, linewidth=0.6, **how)
+                for fit in fits:
+                    missed = fit.residuals[k][:, axis]
+                    how = {"linestyle": DASHES[name], "color": colours[fit.method]}
+                    how["linewidth"] = widths[fit.method]
+                    upper.plot(path[moving], load[moving, axis] - missed, **how)
+                    lower.plot(path[moving], missed, **how)
             lower.axhline(0.0, color="0.6", linewidth=0.5, zorder=0)
             if len(specimen.protocols) > 1:
                 upper.set_title(plain(protocol.name, 30))
@@ -190,7 +193,7 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
         names = [
             f"{n}: {plain(getattr(specimen, f'axis_{n}') or 'data and fit', 20)}" for n in "xy"
         ]
-        handles += [Line2D([], [], color=colours[f.method]) for f in fits]
+        handles += [Line2D([], [], color=colours[f.method], lw=widths[f.method]) for f in fits]
         names += [f.method for f in fits]
         figure.legend(
             handles, names, loc="outside upper center", ncols=3 if columns == 1 else len(names)

@@ -118,28 +118,16 @@ def mounting_figure(
 
 def _panels(states: list[State], width_mm: float) -> tuple[Figure, Axes, Axes]:
     """The figure, a square panel and one with a row for each force."""
-    wide = width_mm >= 120.0
-    side = 56.0 if wide else width_mm - 22.0
-    bars = 2 * len(states) * (ROW_MM if len(states) > 1 or not wide else 1.6 * ROW_MM)
-    if wide:
-        return _side_by_side(width_mm, (side, bars), (0.42, 0.58), 13.0)
+    if width_mm >= 120.0:
+        tall = max(0.4 * width_mm, ROW_MM * 2 * len(states) + 13.0)
+        figure = blank_figure(width_mm * MM, tall * MM, layout(across_mm=1.5, down_mm=1.2))
+        first, second = figure.subplots(1, 2, width_ratios=(0.42, 0.58))
+        return figure, first, second
+    side, bars = width_mm - 22.0, 2 * len(states) * ROW_MM
     room = layout(across_mm=1.5, down_mm=1.2)
     figure = blank_figure(width_mm * MM, (side + bars + 26.0) * MM, room)
     first, second = figure.subplots(2, 1, height_ratios=(side, bars))
     return figure, first, second
-
-
-def _side_by_side(
-    width_mm: float, tall: tuple[float, float], shares: tuple[float, float], labels: float
-) -> tuple[Figure, Axes, Axes]:
-    """A figure of two panels of their own heights in mm, with room for labels, aligned above."""
-    height = (max(tall) + labels) * MM
-    figure = blank_figure(width_mm * MM, height, layout(across_mm=1.5, down_mm=1.2))
-    rows = (min(tall), abs(tall[0] - tall[1]) + 1e-3)
-    places = figure.add_gridspec(2, 2, width_ratios=shares, height_ratios=rows)
-    left = figure.add_subplot(places[: 2 if tall[0] > tall[1] else 1, 0])
-    right = figure.add_subplot(places[: 2 if tall[1] > tall[0] else 1, 1])
-    return figure, left, right
 
 
 def _states(specimen: Specimen, draws: pd.DataFrame) -> list[State]:
@@ -292,7 +280,8 @@ def ledger_figure(
     parameters, stresses = found.parameters, found.stresses
     tall = LEDGER_ROW_MM * len(parameters), LEDGER_ROW_MM * len(stresses)
     with print_style(style):
-        figure, left, right = _side_by_side(width_mm, tall, (0.46, 0.54), 20.0)
+        figure = blank_figure(width_mm * MM, (max(tall) + 20.0) * MM, layout(across_mm=1.5))
+        left, right = figure.subplots(1, 2, width_ratios=(0.46, 0.54))
         _parameters(left, parameters, found.known)
         _stresses(right, stresses)
         handles, labels = left.get_legend_handles_labels()

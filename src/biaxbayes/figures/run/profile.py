@@ -71,6 +71,22 @@ def profile_figure(
     return figure
 
 
+def _smooth(profile: Profile, y: Any, *, log: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """A curve through the points of a profile that overshoots none of them (PCHIP)."""
+    from scipy.interpolate import PchipInterpolator
+
+    value = profile.table["value"].to_numpy()[_shown(profile)]
+    value, first = np.unique(value, return_index=True)
+    y = np.asarray(y, dtype=float)[first]
+    if value.size < 2:
+        return value, y
+    fine = np.linspace(value[0], value[-1], 300)
+    if profile.quantity.parameter.logarithmic:
+        fine = np.geomspace(value[0], value[-1], 300)
+    curve = PchipInterpolator(value, np.log(y) if log else y)(fine)
+    return fine, np.exp(curve) if log else curve
+
+
 def _shown(profile: Profile) -> np.ndarray:
     """Rows of the table that are drawn: up to a little beyond the threshold."""
     table = profile.table
@@ -88,12 +104,13 @@ def _scale(ax: Axes, profile: Profile) -> None:
         return
     margin = 0.03 * float(np.ptp(value))
     ax.set_xlim(value.min() - margin, value.max() + margin)
-    ax.locator_params(axis="x", nbins=4)
+    ax.locator_params(axis="x", nbins=3)
 
 
 def _deviance(ax: Axes, profile: Profile) -> None:
     shown = profile.table[_shown(profile)]
     blue = colour("run")
+    best = int(profile.table["deviance"].argmin())
     inside = shown[(shown["value"] >= profile.low) & (shown["value"] <= profile.high)]
     if len(inside):
         ax.axvspan(
@@ -103,7 +120,11 @@ def _deviance(ax: Axes, profile: Profile) -> None:
             alpha=0.12,
             linewidth=0.0,
         )
-    ax.plot(shown["value"], shown["deviance"], color=blue, marker="o", markersize=1.6)
+    # in the square root of the deviance, which is straight where the likelihood is normal
+    signs = np.sign(shown["value"] - profile.table["value"].iloc[best])
+    x, root = _smooth(profile, signs * np.sqrt(np.maximum(shown["deviance"], 0.0)))
+    ax.plot(x, root**2, color=blue)
+    ax.plot(shown["value"], shown["deviance"], "o", color=blue, markersize=1.6)
     ax.axhline(THRESHOLD, color="0.35", linewidth=0.8, linestyle=(0, (4, 2)))
     ax.annotate(
         f"{100.0 * CONTENT:g} %",
@@ -131,7 +152,8 @@ def _stiffness(ax: Axes, profile: Profile) -> None:
             continue
         ratio = np.maximum(shown[name].to_numpy() / best[name], 1e-4)
         label = axis_text(q).symbol
-        ax.plot(shown["value"], ratio, color=colour(role), linestyle=line, label=label)
+        curve = _smooth(profile, ratio, log=True)
+        ax.plot(*curve, color=colour(role), linestyle=line, label=label)
     ax.set_yscale("log")
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, 0.5), max(high, 2.0))
@@ -161,7 +183,7 @@ def _structure(ax: Axes, profile: Profile) -> None:
         name, angle = q.name, q.parameter.unit == DEGREE
         side = ax if k == 0 else ax.twinx()
         role, line = STYLES[k]
-        side.plot(shown["value"], shown[name], color=colour(role), linestyle=line)
+        side.plot(*_smooth(profile, shown[name]), color=colour(role), linestyle=line)
         side.set_ylabel(axis_text(q).label, color=colour(role) if len(names) > 1 else "black")
         values = shown[name].to_numpy()
         pad = max(0.08 * float(np.ptp(values)), 1.0 if angle else 0.005)
@@ -180,7 +202,7 @@ def _mounting(ax: Axes, profile: Profile) -> None:
         if not columns:
             continue
         lm = shown[columns].mean(axis=1)
-        ax.plot(shown["value"], lm, color=colour(role), linestyle=line, label=f"${axis}$")
+        ax.plot(*_smooth(profile, lm), color=colour(role), linestyle=line, label=f"${axis}$")
     if not ax.lines:
         ax.axhline(1.0, color="0.6", linewidth=0.8)
     low, high = ax.get_ylim()
