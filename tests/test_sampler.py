@@ -9,10 +9,10 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from scipy.stats import norm
 
 import biaxbayes
@@ -372,16 +372,28 @@ def test_archive_opens_with_arviz_and_has_its_groups_and_dimensions(run):
     for group in ("log_likelihood", "posterior_predictive"):
         sizes = opened[group]["load"].sizes
         assert (sizes["chain"], sizes["row"], sizes["direction"]) == (4, rows, 2)
-    # ArviZ 1 takes the tree, ArviZ 0.2 the dataset.
-    whole = opened if isinstance(opened, xr.DataTree) else posterior
-    summary = az.summary(whole, var_names=["C1", "alpha"])
-    mean = summary.loc["C1", "mean"]
-    assert float(mean) == pytest.approx(run.draws["C1"].mean(), rel=0.05)
-    # R-hat as ArviZ computes it, ensembles as chains
-    rhat = az.rhat(whole)
+
+
+OPENED = {
+    "file": lambda run: az.from_netcdf(run.path / "posterior.nc"),
+    "run": lambda run: run.arviz,
+}
+
+
+@pytest.mark.parametrize("opened", OPENED.values(), ids=list(OPENED))
+def test_arviz_summarises_a_run(run, opened):
+    summary = az.summary(opened(run), var_names=["C1", "alpha"])
+    assert float(summary.loc["C1", "mean"]) == pytest.approx(run.draws["C1"].mean(), rel=0.05)
+    rhat = az.rhat(opened(run), var_names=["C1"])
     assert float(np.asarray(rhat["C1"])) < 1.05
-    if hasattr(az, "from_datatree"):
-        assert "posterior" in az.from_datatree(run.tree).groups()
+
+
+@pytest.mark.parametrize("opened", OPENED.values(), ids=list(OPENED))
+def test_arviz_plots_the_trace_of_a_run(run, opened):
+    drawn = az.plot_trace(opened(run), var_names=["C1"])
+    axes = getattr(drawn, "flat", None) or [drawn.get_target("C1", {})]
+    assert any(ax.lines for ax in axes)
+    plt.close("all")
 
 
 def test_the_report_is_of_the_draws_that_the_archive_holds(tmp_path, monkeypatch):
@@ -407,9 +419,10 @@ def test_stored_pointwise_likelihood(run):
     assert said[0].startswith("weighted: ") and said[1].startswith("unweighted: ")
 
 
-def test_loo_counts_parameters_not_readings(run):
+@pytest.mark.parametrize("opened", OPENED.values(), ids=list(OPENED))
+def test_loo_counts_parameters_not_readings(run, opened):
     """Effective parameters cannot be many more than there are."""
-    whole = az.from_netcdf(run.path / "posterior.nc")
+    whole = opened(run)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = az.loo(whole)

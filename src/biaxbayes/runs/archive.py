@@ -4,9 +4,7 @@ HDF5 can point to other files, keep data in them, loop, and claim more numbers t
 No run of this program does any of that.
 
 Chains are ensembles; within a chain the draws run walker after walker, each walker's steps in
-order, so that the autocorrelation that ArviZ sees is that of a walker. The file is written and its
-draws are read by h5netcdf itself: xarray, which takes longer to import than to do either, is there
-for whoever asks for the whole tree.
+order, so that the autocorrelation that ArviZ sees is that of a walker.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import h5netcdf
 import h5py
 import numpy as np
 import pandas as pd
@@ -39,7 +36,7 @@ __all__ = [
     "draw_table",
     "flatten",
     "read_archive",
-    "read_draws",
+    "stored_draws",
     "write_archive",
 ]
 
@@ -138,12 +135,14 @@ def write_archive(
     is what ``arviz.loo`` must take), log_likelihood_unweighted, posterior_predictive,
     observed_data, constant_data.
     """
+    import xarray as xr  # takes half a second
+
+    tree = xr.DataTree.from_dict(_groups(posterior, draws, seed))
+    for group in (tree, *tree.children.values()):
+        group.attrs = attributes | _weighting(group.name or "", posterior)
     # In memory: on a full disk the HDF5 library can crash the process while it closes a file.
     whole = io.BytesIO()
-    with h5netcdf.File(whole, "w") as file:
-        file.attrs.update(attributes)
-        for name, group in _groups(posterior, draws, seed).items():
-            _write_group(file.create_group(name), group, attributes | _weighting(name, posterior))
+    tree.to_netcdf(whole, engine="h5netcdf")
     try:
         atomic_write_bytes(path, whole.getbuffer())
     except OSError as error:
@@ -165,112 +164,77 @@ def _weighting(group: str, posterior: Posterior) -> dict[str, str]:
     return {"weighting": told[group]} if group in told else {}
 
 
-class _Stored(NamedTuple):
-    """A variable of the archive."""
+def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Dataset]:
+    """Everything that the archive of a run holds, by the name of its group."""
+    import xarray as xr
 
-    dims: tuple[str, ...]
-    values: np.ndarray
-    unit: str = ""
-
-
-Group = dict[str, _Stored]
-"""Variables by name; those named like a dimension are its coordinates."""
-LABELS = ("step", "walker")
-"""Coordinates of a draw beside its number."""
-
-
-def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Group]:
-    """Everything that the archive of a run holds."""
-    unit = posterior.specimen.unit
+    unit = {"units": posterior.specimen.unit}
     ensembles, steps, walkers, _ = draws.chain.shape
+    chain_draw = ("chain", "draw")
     coords = {
-        "chain": _Stored(("chain",), np.arange(ensembles)),
-        "draw": _Stored(("draw",), np.arange(steps * walkers)),
-        "walker": _Stored(("draw",), np.repeat(np.arange(walkers), steps)),
-        "step": _Stored(("draw",), np.tile(np.arange(steps) * draws.thin, walkers)),
+        "chain": np.arange(ensembles),
+        "draw": np.arange(steps * walkers),
+        "walker": ("draw", np.repeat(np.arange(walkers), steps)),
+        "step": ("draw", np.tile(np.arange(steps) * draws.thin, walkers)),
     }
-    each = ("chain", "draw")
-    flat = {name: flatten(v) for name, v in draws.quantities.items()}
-    variables = {
-        stored_name(name): _Stored(each, flat[name], posterior.quantities[name].unit)
+    flat = {name: flatten(values) for name, values in draws.quantities.items()}
+    parameters = {
+        stored_name(name): (chain_draw, flat[name], _units(posterior.quantities[name].unit))
         for name in posterior.parameter_names
     }
     stats = {
-        "lp": _Stored(each, flat["lp"]),
-        "tempered_log_likelihood": _Stored(each, flat["log_likelihood"]),
+        "lp": (chain_draw, flat["lp"]),
+        "tempered_log_likelihood": (chain_draw, flat["log_likelihood"]),
     }
     pick = _spread_indices(steps * walkers, POINTWISE_DRAWS)
     curves = Curves.of(posterior)
     natural = {name: flat[name][:, pick] for name in posterior.parameter_names}
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
-    of_rows = _of_rows(posterior, curves, natural, rng)
-    rows = {
-        "row": _Stored(("row",), np.arange(curves.rows)),
-        "direction": _Stored(("direction",), np.array(["x", "y"], dtype=object)),
+    rows = {"row": np.arange(curves.rows), "direction": ["x", "y"]}
+    plane, reading = ("row", "direction"), ("mount", "direction")
+    constant = {
+        "stretch": (plane, curves.stretch, {"units": "1"}),
+        "protocol": ("row", np.asarray(curves.protocol)),
+        "mounting_reading": (reading, curves.mounting_reading, unit),
+        "mounting_reading_sd": (reading, curves.mounting_reading_sd, unit),
     }
-    chosen = {"chain": coords["chain"], "draw": _Stored(("draw",), pick)} | rows
-    plane = ("row", "direction")
-
-    reading = ("mount", "direction")
+    pointwise = {"chain": coords["chain"], "draw": pick} | rows
     return {
-        "posterior": variables | coords,
-        "sample_stats": stats | coords,
-        **{name: group | chosen for name, group in of_rows.items()},
-        "observed_data": {"load": _Stored(plane, curves.measured, unit)} | rows,
-        "constant_data": {
-            "stretch": _Stored(plane, curves.stretch, "1"),
-            "protocol": _Stored(("row",), np.asarray(curves.protocol)),
-            "mounting_reading": _Stored(reading, curves.mounting_reading, unit),
-            "mounting_reading_sd": _Stored(reading, curves.mounting_reading_sd, unit),
-        }
-        | rows,
+        "posterior": xr.Dataset(parameters, coords),
+        "sample_stats": xr.Dataset(stats, coords),
+        **{
+            name: xr.Dataset(variables, pointwise)
+            for name, variables in _pointwise(posterior, curves, natural, rng).items()
+        },
+        "observed_data": xr.Dataset({"load": (plane, curves.measured, unit)}, rows),
+        "constant_data": xr.Dataset(constant, rows),
     }
 
 
-def _of_rows(
+def _pointwise(
     posterior: Posterior, curves: Curves, natural: Mapping[str, np.ndarray], rng: Generator
-) -> dict[str, Group]:
-    """Groups with a number for each draw and reading, in single precision as they are stored."""
+) -> dict[str, dict[str, Any]]:
+    """Variables with a number for each draw and reading, in single precision."""
     chains, draws = next(iter(natural.values())).shape
     values = {name: of_draws.ravel() for name, of_draws in natural.items()}
     model, sd = curves.model(values), curves.noise(values)
 
-    def stored(values: np.ndarray, unit: str = "") -> _Stored:
-        of_draws = values.reshape(chains, draws, curves.rows, 2)
-        return _Stored(("chain", "draw", "row", "direction"), of_draws.astype(np.float32), unit)
+    def variable(values: np.ndarray, unit: str = "") -> tuple[Any, ...]:
+        by_draw = values.reshape(chains, draws, curves.rows, 2).astype(np.float32)
+        return ("chain", "draw", "row", "direction"), by_draw, _units(unit)
 
     unit = posterior.specimen.unit
-    predicted = stored(curves.with_noise(model, sd, rng), unit)
+    predicted = variable(curves.with_noise(model, sd, rng), unit)
     exact = curves.log_likelihood(model, sd)
     return {
-        "log_likelihood": {"load": stored(posterior.beta * exact)},
-        "log_likelihood_unweighted": {"load": stored(exact)},
-        "posterior_predictive": {"load": predicted, "model_load": stored(model, unit)},
+        "log_likelihood": {"load": variable(posterior.beta * exact)},
+        "log_likelihood_unweighted": {"load": variable(exact)},
+        "posterior_predictive": {"load": predicted, "model_load": variable(model, unit)},
     }
 
 
-def _write_group(group: Any, variables: Group, attributes: Mapping[str, Any]) -> None:
-    """Write variables by the conventions of netCDF that xarray reads."""
-    group.attrs.update(attributes)
-    for stored in variables.values():
-        for dim, size in zip(stored.dims, stored.values.shape, strict=True):
-            if dim not in group.dimensions:
-                group.dimensions[dim] = size
-    labels = [name for name in LABELS if name in variables]
-    for name, stored in variables.items():
-        values = stored.values
-        text, number = values.dtype == object, values.dtype.kind == "f"
-        variable = group.create_variable(
-            name,
-            stored.dims,
-            dtype=h5py.string_dtype() if text else values.dtype,
-            data=values,
-            fillvalue=values.dtype.type(np.nan) if number else None,
-        )
-        if stored.unit:
-            variable.attrs["units"] = stored.unit
-        if labels and "draw" in stored.dims and name not in (*LABELS, *stored.dims):
-            variable.attrs["coordinates"] = " ".join(labels)
+def _units(unit: str) -> dict[str, str]:
+    return {"units": unit} if unit else {}
 
 
 class StoredDraws(NamedTuple):
@@ -289,8 +253,8 @@ class StoredDraws(NamedTuple):
     walkers: int
 
 
-def read_draws(path: Path, parameters: Sequence[str]) -> StoredDraws:
-    """Read the draws of posterior.nc.
+def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
+    """Read posterior.nc into memory.
 
     Parameters
     ----------
@@ -306,10 +270,12 @@ def read_draws(path: Path, parameters: Sequence[str]) -> StoredDraws:
     if not path.is_file():
         raise RunError(f"{path}: no such file; is this a run folder?")
     try:
+        import xarray as xr
+
         check_archive(path)
-        with h5netcdf.File(path, "r") as file:
-            posterior, stats = (_stored(file[name]) for name in ("posterior", "sample_stats"))
-        problem = _misfit(posterior, stats, parameters)
+        with xr.open_datatree(path, engine="h5netcdf") as opened:
+            tree = opened.load()
+        problem = _misfit(tree["posterior"], tree["sample_stats"], parameters)
     except SuspiciousArchive as error:
         raise RunError(f"{path}: is not the posterior of a run ({error})") from None
     except Exception as error:  # two libraries may raise whatever they like on foreign bytes
@@ -319,61 +285,38 @@ def read_draws(path: Path, parameters: Sequence[str]) -> StoredDraws:
         ) from None
     if problem:
         raise RunError(f"{path}: is not the posterior of a run ({problem})")
-    quantities, others = ({k: v.values for k, v in _data(g).items()} for g in (posterior, stats))
-    return StoredDraws(quantities, others, int(posterior["walker"].values.max()) + 1)
+    return tree
 
 
-def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
-    """Read all of posterior.nc into memory; arguments and errors as of :func:`read_draws`."""
-    import xarray as xr
-
-    read_draws(path, parameters)
-    try:
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            return tree.load()
-    except Exception as error:
-        raise RunError(f"{path}: cannot be read as a posterior ({type(error).__name__})") from None
+def stored_draws(tree: xr.DataTree) -> StoredDraws:
+    """The draws of an archive that :func:`read_archive` accepted."""
+    quantities, stats = (
+        {str(name): variable.to_numpy() for name, variable in tree[group].data_vars.items()}
+        for group in ("posterior", "sample_stats")
+    )
+    return StoredDraws(quantities, stats, int(tree["posterior"]["walker"].max()) + 1)
 
 
-def _stored(group: Any) -> Group:
-    return {
-        name: _Stored(tuple(variable.dimensions), np.asarray(variable[...]))
-        for name, variable in group.variables.items()
-    }
-
-
-def _data(group: Group) -> Group:
-    """Variables that are no coordinates."""
-    return {k: v for k, v in group.items() if k not in ("chain", "draw", *LABELS)}
-
-
-def _misfit(posterior: Group, stats: Group, parameters: Sequence[str]) -> str:
-    """What an archive lacks that every run has; empty when it is one."""
-    for group, needed in (
-        (posterior, parameters),
-        (stats, ("lp", "tempered_log_likelihood")),
-    ):
+def _misfit(posterior: Any, stats: Any, parameters: Sequence[str]) -> str:
+    """What the groups of an archive lack that every run has; empty when it is one."""
+    for group, needed in ((posterior, parameters), (stats, ("lp", "tempered_log_likelihood"))):
         for name in needed:
-            if name not in group:
+            if name not in group.data_vars:
                 return f"no {name}"
-        for key, stored in _data(group).items():
-            if stored.dims != ("chain", "draw") or stored.values.dtype.kind != "f":
-                return f"{key[:40]} is not numbers by chain and draw"
-            if not np.isfinite(stored.values).all():
-                return f"{key[:40]} has values that are not finite"
-    chains, draws = posterior[parameters[0]].values.shape
-    walker = posterior.get("walker")
-    of_draws = walker is not None and walker.dims == ("draw",) and walker.values.dtype.kind in "iu"
-    if walker is None or not of_draws or not draws:
+        for name, variable in group.data_vars.items():
+            if variable.dims != ("chain", "draw") or variable.dtype.kind != "f":
+                return f"{str(name)[:40]} is not numbers by chain and draw"
+            if not np.isfinite(variable).all():
+                return f"{str(name)[:40]} has values that are not finite"
+    walker, draws = posterior.coords.get("walker"), posterior.sizes["draw"]
+    if walker is None or walker.dims != ("draw",) or walker.dtype.kind not in "iu" or not draws:
         return "no walkers"
     # Walker after walker, all of the same length.
-    walkers = int(walker.values.max()) + 1
-    if draws % walkers or (walker.values != np.arange(draws) // (draws // walkers)).any():
+    walkers = int(walker.max()) + 1
+    if draws % walkers or (walker.to_numpy() != np.arange(draws) // (draws // walkers)).any():
         return "its walkers are out of order"
-    shapes = {
-        stored.values.shape for group in (posterior, stats) for stored in _data(group).values()
-    }
-    return "" if shapes == {(chains, draws)} else "its groups differ in size"
+    sizes = [(group.sizes["chain"], group.sizes["draw"]) for group in (posterior, stats)]
+    return "" if sizes[0] == sizes[1] else "its groups differ in size"
 
 
 def _spread_indices(count: int, most: int) -> np.ndarray:

@@ -18,7 +18,7 @@ from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import Quantities
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.archive import StoredDraws, quantity_name, read_archive, read_draws
+from biaxbayes.runs.archive import StoredDraws, quantity_name, read_archive, stored_draws
 from biaxbayes.runs.folder import (
     PROVENANCE,
     READY,
@@ -36,6 +36,8 @@ from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.text_files import read_csv, write_csv
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from biaxbayes.identifiability.mounting_stretch.stated import Stated
 
 __all__ = [
@@ -174,15 +176,22 @@ class Run:
         return read_specimen(trusted_path(self.path, "specimen.csv", self.provenance))
 
     @cached_property
-    def tree(self) -> Any:
-        """The whole archive, an ``xarray.DataTree``."""
+    def tree(self) -> xr.DataTree:
+        """posterior.nc in memory."""
         path = trusted_path(self.path, "posterior.nc", self.provenance)
         return read_archive(path, self.law.names)
 
+    @property
+    def arviz(self) -> Any:
+        """posterior.nc as ArviZ reads it: ``InferenceData``, or a ``DataTree`` with ArviZ 1."""
+        import arviz
+
+        _ = self.tree  # the file passes its checks
+        return arviz.from_netcdf(self.path / "posterior.nc")
+
     @cached_property
     def _stored(self) -> StoredDraws:
-        path = trusted_path(self.path, "posterior.nc", self.provenance)
-        return read_draws(path, self.law.names)
+        return stored_draws(self.tree)
 
     def with_draws(self, draws: pd.DataFrame) -> Run:
         """The same run with its :attr:`draws` at hand, which are not read then."""
