@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -22,11 +21,6 @@ def where(_: int) -> tuple[int, int]:
     _ = np.ones((4, 4)) @ np.ones((4, 4))
     time.sleep(0.1)
     return os.getpid(), max((i["num_threads"] for i in threadpool_info()), default=1)
-
-
-def has(module: str) -> bool:
-    """Whether the worker has imported a module that no task asks for."""
-    return module in sys.modules
 
 
 def die_once(folder: str) -> str:
@@ -68,3 +62,16 @@ def say_and_die_soon(task: tuple[str, int]) -> int:
         command = f"sleep {delay}; kill -9 {pid}"
         subprocess.Popen(["sh", "-c", command], start_new_session=True)
     return number
+
+
+def mark_and_wait(task: tuple[str, float]) -> float:
+    folder, seconds = task
+    (Path(folder) / f"begun-{os.getpid()}").touch()
+    time.sleep(seconds)
+    return seconds
+
+
+def squares_by_executor(workers: int | None) -> list[int]:
+    from biaxbayes.parallel import executor_for
+
+    return sorted(o.value for o in executor_for(workers, isolated=True).run(square, [1, 2]))

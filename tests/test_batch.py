@@ -12,22 +12,14 @@ import pytest
 
 import quick_posteriors
 from biaxbayes.cli import main
-from biaxbayes.comparison import compare as compare_module
-from biaxbayes.comparison.compare import distances_between, judged_member
 from biaxbayes.errors import Interrupted, RunError
-from biaxbayes.executors.executor import InThisProcess, Outcome
-from biaxbayes.jobs.batch import study as batch_module
-from biaxbayes.jobs.batch import tasks as tasks_module
-from biaxbayes.jobs.batch.study import Batch
-from biaxbayes.jobs.batch.tasks import LayerTask, SpecimenTask, layers_before, try_specimen
+from biaxbayes.jobs import batch as batch_module
+from biaxbayes.jobs.batch import Batch, SpecimenTask, try_specimen
 from biaxbayes.laws.goh import GOH
-from biaxbayes.runs import said as said_module
+from biaxbayes.parallel import InThisProcess, Outcome
 from biaxbayes.runs.run import open_run
-from biaxbayes.runs.said import IDENTIFIED, IDENTIFIED_TABLES
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.studies import rows as rows_module
-from biaxbayes.studies.result import LayersFound, Tried
-from biaxbayes.studies.rows import rows_of_run
+from biaxbayes.studies.result import Tried
 from biaxbayes.studies.study_file import read_study
 
 LAYERS = ("media", "intima")
@@ -140,243 +132,25 @@ def test_what_is_finished_is_read_and_not_sampled_again(result, study):
     pd.testing.assert_frame_equal(again.table, result.table)
 
 
-class Nobody(InThisProcess):
-    """Workers who must not be asked."""
-
-    def run(self, function, tasks, *, stop=lambda: False):
-        assert not tasks
-        yield from ()
-
-
-def test_a_repeat_starts_no_worker_and_writes_nothing_again(result, study):
+def test_a_repeat_writes_the_same_files(result, study):
     def written():
-        found = {p.name: p.stat().st_mtime_ns for p in result.folder.glob("study*")}
-        return {name: time for name, time in found.items() if name != "study.json"}
+        found = [*result.folder.glob("study*.csv"), result.folder / "study.html"]
+        return {path.name: path.read_bytes() for path in found}
 
-    Batch(study, result.folder).execute()
     before = written()
     assert {"study.csv", "study.html", "study-distances.csv"} <= set(before)
-    Batch(study, result.folder, Nobody()).execute()
-    assert written() == before
     (result.folder / "study.csv").unlink()
     (result.folder / "study.html").write_text("changed")
-    Batch(study, result.folder, Nobody()).execute()
-    assert set(written()) == set(before)
-    assert (result.folder / "study.html").read_text() != "changed"
-
-
-def test_a_repeat_opens_no_draws_unless_something_has_changed(result, study, monkeypatch):
-    opened = []
-
-    def rows(run):
-        opened.append(run.path.name)
-        return rows_of_run(run)
-
-    monkeypatch.setattr(rows_module, "rows_of_run", rows)
-    kept = result.folder / "runs" / "media" / "study-rows.json"
-    verdicts = kept.with_name("identifiability.csv")
-
-    def repeated():
-        opened.clear()
-        again = Batch(study, result.folder, Nobody()).execute()
-        pd.testing.assert_frame_equal(again.table, result.table)
-        return opened
-
-    assert repeated() == []
-    whole = kept.read_text()
-    for changed in ("", "{}", whole.replace('"rows"', '"said"')):
-        kept.write_text(changed)
-        assert repeated() == ["media"] and kept.read_text() == whole
-    record = json.loads(whole)
-    for rows_in_file in ("none", [1], [{"C1": 1.0}], [{"q50": "3.0"}], [{"state": None}]):
-        kept.write_text(json.dumps(record | {"said": {"rows": rows_in_file}}))
-        assert repeated() == ["media"] and kept.read_text() == whole
-    text = verdicts.read_text()
-    try:
-        verdicts.write_text(text + "\n")  # no row more
-        assert repeated() == ["media"] and repeated() == []
-    finally:
-        verdicts.write_text(text)
-
-
-@pytest.fixture
-def comparisons(monkeypatch):
-    """Labels of the runs whose layers were compared anew."""
-    compared = []
-
-    def between(members, verdicts):
-        compared.append([m.label for m in members])
-        return distances_between(members, verdicts)
-
-    monkeypatch.setattr(compare_module, "distances_between", between)
-    return compared
-
-
-def tables_of(folder):
-    """Tables of a study, byte for byte, and its page."""
-    found = [*folder.glob("study*.csv"), folder / "study.html"]
-    return {path.name: path.read_bytes() for path in found}
-
-
-def test_a_repeat_compares_nothing_and_says_the_same(result, study, comparisons):
-    kept = result.folder / "runs" / "media" / "study-layers.json"
-    before = Batch(study, result.folder).execute()
-    files = tables_of(result.folder)
-    kept.unlink()
-    comparisons.clear()
-    computed = Batch(study, result.folder).execute()
-    assert comparisons == [["media", "intima"]]
-    for name in files:  # so that they are written again, of what was kept
-        (result.folder / name).unlink()
-    again = Batch(study, result.folder).execute()
-    assert comparisons == [["media", "intima"]]
-    assert tables_of(result.folder) == files
-    for found in (computed, again):
-        pd.testing.assert_frame_equal(found.distances, before.distances, check_exact=True)
-        assert found.notes == before.notes
-
-
-@pytest.mark.parametrize("label", ["media", "intima"])
-@pytest.mark.parametrize("name", ["identifiability.csv", "law-fits.csv", "provenance.json"])
-def test_layers_are_compared_anew_when_a_run_is_another(result, study, comparisons, label, name):
     Batch(study, result.folder).execute()
-    comparisons.clear()
-    path = result.folder / "runs" / label / name
-    there = path.read_bytes() if path.is_file() else None
-    try:
-        path.write_bytes((there or b"#") + b"\n")
-        Batch(study, result.folder).execute()
-        assert comparisons == [["media", "intima"]]
-        Batch(study, result.folder).execute()
-        assert len(comparisons) == 1
-    finally:
-        path.unlink() if there is None else path.write_bytes(there)
+    assert written() == before
 
 
-@pytest.mark.parametrize("label", ["media", "intima"])
-@pytest.mark.parametrize("name", ["posterior.nc", "summary.csv", "specimen.csv", "edges.csv"])
-def test_nothing_is_said_again_of_layers_whose_draws_are_others(result, study, label, name):
-    Batch(study, result.folder).execute()
-    folders = tuple(result.folder / "runs" / label for label in LAYERS)
-    task = LayerTask("D", LAYERS, LAYERS, folders)
-    assert layers_before(task) is not None
-    path = result.folder / "runs" / label / name
-    there = path.read_bytes() if path.is_file() else None
-    try:
-        path.write_bytes((there or b"") + b"1")
-        assert layers_before(task) is None
-    finally:
-        path.unlink() if there is None else path.write_bytes(there)
-    assert layers_before(task) is not None
-
-
-def test_layers_are_compared_anew_by_other_code(result, study, comparisons, monkeypatch):
-    Batch(study, result.folder).execute()
-    comparisons.clear()
-    monkeypatch.setattr(said_module, "_digest_of_code", lambda: "another")
-    Batch(study, result.folder).execute()
-    Batch(study, result.folder).execute()
-    assert comparisons == [["media", "intima"]]
-
-
-def test_other_donors_and_layers_are_said_of_the_same_comparison(result, study, comparisons):
-    Batch(study, result.folder).execute()
-    comparisons.clear()
+def test_other_donors_and_layers_of_the_same_runs_are_compared(result, study):
     other = [replace(s, donor="D2", layer=f"{s.layer} 2") for s in study.specimens]
     found = Batch(replace(study, specimens=tuple(other)), result.folder).execute()
-    assert comparisons == [] and set(found.distances["donor"]) == {"D2"}
+    assert set(found.distances["donor"]) == {"D2"}
     assert set(found.distances["layer_a"]) == {"media 2"}
-    turned = replace(study, specimens=study.specimens[::-1])
-    found = Batch(turned, result.folder).execute()
-    assert comparisons == [["intima", "media"]] and set(found.distances["run_a"]) == {"intima"}
-
-
-def changed(record, **said):
-    return json.dumps(record | {"said": record["said"] | said})
-
-
-def test_a_damaged_or_hostile_comparison_is_made_anew(result, study, monkeypatch, tmp_path):
-    kept = result.folder / "runs" / "media" / "study-layers.json"
-    before = Batch(study, result.folder).execute()
-    comparisons = []
-
-    def between(members, verdicts):
-        comparisons.append(members)
-        drop = ["donor", "layer_a", "layer_b"]
-        return before.distances.drop(columns=drop), list(before.notes)
-
-    monkeypatch.setattr(tasks_module, "_members", lambda task: (task.labels, ()))
-    monkeypatch.setattr(compare_module, "distances_between", between)
-    whole = kept.read_text()
-    record = json.loads(whole)
-    first, *rest = record["said"]["distances"]
-    texts = ["", "{}", "[]", "\0", whole[:-40], "[" * 100_000, whole.replace('"said"', '"of"')]
-    rows = ["none", None, [], [1], [[]], [{}], [first | {"more": 1.0}]]
-    for column, value in (
-        ("run_a", "another"),
-        ("quantity", 1.0),
-        ("quantity", "\ud800"),
-        ("quantity", "C1\n"),
-        ("unit", None),
-        ("median_a", "3.0"),
-        ("median_a", 10**400),
-        ("determined_in_both", 1.0),
-        ("total_stretch", []),
-    ):
-        rows.append([first | {column: value}, *rest])
-    texts += [changed(record, distances=wrong) for wrong in rows]
-    texts += [changed(record, notes=wrong) for wrong in (None, "none", [1], ["\ud800"])]
-    texts += [changed(record, labels=wrong) for wrong in (None, [], ["intima", "media"])]
-    for count, text in enumerate(texts, start=1):
-        kept.write_text(text)
-        found = Batch(study, result.folder).execute()
-        assert len(comparisons) == count and kept.read_text() == whole, text[:200]
-        pd.testing.assert_frame_equal(found.distances, before.distances, check_exact=True)
-    elsewhere = tmp_path / "mine.json"
-    elsewhere.write_text(whole)
-    kept.unlink()
-    kept.symlink_to(elsewhere)  # not followed, neither to read nor to write
     Batch(study, result.folder).execute()
-    assert len(comparisons) == len(texts) + 1
-    assert not kept.is_symlink() and kept.read_text() == whole == elsewhere.read_text()
-
-
-@pytest.mark.long
-def test_verdicts_of_a_comparison_are_those_that_identify_said(result, study, monkeypatch):
-    runs = result.folder / "runs"
-    judged = []
-
-    def judge(member):
-        judged.append(member.label)
-        return judged_member(member)
-
-    monkeypatch.setattr(compare_module, "judged_member", judge)
-    before = Batch(study, result.folder).execute()
-
-    def compared():
-        judged.clear()
-        (runs / "media" / "study-layers.json").unlink()
-        found = Batch(study, result.folder).execute()
-        pd.testing.assert_frame_equal(found.distances, before.distances, check_exact=True)
-        return judged
-
-    assert compared() == ["media", "intima"]  # runs without what identify says
-    for label in ("media", "intima"):
-        table = pd.read_csv(runs / label / "identifiability.csv")
-        told = {"parameters": table[["parameter", "verdict"]].to_dict("records")}
-        said_module.keep_said(runs / label, IDENTIFIED, IDENTIFIED_TABLES, {"json": told})
-    assert compared() == []
-    kept = runs / "intima" / "identify.json"
-    record = json.loads(kept.read_text())
-    told = record["said"]["json"]["parameters"]
-    try:
-        for wrong in (None, {}, [], [1], [{"parameter": "C1"}], told[1:]):
-            kept.write_text(changed(record, json={"parameters": wrong}))
-            assert compared() == ["intima"], wrong
-    finally:
-        for label in ("media", "intima"):
-            (runs / label / IDENTIFIED).unlink()
-    assert compared() == ["media", "intima"]
 
 
 def spy(monkeypatch):
@@ -387,7 +161,7 @@ def spy(monkeypatch):
         seen.append(task)
         return Tried("failed", "not tried", [])
 
-    monkeypatch.setattr(tasks_module, "try_specimen", note)
+    monkeypatch.setattr(batch_module, "try_specimen", note)
     return seen
 
 
@@ -416,6 +190,8 @@ def test_an_interrupted_study_continues_to_the_same_numbers(result, study, tmp_p
         """Asked to stop while its task is under way."""
 
         def run(self, function, tasks, *, stop=lambda: False):
+            if function is not try_specimen:
+                return
             [task] = tasks
             found = function(replace(task, going=_GoneLater()))
             asked.append(True)
@@ -441,64 +217,6 @@ class _GoneLater:
     def exists(self):
         self.asked += 1
         return self.asked <= 2
-
-
-class Noting(InThisProcess):
-    """Workers that note what they do."""
-
-    def __init__(self):
-        self.did = []
-
-    def get_ready(self):
-        self.did.append("get ready")
-
-    def run(self, function, tasks, *, stop=lambda: False):
-        for outcome in super().run(function, tasks, stop=stop):
-            self.did.append(type(tasks[outcome.index]).__name__)
-            yield outcome
-
-
-def test_workers_compare_and_draw_behind_the_specimens_and_write(
-    result, study, monkeypatch, tmp_path
-):
-    rows = {f"{name}.csv": rows_of_run(open_run(result.folder / "runs" / name)) for name in LAYERS}
-    saved = {source: Tried(r[0]["state"], r[0]["reason"], r) for source, r in rows.items()}
-    monkeypatch.setattr(tasks_module, "try_specimen", lambda task: saved[task.source])
-    Batch(study, result.folder).execute()  # what other tests changed
-    workers = Noting()
-    found = Batch(study, tmp_path / "study", workers).execute()
-    specimens, behind = ["SpecimenTask"] * 2, ["LayerTask", "FigureTask", "WritingTask"]
-    assert workers.did == ["get ready", *specimens, *behind]
-    pd.testing.assert_frame_equal(found.table, result.table)
-    pictures = {p.name: p.read_bytes() for p in (tmp_path / "study").glob("study-specimens.*")}
-    assert len(pictures) == 2
-    for name, content in pictures.items():  # as they are drawn in this process
-        assert (result.folder / name).read_bytes() == content
-
-
-def test_a_stop_when_all_is_sampled_costs_no_comparison(result, study, tmp_path, monkeypatch):
-    class Stopped(Noting):
-        def run(self, function, tasks, *, stop=lambda: False):
-            for outcome in super().run(function, tasks):
-                yield outcome
-                if len(self.did) == 3:
-                    return
-
-    compared = []
-
-    def compare(task):
-        compared.append(task.labels)
-        return LayersFound(task.donor, result.distances, [])
-
-    rows = {f"{name}.csv": rows_of_run(open_run(result.folder / "runs" / name)) for name in LAYERS}
-    monkeypatch.setattr(
-        tasks_module, "try_specimen", lambda task: Tried("converged", "", rows[task.source])
-    )
-    monkeypatch.setattr(batch_module, "compare_layers", compare)
-    found = Batch(study, tmp_path / "study", Stopped()).execute(stop=lambda: True)
-    assert compared == [("media", "intima")]
-    pd.testing.assert_frame_equal(found.distances, result.distances)
-    assert (tmp_path / "study" / "study.html").is_file()
 
 
 def test_a_worker_that_is_lost_costs_one_specimen(study, tmp_path):

@@ -18,10 +18,10 @@ import pytest
 import quick_posteriors
 from biaxbayes.calibration.calibration import Study, run_replications
 from biaxbayes.calibration.simulated_specimen import protocol_prior
-from biaxbayes.executors.executor import InThisProcess, Workers
-from biaxbayes.jobs.batch.study import Batch
+from biaxbayes.jobs.batch import Batch
 from biaxbayes.laws.goh import GOH
 from biaxbayes.optimal_design.design import design
+from biaxbayes.parallel import Cluster, InThisProcess, Processes
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from goh_functions import GOH_LAW
@@ -62,7 +62,7 @@ def alone(study, tmp_path_factory):
 
 
 def test_processes_find_what_one_process_finds(study, alone, tmp_path):
-    Batch(study, tmp_path / "study", Workers(2)).execute()
+    Batch(study, tmp_path / "study", Processes(2)).execute()
     assert contents(tmp_path / "study") == alone
 
 
@@ -100,7 +100,7 @@ def test_a_cluster_that_loses_a_worker_finds_the_same(study, alone, cluster, tmp
 
     killer = threading.Thread(target=kill, daemon=True)
     killer.start()
-    result = Batch(study, folder, Workers(scheduler=address)).execute()
+    result = Batch(study, folder, Cluster(address)).execute()
     killer.join(1.0)
     assert workers[0].wait(10) == -signal.SIGKILL
     assert sum(result.states.values()) == SPECIMENS and not result.failures
@@ -115,7 +115,7 @@ def test_a_cluster_ranks_designs_and_replicates_as_one_process_does(cluster):
     priors = protocol_prior(data, GOH_LAW)
     replications = Study(data, {"noise": "independent", "mounting": "noisy"}, priors, ess=200.0)
     found = []
-    for executor in (InThisProcess(), Workers(scheduler=address)):
+    for executor in (InThisProcess(), Cluster(address)):
         ranked = design(run.target, run.draws, executor=executor).to_frame()
         ranks = {r.index: r.rank for r in run_replications(replications, [0, 1], executor=executor)}
         found.append((ranked, ranks))

@@ -31,13 +31,13 @@ from biaxbayes.calibration.simulated_specimen import (
 )
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted, RunError
-from biaxbayes.executors.executor import Workers
 from biaxbayes.jobs.calibrate import CalibrationStudy, read_ranks, study_of
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.priors import Prior, Tie, read_priors
 from biaxbayes.options import CalibrationPlan
+from biaxbayes.parallel import Processes
 from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
@@ -390,7 +390,7 @@ def test_an_interrupted_study_continues_to_the_same_table(whole, tmp_path):
 
 @pytest.mark.long
 def test_processes_find_what_one_process_finds(alone):
-    two = {r.index: r.rank for r in run_replications(study(), list(alone), executor=Workers(2))}
+    two = {r.index: r.rank for r in run_replications(study(), list(alone), executor=Processes(2))}
     assert two == {index: columns["rank"] for index, columns in alone.items()}
 
 
@@ -443,7 +443,7 @@ def test_a_study_needs_the_mounting_stretch_as_an_unknown():
 @pytest.mark.parametrize("broken", ["", "noise"])
 def test_a_wrong_noise_sd_is_caught_and_the_right_one_is_not(broken, tmp_path):
     the_study = replace(study(broken=broken), max_steps=2000)
-    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, Workers(2)).execute()
+    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, Processes(2)).execute()
     assert outcome.calibrated == (broken == "")
 
 
@@ -454,5 +454,5 @@ def test_a_missing_determinant_is_caught_where_the_readings_are_loose(broken, tm
     the_study = study(media(101), broken=broken)
     loose = {**the_study.priors, "noise_sd": Prior("lognormal", 0.3, 0.3)}
     the_study = replace(the_study, priors=loose, max_steps=2000)
-    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, Workers(2)).execute()
+    outcome = CalibrationStudy(the_study, tmp_path / "s", 200, Processes(2)).execute()
     assert outcome.calibrated == (broken == "")

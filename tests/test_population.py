@@ -19,7 +19,7 @@ from biaxbayes.cli.comparisons import _closing
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.jobs import population as job
 from biaxbayes.jobs import population_files
-from biaxbayes.jobs.batch.study import Batch
+from biaxbayes.jobs.batch import Batch
 from biaxbayes.jobs.population import PopulationJob
 from biaxbayes.jobs.population_files import FIGURES, members_of_study, read_population
 from biaxbayes.laws.goh import GOH

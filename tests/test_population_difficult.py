@@ -18,7 +18,7 @@ from biaxbayes.cli import main
 from biaxbayes.identifiability.verdict_names import NO_VERDICT, PRIOR, VERDICTS
 from biaxbayes.jobs import population as job
 from biaxbayes.jobs import population_files
-from biaxbayes.jobs.batch.study import Batch
+from biaxbayes.jobs.batch import Batch
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.sampler import Plan
 from biaxbayes.runs import checkpoint

@@ -32,13 +32,13 @@ from biaxbayes.calibration.simulated_specimen import (
     simulate_specimen,
 )
 from biaxbayes.comparison.law_weights import STACKED
-from biaxbayes.executors.executor import InThisProcess
 from biaxbayes.jobs.laws import chosen_laws, compared_laws
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import LawsPlan
+from biaxbayes.parallel import InThisProcess
 from biaxbayes.parameters import NOISE_SD, mounting_names
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
-from biaxbayes.executors.executor import executor_for
-from biaxbayes.jobs.batch.batch import batch
+from biaxbayes.jobs.batch import batch
 from biaxbayes.jobs.findings import design, identify, ledger, profile
 from biaxbayes.jobs.opening import (
     PathLike,
@@ -49,6 +48,7 @@ from biaxbayes.options import (
     SamplingPlan,
     documented,
 )
+from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs.folder import POPULATION
 from biaxbayes.runs.run import open_run

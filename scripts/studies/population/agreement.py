@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import logit
 
 import biaxbayes
-from biaxbayes.jobs.batch.study import Batch
+from biaxbayes.jobs.batch import Batch
 from biaxbayes.populations.hierarchy import LEAST_INSIDE
 from biaxbayes.studies.study_file import read_study
 from studies.population.virtual import LOGS, PARAMETERS, PLANS, made, on_scale, write

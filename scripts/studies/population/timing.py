@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.jobs.batch.study import Batch
+from biaxbayes.jobs.batch import Batch
 from biaxbayes.studies.study_file import read_study
 from studies.population.virtual import Plan, made, write
 from studies.quick_runs import without_products

@@ -18,7 +18,6 @@ import numpy as np
 
 from biaxbayes.calibration.simulated_specimen import Rules, draw_truth, simulate_specimen
 from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
@@ -26,6 +25,7 @@ from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, CalibrationPlan, ModelOptions
+from biaxbayes.parallel import Executor, InThisProcess
 from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.specimen import Specimen

@@ -177,7 +177,7 @@ def batch(
         study = sources
         numbers = {"seed": seed, "ess": ess, "max_steps": max_steps, "anyway": anyway}
         chosen = read_model_options(**model) | numbers
-    from biaxbayes.jobs.batch.batch import batch as batch_verb
+    from biaxbayes.jobs.batch import batch as batch_verb
 
     folder = out or Path(f"{sources[0].stem}-study" if len(sources) == 1 else "study")
     with progress_line(quiet=quiet) as tell, graceful_stop() as stop:

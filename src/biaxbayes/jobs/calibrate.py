@@ -22,13 +22,13 @@ from biaxbayes.calibration.simulated_specimen import (
     protocol_prior,
 )
 from biaxbayes.errors import Interrupted, NotConverged, RunError
-from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.figures.run.trace import rank_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors, prior_value
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import CalibrationPlan, ModelOptions
+from biaxbayes.parallel import Executor, InThisProcess
 from biaxbayes.parameters import Quantities
 from biaxbayes.runs.folder import EARLIER
 from biaxbayes.runs.lock import folder_lock

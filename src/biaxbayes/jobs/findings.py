@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from biaxbayes.errors import InputError
-from biaxbayes.executors.executor import executor_for
 from biaxbayes.jobs.opening import (
     PathLike,
     RunLike,
@@ -31,6 +30,7 @@ from biaxbayes.options import (
     documented,
 )
 from biaxbayes.options.model import ALL_ROWS
+from biaxbayes.parallel import executor_for
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.sampling.sampler import Progress
 

@@ -16,9 +16,9 @@ import biaxbayes
 from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, Task, parts_of, sample_part
 from biaxbayes.comparison.law_weights import LawComparison, judged_laws
 from biaxbayes.errors import InputError, Interrupted, RunError
-from biaxbayes.executors.executor import Executor
 from biaxbayes.laws import LAWS
 from biaxbayes.options import LawsPlan
+from biaxbayes.parallel import Executor
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Progress

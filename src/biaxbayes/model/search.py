@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.executors.threads import one_blas_thread
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted, inside_priors, start_parameters
 from biaxbayes.model.priors import Prior
+from biaxbayes.parallel import one_blas_thread
 from biaxbayes.parameters import DIMENSION, FORCE, NOISE_GROWTH, STRETCH
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,

@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.executors.executor import Executor, InThisProcess
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted
 from biaxbayes.optimal_design.candidates import Candidate, FurtherProtocol, standard_candidates
 from biaxbayes.optimal_design.information_gain import OUTCOMES, Expected, expect, targets
+from biaxbayes.parallel import Executor, InThisProcess
 from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.sampling.sampler import Progress

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,6 @@ __all__ = [
     "KNOWN_QUANTITIES",
     "named",
     "study_page",
-    "study_pictures",
     "unit_text",
     "write_study",
 ]
@@ -241,37 +239,9 @@ def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
 TABLE, PAGE = "study", "study.html"
 
 
-def study_pictures(table: pd.DataFrame) -> dict[str, bytes]:
-    """Files of the figure of a study, by name; none where nothing was sampled.
-
-    Parameters
-    ----------
-    table : DataFrame
-        The study table.
-    """
+def write_study(result: StudyResult) -> list[Path]:
+    """Write every file of a study into its folder; ``study.parquet`` where pyarrow is installed."""
     from biaxbayes.figures.compare import study_figure
-    from biaxbayes.figures.style import PRINT_AND_SCREEN, figure_bytes
-
-    if not np.isfinite(table["q50"].astype(float)).any():
-        return {}
-    figure = study_figure(table)
-    return {f"{FIGURE}.{suffix}": figure_bytes(figure, suffix) for suffix in PRINT_AND_SCREEN}
-
-
-def write_study(result: StudyResult, drawn: Mapping[str, bytes] | None = None) -> list[Path]:
-    """Write every file of a study into its folder.
-
-    Parameters
-    ----------
-    result : StudyResult
-    drawn : mapping of str to bytes, optional
-        From :func:`study_pictures`, for who drew them beside something else.
-
-    Returns
-    -------
-    list of Path
-        What was written; ``study.parquet`` only where pyarrow is installed.
-    """
     from biaxbayes.figures.style import save_pictures
 
     folder = result.folder
@@ -294,12 +264,9 @@ def write_study(result: StudyResult, drawn: Mapping[str, bytes] | None = None) -
         path = folder / f"{TABLE}.parquet"
         atomic_write_bytes(path, parquet)
         written.append(path)
-    drawn = study_pictures(result.table) if drawn is None else drawn
-    if not drawn:
-        save_pictures(None, folder, FIGURE)
-    for name, content in drawn.items():
-        atomic_write_bytes(folder / name, content)
-        written.append(folder / name)
+    has_numbers = bool(np.isfinite(result.table["q50"].astype(float)).any())
+    figure = study_figure(result.table) if has_numbers else None
+    written += save_pictures(figure, folder, FIGURE)
     page = folder / PAGE
     atomic_write_text(page, study_page(result))
     return [*written, page]

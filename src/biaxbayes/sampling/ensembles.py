@@ -14,7 +14,7 @@ from typing import Any
 import emcee
 import numpy as np
 
-from biaxbayes.executors.threads import one_blas_thread
+from biaxbayes.parallel import one_blas_thread
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import Proposal
 from biaxbayes.sampling.target import LogDensity

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.executors.threads import one_blas_thread
+from biaxbayes.parallel import one_blas_thread
 from biaxbayes.sampling.modes import Mode, find_modes, separate_groups
 from biaxbayes.sampling.proposal import (
     MixtureProposal,

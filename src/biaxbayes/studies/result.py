@@ -13,33 +13,8 @@ from typing import Any
 import pandas as pd
 
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.runs.folder import STATES
 from biaxbayes.studies.entries import Entry
 from biaxbayes.studies.groups import group_summaries, layer_contrasts
-
-__all__ = [
-    "COLUMNS",
-    "CURVE",
-    "DISTANCES",
-    "FAILED",
-    "INTERRUPTED",
-    "LINEAR",
-    "LOG",
-    "MOST_WITHOUT_DONOR",
-    "NOT_DETERMINED",
-    "PARAMETER",
-    "LayersFound",
-    "StudyResult",
-    "Tried",
-    "are_distances",
-    "are_notes",
-    "are_rows",
-    "donor_groups",
-    "layers_found",
-    "result_of",
-    "rows_without_run",
-    "study_table",
-]
 
 FAILED, INTERRUPTED = "failed", "interrupted"
 
@@ -114,26 +89,8 @@ COLUMNS = (
     "effective_readings",
     "beta",
 )
-TEXTS = ("state", "reason", "kind", "quantity", "unit", "verdict", "stated_reason", "scale")
-"""Columns of a run that hold text; the others hold numbers."""
 LOG, LINEAR = "log", "linear"
 NOT_DETERMINED = "not determined"
-
-
-def are_rows(found: object) -> bool:
-    """Whether this could be the rows of a run; it was read from a file."""
-    kinds = {name: str if name in TEXTS else (int, float) for name in COLUMNS[5:]}
-    return (
-        isinstance(found, list)
-        and bool(found)
-        and all(
-            isinstance(row, dict)
-            and row.get("state") in STATES
-            and isinstance(row.get("reason"), str)
-            and all(isinstance(value, kinds.get(name, ())) for name, value in row.items())
-            for row in found
-        )
-    )
 
 
 def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[dict[str, Any]]:
@@ -148,20 +105,10 @@ def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[di
 MOST_WITHOUT_DONOR = 6
 """Specimens that are compared with one another where no donor is named."""
 USABLE = ("converged", "tentative")
-DISTANCES: dict[str, type] = {
-    **dict.fromkeys(("run_a", "run_b", "kind", "quantity", "unit"), str),
-    "total_stretch": float,
-    **dict.fromkeys(("determined_in_a", "determined_in_b"), bool),
-    **dict.fromkeys(("median_a", "median_b"), float),
-    **dict.fromkeys(("difference_q05", "difference_q50", "difference_q95"), float),
-    **dict.fromkeys(("standardised", "probability_b_greater", "kolmogorov"), float),
-    "determined_in_both": bool,
-}
-"""Columns of the distances between runs, and what each holds."""
 
 
 @dataclass(frozen=True)
-class LayersFound:
+class ComparedLayers:
     """Distances between the layers of one donor.
 
     Attributes
@@ -174,8 +121,8 @@ class LayersFound:
     """
 
     donor: str
-    distances: pd.DataFrame
-    notes: list[str]
+    distances: pd.DataFrame = field(default_factory=pd.DataFrame)
+    notes: list[str] = field(default_factory=list)
 
 
 def donor_groups(table: pd.DataFrame) -> list[tuple[str, tuple[str, ...], tuple[str, ...]]]:
@@ -196,49 +143,15 @@ def donor_groups(table: pd.DataFrame) -> list[tuple[str, tuple[str, ...], tuple[
     return out
 
 
-def layers_found(
-    donor: str, layers: Mapping[str, str], rows: Sequence[dict[str, Any]], notes: list[str]
-) -> LayersFound:
-    """Put distances between runs together as those between the layers of a donor.
-
-    Parameters
-    ----------
-    donor : str
-    layers : mapping of str to str
-        By the label of the run.
-    rows : sequence of dict
-        One a pair of runs and quantity, with the columns :data:`DISTANCES`.
-    notes : list of str
-    """
-    table = pd.DataFrame(rows)
+def compared_layers(
+    donor: str, layers: Mapping[str, str], distances: pd.DataFrame, notes: list[str]
+) -> ComparedLayers:
+    """Distances between runs as those between the layers of a donor; layers by label."""
+    table = distances.copy()
     table.insert(0, "donor", donor)
     for k, side in enumerate("ab"):
         table.insert(1 + k, f"layer_{side}", [layers[v] for v in table[f"run_{side}"]])
-    return LayersFound(donor, table, notes)
-
-
-def are_distances(found: object, labels: Sequence[str]) -> bool:
-    """Whether these could be rows of :func:`layers_found`; they were read from a file."""
-    return (
-        isinstance(found, list)
-        and bool(found)
-        and all(
-            isinstance(row, dict)
-            and list(row) == list(DISTANCES)
-            and all(_fits(row[name], kind) for name, kind in DISTANCES.items())
-            and {row["run_a"], row["run_b"]} <= {*labels}
-            for row in found
-        )
-    )
-
-
-def are_notes(found: object) -> bool:
-    """Whether these could be notes on a comparison, likewise."""
-    return isinstance(found, list) and all(_fits(note, str) for note in found)
-
-
-def _fits(value: object, kind: type) -> bool:
-    return isinstance(value, kind) and (not isinstance(value, str) or value.isprintable())
+    return ComparedLayers(donor, table, notes)
 
 
 # --- what a study found, as plain tables ---------------------------------------------------------
@@ -319,10 +232,10 @@ def _counts(states: dict[str, int]) -> str:
 
 
 def result_of(
-    name: str, folder: Path, table: pd.DataFrame, found: Sequence[LayersFound]
+    name: str, folder: Path, table: pd.DataFrame, compared: Sequence[ComparedLayers]
 ) -> StudyResult:
     """Put the tables of a study together."""
-    tables = [f.distances for f in found if len(f.distances)]
-    notes = [f"{f.donor}: {note}" if f.donor else note for f in found for note in f.notes]
+    tables = [c.distances for c in compared if len(c.distances)]
+    notes = [f"{c.donor}: {note}" if c.donor else note for c in compared for note in c.notes]
     distances = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
     return StudyResult(name, folder, table, distances, notes)

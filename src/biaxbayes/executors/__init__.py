@@ -1,1 +1,0 @@
-"""Where many independent tasks are worked off: this process, local processes, a Dask cluster."""

@@ -1,0 +1,383 @@
+"""The verb ``batch``: many specimens sampled once each, and set side by side.
+
+Everything that the task of a worker needs is in it; the run folders lie in the study's, which every
+worker must see.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import time
+import traceback
+import uuid
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import biaxbayes
+from biaxbayes.comparison.compare import Member, distances_between, judged_member
+from biaxbayes.compilation import first_alone
+from biaxbayes.errors import BiaxbayesError, CannotResume, InputError, Interrupted, RunError
+from biaxbayes.jobs.opening import PathLike, Stop, never, silent
+from biaxbayes.jobs.sample import Sampling
+from biaxbayes.laws import DEFAULT_LAW
+from biaxbayes.options import ModelOptions, SamplingPlan, documented
+from biaxbayes.parallel import Executor, InThisProcess, executor_for
+from biaxbayes.progress_bar import Progress, with_progress
+from biaxbayes.reports.study_page import write_study
+from biaxbayes.runs.folder import STATES, STUDY, is_run
+from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.run import Run, open_run
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.studies.entries import RUNS, Entry, read_entries
+from biaxbayes.studies.result import (
+    FAILED,
+    INTERRUPTED,
+    ComparedLayers,
+    StudyResult,
+    Tried,
+    compared_layers,
+    donor_groups,
+    result_of,
+    rows_without_run,
+    study_table,
+)
+from biaxbayes.studies.rows import rows_of_run
+from biaxbayes.studies.study_file import Study, read_study, study_of_files
+from biaxbayes.text_files import atomic_write_text
+
+
+@with_progress
+@documented(SamplingPlan, ModelOptions)
+def batch(
+    study: PathLike | Sequence[PathLike],
+    *,
+    out: PathLike,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[Any], None] = silent,
+    stop: Stop = never,
+    **options: Any,
+) -> StudyResult:
+    """Sample every specimen of a study, or what is missing of it.
+
+    In a script of your own the call stands below ``if __name__ == "__main__":``, as for everything
+    that starts processes.
+
+    Parameters
+    ----------
+    study : path-like, or sequence of path-like
+        A study file, or specimen files that share their options.
+    out : path-like
+        The study folder.
+    workers : int, optional
+        Local processes; default the number of processors, at most four.
+    scheduler : str, optional
+        Address of a Dask scheduler to use instead.
+    progress, stop : callable, optional
+        As in :func:`biaxbayes.sample`.
+    **options
+        For specimen files: seed, ess, max_steps, anyway (as in :func:`biaxbayes.sample`), and
+        those of
+        :class:`~biaxbayes.options.ModelOptions`.
+    """
+    if isinstance(study, str | Path):
+        if options:
+            raise InputError("options of a study stand in its file", file=study)
+        chosen = read_study(Path(study))
+    else:
+        own = ("seed", "ess", "max_steps", "anyway")
+        numbers = {k: options.pop(k) for k in own if k in options}
+        model = ModelOptions.of(options).keywords()
+        chosen = study_of_files([Path(p) for p in study], model, **numbers)
+    executor = executor_for(workers, scheduler, isolated=True)
+    return Batch(chosen, Path(out), executor).execute(progress=progress, stop=stop)
+
+
+# --- what a worker does: sample a specimen, compare the layers of a donor ------------------------
+
+
+@dataclass(frozen=True)
+class SpecimenTask:
+    """A specimen to sample, or whose finished run is to be read.
+
+    Attributes
+    ----------
+    source : str
+        Name of its file.
+    folder : Path
+        Of the run, absolute.
+    options : dict
+        Keyword arguments of :meth:`.Sampling.prepare`.
+    finished : bool
+        The folder holds the finished run of this very task.
+    going : Path
+        A file that is there as long as the study goes on.
+    """
+
+    specimen: Specimen
+    source: str
+    folder: Path
+    options: dict[str, Any]
+    finished: bool
+    going: Path
+
+
+def try_specimen(task: SpecimenTask) -> Tried:
+    """Sample a specimen into its run folder, or read the run that is there.
+
+    Nothing is raised: one specimen does not stop the others.
+    """
+    notes: list[str] = []
+    law = task.options["options"]["law"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            if not task.going.exists():
+                return Tried(INTERRUPTED, f"{socket.gethostname()} does not see the study folder")
+            run = open_run(task.folder) if task.finished else _sampled(task, notes)
+            rows = rows_of_run(run)
+            return Tried(rows[0]["state"], rows[0]["reason"], rows, notes)
+        except Interrupted as error:
+            return Tried(INTERRUPTED, str(error))
+        except BiaxbayesError as error:
+            return _failed(str(error), notes, law)
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            return _failed(f"{where}{error.strerror or error}", notes, law)
+        except Exception as error:
+            if os.environ.get("BIAXBAYES_DEBUG"):
+                traceback.print_exc()
+            return _failed(f"internal error: {type(error).__name__}: {error}", notes, law)
+
+
+def _failed(reason: str, notes: list[str] | None = None, law: str = DEFAULT_LAW) -> Tried:
+    return Tried(FAILED, reason, rows_without_run(FAILED, reason, law), notes or [])
+
+
+def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
+    def note(progress: Any) -> None:
+        if progress.note:
+            notes.append(str(progress.note))
+
+    def stop() -> bool:
+        return not task.going.exists()
+
+    sampling = Sampling.prepare(task.specimen, out=task.folder, workers=1, **task.options)
+    sampling.source = task.source
+    with first_alone():
+        if stop():  # while another process was compiling
+            raise Interrupted("stopped before it began")
+        try:
+            folder = sampling.execute(resume=True, overwrite=True, progress=note, stop=stop)
+        except CannotResume as error:
+            notes.append(f"sampled anew: {error}")
+            folder = sampling.execute(resume=False, overwrite=True, progress=note, stop=stop)
+    return open_run(folder)
+
+
+@dataclass(frozen=True)
+class LayerTask:
+    """Runs to compare with one another: the layers of one donor, empty where none is named."""
+
+    donor: str
+    labels: tuple[str, ...]
+    layers: tuple[str, ...]
+    folders: tuple[Path, ...]
+
+
+def compare_layers(task: LayerTask) -> ComparedLayers:
+    """Compare the layers of one donor; nothing is raised."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            members, verdicts = [], []
+            for label, folder in zip(task.labels, task.folders, strict=True):
+                run = open_run(folder)
+                member = Member(label, run.posterior(), run.draws, run.state, run.stated)
+                members.append(member)
+                verdicts.append(judged_member(member).verdicts)
+            table, notes = distances_between(members, verdicts)
+        except BiaxbayesError as error:
+            return ComparedLayers(task.donor, notes=[f"no comparison: {error}"])
+    return compared_layers(
+        task.donor, dict(zip(task.labels, task.layers, strict=True)), table, notes
+    )
+
+
+# --- the study -----------------------------------------------------------------------------------
+
+
+GOING = ".going-"
+
+
+@dataclass
+class Batch:
+    """A study, the folder it is kept in and who does the work."""
+
+    study: Study
+    folder: Path
+    executor: Executor = field(default_factory=InThisProcess)
+
+    def execute(
+        self,
+        *,
+        progress: Callable[[Any], None] = silent,
+        stop: Stop = never,
+    ) -> StudyResult:
+        """Sample what is missing, compare the layers of each donor, and write every file.
+
+        Raises
+        ------
+        RunError
+            If the folder is in use or holds something else, or no worker sees it.
+        Interrupted
+            If stopped; what was done is saved.
+        """
+        self._make_folder()
+        with folder_lock(self.folder), self.executor, self._going() as going:
+            progress(Progress("reading specimens"))
+            entries = read_entries(self.study)
+            table = study_table(entries, self._sample(entries, going, progress, stop))
+            progress(Progress("comparing layers"))
+            folders = {e.entry.label: self.folder.absolute() / RUNS / e.slug for e in entries}
+            tasks = [
+                LayerTask(donor, labels, layers, tuple(folders[label] for label in labels))
+                for donor, labels, layers in donor_groups(table)
+            ]
+            compared = [ComparedLayers(task.donor) for task in tasks]
+            for outcome in self.executor.run(compare_layers, tasks):
+                lost = ComparedLayers(tasks[outcome.index].donor, notes=[outcome.lost])
+                compared[outcome.index] = lost if outcome.lost else outcome.value
+            progress(Progress("writing"))
+            result = result_of(self.study.name, self.folder.absolute(), table, compared)
+            write_study(result)
+        return result
+
+    def _make_folder(self) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
+            if names - {RUNS} and STUDY not in names:
+                raise RunError(
+                    f"{self.folder}: is a folder that is not a study's; choose another --out"
+                )
+            (self.folder / RUNS).mkdir(exist_ok=True)
+        except OSError as error:
+            raise RunError(
+                f"{self.folder}: cannot be made ({error.strerror}); choose another --out"
+            ) from None
+
+    @contextlib.contextmanager
+    def _going(self) -> Iterator[Path]:
+        """A file that is there as long as the study goes on; where it goes, workers stop."""
+        for left in self.folder.glob(f"{GOING}*"):
+            left.unlink(missing_ok=True)
+        path = self.folder.absolute() / f"{GOING}{uuid.uuid4().hex[:12]}"
+        path.touch()
+        try:
+            yield path
+        finally:
+            path.unlink(missing_ok=True)
+
+    def _sample(
+        self, entries: list[Entry], going: Path, progress: Callable[[Any], None], stop: Stop
+    ) -> dict[str, Tried]:
+        """What became of every specimen, by the name of its run folder."""
+        readable = [e for e in entries if e.specimen is not None]
+        tried = {e.slug: _failed(e.problem) for e in entries if e.specimen is None}
+        recorded = self._finished_before()
+        done = {
+            e.slug: e.fingerprint
+            for e in readable
+            if recorded.get(e.slug) == e.fingerprint and is_run(self.folder / RUNS / e.slug)
+        }
+        self._save(done)
+        readable.sort(key=lambda e: e.slug not in done)  # finished ones first: they take no time
+        before, clock = len(done), time.monotonic()
+        finished = f", {before} of them finished before" if before else ""
+        progress(Progress(f"sampling {len(entries)} specimens{finished}"))
+        asked = 0
+
+        def stopped() -> int:
+            nonlocal asked
+            asked = asked or stop()
+            if asked:
+                going.unlink(missing_ok=True)
+            return asked
+
+        tasks = [self._task(e, e.slug in done, going) for e in readable]
+        for outcome in self.executor.run(try_specimen, tasks, stop=stopped):
+            entry = readable[outcome.index]
+            result = _failed(outcome.lost) if outcome.lost else outcome.value
+            if result.state == INTERRUPTED:
+                if not stopped():
+                    raise RunError(
+                        f"{result.reason} {self.folder.absolute()}; put it where all workers see it"
+                    )
+                continue
+            tried[entry.slug] = result
+            for note in result.notes:
+                progress(Progress("sampling", note=f"{entry.entry.label}: {note}"))
+            if result.state in STATES and entry.slug not in done:
+                done[entry.slug] = entry.fingerprint
+                self._save(done)
+            progress(_how_far(tried, len(entries), before, time.monotonic() - clock))
+        if len(tried) < len(entries):
+            raise _interruption(len(tried), len(entries), self.folder, asked)
+        return tried
+
+    def _task(self, entry: Entry, finished: bool, going: Path) -> SpecimenTask:
+        assert entry.specimen is not None
+        options = {
+            "options": dict(entry.entry.options),
+            "seed": entry.entry.seed,
+            "ess": self.study.ess,
+            "max_steps": self.study.max_steps,
+            "anyway": entry.entry.anyway,
+        }
+        folder = self.folder.absolute() / RUNS / entry.slug
+        return SpecimenTask(entry.specimen, entry.entry.file.name, folder, options, finished, going)
+
+    def _finished_before(self) -> dict[str, str]:
+        """Fingerprints of finished runs in the record; none where it cannot be read."""
+        try:
+            record = json.loads((self.folder / STUDY).read_text(encoding="utf-8"))
+            return {str(k): str(v) for k, v in record["done"].items()}
+        except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
+            return {}
+
+    def _save(self, done: dict[str, str]) -> None:
+        """Keep the fingerprints of the finished runs, and the study's own columns."""
+        record = {"biaxbayes": biaxbayes.__version__, "name": self.study.name, "done": done}
+        if self.study.columns:
+            stated = {e.label: dict(e.columns) for e in self.study.specimens}
+            record |= {"columns": list(self.study.columns), "stated": stated}
+        atomic_write_text(self.folder / STUDY, json.dumps(record, indent=2) + "\n")
+
+
+def _how_far(tried: Mapping[str, Tried], total: int, before: int, seconds: float) -> Progress:
+    """Where the sampling stands, and how long it will take yet."""
+    bad = sum(t.state not in STATES for t in tried.values())
+    text = f"{len(tried)} of {total} specimens" + (f", {bad} failed" if bad else "")
+    if len(tried) > before:
+        left = seconds * (total - len(tried)) / (len(tried) - before)
+        if left >= 1.0:
+            time_left = f"{left:.0f} s" if left < 90.0 else f"{left / 60:.0f} min"
+            text += f", about {time_left} left"
+    return Progress(text, len(tried) / total)
+
+
+def _interruption(done: int, total: int, folder: Path, signal: int) -> Interrupted:
+    error = Interrupted(
+        f"interrupted after {done} of {total} specimens, all saved in {folder}; the same command "
+        "continues"
+    )
+    if not isinstance(signal, bool) and signal:
+        error.exit_code = 128 + signal
+    return error

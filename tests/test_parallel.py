@@ -1,0 +1,298 @@
+"""Executors: equal results, one BLAS thread, and workers that die."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import executor_tasks as tasks
+from biaxbayes import parallel
+from biaxbayes.errors import InputError, RunError
+from biaxbayes.parallel import Cluster, InThisProcess, Processes, executor_for, one_blas_thread
+
+
+def test_every_task_is_done_once_and_in_several_processes():
+    numbers = list(range(8))
+    for executor in (InThisProcess(), Processes(2)):
+        found = {o.index: o.value for o in executor.run(tasks.square, numbers)}
+        assert found == {n: n * n for n in numbers}
+    with Processes(2) as executor:
+        seen = [[o.value for o in executor.run(tasks.where, numbers)] for _ in range(2)]
+    processes = [{process for process, _ in once} for once in seen]
+    assert len(processes[0]) == 2 and processes[0] == processes[1]  # they stay
+    assert {threads for once in seen for _, threads in once} == {1}
+
+
+def test_a_task_whose_worker_died_is_done_by_another(tmp_path):
+    outcomes = list(Processes(2).run(tasks.die_once, [str(tmp_path)]))
+    assert [(o.value, o.lost) for o in outcomes] == [("survived", "")]
+
+
+def test_a_task_that_kills_every_worker_is_given_up_and_no_other():
+    words = ["a", "dies", "b", "c"]
+    outcomes = {o.index: o for o in Processes(2).run(tasks.die_always, words)}
+    assert len(outcomes) == 4
+    assert "died 3 times" in outcomes[1].lost
+    assert [outcomes[i].value for i in (0, 2, 3)] == ["a", "b", "c"]
+    assert not any(outcomes[i].lost for i in (0, 2, 3))
+
+
+def test_a_worker_that_dies_when_it_has_finished_costs_no_task(tmp_path):
+    """Its result may be on the way, or the next task with it already."""
+    work = [(str(tmp_path), number) for number in range(5)]
+    outcomes = {o.index: (o.value, o.lost) for o in Processes(2).run(tasks.say_and_die_soon, work)}
+    assert outcomes == {number: (number, "") for number in range(5)}
+
+
+def test_an_exception_comes_through_with_where_it_happened():
+    with pytest.raises(ValueError, match="two") as raised:
+        list(Processes(1).run(tasks.fail, [1, 2]))
+    assert "executor_tasks.py" in str(raised.value.__cause__)
+
+
+def test_a_stop_hands_out_nothing_further_and_waits_for_what_is_under_way(tmp_path):
+    asked = []
+
+    def stop():
+        if not asked and list(tmp_path.glob("begun-*")):
+            asked.append(True)
+            (tmp_path / "stop").touch()
+        return bool(asked)
+
+    outcomes = list(Processes(1).run(tasks.until_told, [str(tmp_path)] * 5, stop=stop))
+    assert [o.value for o in outcomes] == ["ended"]
+
+
+def test_leaving_early_ends_the_workers(tmp_path):
+    running = Processes(2).run(tasks.mark_and_wait, [(str(tmp_path), s) for s in (0.0, 600.0)])
+    next(running)
+    until(lambda: len(list(tmp_path.glob("begun-*"))) == 2)
+    running.close()
+    until(lambda: not any(map(alive, begun(tmp_path))))
+    assert not multiprocessing.active_children()
+
+
+SCRIPT = """
+import os, sys
+from pathlib import Path
+
+import executor_tasks as tasks
+from biaxbayes.parallel import Processes
+from biaxbayes.progress_bar import graceful_stop
+
+if __name__ == "__main__":
+    with graceful_stop() as stop, Processes(2) as workers:
+        def stopped():
+            asked = stop()
+            if asked and sys.argv[2] == "finish":
+                (Path(sys.argv[1]) / "stop").touch()
+            if asked:
+                print("asked", flush=True)
+            return asked
+        for o in workers.run(tasks.until_told, [sys.argv[1]] * 9, stop=stopped):
+            print(o.value, flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no process groups")
+@pytest.mark.usefixtures("usual_signals")
+@pytest.mark.parametrize("how", ["finish", "at once", "killed"])
+def test_signals_reach_the_workers_through_us_and_leave_none_behind(tmp_path, how):
+    """The terminal sends them to the whole group."""
+    run = started(tmp_path, SCRIPT, how)
+    until(lambda: len(begun(tmp_path)) == 2)
+    if how == "killed":
+        run.kill()
+    else:
+        os.killpg(run.pid, signal.SIGINT)
+        assert run.stdout.readline() == "asked\n"
+        if how == "at once":
+            os.killpg(run.pid, signal.SIGINT)
+    out, err = run.communicate(timeout=60)
+    if how == "finish":
+        assert out.count("ended") == 2
+        assert err == "stopping after this block; once more to stop at once\n"
+        assert run.returncode == 0
+    else:
+        assert "ended" not in out
+    until(lambda: not any(map(alive, begun(tmp_path))))
+
+
+def started(folder, code, *words):
+    path = folder / "script.py"
+    path.write_text(code)
+    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", str(path), str(folder), *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": paths},
+    )
+
+
+def begun(folder):
+    """Processes in which a task has begun."""
+    return [int(p.name.removeprefix("begun-")) for p in folder.glob("begun-*")]
+
+
+def until(true):
+    end = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+UNGUARDED = """
+import executor_tasks as tasks
+from biaxbayes.errors import RunError
+from biaxbayes.parallel import Processes
+try:
+    list(Processes(2).run(tasks.square, [1, 2, 3]))
+except RunError as error:
+    print(error)
+"""
+
+
+def test_a_script_without_a_guard_is_told_what_is_missing(tmp_path):
+    out, _ = started(tmp_path, UNGUARDED).communicate(timeout=120)
+    assert 'if __name__ == "__main__":' in out
+
+
+def test_what_was_asked_for():
+    assert isinstance(executor_for(1), InThisProcess)
+    assert executor_for(1, isolated=True).count == 1
+    assert executor_for(3).count == 3
+    with pytest.raises(InputError, match="at least 1"):
+        executor_for(0)
+    with pytest.raises(InputError, match="both"):
+        executor_for(2, "tcp://127.0.0.1:8786")
+
+
+@pytest.mark.parametrize("method", ["spawn", "fork"])
+def test_a_daemonic_process_works_with_one_worker(method):
+    if method not in multiprocessing.get_all_start_methods():
+        pytest.skip("no such way to start a process here")
+    with multiprocessing.get_context(method).Pool(1) as pool:
+        assert pool.map(tasks.squares_by_executor, [None, 1]) == [[1, 4], [1, 4]]
+        with pytest.raises(InputError, match="cannot start processes"):
+            pool.map(tasks.squares_by_executor, [2])
+
+
+def blas_threads():
+    return [i["num_threads"] for i in threadpool_info() if i["user_api"] == "blas"]
+
+
+@pytest.mark.parametrize("leaves_first", ["first", "second"])
+def test_threads_that_ask_for_one_blas_thread_share_the_setting(leaves_first):
+    import scipy.linalg  # noqa: F401
+
+    parallel._in_short_thread(lambda: threadpool_limits(2, user_api="blas"))
+    events = {name: threading.Event() for name in ("first", "second")}
+    inside = {name: threading.Event() for name in events}
+
+    def work(name):
+        with one_blas_thread():
+            inside[name].set()
+            events[name].wait(30)
+
+    before = blas_threads()
+    threads = {name: threading.Thread(target=work, args=(name,)) for name in events}
+    for name, thread in threads.items():
+        thread.start()
+        inside[name].wait(30)
+    assert set(blas_threads()) == {1}
+    events[leaves_first].set()
+    threads[leaves_first].join()
+    assert set(blas_threads()) == {1}
+    for name in events:
+        events[name].set()
+        threads[name].join()
+    assert blas_threads() == before
+
+
+# --- clusters ------------------------------------------------------------------------------------
+
+
+def test_without_distributed_the_extra_is_named(monkeypatch):
+    monkeypatch.setattr(parallel.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"distributed.*biaxbayes\[cluster\]"):
+        executor_for(scheduler="tcp://127.0.0.1:8786")
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
+    from distributed import default_client
+
+    monkeypatch.setattr(parallel, "CONNECT_SECONDS", 1.0)
+    for address in ("tcp://127.0.0.1:9", "nowhere", ""):
+        with pytest.raises(InputError, match="no Dask scheduler answers"):
+            list(Cluster(address).run(tasks.square, [1]))
+    # Nothing is left behind that other libraries would take for a cluster to ask.
+    with pytest.raises(ValueError, match="No client"):
+        default_client()
+
+
+def local_cluster(workers):
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+        memory_limit=0,
+    )
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    """Address of a scheduler with two workers, in processes of their own."""
+    with local_cluster(2) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_a_cluster_does_every_task_once_and_raises_errors_here(scheduler):
+    numbers = list(range(6))
+    with Cluster(scheduler) as cluster:
+        assert {o.index: o.value for o in cluster.run(tasks.square, numbers)} == {
+            n: n * n for n in numbers
+        }
+        threads = {o.value[1] for o in cluster.run(tasks.where, numbers)}
+        assert threads == {1}
+        with pytest.raises(ValueError, match="two") as raised:
+            list(cluster.run(tasks.fail, [1, 2]))
+        assert "executor_tasks.py" in "".join(raised.value.__notes__)
+
+
+def test_workers_with_other_versions_are_refused(scheduler, monkeypatch):
+    other = parallel._versions() | {"numpy": "1.0", "scipy": "1.1"}
+    monkeypatch.setattr(parallel, "_versions", lambda: other)
+    with pytest.raises(InputError, match=r"numpy .*, scipy .*, here is numpy 1.0, scipy 1.1"):
+        list(Cluster(scheduler).run(tasks.square, [1]))
+
+
+def test_a_scheduler_that_goes_is_one_line():
+    local = local_cluster(1)
+    running = Cluster(local.scheduler_address).run(tasks.square, list(range(10**6)))
+    next(running)
+    local.close()
+    with pytest.raises(RunError, match="scheduler has gone"):
+        list(running)
