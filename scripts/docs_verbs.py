@@ -93,6 +93,27 @@ protocol,stretch_x,stretch_y,force_x_N,force_y_N
 1:1,1.002,1.002,0.0180,0.0157
 ```
 """
+ABOUT_REFERENCES = """## The reference of the stretches
+
+Stretches enter the model relative to the mounted state, the state in which the mounting force is
+read. There are two kinds of record:
+
+- **Each protocol starts at the mounted state** (`reference: each protocol`, also where the key is
+  missing). Its first rows are the mounted state, and its stretches are divided by their mean there.
+- **All protocols share one reference** (`reference: common`), as where one gauge length serves all
+  of them and a protocol starts at (1.03, 1), or where the off-axis direction contracts from the
+  common state. Rows at the stretch (1, 1) give the mounting force; a protocol that starts elsewhere
+  has none. Where the mounted state has another stretch in the columns, state it with
+  `mounted_state_x` and `mounted_state_y`. At least one protocol needs a row there.
+
+Where the first rows of protocols differ by more than 0.002 in stretch, `check`, `sample` and the
+report say so; by more than 0.02, `sample` asks for the key `reference`.
+
+A row is at rest while both stretches rest and no load has begun to rise. A load that rises while
+the stretch rests (a camera that lags behind the load cell) is named.
+
+`Protocol` and `Specimen` built from NumPy arrays are checked and divided in the same way as a file.
+"""
 IN_NAMES = ("mm", "N", "kPa", "s", "deg")
 
 
@@ -101,7 +122,7 @@ def specimen_file() -> str:
     return (
         f"{ABOUT_SPECIMEN_FILES}\n## Columns\n\n{_meanings(COLUMNS)}\n"
         "One pair of forces or stresses, no two of them.\n\n"
-        f"## Header keys\n\n{_meanings(KEYS)}"
+        f"## Header keys\n\n{_meanings(KEYS)}\n{ABOUT_REFERENCES}"
     )
 
 

@@ -101,10 +101,15 @@ def test_mounting_forces_that_differ():
 
 def test_drift_of_the_reference():
     p, q = GOOD.protocols
-    drifted = specimen(p, changed(q, reference=(1.0, 1.011)))
-    assert codes(drifted) == {"stretch-drift", "re-referenced"}
-    (warning,) = (f for f in check_specimen(drifted) if f.severity == "warning")
-    assert "from 1.0000 to 1.0110 in y (1.1 %)" in warning.message
+    (warning,) = check_specimen(specimen(p, changed(q, reference=(1.0, 1.011))))
+    assert (warning.code, warning.severity) == ("stretch-drift", "warning")
+    assert "from 1.0000 (1:1) to 1.0110 (1:0.5) in y" in warning.message
+    assert "# reference: common" in warning.message
+    far = changed(q, reference=(1.0, 1.03))
+    (error,) = check_specimen(specimen(p, far))
+    assert (error.code, error.severity) == ("stretch-drift", "error")
+    (warning,) = check_specimen(specimen(p, far, reference="each protocol"))
+    assert (warning.code, warning.severity) == ("stretch-drift", "warning")
 
 
 def test_unloading():
@@ -140,10 +145,18 @@ def test_units():
     p = GOOD.protocols[0]
     for factor, words in ((1000.0, "is the file in Pa?"), (1e-3, "is the file in MPa?")):
         scaled = changed(p, load_x=p.load_x * factor, load_y=p.load_y * factor)
-        messages = [f.message for f in check_specimen(Specimen("a", (scaled,), "piola"))]
+        messages = [
+            f.message
+            for f in check_specimen(
+                Specimen("a", (scaled,), "piola", metadata={"stress_limit_kPa": 1e6})
+            )
+        ]
         assert any(words in message for message in messages)
     one = changed(p, load_x=p.load_x * 1000.0)
-    assert any("same unit" in f.message for f in check_specimen(specimen(one)))
+    assert any(
+        "same unit" in f.message
+        for f in check_specimen(specimen(one, metadata={"stress_limit_kPa": 1e6}))
+    )
     thick = specimen(p, edge_x_mm=20.0, edge_y_mm=20.0, thickness_mm=1350.0)
     messages = [f.message for f in check_specimen(thick)]
     for words in ("thickness_mm of 1350 is unusual", "1350 mm thick and only 20 mm wide"):
@@ -291,9 +304,8 @@ def test_what_goh_follows_is_contradicted_by_no_run():
 
 def test_thinning_keeps_rest_and_end():
     p = protocol(increments=2000)
-    p = changed(p, rest_rows=4)
-    few = thinned(specimen(p), 50)
-    (q,) = few.protocols
+    whole = specimen(changed(p, rest_rows=4))
+    (p,), (q,) = whole.protocols, thinned(whole, 50).protocols
     assert q.rows == 54 and q.rest_rows == 4
     assert q.stretch_x[-1] == p.stretch_x[-1]
     np.testing.assert_array_equal(q.load_x[:5], p.load_x[:5])

@@ -16,7 +16,8 @@ from biaxbayes import Protocol, Specimen, read_specimen, write_specimen
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.header import measured_stretch
-from biaxbayes.specimens.specimen import STRESS_PAIRS, referenced_protocol, rest_rows
+from biaxbayes.specimens.specimen import STRESS_PAIRS, rest_rows
+from biaxbayes.specimens.specimen_file import specimen_text
 from biaxbayes.specimens.table import read_stretches
 from hostile.specimen_files import GOOD, body, protocols
 
@@ -44,9 +45,10 @@ def noisy_protocol(seed: int, name: str = "1", count: int = 40, rest: int = 5) -
 @pytest.mark.parametrize("seed", range(5))
 def test_what_was_read_is_written_and_read_back_equal(pair, seed, tmp_path):
     names = ("1:1, slow", 'the "second"', "drüben_3")
+    recorded = [noisy_protocol(seed + i, name) for i, name in enumerate(names)]
     raw = Specimen(
         name="A12 rechts",
-        protocols=tuple(noisy_protocol(seed + i, name) for i, name in enumerate(names)),
+        protocols=recorded,
         stress_pair=pair,
         geometry="mounted",
         edge_x_mm=20.1,
@@ -58,9 +60,9 @@ def test_what_was_read_is_written_and_read_back_equal(pair, seed, tmp_path):
         metadata={"mounting_stretch_x": "1.03 +- 0.01", "edge_sd_mm": 0.1, "cycle": "10"},
     )
     # A re-referenced record: its mean at rest is one only up to rounding.
-    write_specimen(raw, tmp_path / "raw.csv")
+    (tmp_path / "raw.csv").write_text(specimen_text(raw, recorded), encoding="utf-8")
     first = read_specimen(tmp_path / "raw.csv")
-    assert len(first.notes) == 3
+    assert len(first.notes) == 3 and first == raw
     assert first.protocols[0].reference == pytest.approx((1.003, 0.996), abs=1e-4)
     write_specimen(first, tmp_path / "again.csv")
     second = read_specimen(tmp_path / "again.csv")
@@ -181,11 +183,12 @@ def test_referencing_twice_changes_nothing(seed, scale, rest, noise):
     path = np.concatenate([np.zeros(rest), np.linspace(0.0, 1.0, 60)])
     stretch = scale * (1.0 + np.outer(path, [0.2, 0.1])) + rng.normal(0.0, noise, (rest + 60, 2))
     load = rng.normal(10.0, 1.0, stretch.shape)
-    once = referenced_protocol("a", stretch, load, "cauchy", None, rest)
-    pairs = [
-        np.column_stack(p) for p in ((once.stretch_x, once.stretch_y), (once.load_x, once.load_y))
-    ]
-    assert referenced_protocol("a", *pairs, "cauchy", None, rest) == once
+    recorded = Protocol("a", *stretch.T, *load.T, rest_rows=rest)
+    once = Specimen("s", (recorded,), "cauchy")
+    (p,) = once.protocols
+    assert p.stretch_x[:rest].mean() == pytest.approx(1.0, abs=1e-12)
+    again = Protocol("a", p.stretch_x, p.stretch_y, p.load_x, p.load_y, rest_rows=rest)
+    assert Specimen("s", (again,), "cauchy") == once
 
 
 def test_rest_rows_found_in_a_noisy_record():

@@ -124,9 +124,11 @@ def _protocol_table(about: dict[str, Any]) -> list[str]:
     )
     lines = [heads]
     for p in about["protocols"]:
-        forces = [
-            f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}" for k in "xy"
-        ]
+        forces = (
+            [f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}" for k in "xy"]
+            if p["rest_rows"]
+            else ["of the others"]
+        )
         name = p["name"] if len(p["name"]) <= 30 else p["name"][:29] + "…"
         lines.append(
             (

@@ -81,7 +81,7 @@ def without(specimen: Specimen, part: Part) -> Specimen:
     """The specimen without a part of its record."""
     if len(specimen.protocols) > 1:
         kept = tuple(p for i, p in enumerate(specimen.protocols) if i != part.protocol)
-        return replace(specimen, protocols=kept)
+        return specimen.with_protocols(kept)
     only = specimen.protocols[0]
     rows = np.ones(only.rows, dtype=bool)
     rows[part.rows] = False
@@ -91,8 +91,11 @@ def without(specimen: Specimen, part: Part) -> Specimen:
 
 def only(specimen: Specimen, part: Part) -> Specimen:
     """The rows at rest and those of a part of the record."""
-    p = specimen.protocols[part.protocol]
-    rows = np.r_[np.arange(p.rest_rows), np.arange(p.rows)[part.rows]]
+    whole = specimen.protocols[part.protocol]
+    (p,) = specimen.with_protocols([whole]).protocols
+    # A protocol that does not start at the mounted state has taken rows at rest from another.
+    moved = np.arange(whole.rows)[part.rows] + (p.rows - whole.rows)
+    rows = np.r_[np.arange(p.rest_rows), moved]
     columns = {k: getattr(p, k)[rows] for k in ("stretch_x", "stretch_y", "load_x", "load_y")}
     return replace(specimen, protocols=(replace(p, **columns, time_s=None),))
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.parameters import NOISE_SD, STRETCH
+from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
 from biaxbayes.text_files import atomic_write_text
@@ -80,6 +81,8 @@ def opened_specimen(
     if not isinstance(specimen, Specimen):
         file = Path(specimen)
         specimen = read_specimen(specimen)
+    else:
+        check_readings(specimen)
     if mounting_force is None:
         return specimen
     if not specimen.is_tared:
@@ -127,6 +130,7 @@ def readable_specimen(specimen: Specimen, file: object) -> Specimen:
     ------
     InputError
     """
+    check_readings(specimen)
     try:
         parse_specimen(specimen_text(specimen).split("\n"), Path("specimen.csv"))
     except InputError as error:

@@ -16,7 +16,7 @@ from biaxbayes.jobs.opening import (
     opened_specimen,
 )
 from biaxbayes.options import ALL_FITS, FIT_WORDS, FitOptions, documented
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen import REFERENCES, Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.text_files import atomic_write_text, write_csv
 
@@ -109,6 +109,9 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: str | Path | None
     return Checked(data, sorted_findings(findings))
 
 
+FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis in "xy")
+
+
 def understood(specimen: Specimen) -> dict[str, Any]:
     """What is understood of a specimen, as plain values."""
     readings, sds = specimen.mounting_readings(shared=False)
@@ -126,6 +129,7 @@ def understood(specimen: Specimen) -> dict[str, Any]:
         "section_y_mm2": None if area[1] is None else float(area[1]),
         "stress_pair": specimen.stress_pair,
         "unit": specimen.unit,
+        "reference": specimen.reference or REFERENCES[0],
         "load_noise": specimen.noise_sd,
         "load_noise_stated": specimen.load_noise is not None,
         "tared": specimen.is_tared,
@@ -140,10 +144,10 @@ def understood(specimen: Specimen) -> dict[str, Any]:
                 "stretch_y": [float(p.stretch_y.min()), float(p.stretch_y.max())],
                 "largest_load_x": float(load[:, 0].max()),
                 "largest_load_y": float(load[:, 1].max()),
-                "mounting_force_x": float(reading[0]),
-                "mounting_force_y": float(reading[1]),
-                "mounting_force_sd_x": float(sd[0]),
-                "mounting_force_sd_y": float(sd[1]),
+                **{
+                    key: float(value) if p.rest_rows else None
+                    for key, value in zip(FORCE_KEYS, (*reading, *sd), strict=True)
+                },
                 "reference_x": p.reference[0],
                 "reference_y": p.reference[1],
             }
@@ -216,7 +220,7 @@ def convert(
     found = conversion(files, chosen, header=values, protocol_names=list(protocol_names))
     if target is None:
         return found
-    text = specimen_text(found.specimen)
+    text = specimen_text(found.specimen, found.recorded)
     specimen = parse_specimen(text.split("\n"), target)
     atomic_write_text(target, text)
     return replace(found, specimen=specimen)

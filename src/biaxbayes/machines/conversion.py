@@ -14,8 +14,8 @@ from biaxbayes.machines import BRANCHES, FORMATS, GAUGE_AT, STRETCH_SOURCES
 from biaxbayes.machines.raw_file import read_raw_tables
 from biaxbayes.machines.raw_table import RawTable
 from biaxbayes.specimens.path import Cycle, cycles, progress
-from biaxbayes.specimens.plausibility import check_load, check_stretch
-from biaxbayes.specimens.specimen import Protocol, Specimen, rest_rows
+from biaxbayes.specimens.plausibility import check_load
+from biaxbayes.specimens.specimen import LOAD_ROWS, Protocol, ReadingError, Specimen
 
 # --- what to take from a raw file, and what was taken from it for one protocol -------------------
 
@@ -221,16 +221,14 @@ class Recording:
                 file=file,
                 remedy="choose another --cycle or --branch",
             )
-        for k in range(2):
-            check_stretch(self.stretch[:, k], self.lines, self.columns[k], file)
-            check_load(
-                self.load[:, k],
-                self.lines,
-                self.columns[2 + k],
-                file,
-                section_mm2=None if sections is None else sections[k],
-                limit_kPa=limit_kPa,
-            )
+        columns = dict(zip(("stretch_x", "stretch_y", *LOAD_ROWS), self.columns, strict=True))
+        try:
+            Protocol("", *self.stretch.T, *self.load.T)
+            for k, name in enumerate(LOAD_ROWS):
+                section = None if sections is None else sections[k]
+                check_load(self.load[:, k], section, limit_kPa, argument=name)
+        except ReadingError as error:
+            raise error.at(file, self.lines, columns) from None
 
 
 Reader = Callable[[RawTable, Choice, Gauge], list[Recording]]
@@ -321,10 +319,14 @@ def chosen_number(which: str, found: list[str], table: RawTable) -> int:
 
 @dataclass(frozen=True)
 class Conversion:
-    """A specimen with stretches as measured, and the recordings that it was made from."""
+    """A specimen, and the recordings that it was made from.
+
+    ``recorded`` are its protocols with stretches as measured, before they were divided.
+    """
 
     specimen: Specimen
     recordings: tuple[Recording, ...]
+    recorded: tuple[Protocol, ...]
     geometry_stated: bool
 
     def __repr__(self) -> str:
@@ -373,8 +375,10 @@ def convert(
             remedy="convert them with the same columns",
         )
     recordings = _named(recordings, protocol_names)
-    specimen = _specimen(recordings, paths, choice, header)
-    return Conversion(specimen, tuple(recordings), "geometry" in header)
+    timed = all(r.time_s is not None for r in recordings)
+    recorded = tuple(_protocol(r, timed) for r in recordings)
+    specimen = _specimen(recordings, recorded, paths, choice, header)
+    return Conversion(specimen, tuple(recordings), recorded, "geometry" in header)
 
 
 def _recordings(path: Path, choice: Choice, header: Mapping[str, float | str]) -> list[Recording]:
@@ -443,6 +447,7 @@ def _named(recordings: list[Recording], names: Sequence[str]) -> list[Recording]
 
 def _specimen(
     recordings: Sequence[Recording],
+    recorded: Sequence[Protocol],
     paths: Sequence[Path],
     choice: Choice,
     header: Mapping[str, float | str],
@@ -462,7 +467,6 @@ def _specimen(
     if assumptions:
         metadata["conversion"] = "; ".join(assumptions)
     metadata.update(_shear(recordings))
-    timed = all(r.time_s is not None for r in recordings)
     noise = header.get(f"load_noise_{unit}")
     wrong = "kPa" if unit == "N" else "N"
     if f"load_noise_{wrong}" in header:
@@ -472,7 +476,7 @@ def _specimen(
         )
     return Specimen(
         name=str(header.get("specimen", paths[0].stem)),
-        protocols=tuple(_protocol(r, timed) for r in recordings),
+        protocols=tuple(recorded),
         stress_pair=recordings[0].stress_pair,
         geometry=str(header.get("geometry", "unloaded")),
         load_noise=None if noise is None else float(noise),
@@ -482,7 +486,16 @@ def _specimen(
 
 
 _RENAMED = ("specimen", "geometry")
-_FIELDS = (*_RENAMED, "layer", "axis_x", "axis_y", "edge_x_mm", "edge_y_mm", "thickness_mm")
+_FIELDS = (
+    *_RENAMED,
+    "layer",
+    "axis_x",
+    "axis_y",
+    "edge_x_mm",
+    "edge_y_mm",
+    "thickness_mm",
+    "reference",
+)
 
 
 def _protocol(recording: Recording, timed: bool) -> Protocol:
@@ -490,7 +503,7 @@ def _protocol(recording: Recording, timed: bool) -> Protocol:
     x, y = recording.stretch.T
     fx, fy = recording.load.T
     time = recording.time_s if timed else None
-    return Protocol(recording.name, x, y, fx, fy, time, rest_rows(x, y))
+    return Protocol(recording.name, x, y, fx, fy, time)
 
 
 def _shear(recordings: Sequence[Recording]) -> dict[str, float]:

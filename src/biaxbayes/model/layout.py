@@ -222,6 +222,14 @@ def _check(specimen: Specimen, settings: Settings) -> None:
             "tied mounting stretches need the mounting stretches as unknowns",
             remedy="add --mounting free",
         )
+    away = [p.name for p in specimen.protocols if p.rest_rows == 0]
+    if away and settings.mounting_stretch != "shared":
+        raise InputError(
+            f"protocol {away[0][:40]!r} does not start at the mounted state, so it has no mounting "
+            "stretch of its own",
+            file=specimen.name,
+            remedy="use --mounting-stretch shared",
+        )
     for key in ("edge_sd_mm", "thickness_sd_mm"):
         of = ("thickness_mm",) if key.startswith("thick") else ("edge_x_mm", "edge_y_mm")
         if key in specimen.metadata and any(getattr(specimen, k) is None for k in of):

@@ -34,7 +34,7 @@ from biaxbayes.parameters import (
     Parameter,
     mounting_names,
 )
-from biaxbayes.specimens.specimen_file import measured_stretch
+from biaxbayes.specimens.header import measured_stretch
 from biaxbayes.text_files import read_text
 
 if TYPE_CHECKING:

@@ -199,6 +199,8 @@ class FurtherProtocol:
         the noise alone says (:meth:`.Specimen.mounting_readings`).
         """
         own, sd = self.specimen.mounting_readings(shared=False)
+        at_rest = [p.rest_rows > 0 for p in self.specimen.protocols]
+        own, sd = own[at_rest], sd[at_rest]
         with_it = np.concatenate(
             [np.broadcast_to(own, (len(reading), *own.shape)), reading[:, None]], axis=1
         )

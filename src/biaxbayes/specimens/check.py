@@ -13,12 +13,9 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.findings import Finding, mounting_findings, serious, sorted_findings
 from biaxbayes.specimens.path import SWING, progress, relapse, scatter
-from biaxbayes.specimens.plausibility import unit_findings
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.plausibility import check_readings, unit_findings
+from biaxbayes.specimens.specimen import Protocol, Specimen, rest_rows, still_rows
 from biaxbayes.specimens.specimen_file import read_specimen
-
-__all__ = ["Finding", "check_specimen", "path_findings", "refuse_no_loading_curve"]
-
 
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Shares of the load's range between which stiffnesses are compared."""
@@ -26,6 +23,7 @@ STIFF_START = 1.5
 PROPORTIONAL = 0.01
 JUMP = 0.05
 FEW_ROWS = 8
+LAG = 3.0
 DISORDER = 0.15
 """Scatter about the neighbours, as a share of the range; shuffled rows have 0.25 to 0.3."""
 
@@ -52,6 +50,7 @@ def path_findings(specimen: Specimen) -> list[Finding]:
         found += _unloading(p, stretch, load) or _backwards(p, stretch, load, specimen.noise_sd)
         found += _jumps(p, stretch, load)
         found += _time(p)
+        found += _camera_lag(p)
     return [
         *found,
         *_resampled(specimen),
@@ -138,14 +137,46 @@ def _jumps(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
     return found
 
 
+def _camera_lag(p: Protocol) -> list[Finding]:
+    """A load that rises while the stretch rests, and by more than such a small stretch explains."""
+    still = still_rows(p.stretch_x, p.stretch_y)
+    load = np.column_stack([p.load_x, p.load_y])
+    rest = rest_rows(p.stretch_x, p.stretch_y, load)
+    if rest == still or 2 * still > p.rows:
+        return []
+    rise = load[still - 1] - load[:rest].mean(axis=0)
+    k = int(np.argmax(rise))
+    stretch = p.stretch_x + p.stretch_y
+    # What the load rises by per stretch in as many rows after the rest
+    later = load[2 * still - 1, k] - load[still - 1, k]
+    moved = abs(float(stretch[2 * still - 1] - stretch[still - 1]))
+    explained = later * float(np.ptp(stretch[:still])) / max(moved, 1e-12)
+    if rise[k] <= LAG * max(explained, 0.0):
+        return []
+    time = p.time_s
+    long = f" ({time[still - 1] - time[rest - 1]:.2g} s)" if time is not None else ""
+    counted = "row 1 counts" if rest == 1 else f"rows 1 to {rest} count"
+    return [
+        Finding(
+            "camera-lag",
+            "warning",
+            f"the load in {'xy'[k]} rises by {rise[k]:.3g} over rows {rest} to {still}{long} while "
+            f"the stretch rests: the camera lags behind the load cell, or the grips slip. Only "
+            f"{counted} as at rest; shift the stretches back in time by that delay",
+            p.name,
+        )
+    ]
+
+
 def _stiff_start(specimen: Specimen) -> list[Finding]:
     """Stiffness that falls along the start, and faster than that of the matrix alone does."""
     ratios, ends, names = [], [], []
     for p in specimen.protocols:
-        lx, ly = p.stretch_x[p.rest_rows - 1 :], p.stretch_y[p.rest_rows - 1 :]
+        start = max(p.rest_rows - 1, 0)
+        lx, ly = p.stretch_x[start:], p.stretch_y[start:]
         # Neo-Hookean matrix: P_x = 2 C1 (lx - lx^-3 ly^-2), concave by itself
         matrix = np.column_stack([lx - lx**-3 * ly**-2, ly - ly**-3 * lx**-2])
-        load = specimen.load(p)[p.rest_rows - 1 :]
+        load = specimen.load(p)[start:]
         for k, axis in enumerate("xy"):
             bins = _bins(load[:, k])
             stiffness = [_slope(lx + ly - 2.0, load[:, k], matrix[:, k], rows) for rows in bins]
@@ -285,6 +316,7 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     """
     if not isinstance(specimen, Specimen):
         specimen = read_specimen(specimen)
+    check_readings(specimen)
     found = [
         *mounting_findings(specimen),
         *path_findings(specimen),
@@ -312,9 +344,11 @@ def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, 
     errors = [f for f in found if f.severity == "error"]
     if errors and file is not None:
         more = f" ({len(errors) - 1} more of the kind)" if len(errors) > 1 else ""
-        told = str(errors[0]).removeprefix("error: ")
+        message = str(errors[0]).removeprefix("error: ")
+        if errors[0].code != "stretch-drift":
+            message = f"cannot be a loading curve: {message}"
         raise InputError(
-            f"cannot be a loading curve: {told}{more}",
+            f"{message}{more}",
             file=file,
             remedy="or add --anyway to go on all the same",
         )

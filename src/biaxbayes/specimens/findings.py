@@ -13,9 +13,6 @@ import numpy as np
 
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["SERIOUS", "SEVERITIES", "Finding", "mounting_findings", "serious", "sorted_findings"]
-
-
 SEVERITIES = ("error", "warning", "note")
 """An error cannot be a loading curve; a warning can change what a fit means; a note explains."""
 
@@ -50,7 +47,17 @@ class Finding:
         return f"{self.severity}: {where}{self.message}"
 
 
-SERIOUS = ("units", "sign", "unloading", "jump", "time", "swapped")
+SERIOUS = (
+    "units",
+    "sign",
+    "unloading",
+    "jump",
+    "time",
+    "swapped",
+    "stretch-drift",
+    "camera-lag",
+    "clipped",
+)
 """Warnings that a sampled posterior is not told without; an error always is one of these."""
 
 
@@ -72,27 +79,22 @@ def serious(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 DRIFT = 0.002
-"""Differences of the stretch at rest between protocols beyond this are worth a warning."""
+"""First rows of protocols that differ by more in stretch are worth a warning."""
+LARGE_DRIFT = 0.02
+"""First rows that differ by more are refused until the header says what they are relative to:
+twice what the preconditioned aorta of the project's measured tissue drifts by."""
 SIGNIFICANT = 3.0
+CLIPPED_ROWS = 3
 
 
 def mounting_findings(specimen: Specimen) -> list[Finding]:
-    """Findings about the mounted state.
-
-    Parameters
-    ----------
-    specimen : Specimen
-
-    Returns
-    -------
-    list of Finding
-    """
+    """Findings about the mounted state."""
     return [
         *_tared(specimen),
+        *_clipped(specimen),
         *_weak_or_negative(specimen),
         *_unequal(specimen),
-        *_drift(specimen),
-        *_reference(specimen),
+        *_references(specimen),
     ]
 
 
@@ -103,9 +105,9 @@ def _tared(specimen: Specimen) -> list[Finding]:
                 "tared",
                 "warning",
                 "the force at the mounted state is zero in every protocol: the load cell was "
-                "tared after mounting, or the record was shifted to start at zero. Prestretch "
-                "cannot be inferred from this file; give the force with --mounting-force X Y, or "
-                "sample with --mounting zeroed",
+                "tared after mounting, or the record was shifted to start at zero before it was "
+                "exported. Prestretch cannot be inferred from this file; give the force with "
+                "--mounting-force X Y, or sample with --mounting zeroed",
             )
         ]
     limit = 1e-9 * specimen.peak_load
@@ -122,6 +124,43 @@ def _tared(specimen: Specimen) -> list[Finding]:
     ]
 
 
+def _clipped(specimen: Specimen) -> list[Finding]:
+    """Loads cut off at zero or at the top of the load cell: one value again and again."""
+    found = []
+    for p in specimen.protocols:
+        for axis, curve in zip("xy", (p.load_x, p.load_y), strict=True):
+            for value, where in ((curve.min(), "low"), (curve.max(), "high")):
+                same = np.flatnonzero(curve == value)
+                others = curve[curve != value]
+                # Coarse digits repeat every value, and not only the lowest or the highest one.
+                fine = np.unique(others).size > 0.8 * others.size
+                moves = same.size and same[-1] >= p.rest_rows
+                if same.size < CLIPPED_ROWS or not fine or not moves or others.size < CLIPPED_ROWS:
+                    continue
+                if where == "low" and value == 0.0:
+                    at_rest = bool(np.any(same < p.rest_rows))
+                    what = (
+                        "no reading is negative: forces below zero were clipped before export, and "
+                        "the mounting force and the start of the curve are lost with them. Export "
+                        "the raw readings"
+                    )
+                elif where == "high":
+                    at_rest = False
+                    what = "the load cell or the amplifier was at its limit. Remove these rows"
+                else:
+                    continue
+                found.append(
+                    Finding(
+                        "clipped",
+                        "error" if at_rest else "warning",
+                        f"{same.size} of {p.rows} loads in {axis} are exactly {value:g} "
+                        f"{specimen.unit}: {what}",
+                        p.name,
+                    )
+                )
+    return found
+
+
 def _weak_or_negative(specimen: Specimen) -> list[Finding]:
     if specimen.is_tared:
         return []
@@ -129,6 +168,8 @@ def _weak_or_negative(specimen: Specimen) -> list[Finding]:
     readings, sds = specimen.mounting_readings(shared=False)
     unit = specimen.unit
     for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
+        if p.rest_rows == 0:
+            continue
         for axis, value, error in zip("xy", reading, sd, strict=True):
             what = f"the mounting force in {axis}, {value:.3g} +- {error:.2g} {unit}"
             if value < -2.0 * error and value < 0.0:
@@ -158,6 +199,11 @@ def _unequal(specimen: Specimen) -> list[Finding]:
     if len(specimen.protocols) < 2 or specimen.is_tared:
         return []
     readings, sds = specimen.mounting_readings(shared=False)
+    at_rest = [p.rest_rows > 0 for p in specimen.protocols]
+    readings, sds = readings[at_rest], sds[at_rest]
+    names = [p.name for p in specimen.protocols if p.rest_rows]
+    if len(names) < 2:
+        return []
     found = []
     for k, axis in enumerate("xy"):
         pairs = list(combinations(range(len(readings)), 2))
@@ -167,7 +213,6 @@ def _unequal(specimen: Specimen) -> list[Finding]:
         if apart[worst] <= SIGNIFICANT * sd[worst]:
             continue
         i, j = pairs[worst]
-        names = [p.name for p in specimen.protocols]
         noise = f", {apart[worst] / sd[worst]:.1f} standard errors" if sd[worst] > 0.0 else ""
         found.append(
             Finding(
@@ -182,28 +227,40 @@ def _unequal(specimen: Specimen) -> list[Finding]:
     return found
 
 
-def _drift(specimen: Specimen) -> list[Finding]:
-    if len(specimen.protocols) < 2:
-        return []
-    reference = np.array([p.reference for p in specimen.protocols])
-    span = np.ptp(reference, axis=0)
-    if span.max() <= DRIFT:
-        return []
-    axis = "xy"[int(span.argmax())]
-    low, high = reference[:, span.argmax()].min(), reference[:, span.argmax()].max()
-    return [
-        Finding(
-            "stretch-drift",
-            "warning",
-            f"the stretch at rest drifts between protocols: from {low:.4f} to {high:.4f} in "
-            f"{axis} ({100 * span.max():.1f} %). Each protocol was re-referenced to its own "
-            "start, which hides the drift from a shared mounting stretch",
-        )
-    ]
-
-
-def _reference(specimen: Specimen) -> list[Finding]:
-    off = max(abs(value - 1.0) for p in specimen.protocols for value in p.reference)
+def _references(specimen: Specimen) -> list[Finding]:
+    """First rows that differ in stretch, and the state that stretches are relative to."""
+    if specimen.reference == "common":
+        away = [p.name for p in specimen.protocols if p.rest_rows == 0]
+        if not away:
+            return []
+        return [
+            Finding(
+                "common-reference",
+                "note",
+                f"{len(away)} of {len(specimen.protocols)} protocols do not start at the mounted "
+                f"state ({', '.join(away[:4])}{' ...' if len(away) > 4 else ''}): the mounting "
+                "force is that of the others",
+            )
+        ]
+    starts = np.array([p.reference for p in specimen.protocols])
+    span = np.ptp(starts, axis=0)
+    k = int(span.argmax())
+    if span[k] > DRIFT:
+        low, high = int(starts[:, k].argmin()), int(starts[:, k].argmax())
+        names = [p.name for p in specimen.protocols]
+        stated = specimen.reference is not None
+        return [
+            Finding(
+                "stretch-drift",
+                "error" if span[k] > LARGE_DRIFT and not stated else "warning",
+                f"the protocols start at different stretches, from {starts[low, k]:.4f} "
+                f"({names[low]}) to {starts[high, k]:.4f} ({names[high]}) in {'xy'[k]}. Each was "
+                "divided by its own first rows, as if all of them were the mounted state. If the "
+                "stretches share one reference, add a header line '# reference: common'; if each "
+                "protocol was mounted afresh or drifted, '# reference: each protocol'",
+            )
+        ]
+    off = float(np.abs(starts - 1.0).max())
     if off <= 1e-9:
         return []
     return [

@@ -9,19 +9,10 @@ from pathlib import Path
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import KEYS
-from biaxbayes.specimens.plausibility import NUMBER_RANGES, STRETCH_RANGE
+from biaxbayes.specimens.plausibility import NUMBER_RANGES
+from biaxbayes.specimens.specimen import REFERENCES, STRETCH_RANGE
 from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import cells_of, number_in, one_line
-
-__all__ = [
-    "GEOMETRIES",
-    "KNOWN_KEYS",
-    "METADATA_KEYS",
-    "Header",
-    "checked_value",
-    "measured_stretch",
-    "read_header",
-]
 
 MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
 METADATA_KEYS = (
@@ -42,6 +33,8 @@ METADATA_KEYS = (
 """Keys that a specimen keeps as they are, in ``metadata``."""
 KNOWN_KEYS = tuple(KEYS)
 GEOMETRIES = ("unloaded", "mounted")
+MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
+"""Measured stretch of the mounted state, in a record with one common reference."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +78,7 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
         if not stripped:
             continue
         if not stripped.startswith("#"):
+            _check_mounted_state(values, rows, path)
             return Header(values, rows), index
         key, colon, value = stripped.lstrip("#").partition(":")
         if not colon:
@@ -99,6 +93,18 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
         file=path,
         remedy="give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows",
     )
+
+
+def _check_mounted_state(values: Mapping[str, object], rows: Mapping[str, int], path: Path) -> None:
+    """The mounted state is stated apart only where the protocols share a reference."""
+    for key in MOUNTED_STATE:
+        if key in values and values.get("reference") != "common":
+            raise InputError(
+                f"{key} needs one common reference",
+                file=path,
+                row=rows[key],
+                remedy="add a line '# reference: common', or leave it out",
+            )
 
 
 def _as_written(line: str) -> str:
@@ -142,7 +148,15 @@ def checked_value(key: str, value: str, row: int | None = None, path: object = N
             row=row,
             remedy="say in which state the dimensions were measured",
         )
-    if key == "rest_rows" and not re.fullmatch(r"[1-9]\d{0,8}(\s*,\s*[1-9]\d{0,8})*", value):
+    if key == "reference" and value not in REFERENCES:
+        raise InputError(
+            f"reference must be {' or '.join(map(repr, REFERENCES))}, not {value[:40]!r}",
+            file=path,
+            row=row,
+            remedy="say what the stretches are relative to: the first rows of each protocol, or "
+            "one state for all",
+        )
+    if key == "rest_rows" and not re.fullmatch(r"\d{1,9}(\s*,\s*\d{1,9})*", value):
         raise InputError(
             f"rest_rows must be a whole number from 1, not {value[:40]!r}",
             file=path,
@@ -169,11 +183,12 @@ def _number(key: str, value: str, row: int | None, path: object) -> float:
             else "write it with a decimal point and without unit, as in '# thickness_mm: 1.35'",
         )
     if not low <= number <= high:
+        unit = "" if key in MOUNTED_STATE else f" in {key.rsplit('_', 1)[1]}"
         raise InputError(
             f"{key} of {number:g} cannot be",
             file=path,
             row=row,
-            remedy=f"give it in {key.rsplit('_', 1)[1]}, between {low:g} and {high:g}",
+            remedy=f"give it{unit}, between {low:g} and {high:g}",
         )
     return number
 

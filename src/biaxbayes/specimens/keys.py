@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["COLUMNS", "KEYS", "NONE", "OF_FORCES", "Meaning"]
-
 
 class Meaning(NamedTuple):
     """What a column or a key says, and what holds without it."""
@@ -23,8 +21,8 @@ ZERO = "no offset"
 FROM_SCATTER = "from the scatter of the rows"
 COLUMNS = {
     "stretch_x": Meaning(
-        "Stretch along x relative to the mounted state; divided by its value at rest where that is "
-        "not 1",
+        "Stretch along x relative to the mounted state; each protocol is divided by its own value "
+        "at rest where that is not 1, unless `reference` is common",
         NEEDED,
     ),
     "stretch_y": Meaning("The same along y", NEEDED),
@@ -54,6 +52,17 @@ KEYS = {
         "State that dimensions, and stresses in the file, refer to: unloaded or mounted",
         f"unloaded with stresses; {OF_FORCES}",
     ),
+    "reference": Meaning(
+        "State that the stretches are relative to: `each protocol` (the first rows of each) or "
+        "`common` (one for all protocols; those that do not start at it have no rows at rest)",
+        "each protocol; asked for where first rows differ by more than 2 %",
+    ),
+    "mounted_state_x": Meaning(
+        "With a common reference: stretch of the mounted state along x in the columns of the file; "
+        "at least one protocol starts there",
+        "1",
+    ),
+    "mounted_state_y": Meaning("The same along y", "1"),
     "edge_x_mm": Meaning("Edge along x", OF_FORCES),
     "edge_y_mm": Meaning("Edge along y; the force in x acts on edge_y x thickness", OF_FORCES),
     "thickness_mm": Meaning("Thickness", OF_FORCES),
@@ -71,7 +80,8 @@ KEYS = {
     ),
     "mounting_stretch_y": Meaning("The same along y", "inferred"),
     "rest_rows": Meaning(
-        "Leading rows at rest: one number for all protocols, or one each with commas",
+        "Leading rows at rest: one number for all protocols, or one for each with commas; 0 "
+        "for a protocol that starts elsewhere than the common reference",
         "found from the stretches",
     ),
     "stress_limit_kPa": Meaning("Accept stresses up to this", "5000"),

@@ -18,20 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.specimen import Protocol, Specimen
-
-__all__ = [
-    "AUTO_ABOVE",
-    "AUTO_ROWS",
-    "Cycle",
-    "ThinnedSpecimen",
-    "cycles",
-    "progress",
-    "relapse",
-    "rows_to_keep",
-    "thinned_specimen",
-]
-
+from biaxbayes.specimens.specimen import Protocol, Specimen, second_difference_scatter
 
 # --- loading and unloading branches of a record, found from its own curves -----------------------
 
@@ -75,10 +62,7 @@ def progress(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
 
 def scatter(path: np.ndarray) -> float:
     """Standard deviation of one row about its neighbours (second differences)."""
-    if path.size < 5:
-        return 0.0
-    # var(second difference of white noise) = (1 + 4 + 1) sd^2
-    return 1.4826 * float(np.median(np.abs(np.diff(path, 2)))) / np.sqrt(6.0)
+    return second_difference_scatter(path) if path.size >= 5 else 0.0
 
 
 def relapse(path: np.ndarray) -> tuple[int, int] | None:

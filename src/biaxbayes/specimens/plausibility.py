@@ -6,36 +6,25 @@ becomes a finding. All ranges stand here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from biaxbayes.errors import InputError
 from biaxbayes.specimens.findings import Finding
-from biaxbayes.specimens.specimen import Specimen
-
-__all__ = [
-    "NUMBER_RANGES",
-    "STRESS_LIMIT_KPA",
-    "STRETCH_RANGE",
-    "STRETCH_REMEDY",
-    "check_load",
-    "check_stretch",
-    "check_time",
-    "unit_findings",
-]
-
+from biaxbayes.specimens.specimen import (
+    LOAD_ROWS,
+    STRESS_PAIRS,
+    STRETCH_RANGE,
+    ReadingError,
+    Specimen,
+)
 
 # --- ranges --------------------------------------------------------------------------------------
 
 
-STRETCH_RANGE = (0.2, 5.0)
 STRESS_LIMIT_KPA = 5_000.0
 """Soft tissue tears below; beyond, the unit is wrong (``stress_limit_kPa`` overrides)."""
 STRESS_FLOOR_KPA = 1e-6
 OUTLIER = 1e4
 """So many times the limit is no question of units."""
-TIME_LIMIT_S = 1e9
 NUMBER_RANGES = {
     "edge_x_mm": (0.01, 10_000.0),
     "edge_y_mm": (0.01, 10_000.0),
@@ -46,6 +35,8 @@ NUMBER_RANGES = {
     "thickness_sd_mm": (1e-9, 1_000.0),
     "load_offset_sd_N": (1e-15, 1e9),
     "load_offset_sd_kPa": (1e-15, 1e9),
+    "mounted_state_x": STRETCH_RANGE,
+    "mounted_state_y": STRETCH_RANGE,
     "stress_limit_kPa": (1.0, 1e9),
     "largest_shear": (0.0, 10.0),
     "largest_shear_angle_deg": (0.0, 90.0),
@@ -65,91 +56,130 @@ NEGATIVE = 0.3
 # --- what is refused -----------------------------------------------------------------------------
 
 
-STRETCH_REMEDY = "stretches are ratios near 1, not strains or per cent"
+def check_readings(specimen: Specimen) -> None:
+    """Refuse a specimen whose numbers cannot be what they stand for.
 
+    Protocols have checked what each number may be; here are stretches that never change, loads
+    that no soft tissue bears, and a noise beyond every load.
 
-def check_stretch(
-    values: np.ndarray, lines: Sequence[int] | np.ndarray, column: str, file: object
-) -> None:
-    """Refuse stretches that are strains, per cent, or nonsense.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    lines : sequence of int
-        Line of the file that each value stands in.
-    column : str
-    file : object
-        For the message.
+    Raises
+    ------
+    ReadingError
     """
-    bad = np.flatnonzero((values < STRETCH_RANGE[0]) | (values > STRETCH_RANGE[1]))
-    if not bad.size:
-        return
-    value = values[bad[0]]
-    if value < 0.0 and np.median(values) > STRETCH_RANGE[0]:
-        remedy = "a stretch is positive; mend the value or remove the row"
-    else:
-        remedy = STRETCH_REMEDY
-    raise InputError(
-        f"a stretch of {value:g} cannot be",
-        file=file,
-        row=int(lines[bad[0]]),
-        column=column,
-        remedy=remedy,
+    protocols = specimen.protocols
+    for key in ("stretch_x", "stretch_y"):
+        if all(np.ptp(getattr(p, key)) == 0.0 for p in protocols):
+            raise ReadingError(
+                "the stretch never changes",
+                argument=key,
+                index=0,
+                protocol=protocols[0].name,
+                remedy="at least one protocol has to stretch this direction",
+            )
+    for p in protocols:
+        if np.ptp(p.stretch_x) == 0.0 and np.ptp(p.stretch_y) == 0.0:
+            raise ReadingError(
+                f"the stretch never changes in protocol {p.name[:40]!r}",
+                argument="stretch_x",
+                index=0,
+                protocol=p.name,
+                remedy="nothing was tested; remove it",
+            )
+        if p.rest_rows == p.rows:
+            raise ReadingError(
+                f"rest_rows of {p.rest_rows} leaves no stretched row in protocol {p.name[:40]!r}",
+                argument="rest_rows",
+                protocol=p.name,
+                remedy="rest_rows counts the leading rows recorded before the test starts",
+            )
+    sections = (None, None) if specimen.stress_pair != "force" else 1e3 * specimen.area
+    limit = specimen.metadata.get("stress_limit_kPa")
+    for key, section in zip(LOAD_ROWS, sections, strict=True):
+        loads = [getattr(p, key) for p in protocols]
+        # A protocol may carry no load in one direction, a specimen not.
+        largest = max(range(len(loads)), key=lambda i: float(np.abs(loads[i]).max()))
+        if np.ptp(np.concatenate(loads)) > 0.0 and np.ptp(loads[largest]) == 0.0:
+            continue
+        check_load(
+            loads[largest],
+            None if section is None else float(section),
+            None if limit is None else float(limit),
+            argument=key,
+            protocol=protocols[largest].name,
+        )
+    noise, peak = (
+        specimen.load_noise,
+        max(float(np.abs([p.load_x, p.load_y]).max()) for p in protocols),
     )
+    if noise is not None and noise > peak:
+        raise ReadingError(
+            f"load_noise_{specimen.unit} of {noise:g} exceeds every load of the record (at most "
+            f"{peak:.4g})",
+            argument="load_noise",
+            remedy=f"give the standard deviation of one reading in {specimen.unit}",
+        )
 
 
 def check_load(
     values: np.ndarray,
-    lines: Sequence[int] | np.ndarray,
-    column: str,
-    file: object,
-    *,
     section_mm2: float | None,
     limit_kPa: float | None = None,
+    *,
+    argument: str,
+    protocol: str | None = None,
 ) -> None:
-    """Refuse a load column without a load, or with one that no soft tissue bears.
+    """Refuse loads without a load, or that no soft tissue bears.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
         N where ``section_mm2`` is given, else kPa.
-    lines, column, file
-        As in :func:`check_stretch`.
     section_mm2 : float or None
     limit_kPa : float, optional
         Another limit than :data:`STRESS_LIMIT_KPA`, as the file's header states it.
+    argument, protocol : str
+        For the message.
+
+    Raises
+    ------
+    ReadingError
     """
     row = int(np.argmax(np.abs(values)))
     peak = abs(float(values[row]))
     if np.all(values == values[0]):
-        raise InputError(
+        raise ReadingError(
             "every value is zero" if peak == 0.0 else f"every value is {values[0]:g}",
-            file=file,
-            row=int(lines[0]),
-            column=column,
-            remedy="no load was recorded",
+            argument=argument,
+            protocol=protocol,
+            index=0,
+            remedy=STRIPS,
         )
     # kPa = N / mm^2 * 1e3
     stress = peak if section_mm2 is None else peak / section_mm2 * 1e3
     limit = limit_kPa or STRESS_LIMIT_KPA
     if stress > limit:
-        raise InputError(
+        raise ReadingError(
             f"{values[row]:g} means a stress of {stress / 1000:.3g} MPa, "
             "more than soft tissue bears",
-            file=file,
-            row=int(lines[row]),
-            column=column,
+            argument=argument,
+            protocol=protocol,
+            index=row,
             remedy=_remedy(stress, limit, section_mm2),
         )
     if stress < STRESS_FLOOR_KPA:
-        raise InputError(
+        raise ReadingError(
             f"the largest value, {values[row]:g}, means a stress of {stress:.3g} kPa",
-            file=file,
-            row=int(lines[row]),
-            column=column,
+            argument=argument,
+            protocol=protocol,
+            index=row,
             remedy="check the unit",
         )
+
+
+STRIPS = (
+    "no load was recorded in this direction. Uniaxial strips are not taken: the model needs a "
+    "planar biaxial test, with stretches and loads in both directions"
+)
 
 
 def _remedy(stress: float, limit: float, section_mm2: float | None) -> str:
@@ -165,21 +195,6 @@ def _remedy(stress: float, limit: float, section_mm2: float | None) -> str:
         f"if the values are in {unit}, divide them by 1000; "
         f"if they are right, add a line '# stress_limit_kPa: {1.5 * stress:.2g}'"
     )
-
-
-def check_time(
-    values: np.ndarray, lines: Sequence[int] | np.ndarray, column: str, file: object
-) -> None:
-    """Refuse times that no record has."""
-    bad = np.flatnonzero(np.abs(values) > TIME_LIMIT_S)
-    if bad.size:
-        raise InputError(
-            f"a time of {values[bad[0]]:g} s",
-            file=file,
-            row=int(lines[bad[0]]),
-            column=column,
-            remedy="give seconds from the start of the test",
-        )
 
 
 # --- what is noticed -----------------------------------------------------------------------------
@@ -244,6 +259,7 @@ def _sign(specimen: Specimen) -> list[Finding]:
     """Tension must be positive: the load at the largest stretch of each direction."""
     found = []
     limit = -NEGATIVE * specimen.peak_load
+    names = STRESS_PAIRS[specimen.stress_pair]
     for k, axis in enumerate("xy"):
         ends = []
         for p in specimen.protocols:
@@ -257,7 +273,8 @@ def _sign(specimen: Specimen) -> list[Finding]:
                     "sign",
                     "error" if load_there < limit else "warning",
                     f"the load in {axis} is {load_there:.3g} {specimen.unit} at its largest "
-                    f"stretch of {stretch_there:.3f}: tension must be positive",
+                    f"stretch of {stretch_there:.3f}: tension must be positive. If the load cell "
+                    f"counts tension negative, multiply the column {names[k]} by -1",
                 )
             )
     return found

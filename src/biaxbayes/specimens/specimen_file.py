@@ -4,47 +4,29 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.header import (
     GEOMETRIES,
     METADATA_KEYS,
+    MOUNTED_STATE,
     Header,
-    measured_stretch,
     read_header,
 )
-from biaxbayes.specimens.plausibility import STRESS_LIMIT_KPA, check_load, check_stretch, check_time
+from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.specimen import (
+    FOUND,
     STRESS_PAIRS,
     Protocol,
+    ReadingError,
     Specimen,
-    referenced_protocol,
-    rest_rows,
 )
 from biaxbayes.specimens.table import STRETCHES, Table, read_table
 from biaxbayes.text_files import atomic_write_text, one_line, read_lines, rows_text
 
-__all__ = [
-    "STRESS_LIMIT_KPA",
-    "check_keys",
-    "check_numbers",
-    "measured_stretch",
-    "parse_specimen",
-    "read_specimen",
-    "specimen_text",
-    "stress_pair_of",
-    "write_specimen",
-]
-
-
 # --- whether header and table belong together ----------------------------------------------------
-
-
-SECTION_EDGES = ("edge_y_mm", "edge_x_mm")
-"""The force in x acts on edge_y x thickness."""
 
 
 def stress_pair_of(table: Table, path: Path) -> str:
@@ -99,45 +81,6 @@ def check_keys(header: Header, stress_pair: str, path: Path) -> None:
             )
 
 
-def check_numbers(table: Table, header: Header, stress_pair: str, path: Path) -> None:
-    """Refuse numbers that cannot be what their column and the header say."""
-    for column in STRETCHES:
-        check_stretch(table.columns[column], table.lines, column, path)
-        if np.ptp(table.columns[column]) == 0.0:
-            raise InputError(
-                "the stretch never changes",
-                file=path,
-                row=int(table.lines[0]),
-                column=column,
-                remedy="at least one protocol has to stretch this direction",
-            )
-    if "time_s" in table.columns:
-        check_time(table.columns["time_s"], table.lines, "time_s", path)
-    peak = 0.0
-    for column, edge in zip(STRESS_PAIRS[stress_pair], SECTION_EDGES, strict=True):
-        section = None
-        if stress_pair == "force":
-            section = float(header.values[edge]) * float(header.values["thickness_mm"])
-        check_load(
-            table.columns[column],
-            table.lines,
-            column,
-            path,
-            section_mm2=section,
-            limit_kPa=header.number("stress_limit_kPa"),
-        )
-        peak = max(peak, float(np.abs(table.columns[column]).max()))
-    key = "load_noise_N" if stress_pair == "force" else "load_noise_kPa"
-    noise = header.number(key)
-    if noise is not None and noise > peak:
-        raise InputError(
-            f"{key} of {noise:g} exceeds every load in the file (at most {peak:.4g})",
-            file=path,
-            row=header.rows[key],
-            remedy=f"give the standard deviation of one reading in {key.rsplit('_', 1)[1]}",
-        )
-
-
 # --- reading and writing -------------------------------------------------------------------------
 
 
@@ -175,10 +118,23 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     table = read_table(lines, first, path)
     stress_pair = stress_pair_of(table, path)
     check_keys(header, stress_pair, path)
-    check_numbers(table, header, stress_pair, path)
-    protocols, notes = _protocols(table, header, stress_pair, path)
+    try:
+        specimen = _specimen(table, header, stress_pair, path)
+        check_readings(specimen)
+    except ReadingError as error:
+        raise _in_file(error, table, header, stress_pair, path) from None
+    return specimen
+
+
+def _specimen(table: Table, header: Header, stress_pair: str, path: Path) -> Specimen:
+    reference = header.text("reference")
+    protocols = _protocols(table, header, stress_pair, path)
+    mounted = [header.number(key) for key in MOUNTED_STATE]
+    if reference == "common" and mounted != [None, None]:
+        state = [1.0 if value is None else value for value in mounted]
+        protocols = tuple(p.divided_by(state, stress_pair) for p in protocols)
     unit = "N" if stress_pair == "force" else "kPa"
-    return Specimen(
+    specimen = Specimen(
         name=one_line(header.text("specimen") or path.stem),
         protocols=protocols,
         stress_pair=stress_pair,
@@ -190,9 +146,31 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
         layer=header.text("layer"),
         axis_x=header.text("axis_x"),
         axis_y=header.text("axis_y"),
+        reference=reference,
         metadata={key: header.values[key] for key in METADATA_KEYS if key in header},
-        notes=notes,
     )
+    notes = [
+        f"protocol {p.name}: stretches divided by their value at rest "
+        f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
+        for p in specimen.protocols
+        if max(abs(value - 1.0) for value in p.reference) > 1e-9
+    ]
+    return replace(specimen, notes=tuple(notes))
+
+
+def _in_file(
+    error: ReadingError, table: Table, header: Header, stress_pair: str, path: Path
+) -> InputError:
+    """An error about an array, by row and column of the file."""
+    load_x, load_y = STRESS_PAIRS[stress_pair]
+    columns = {key: key for key in (*STRETCHES, "time_s")} | {"load_x": load_x, "load_y": load_y}
+    rows = dict(table.groups).get(error.protocol or "", slice(None))
+    found = error.at(path, table.lines[rows], columns)
+    unit = "N" if stress_pair == "force" else "kPa"
+    key = f"load_noise_{unit}" if error.argument == "load_noise" else error.argument
+    if error.index is None and key in header:
+        return InputError(error.fault, file=path, row=header.rows[key], remedy=error.remedy)
+    return found
 
 
 def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
@@ -213,8 +191,15 @@ def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
     atomic_write_text(Path(path), specimen_text(specimen))
 
 
-def specimen_text(specimen: Specimen) -> str:
+def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None) -> str:
     """Text of a specimen file; numbers are written with the digits that read back the same.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    recorded : sequence of Protocol, optional
+        Its protocols as they were recorded, before their stretches were divided; written in
+        place of its own, so that a reader sees where each protocol started.
 
     Raises
     ------
@@ -222,6 +207,7 @@ def specimen_text(specimen: Specimen) -> str:
         If two protocols have the same name, or a metadata key is unknown.
     """
     _check_writable(specimen)
+    protocols = specimen.protocols if recorded is None else recorded
     keys: dict[str, object] = {
         "specimen": specimen.name,
         "layer": specimen.layer,
@@ -232,17 +218,22 @@ def specimen_text(specimen: Specimen) -> str:
         "edge_y_mm": specimen.edge_y_mm,
         "thickness_mm": specimen.thickness_mm,
         f"load_noise_{specimen.unit}": specimen.load_noise,
+        "reference": specimen.reference,
         **specimen.metadata,
     }
-    stated = [p.rest_rows for p in specimen.protocols]
-    if stated != [rest_rows(p.stretch_x, p.stretch_y) for p in specimen.protocols]:
+    found = [replace(p, rest_rows=FOUND) for p in protocols]
+    common = specimen.reference == "common"
+    stated, automatic = (
+        [(p.at_one() if common else p).rest_rows for p in some] for some in (protocols, found)
+    )
+    if stated != automatic:
         keys["rest_rows"] = ", ".join(map(str, stated))
     lines = []
     for key, value in keys.items():
         if value is not None and value != "":
             text = repr(float(value)) if isinstance(value, float) else one_line(str(value))
             lines.append(f"# {key}: {text}\n")
-    return "".join(lines) + rows_text(_rows(specimen))
+    return "".join(lines) + rows_text(_rows(specimen.stress_pair, protocols))
 
 
 def _check_writable(specimen: Specimen) -> None:
@@ -261,26 +252,24 @@ def _check_writable(specimen: Specimen) -> None:
             )
 
 
-def _rows(specimen: Specimen) -> Iterator[Sequence]:
+def _rows(stress_pair: str, protocols: Sequence[Protocol]) -> Iterator[Sequence]:
     """Column names, and the rows of all protocols."""
-    named = len(specimen.protocols) > 1 or specimen.protocols[0].name != "1"
-    timed = specimen.protocols[0].time_s is not None
+    named = len(protocols) > 1 or protocols[0].name != "1"
+    timed = protocols[0].time_s is not None
     yield [
         *(["protocol"] if named else []),
         *(["time_s"] if timed else []),
         *STRETCHES,
-        *STRESS_PAIRS[specimen.stress_pair],
+        *STRESS_PAIRS[stress_pair],
     ]
-    for p in specimen.protocols:
+    for p in protocols:
         columns: list[Sequence] = [[one_line(p.name)] * p.rows] if named else []
         curves = (p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         columns += [curve.tolist() for curve in curves if curve is not None]
         yield from zip(*columns, strict=True)
 
 
-def _protocols(
-    table: Table, header: Header, stress_pair: str, path: Path
-) -> tuple[tuple[Protocol, ...], tuple[str, ...]]:
+def _protocols(table: Table, header: Header, stress_pair: str, path: Path) -> tuple[Protocol, ...]:
     stated = header.rest_rows
     count = len(table.groups)
     if stated is not None and len(stated) not in (1, count):
@@ -290,37 +279,18 @@ def _protocols(
             row=header.rows["rest_rows"],
             remedy="give one for all protocols, or one each",
         )
-    protocols, notes = [], []
+    protocols = []
     for index, (name, rows) in enumerate(table.groups):
-        resting = None if stated is None else stated[index % len(stated)]
-        if resting is not None and resting >= rows.stop - rows.start:
+        resting = FOUND if stated is None else stated[index % len(stated)]
+        if resting >= rows.stop - rows.start:
             raise InputError(
                 f"rest_rows of {resting} leaves no stretched row in protocol {name[:40]!r}",
                 file=path,
                 row=header.rows["rest_rows"],
                 remedy="rest_rows counts the leading rows recorded before the test starts",
             )
-        stretch = table.pair(STRETCHES, rows)
-        if np.all(stretch == stretch[0]):
-            raise InputError(
-                f"the stretch never changes in protocol {name[:40]!r}",
-                file=path,
-                row=int(table.lines[rows.start]),
-                column="stretch_x",
-                remedy="nothing was tested; remove it",
-            )
         time = table.columns["time_s"][rows] if "time_s" in table.columns else None
-        load = table.pair(STRESS_PAIRS[stress_pair], rows)
-        protocol = referenced_protocol(name, stretch, load, stress_pair, time, resting)
-        if np.any(np.abs(np.array(protocol.reference) - 1.0) > 1e-9):
-            for column, values in zip(
-                STRETCHES, (protocol.stretch_x, protocol.stretch_y), strict=True
-            ):
-                check_stretch(values, table.lines[rows], column, path)
-            notes.append(
-                f"protocol {name}: stretches divided by their value at rest "
-                f"({protocol.reference[0]:.5f}, {protocol.reference[1]:.5f}), "
-                "so that the test starts at 1"
-            )
-        protocols.append(protocol)
-    return tuple(protocols), tuple(notes)
+        x, y = table.pair(STRETCHES, rows).T
+        fx, fy = table.pair(STRESS_PAIRS[stress_pair], rows).T
+        protocols.append(Protocol(name, x, y, fx, fy, time, resting))
+    return tuple(protocols)
