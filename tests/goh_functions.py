@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from biaxbayes.laws.goh import GOHLaw
-from biaxbayes.laws.response import Material
+from biaxbayes.laws.materials import Material
 
 GOH_LAW = GOHLaw()
 PARAMETERS = GOH_LAW.names

@@ -1,6 +1,4 @@
-"""The GOH membrane, its mounted state, the exponential and the sampling charts."""
-
-from decimal import Decimal, localcontext
+"""The GOH membrane, its mounted state and the sampling charts."""
 
 import numpy as np
 import pytest
@@ -17,7 +15,6 @@ from biaxbayes.laws.dispersed_fibres import (
     structure_tensor,
 )
 from biaxbayes.laws.goh import GOH
-from biaxbayes.mechanics.exponential import exponential
 from biaxbayes.mechanics.mounting import BRACKET, mounted_state
 from goh_functions import (
     cauchy_stress,
@@ -240,29 +237,6 @@ def test_only_stable_roots_inside_the_bracket_count():
         else:
             assert np.isnan(state.stretch).all()
             assert np.isnan(state.log_determinant)
-
-
-# --- the exponential -------------------------------------------------------------------------
-
-
-def test_exponential_is_within_two_units_in_the_last_place():
-    rng = np.random.default_rng(1)
-    x = np.concatenate(
-        [[0.0, 5e-324, 1e-300, 1e-17, np.log(2) / 2, 700.0], 10 ** rng.uniform(-18, 2.84, 4000)]
-    )
-    out = np.empty_like(x)
-    exponential(x.copy(), out)
-    with localcontext(prec=40):
-        error = [
-            abs((Decimal(float(o)) - Decimal(float(v)).exp()) / Decimal(float(np.spacing(o))))
-            for v, o in zip(x, out, strict=True)
-        ]
-    assert max(error) < 2
-    np.testing.assert_allclose(out, np.exp(x), rtol=5e-16)
-    far = np.array([750.0, 1e6, np.inf])
-    out = np.empty(3)
-    exponential(far.copy(), out)
-    assert (out > 1e306).all() and np.isfinite(out).all()
 
 
 # --- sampling charts -------------------------------------------------------------------------

@@ -58,7 +58,6 @@ PARTS = {
         (
             "laws/*.py",
             "mechanics/mounting.py",
-            "mechanics/exponential.py",
             "model/priors.py",
             "model/error_model.py",
             "model/density.py",

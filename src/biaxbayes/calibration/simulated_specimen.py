@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.response import MaterialResponse
+from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET, balance, load_per_stress, mounted_state, sections
 from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value

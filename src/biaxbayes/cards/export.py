@@ -23,7 +23,7 @@ from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws.dispersed_fibres import fibre_strain
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.response import MaterialResponse
+from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, write_csv

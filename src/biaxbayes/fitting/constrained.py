@@ -30,7 +30,7 @@ from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.response import MaterialResponse
+from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.model.effective_readings import (
     EffectiveReadings,
     effective_readings,

@@ -25,7 +25,7 @@ from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.response import MaterialResponse
+from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIT_METHODS, FitOptions
 from biaxbayes.specimens.specimen import Specimen

@@ -1,8 +1,7 @@
 """Where deterministic fits start, and what they hold.
 
-Many random materials are screened in one vectorised sweep, each with its best amplitudes (the
-law's :meth:`~biaxbayes.laws.law.Law.screen`), and the most promising are kept apart from one
-another.
+Many random materials are screened, each with its best amplitudes (:mod:`biaxbayes.laws.screening`),
+and the most promising are kept apart from one another.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.residuals import Readings
-from biaxbayes.laws.amplitudes import Screening
 from biaxbayes.laws.law import Law
+from biaxbayes.laws.screening import Screening, screen
 from biaxbayes.mechanics.mounting import load_per_stress
 
 __all__ = ["held_and_free", "screened_points"]
@@ -64,11 +63,9 @@ def screened_points(
     def factor(total: np.ndarray) -> np.ndarray:
         return load_per_stress(data.area[:, None], stretch, total / stretch, data.mounted)
 
-    readings = Screening(
-        stretch, load, data.area, data.mounted, with_mounting, point, free, CANDIDATES, factor
-    )
+    readings = Screening(stretch, load, data.area, with_mounting, point, free, CANDIDATES, factor)
     with np.errstate(all="ignore"):
-        points, mounting, cost, marks = law.screen(readings, rng)
+        points, mounting, cost, marks = screen(law, readings, rng)
     chosen = _spread_out(cost, marks, count)
     return points[chosen], mounting[chosen]
 

@@ -19,7 +19,7 @@ import pandas as pd
 
 from biaxbayes.identifiability.marginals import INTERVAL
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.response import Material
+from biaxbayes.laws.materials import Material
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import mixture_percentiles
 from biaxbayes.prediction.draws import (

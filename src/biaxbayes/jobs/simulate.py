@@ -16,7 +16,7 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 
 if TYPE_CHECKING:
-    from biaxbayes.laws.response import MaterialResponse
+    from biaxbayes.laws.materials import MaterialResponse
     from biaxbayes.specimens.virtual_specimen import Dimensions, Truth
 
 __all__ = ["simulate", "truth_file"]
@@ -112,8 +112,8 @@ def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
 
 def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Dimensions]:
     """Material, stretches and dimensions: the options, else what is published with a material."""
+    from biaxbayes.laws.materials import MaterialResponse
     from biaxbayes.laws.published import MATERIALS, PublishedMaterial
-    from biaxbayes.laws.response import MaterialResponse
     from biaxbayes.specimens.virtual_specimen import Dimensions
 
     if isinstance(test.material, MaterialResponse):
@@ -146,7 +146,7 @@ def _switched(material: MaterialResponse) -> MaterialResponse:
     """The same material whose fibres carry no compression."""
     from biaxbayes.laws import law_named
     from biaxbayes.laws.goh import GOH
-    from biaxbayes.laws.response import StatedMaterial
+    from biaxbayes.laws.materials import StatedMaterial
 
     if isinstance(material, GOH):
         return replace(material, fibre_switch=True)

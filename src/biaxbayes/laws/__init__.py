@@ -13,10 +13,8 @@ from biaxbayes.errors import InputError
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
-    from biaxbayes.laws.response import StatedMaterial
+    from biaxbayes.laws.materials import StatedMaterial
     from biaxbayes.parameters import Parameter
-
-__all__ = ["DEFAULT_LAW", "LAWS", "all_parameters", "law_named", "material"]
 
 DEFAULT_LAW = "goh"
 LAWS = {

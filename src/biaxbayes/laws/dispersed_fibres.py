@@ -6,10 +6,10 @@ Interface 3 (2006) 15), in which both families have the strain E = Hx X + Hy Y +
 squared stretches X, Y, Z.
 
 The chart is (d, v). d = ln(Hx / Hy) is what data pin. v stands for h = (1 - 3 kappa) sin 2 alpha,
-twice the
-in-plane shear component of each family's structure tensor: what an axis-aligned test does not see.
-With R = 1 - 3 kappa and D = Hx - Hy = R cos 2 alpha, the pair (D, h) are Cartesian coordinates of
-the polar pair (R, 2 alpha). At a given d, h runs from 0, where alpha is 0 or 90 degrees, to
+twice
+the in-plane shear component of each family's structure tensor: what an axis-aligned test does not
+see. With R = 1 - 3 kappa and D = Hx - Hy = R cos 2 alpha, the pair (D, h) are Cartesian coordinates
+of the polar pair (R, 2 alpha). At a given d, h runs from 0, where alpha is 0 or 90 degrees, to
 h_max = 2 sqrt(t (1 - t)), t = Hx / (Hx + Hy), where kappa is 0;
 
     v = asinh(h / s) / asinh(h_max / s)
@@ -24,29 +24,17 @@ the two is fixed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
 from biaxbayes.compilation import inlined
 from biaxbayes.errors import InputError
-from biaxbayes.laws.response import MaterialResponse, exponential_energy
-
-__all__ = [
-    "DEFAULT_SOFTENING",
-    "angles_from_chart",
-    "chart_from_angles",
-    "dispersion_as_goh",
-    "fibre_curvature",
-    "fibre_energy",
-    "fibre_slope",
-    "fibre_strain",
-    "largest_fibre_strain2",
-    "reference_state",
-    "softening_of",
-    "structure_tensor",
-    "structure_tensor_of",
-]
+from biaxbayes.laws.law import Law
+from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.laws.response import exponential_energy
+from biaxbayes.parameters import Parameter, fibre_angle, scale
 
 DEFAULT_SOFTENING = 0.3
 
@@ -124,18 +112,10 @@ def _active(constants, E):
 
 
 @inlined
-def fibre_slope(constants, E, growth):
-    """Give dW/dE of W = (k1 / k2) (exp(k2 E^2) - 1), with the exponential ``growth``."""
+def fibre_slope(constants, E):
+    """Give dW/dE of W = (k1 / k2) (exp(k2 E^2) - 1)."""
     # dW/dE = 2 k1 E exp(k2 E^2)
-    return 2.0 * constants.k1 * E * growth * _active(constants, E)
-
-
-@inlined
-def fibre_curvature(constants, E, growth):
-    """Give d2W/dE2."""
-    # d2W/dE2 = 2 k1 (1 + 2 k2 E^2) exp(k2 E^2)
-    stiffening = 1.0 + 2.0 * constants.k2 * E * E
-    return 2.0 * constants.k1 * stiffening * growth * _active(constants, E)
+    return 2.0 * constants.k1 * E * np.exp(constants.k2 * E * E) * _active(constants, E)
 
 
 def fibre_energy(constants, E):
@@ -194,11 +174,49 @@ def reference_state(alpha, kappa, X, Y, Z):
     return 2.0 * np.log(E), np.log(E) + 0.5 * np.log(gx * gy)
 
 
-def largest_fibre_strain2(material: MaterialResponse, tops: Sequence[np.ndarray]) -> np.ndarray:
-    """Largest squared fibre strain of each draw at some total stretches, shape (n,)."""
-    strain2 = np.zeros(1)
-    for top in tops:
-        X, Y = top[:, :1] ** 2, top[:, 1:] ** 2
-        E = fibre_strain(material.constants, X, Y, 1.0 / (X * Y))[:, 0]
-        strain2 = np.maximum(strain2, E * E)
-    return strain2
+class DispersedFibreLaw(Law):
+    """What laws with dispersed fibres share: parameters of the fibres and their chart."""
+
+    has_switch = True
+    fibre_parameters: ClassVar[tuple[Parameter, ...]] = (
+        scale("k1", "k_1", "fibre stiffness", "kPa", 30.0, 2.5, 1e6, "no fibres"),
+        scale("k2", "k_2", "fibre stiffening", "1", 10.0, 2.0, 1e4, "no exponential stiffening"),
+        fibre_angle("alpha", r"\alpha", "fibre angle from x"),
+        Parameter(
+            "kappa",
+            r"\kappa",
+            words="fibre dispersion",
+            low=0.0,
+            high=1.0 / 3.0,
+            at_low="aligned fibres",
+            at_high="isotropic",
+            sharp=0.1,
+            digits=".3f",
+            prior=("uniform", 0.0, 1.0 / 3.0),
+        ),
+    )
+    ties = (("k1", "C1"), ("C1", "k1"))
+    near_shares: ClassVar = {"kappa": 0.02}
+
+    def coordinate_bounds(self, coordinates: Any) -> dict[str, tuple[float, float]]:
+        """Bounds of the sampling coordinates, by parameter."""
+        if coordinates.chart > 0.0:
+            return {"kappa": (0.0, 1.0)}
+        return super().coordinate_bounds(coordinates)
+
+    def coordinate_widths(self, coordinates: Any) -> dict[str, float]:
+        """Width of kappa itself, where the chart is not used."""
+        return {} if coordinates.chart > 0.0 else {"kappa": 0.06}
+
+    def softens(self, coordinates: Any) -> bool:
+        """Where the chart is used."""
+        return bool(coordinates.chart > 0.0)
+
+    def softening(self, values: Mapping[str, Any]) -> float:
+        """Scale of the chart near isotropy for materials by parameter, in their own units."""
+        return softening_of(np.deg2rad(values["alpha"]), values["kappa"])
+
+    def described(self, material: MaterialResponse) -> dict[str, np.ndarray]:
+        """The structure tensor: what an axis-aligned test sees of the fibres."""
+        c = material.constants
+        return {"Hx": c.Hx, "Hy": c.Hy, "Hz": c.Hz}

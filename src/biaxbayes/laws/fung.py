@@ -9,7 +9,7 @@ matrix (c0 = 0) the unloaded state is singular under a dead load, so that c0 is 
 The sampler works in ln c0, ln T, ln Q*, d and rho, with
 
     rho = b_xy / sqrt(b_x b_y)          d = ln(b_x / b_y)
-    Q* = Q at one fixed reference stretch l* a specimen          T = c Q* exp(Q*)
+    Q* = Q at one fixed reference stretch l* per specimen          T = c Q* exp(Q*)
 
 because data pin the exponent and the stress at the largest stretch far better than c and b. b_x and
 b_y follow from Q* = sqrt(b_x b_y) g,  g = exp(d/2) Ex*^2 + exp(-d/2) Ey*^2 + 2 rho Ex* Ey*.
@@ -22,13 +22,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from biaxbayes.laws.amplitudes import largest_at
-from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.response import MaterialResponse, register
+from biaxbayes.compilation import inlined
+from biaxbayes.laws.law import (
+    EXPONENT_DISTANCE,
+    STIFFNESS_SHARE,
+    Law,
+    SamplingLayout,
+)
+from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.laws.response import constants_at, derivatives, energy, to_natural
 from biaxbayes.parameters import Parameter, scale
-
-__all__ = ["FungLaw"]
-
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -43,53 +46,31 @@ class FungConstants(NamedTuple):
     b_xy: Any
 
 
-def _exponents(constants, X, Y, Z):
+@inlined
+def _exponent(constants, X, Y):
+    """Q of the energy."""
     Ex, Ey = 0.5 * (X - 1.0), 0.5 * (Y - 1.0)
-    # Q = b_x Ex^2 + b_y Ey^2 + 2 b_xy Ex Ey
-    return (constants.b_x * Ex * Ex + constants.b_y * Ey * Ey + 2.0 * constants.b_xy * Ex * Ey,)
+    return constants.b_x * Ex * Ex + constants.b_y * Ey * Ey + 2.0 * constants.b_xy * Ex * Ey
 
 
-def _derivatives(constants, X, Y, Z, g):
+@derivatives.register(FungConstants)
+def fung_derivatives(constants, X, Y, Z):
+    """Derivatives of W by the squared stretches."""
     Ex, Ey = 0.5 * (X - 1.0), 0.5 * (Y - 1.0)
-    c0 = constants.c0 + 0.0 * g[0]
-    half = 0.5 * constants.c * g[0]
+    half = 0.5 * constants.c * np.exp(_exponent(constants, X, Y))
     # dQ/dX = b_x Ex + b_xy Ey;  dW/dX = c0 + (c/2) exp(Q) dQ/dX
     return (
-        c0 + half * (constants.b_x * Ex + constants.b_xy * Ey),
-        c0 + half * (constants.b_y * Ey + constants.b_xy * Ex),
-        c0,
+        constants.c0 + half * (constants.b_x * Ex + constants.b_xy * Ey),
+        constants.c0 + half * (constants.b_y * Ey + constants.b_xy * Ex),
+        constants.c0 + 0.0 * half,
     )
 
 
-def _second_derivatives(constants, X, Y, Z, g):
-    Ex, Ey = 0.5 * (X - 1.0), 0.5 * (Y - 1.0)
-    half = 0.5 * constants.c * g[0]
-    qx = constants.b_x * Ex + constants.b_xy * Ey
-    qy = constants.b_y * Ey + constants.b_xy * Ex
-    zero = 0.0 * half
-    # W_XY = (c/2) exp(Q) (dQ/dX dQ/dY + d2Q/dXdY),  d2Q/dX2 = b_x / 2
-    return (
-        half * (qx * qx + 0.5 * constants.b_x),
-        half * (qx * qy + 0.5 * constants.b_xy),
-        zero,
-        half * (qy * qy + 0.5 * constants.b_y),
-        zero,
-        zero,
-    )
-
-
-def _energy(constants, X, Y, Z):
-    (Q,) = _exponents(constants, X, Y, Z)
+@energy.register(FungConstants)
+def fung_energy(constants, X, Y, Z):
+    """W, zero where unloaded."""
+    Q = _exponent(constants, X, Y)
     return constants.c0 * (X + Y + Z - 3.0) + 0.5 * constants.c * np.expm1(Q)
-
-
-register(
-    FungConstants,
-    exponents=_exponents,
-    derivatives=_derivatives,
-    second_derivatives=_second_derivatives,
-    energy=_energy,
-)
 
 
 # --- sampling coordinates ----------------------------------------------------------------------
@@ -101,8 +82,8 @@ _C0, _C, _BX, _BY, _BXY = range(5)
 class FungCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
-    ``structural`` is 1 where c, b_x and b_y are held as ln T, ln Q* and d; ``rho`` is 1 where b_xy
-    is held as rho; (Ex, Ey) are the Green strains at the reference stretch.
+    ``structural`` is 1 where ln T, ln Q* and d are sampled in the places of c, b_x and b_y, ``rho``
+    where rho is in that of b_xy; (Ex, Ey) are the Green strains at the reference stretch.
     """
 
     structural: float
@@ -111,7 +92,9 @@ class FungCoordinates(NamedTuple):
     Ey: float
 
 
-def _to_natural(coordinates, value):
+@to_natural.register(FungCoordinates)
+def fung_to_natural(coordinates, value):
+    """Natural values in place of (ln c0, ln T, ln Q*, d, rho); the log Jacobian."""
     if coordinates.rho > 0.0 and not (-1.0 < value[_BXY] < 1.0):
         return -np.inf
     Ex, Ey = coordinates.Ex, coordinates.Ey
@@ -134,20 +117,16 @@ def _to_natural(coordinates, value):
     return 0.0
 
 
-def _constants_at(coordinates, value):
+@constants_at.register(FungCoordinates)
+def fung_constants_at(coordinates, value):
+    """Constants at natural values."""
     return FungConstants(value[_C0], value[_C], value[_BX], value[_BY], value[_BXY])
-
-
-register(FungCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
 
 
-_MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
 _RHO_INSIDE = 0.98  # largest |rho| that sampling starts from
-_STIFFNESS_SHARE = 0.05  # of the small-strain stiffness
-_EXPONENT_DISTANCE = 0.1  # Q at the largest stretch
 
 
 class FungLaw(Law):
@@ -156,6 +135,10 @@ class FungLaw(Law):
     name = "fung"
     title = "Fung"
     source = "Fung, Fronek, Patitucci, Am. J. Physiol. 237 (1979) H620"
+    description = (
+        "the incompressible Fung model, an exponential of a quadratic form of the Green strains, "
+        "in a neo-Hookean matrix"
+    )
     parameters = (
         scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
         scale("c", "c", "stiffness of the exponential", "kPa", 10.0, 2.5, 1e6, "no exponential"),
@@ -179,15 +162,21 @@ class FungLaw(Law):
         """Whether the form is positive definite."""
         return np.asarray(values["b_xy"]) ** 2 < np.asarray(values["b_x"]) * values["b_y"]
 
-    @property
-    def in_words(self) -> str:
-        """The law as the object of a sentence."""
-        return (
-            "the incompressible Fung model, an exponential of a quadratic form of the Green "
-            "strains, in a neo-Hookean matrix"
-        )
+    def constants_at_point(self, c0, c, b_x, b_y, b_xy) -> FungConstants:
+        """Constants; the coupling is cut where the form would not be positive definite."""
+        most = np.sqrt(b_x * b_y)
+        beyond = np.abs(np.real(b_xy)) > np.real(most)
+        cut = np.where(np.real(b_xy) < 0.0, -most, most)
+        return FungConstants(c0, c, b_x, b_y, np.where(beyond, cut, b_xy)[()])
 
-    # --- sampling coordinates ---
+    def constants(self, *values: Any) -> FungConstants:
+        """Constants as they are."""
+        return FungConstants(*values)
+
+    def exponents_at(self, constants: FungConstants, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:
+        """Q."""
+        del Z
+        return (_exponent(constants, X, Y),)
 
     def coordinates(self, layout: SamplingLayout) -> FungCoordinates:
         """Constants of the sampling coordinates."""
@@ -224,12 +213,9 @@ class FungLaw(Law):
 
     def inner(self, values: Sequence[float]) -> tuple[float, ...]:
         """A material moved off its edges, to where the sampling coordinates are regular."""
-        c0, c, b_x, b_y, b_xy = values
-        b_x, b_y = max(b_x, 1e-2), max(b_y, 1e-2)
-        most = _RHO_INSIDE * float(np.sqrt(b_x * b_y))
-        return max(c0, 1e-3), max(c, 1e-3), b_x, b_y, float(np.clip(b_xy, -most, most))
-
-    # --- fits ---
+        *scales, b_xy = super().inner(values)
+        most = _RHO_INSIDE * float(np.sqrt(scales[2] * scales[3]))
+        return *scales, float(np.clip(b_xy, -most, most))
 
     def inner_point(self, point: np.ndarray) -> np.ndarray:
         """(c0, c, b_x, b_y, b_xy) moved off its bounds."""
@@ -237,19 +223,7 @@ class FungLaw(Law):
 
     def values(self, point: Any) -> tuple[float, ...]:
         """Parameters at a point of the fits, of a form that is positive definite."""
-        c = self.constants_at_point(*(float(v) for v in point))
-        return tuple(float(v) for v in c)
-
-    def constants_at_point(self, c0, c, b_x, b_y, b_xy) -> FungConstants:
-        """Constants; the coupling is cut where the form would not be positive definite."""
-        most = np.sqrt(b_x * b_y)
-        beyond = np.abs(np.real(b_xy)) > np.real(most)
-        cut = np.where(np.real(b_xy) < 0.0, -most, most)
-        return FungConstants(c0, c, b_x, b_y, np.where(beyond, cut, b_xy)[()])
-
-    def constants(self, c0, c, b_x, b_y, b_xy) -> FungConstants:
-        """Constants."""
-        return FungConstants(c0, c, b_x, b_y, b_xy)
+        return tuple(float(v) for v in self.constants_at_point(*(float(v) for v in point)))
 
     def shapes(
         self, size: int, largest: np.ndarray, rng: np.random.Generator
@@ -264,56 +238,44 @@ class FungLaw(Law):
         marks = np.column_stack([0.3 * np.log(q), rho])
         return np.column_stack([one, one, b, rho]), marks
 
-    # --- priors and what draws tell ---
+    def typical(self, stretch: float) -> dict[str, float]:
+        """Q = (b_x + b_y) E^2 without coupling."""
+        b = 0.5 / (0.5 * (stretch**2 - 1.0)) ** 2
+        return {"b_x": b, "b_y": b, "b_xy": 0.0}
 
     def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
-        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
-
-        At the medians, without coupling, the exponent Q is one there, and matrix and exponential
-        carry 30 and 70 % of the stress.
-        """
-        strain = 0.5 * (stretch**2 - 1.0)
-        b = 0.5 / strain**2  # Q = (b_x + b_y) E^2 = 1
-        # P = 2 c0 (l - l^-5) and c exp(Q) b E l
-        matrix = 2.0 * (stretch - stretch**-5)
-        exponential = np.e * b * strain * stretch
-        return {
-            "c0": ("lognormal", _MATRIX_LOAD * peak_kPa / matrix, 0.8),
-            "c": ("lognormal", (1.0 - _MATRIX_LOAD) * peak_kPa / exponential, 0.8),
-            "b_x": ("lognormal", b, 0.8),
-            "b_y": ("lognormal", b, 0.8),
-            "b_xy": ("normal", 0.0, 0.5 * b),
-        }
+        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch."""
+        prior = super().scaled_prior(stretch, peak_kPa)
+        return prior | {"b_xy": ("normal", 0.0, 0.5 * prior["b_x"][1])}
 
     def described_at(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, np.ndarray]:
         """The exponent at the largest of some total stretches."""
-        return {"exponent Q": _largest_exponent(material, tops)}
+        (Q,) = self.largest_exponents(material.constants, tops)
+        return {"exponent Q": Q}
 
-    nearness = (
-        f"b_x and b_y where Q at the largest stretch is below {_EXPONENT_DISTANCE:g}; c0 and c "
-        f"where they carry less than {_STIFFNESS_SHARE:g} of the small-strain stiffness"
-    )
+    @property
+    def nearness(self) -> str:
+        """What counts as near, in words."""
+        return (
+            f"b_x and b_y where Q at the largest stretch is below {EXPONENT_DISTANCE:g}; c0 and c "
+            f"where they carry less than {STIFFNESS_SHARE:g} of the small-strain stiffness"
+        )
 
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """How near to a physical edge counts as near: small shares of stiffness and exponent."""
+        """Small shares of stiffness and exponent."""
         c = material.constants
         # trace of the Hessian at l = 1: 16 c0 + c (b_x + b_y)
-        per_c = np.median(c.b_x + c.b_y)
-        stiffness = _STIFFNESS_SHARE * float(np.median(16.0 * c.c0 + c.c * (c.b_x + c.b_y)))
-        Q = max(float(np.median(_largest_exponent(material, tops))), 1e-12)
-        share = _EXPONENT_DISTANCE / Q
+        per_c = float(np.median(c.b_x + c.b_y))
+        stiffness = STIFFNESS_SHARE * float(np.median(16.0 * c.c0 + c.c * (c.b_x + c.b_y)))
+        (Q,) = self.largest_exponents(c, tops)
+        share = EXPONENT_DISTANCE / max(float(np.median(Q)), 1e-12)
         return {
             "c0": stiffness / 16.0,
-            "c": stiffness / max(float(per_c), 1e-9),
+            "c": stiffness / max(per_c, 1e-9),
             "b_x": share * float(np.median(c.b_x)),
             "b_y": share * float(np.median(c.b_y)),
         }
-
-
-def _largest_exponent(material: MaterialResponse, tops: Sequence[np.ndarray]) -> np.ndarray:
-    """Largest exponent of each draw at some total stretches, shape (n,)."""
-    return largest_at(lambda X, Y, Z: _exponents(material.constants, X, Y, Z)[0], tops)

@@ -9,25 +9,24 @@ The sampler works in ln C1, ln S, ln q and alpha, which is folded at 0 and 90 de
 
     q = k2 E*^2,    S = k1 E* exp(q)
 
-at one fixed reference stretch l* a specimen.
+at one fixed reference stretch l* per specimen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from biaxbayes.laws.amplitudes import LOAD_NEARNESS, amplitude_distances
-from biaxbayes.laws.dispersed_fibres import structure_tensor
-from biaxbayes.laws.goh import EXPONENT_NEARNESS, GOH, GOHConstants, GOHLaw
+from biaxbayes.compilation import inlined
+from biaxbayes.laws.coordinates import from_log_stress, to_log_stress
+from biaxbayes.laws.dispersed_fibres import fibre_strain, structure_tensor, structure_tensor_of
+from biaxbayes.laws.goh import GOH, GOHConstants, GOHLaw
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.response import MaterialResponse, register
+from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.laws.response import constants_at, to_natural
 from biaxbayes.parameters import Parameter
-
-__all__ = ["HGOLaw"]
-
 
 _C1, _K1, _K2, _ALPHA = range(4)
 
@@ -35,44 +34,39 @@ _C1, _K1, _K2, _ALPHA = range(4)
 class HGOCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
-    ``k1_free``, ``k2_free`` are 1 where ln S and ln q are sampled; (X, Y) the squared reference
-    stretch.
+    ``k1``, ``k2`` are 1 where ln S and ln q are sampled in their places; (X, Y) is the squared
+    reference stretch.
     """
 
-    k1_free: float
-    k2_free: float
+    k1: float
+    k2: float
     X: float
     Y: float
 
 
-def _log_strain(alpha, X, Y):
+@inlined
+def _log_strain(coordinates, alpha):
+    """Ln E at the reference stretch."""
     cos2 = np.cos(alpha) ** 2
-    return np.log(cos2 * X + (1.0 - cos2) * Y - 1.0)
+    return np.log(cos2 * coordinates.X + (1.0 - cos2) * coordinates.Y - 1.0)
 
 
-def _to_natural(coordinates, value):
+@to_natural.register(HGOCoordinates)
+def hgo_to_natural(coordinates, value):
+    """Natural values in place of (ln C1, ln S, ln q, alpha); the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
-    cos2 = np.cos(alpha) ** 2
-    log_E = np.log(cos2 * coordinates.X + (1.0 - cos2) * coordinates.Y - 1.0)
-    if coordinates.k2_free > 0.0:
-        value[_K2] -= 2.0 * log_E  # ln k2 = ln q - 2 ln E*
-    if coordinates.k1_free > 0.0:
-        # ln k1 = ln S - q - ln E*
-        value[_K1] -= np.exp(value[_K2] + 2.0 * log_E) + log_E
+    log_E = _log_strain(coordinates, alpha)
+    from_log_stress(value, _K1, _K2, coordinates.k1, coordinates.k2, 2.0 * log_E, log_E)
     return 0.0
 
 
-def _constants_at(coordinates, value):
+@constants_at.register(HGOCoordinates)
+def hgo_constants_at(coordinates, value):
+    """Constants at natural values."""
     Hx, Hy, Hz = structure_tensor(value[_ALPHA], 0.0)
     return GOHConstants(value[_C1], value[_K1], value[_K2], Hx, Hy, Hz, 0.0)
-
-
-register(HGOCoordinates, to_natural=_to_natural, constants_at=_constants_at)
-
-
-_GOH = GOHLaw()
 
 
 class HGOLaw(Law):
@@ -83,101 +77,50 @@ class HGOLaw(Law):
     abbreviation = "HGO"
     source = "Holzapfel, Gasser, Ogden, J. Elast. 61 (2000) 1"
     doi = "10.1023/A:1010835316564"
+    description = (
+        "the incompressible Holzapfel-Gasser-Ogden model with two aligned fibre families at "
+        "±alpha from the x axis and equal properties; fibres carried load in extension and "
+        "compression"
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = GOHLaw.parameters[:4]
     ties = GOHLaw.ties
     amplitudes = ("C1", "k1")
+    exponents: ClassVar = {"k2": "k2 E^2"}
     meaningless: ClassVar = {"alpha": (("k1", 0, "k1 = 0"),)}
 
-    @property
-    def in_words(self) -> str:
-        """The law as the object of a sentence."""
-        return (
-            "the incompressible Holzapfel-Gasser-Ogden model with two aligned fibre families at "
-            "±alpha from the x axis and equal properties; fibres carried load in extension and "
-            "compression"
-        )
+    def constants_at_point(self, C1, k1, k2, t) -> GOHConstants:
+        """Constants at t = cos^2 alpha."""
+        Hx, Hy, Hz = structure_tensor_of(t, 0.0)
+        return GOHConstants(C1, k1, k2, Hx, Hy, Hz, 0.0)
+
+    def exponents_at(self, constants: GOHConstants, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:
+        """The exponent of the fibres."""
+        return (constants.k2 * fibre_strain(constants, X, Y, Z) ** 2,)
 
     def as_goh(self, values: Sequence[float]) -> GOH:
         """The same without dispersion."""
         C1, k1, k2, alpha = (float(v) for v in values)
         return GOH(C1, k1, k2, alpha, 0.0)
 
-    def constants_at_point(self, C1, k1, k2, t) -> GOHConstants:
-        """Constants at t = cos^2 alpha."""
-        return _GOH.constants_at_point(C1, k1, k2, t, 0.0)
-
-    # --- sampling coordinates ---
-
     def coordinates(self, layout: SamplingLayout) -> HGOCoordinates:
         """Constants of the sampling coordinates."""
-        X, Y, _ = layout.reference
-        k1, k2 = (float(layout.structural and name in layout.free) for name in ("k1", "k2"))
-        return HGOCoordinates(k1, k2, X, Y)
+        k1, k2 = layout.sampled("k1", "k2")
+        return HGOCoordinates(k1, k2, *layout.reference[:2])
 
     def to_coordinates(
         self, coordinates: HGOCoordinates, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of C1, k1, k2; alpha in radians."""
         out = dict(values)
-        log_E = _log_strain(values["alpha"], coordinates.X, coordinates.Y)
-        if coordinates.k2_free > 0.0:
-            out["k2"] = values["k2"] + 2.0 * log_E
-        if coordinates.k1_free > 0.0:
-            out["k1"] = values["k1"] + np.exp(values["k2"] + 2.0 * log_E) + log_E
+        log_E = _log_strain(coordinates, values["alpha"])
+        to_log_stress(out, "k1", "k2", coordinates.k1, coordinates.k2, 2.0 * log_E, log_E)
         return out
 
-    def coordinate_bounds(self, coordinates: HGOCoordinates) -> dict[str, tuple[float, float]]:
-        """Bounds of the angle."""
-        del coordinates
-        return {"alpha": (0.0, 0.5 * np.pi)}
-
-    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
-        """A material moved off its edges, to where the sampling coordinates are regular."""
-        return _GOH.inner((*values, 0.0))[:4]
-
-    def inner_point(self, point: np.ndarray) -> np.ndarray:
-        """(C1, k1, k2, t) moved off its bounds."""
-        return _GOH.inner_point(np.append(point, 0.1))[:4]
-
-    # --- fits ---
-
-    def shapes(
-        self, size: int, largest: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Random exponents at the largest stretches, and angles, 0 and 90 degrees among them."""
-        u = rng.random((size, 2))
-        q = 10.0 ** (-2.0 + 3.5 * u[:, 0])
-        t = np.cos(0.5 * np.pi * u[:, 1]) ** 2
-        q[::9] = 0.0
-        t[1::7], t[2::7] = 0.0, 1.0
-        X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
-        k2 = np.minimum(q / (t * X + (1.0 - t) * Y - 1.0) ** 2, self.upper[_K2])
-        one = np.ones(size)
-        return np.column_stack([one, one, k2, t]), np.column_stack([0.3 * q, t])
-
-    # --- priors and what draws tell ---
-
-    def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
-        """As that of GOH, without dispersion."""
-        prior = _GOH.scaled_prior(stretch, peak_kPa)
-        return {name: prior[name] for name in self.names}
+    def typical(self, stretch: float) -> dict[str, float]:
+        """Fibres with E = l^2 - 1."""
+        return {"k2": (stretch**2 - 1.0) ** -2}
 
     def described(self, material: MaterialResponse) -> dict[str, np.ndarray]:
         """The structure tensor in the plane."""
-        found = _GOH.described(material)
-        return {name: found[name] for name in ("Hx", "Hy")}
-
-    def described_at(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
-    ) -> dict[str, np.ndarray]:
-        """The exponent of the fibres at the largest of some total stretches."""
-        return _GOH.described_at(material, tops)
-
-    nearness = f"{EXPONENT_NEARNESS}; C1 and k1 {LOAD_NEARNESS}"
-
-    def edge_distances(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
-    ) -> dict[str, float]:
-        """How near to a physical edge counts as near: small shares of stress and exponent."""
-        k2 = _GOH.edge_distances(material, tops)["k2"]
-        return amplitude_distances(material, tops) | {"k2": k2}
+        c = material.constants
+        return {"Hx": c.Hx, "Hy": c.Hy}

@@ -13,25 +13,28 @@ The sampler works in ln mu, ln S, ln q, alpha, which is folded at 0 and 90 degre
 
     q = k2 F*,    S = k1 G* exp(q),    G = (1 - rho) (I4 - 1) I4 + rho (I1 - 3) (X + Y - 2 Z)
 
-at one fixed reference stretch l* a specimen: 4 S is the sum of both stresses of the exponential
+at one fixed reference stretch l* per specimen: 4 S is the sum of both stresses of the exponential
 there. Data pin it and the exponent far better than k1 and k2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.amplitudes import LOAD_NEARNESS, amplitude_distances, largest_at
+from biaxbayes.laws.coordinates import from_log_stress, to_log_stress
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.response import MaterialResponse, exponential_energy, register
+from biaxbayes.laws.response import (
+    constants_at,
+    derivatives,
+    energy,
+    exponential_energy,
+    to_natural,
+)
 from biaxbayes.parameters import Parameter, fibre_angle, scale
-
-__all__ = ["Holzapfel2005Law"]
-
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -48,64 +51,34 @@ class Holzapfel2005Constants(NamedTuple):
 
 @inlined
 def _strains(constants, X, Y, Z):
-    """(I1 - 3, max(I4 - 1, 0), 1 where fibres are stretched)."""
+    """(I1 - 3, max(I4 - 1, 0))."""
     E = constants.cos2 * X + (1.0 - constants.cos2) * Y - 1.0
-    active = 1.0 * (E.real > 0.0)
-    return X + Y + Z - 3.0, E * active, active
+    return X + Y + Z - 3.0, E * (E.real > 0.0)
 
 
 @inlined
 def _form(constants, X, Y, Z):
     """F, which the exponent is k2 times."""
-    J, E, _ = _strains(constants, X, Y, Z)
+    J, E = _strains(constants, X, Y, Z)
     return (1.0 - constants.rho) * E * E + constants.rho * J * J
 
 
-def _exponents(constants, X, Y, Z):
-    return (constants.k2 * _form(constants, X, Y, Z),)
-
-
-def _derivatives(constants, X, Y, Z, g):
-    J, E, _ = _strains(constants, X, Y, Z)
-    growth = 2.0 * constants.k1 * g[0]
+@derivatives.register(Holzapfel2005Constants)
+def holzapfel_2005_derivatives(constants, X, Y, Z):
+    """Derivatives of W by the squared stretches."""
+    J, E = _strains(constants, X, Y, Z)
+    growth = 2.0 * constants.k1 * np.exp(constants.k2 * _form(constants, X, Y, Z))
     # dW/dI1 = mu/2 + 2 k1 exp(k2 F) rho (I1 - 3),  dW/dI4 = 2 k1 exp(k2 F) (1 - rho) (I4 - 1)
     matrix = 0.5 * constants.mu + growth * constants.rho * J
     fibres = growth * (1.0 - constants.rho) * E
     return matrix + constants.cos2 * fibres, matrix + (1.0 - constants.cos2) * fibres, matrix
 
 
-def _second_derivatives(constants, X, Y, Z, g):
-    J, E, active = _strains(constants, X, Y, Z)
-    cx, cy = constants.cos2, 1.0 - constants.cos2
-    # W_XY = k1 exp(k2 F) (d2F/dXdY + k2 dF/dX dF/dY)
-    growth = constants.k1 * g[0]
-    by_I1 = 2.0 * constants.rho * J
-    by_I4 = 2.0 * (1.0 - constants.rho) * E
-    Fx, Fy, Fz = by_I1 + cx * by_I4, by_I1 + cy * by_I4, by_I1
-    k2 = constants.k2
-    m, f = 2.0 * constants.rho, 2.0 * (1.0 - constants.rho) * active
-    return (
-        growth * (m + cx * cx * f + k2 * Fx * Fx),
-        growth * (m + cx * cy * f + k2 * Fx * Fy),
-        growth * (m + k2 * Fx * Fz),
-        growth * (m + cy * cy * f + k2 * Fy * Fy),
-        growth * (m + k2 * Fy * Fz),
-        growth * (m + k2 * Fz * Fz),
-    )
-
-
-def _energy(constants, X, Y, Z):
+@energy.register(Holzapfel2005Constants)
+def holzapfel_2005_energy(constants, X, Y, Z):
+    """W, zero where unloaded."""
     matrix = 0.5 * constants.mu * (X + Y + Z - 3.0)
     return matrix + constants.k1 * exponential_energy(constants.k2, _form(constants, X, Y, Z))
-
-
-register(
-    Holzapfel2005Constants,
-    exponents=_exponents,
-    derivatives=_derivatives,
-    second_derivatives=_second_derivatives,
-    energy=_energy,
-)
 
 
 # --- sampling coordinates ----------------------------------------------------------------------
@@ -117,12 +90,12 @@ _MU, _K1, _K2, _ALPHA, _RHO = range(5)
 class Holzapfel2005Coordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
-    ``k1_free``, ``k2_free`` are 1 where ln S and ln q are sampled; (X, Y, Z) the squared reference
-    stretch.
+    ``k1``, ``k2`` are 1 where ln S and ln q are sampled in their places; (X, Y, Z) is the squared
+    reference stretch.
     """
 
-    k1_free: float
-    k2_free: float
+    k1: float
+    k2: float
     X: float
     Y: float
     Z: float
@@ -140,33 +113,25 @@ def _reference_state(coordinates, alpha, rho):
     return np.log(F), np.log(G)
 
 
-def _to_natural(coordinates, value):
+@to_natural.register(Holzapfel2005Coordinates)
+def holzapfel_2005_to_natural(coordinates, value):
+    """Natural values in place of (ln mu, ln S, ln q, alpha, rho); the log Jacobian."""
     alpha, rho = value[_ALPHA], value[_RHO]
     if not (0.0 <= alpha <= 0.5 * np.pi and 0.0 <= rho <= 1.0):
         return -np.inf
     log_F, log_G = _reference_state(coordinates, alpha, rho)
-    if coordinates.k2_free > 0.0:
-        value[_K2] -= log_F  # ln k2 = ln q - ln F*
-    if coordinates.k1_free > 0.0:
-        # ln k1 = ln S - q - ln G*
-        value[_K1] -= np.exp(value[_K2] + log_F) + log_G
+    from_log_stress(value, _K1, _K2, coordinates.k1, coordinates.k2, log_F, log_G)
     return 0.0
 
 
-def _constants_at(coordinates, value):
+@constants_at.register(Holzapfel2005Coordinates)
+def holzapfel_2005_constants_at(coordinates, value):
+    """Constants at natural values."""
     cos2 = np.cos(value[_ALPHA]) ** 2
     return Holzapfel2005Constants(value[_MU], value[_K1], value[_K2], cos2, value[_RHO])
 
 
-register(Holzapfel2005Coordinates, to_natural=_to_natural, constants_at=_constants_at)
-
-
 # --- the law -----------------------------------------------------------------------------------
-
-
-_MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
-_RHO_DISTANCE = 0.05
-_EXPONENT_DISTANCE = 0.1  # k2 F at the largest stretch
 
 
 class Holzapfel2005Law(Law):
@@ -176,6 +141,11 @@ class Holzapfel2005Law(Law):
     title = "Holzapfel 2005"
     source = "Holzapfel, Sommer, Gasser, Regitnig, Am. J. Physiol. Heart 289 (2005) H2048"
     doi = "10.1152/ajpheart.00934.2004"
+    description = (
+        "the incompressible model of Holzapfel et al. (2005) with two fibre families at ±alpha "
+        "from the x axis and equal properties, which share an exponential with I1; fibres "
+        "carried load in extension only"
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         scale("mu", r"\mu", "matrix stiffness", "kPa", 20.0, 2.0, 1e5, "no matrix", positive=True),
         scale("k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e6, "no exponential"),
@@ -197,26 +167,23 @@ class Holzapfel2005Law(Law):
     )
     ties = (("k1", "mu"), ("mu", "k1"))
     amplitudes = ("mu", "k1")
+    exponents: ClassVar = {"k2": "k2 F"}
+    near_shares: ClassVar = {"rho": 0.05}
     meaningless: ClassVar = {"alpha": (("rho", 1, "rho = 1"), ("k1", 0, "k1 = 0"))}
 
     def constants_at_point(self, mu, k1, k2, t, rho) -> Holzapfel2005Constants:
         """Constants at t = cos^2 alpha."""
         return Holzapfel2005Constants(mu, k1, k2, t, rho)
 
-    @property
-    def in_words(self) -> str:
-        """The law as the object of a sentence."""
-        return (
-            "the incompressible model of Holzapfel et al. (2005) with two fibre families at ±alpha "
-            "from the x axis and equal properties, which share an exponential with I1; fibres "
-            "carried load in extension only"
-        )
-
-    # --- sampling coordinates ---
+    def exponents_at(
+        self, constants: Holzapfel2005Constants, X: Any, Y: Any, Z: Any
+    ) -> tuple[Any, ...]:
+        """The exponent that fibres and I1 share."""
+        return (constants.k2 * _form(constants, X, Y, Z),)
 
     def coordinates(self, layout: SamplingLayout) -> Holzapfel2005Coordinates:
         """Constants of the sampling coordinates."""
-        k1, k2 = (float(layout.structural and name in layout.free) for name in ("k1", "k2"))
+        k1, k2 = layout.sampled("k1", "k2")
         return Holzapfel2005Coordinates(k1, k2, *layout.reference)
 
     def to_coordinates(
@@ -224,97 +191,11 @@ class Holzapfel2005Law(Law):
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of mu, k1, k2; alpha in radians."""
         out = dict(values)
-        log_F, log_G = _reference_state(coordinates, values["alpha"], values["rho"])
-        if coordinates.k2_free > 0.0:
-            out["k2"] = values["k2"] + log_F
-        if coordinates.k1_free > 0.0:
-            out["k1"] = values["k1"] + np.exp(values["k2"] + log_F) + log_G
+        reference = _reference_state(coordinates, values["alpha"], values["rho"])
+        to_log_stress(out, "k1", "k2", coordinates.k1, coordinates.k2, *reference)
         return out
 
-    def coordinate_bounds(
-        self, coordinates: Holzapfel2005Coordinates
-    ) -> dict[str, tuple[float, float]]:
-        """Bounds of the angle and of rho."""
-        del coordinates
-        return {"alpha": (0.0, 0.5 * np.pi), "rho": (0.0, 1.0)}
-
-    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
-        """A material moved off its edges, to where the sampling coordinates are regular."""
-        mu, k1, k2, alpha, rho = values
-        return (
-            max(mu, 1e-3),
-            max(k1, 1e-3),
-            max(k2, 1e-2),
-            float(np.clip(alpha, 3.0, 87.0)),
-            float(np.clip(rho, 0.02, 0.98)),
-        )
-
-    def inner_point(self, point: np.ndarray) -> np.ndarray:
-        """(mu, k1, k2, t, rho) moved off its bounds."""
-        return np.clip(point, [1e-3, 1e-3, 1e-2, 0.01, 0.02], [*[np.inf] * 3, 0.99, 0.98])
-
-    # --- fits ---
-
-    def shapes(
-        self, size: int, largest: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Random exponents at the largest stretches, angles and rho, some at their ends."""
-        u = rng.random((size, 3))
-        q = 10.0 ** (-2.0 + 3.4 * u[:, 0])
-        t = np.cos(0.5 * np.pi * u[:, 1]) ** 2
-        rho = u[:, 2].copy()
-        q[::9] = 0.0
-        t[1::7], t[2::7] = 0.0, 1.0
-        rho[3::5] = 0.0
-        X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
-        one = np.ones(size)
-        F = _form(Holzapfel2005Constants(one, one, one, t, rho), X, Y, 1.0 / (X * Y))
-        k2 = np.minimum(q / F, self.upper[_K2])
-        return np.column_stack([one, one, k2, t, rho]), np.column_stack([0.3 * q, t, rho])
-
-    # --- priors and what draws tell ---
-
-    def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
-        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
-
-        At the medians, rho = 1/2 and 45 degrees, the exponent k2 F is one there, and matrix and
-        exponential carry 30 and 70 % of the stress.
-        """
+    def typical(self, stretch: float) -> dict[str, float]:
+        """F = (E^2 + J^2) / 2 at rho = 1/2."""
         E, J = stretch**2 - 1.0, 2.0 * stretch**2 + stretch**-4 - 3.0
-        shear = stretch - stretch**-5
-        # P = mu (l - l^-5) and k1 exp(1) ((1 - rho) 2 E l + rho 4 J (l - l^-5))
-        exponential = np.e * (E * stretch + 2.0 * J * shear)
-        return {
-            "mu": ("lognormal", _MATRIX_LOAD * peak_kPa / shear, 0.8),
-            "k1": ("lognormal", (1.0 - _MATRIX_LOAD) * peak_kPa / exponential, 0.8),
-            "k2": ("lognormal", 2.0 / (E * E + J * J), 0.8),
-            "alpha": ("uniform", 0.0, 90.0),
-            "rho": ("uniform", 0.0, 1.0),
-        }
-
-    def described_at(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
-    ) -> dict[str, np.ndarray]:
-        """The exponent at the largest of some total stretches."""
-        return {"exponent k2 F": _largest_exponent(material, tops)}
-
-    nearness = (
-        f"rho nearer than {_RHO_DISTANCE:g}; k2 where the exponent at the largest stretch is below "
-        f"{_EXPONENT_DISTANCE:g}; mu and k1 {LOAD_NEARNESS}"
-    )
-
-    def edge_distances(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
-    ) -> dict[str, float]:
-        """How near to a physical edge counts as near: small shares of stress and exponent."""
-        k2 = np.ravel(material.constants.k2)
-        exponent = np.maximum(_largest_exponent(material, tops), 1e-12)
-        return amplitude_distances(material, tops) | {
-            "k2": _EXPONENT_DISTANCE * float(np.median(k2 / exponent)),
-            "rho": _RHO_DISTANCE,
-        }
-
-
-def _largest_exponent(material: MaterialResponse, tops: Sequence[np.ndarray]) -> np.ndarray:
-    """Largest exponent of each draw at some total stretches, shape (n,)."""
-    return largest_at(lambda X, Y, Z: _exponents(material.constants, X, Y, Z)[0], tops)
+        return {"k2": 2.0 / (E * E + J * J), "rho": 0.5}

@@ -1,10 +1,12 @@
 r"""What a material law is.
 
-One law is one file. It holds
+The file of a law holds
 
-- a ``NamedTuple`` of its constants and one of its sampling coordinates with their functions
-  (:mod:`biaxbayes.laws.response`);
-- a subclass of :class:`Law`: parameters with their default priors, fits, what its draws tell.
+- a ``NamedTuple`` of its constants, with the energy and its first derivatives;
+- a ``NamedTuple`` of what its sampling coordinates depend on, with their transformation (both are
+  registered with the generic functions of :mod:`biaxbayes.laws.response`);
+- a subclass of :class:`Law`: parameters with default priors, sampling coordinates, and what is
+  particular about its starting points and edges.
 """
 
 from __future__ import annotations
@@ -13,31 +15,31 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.amplitudes import screened
-from biaxbayes.laws.response import (
-    STEP,
-    Material,
-    MaterialResponse,
-    PointMaterial,
-    StatedMaterial,
-    cauchy_components,
-    first_derivatives,
-    log_stretch_jacobian,
-    second_derivatives,
-    squared_stretches,
-)
+from biaxbayes.laws.materials import Material, MaterialResponse, PointMaterial, StatedMaterial
+from biaxbayes.laws.response import STEP, cauchy_stress, squared_stretches
 from biaxbayes.parameters import DEGREE, Parameter
 
-if TYPE_CHECKING:
-    from biaxbayes.laws.amplitudes import Screening
+MATRIX_LOAD = 0.3
+"""Share of the peak stress that a calibration's median material owes to its matrix."""
 
-__all__ = ["Law", "SamplingLayout", "StressResponse"]
+LOAD_SHARE = 0.05
+"""Of the stress at the largest stretch: what carries less is nearly absent."""
+EXPONENT_DISTANCE = 0.1
+"""An exponent below this at the largest stretch is nearly absent."""
+STIFFNESS_SHARE = 0.05
+"""The same share of the small-strain stiffness, for laws whose amplitudes are judged by that."""
+LOWEST_DRAWS = 0.05
+"""Share of the draws, the smallest, from which an amplitude's distance is taken: an amplitude
+trades with its exponent, so that a small one may carry as much as a large one does."""
+
+INSIDE = {"kPa": 1e-3, "1": 1e-2}
+"""Least stiffness and exponent of a point moved off its edges, by unit."""
+INSIDE_SHARE, INSIDE_ANGLE = 0.02, 3.0  # of a range; degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +60,7 @@ class StressResponse:
     by_log_stretch: np.ndarray
 
     def split(self, at: int) -> tuple[StressResponse, StressResponse]:
-        """The first states, so many, and the others."""
+        """The first ``at`` states and the others."""
         s, c, j = self.stress, self.by_coordinate, self.by_log_stretch
         return (
             StressResponse(s[:, :at], c[:, :, :at], j[:, :, :at]),
@@ -66,10 +68,39 @@ class StressResponse:
         )
 
 
-@cache
-def _steps(size: int) -> np.ndarray:
-    """Imaginary step of every coordinate alone, one a column."""
-    return 1j * STEP * np.eye(size)
+class SamplingLayout(NamedTuple):
+    """What sampling coordinates may depend on: constants of a specimen and of a search.
+
+    Attributes
+    ----------
+    free : tuple of str
+        Parameters that are sampled, neither fixed nor tied.
+    reference : (float, float, float)
+        Squared reference stretches (X, Y, Z), both in-plane ones above 1.
+    softening : float
+        Scale of the coordinates near isotropy.
+    structural : bool
+        Coordinates that data pin, rather than the parameters themselves.
+    chart : bool
+        Whether a chart that is regular at the edges is wanted, where a law has one. With neither
+        the coordinates are the parameters: logs of scales, radians, the others as they are.
+    widest : (float, float, float)
+        As ``reference``, of the row of largest I1: a state that the specimen has been in.
+    peak_kPa : float
+        Largest stress of the specimen, a scale of stiffnesses.
+    """
+
+    free: tuple[str, ...]
+    reference: tuple[float, float, float]
+    softening: float
+    structural: bool
+    chart: bool
+    widest: tuple[float, float, float]
+    peak_kPa: float
+
+    def sampled(self, *names: str) -> tuple[float, ...]:
+        """1 for each parameter that is sampled in a structural coordinate, else 0."""
+        return tuple(float(self.structural and name in self.free) for name in names)
 
 
 @dataclass(frozen=True)
@@ -92,6 +123,9 @@ class Law(ABC):
     source: ClassVar[str]
     doi: ClassVar[str] = ""
     """Of the source, where it has one."""
+    description: ClassVar[str]
+    """The law as the object of a sentence, for the methods of a paper; ``{load}`` stands for when
+    fibres carry load, where the switch decides that."""
     parameters: ClassVar[tuple[Parameter, ...]]
     ties: ClassVar[tuple[tuple[str, str], ...]] = ()
     """Pairs of parameters of which the first can be tied to the second."""
@@ -99,14 +133,38 @@ class Law(ABC):
     """Protocols below which its posterior has several regions that are near-equal."""
     meaningless: ClassVar[Mapping[str, tuple[tuple[str, int, str], ...]]] = {}
     """Parameters that mean nothing where another is at an end of its range: its name, the side (0
-    low, 1 high), and what the material is there; one for every such end."""
+    low, 1 high), and what the material is there; one entry for every such end."""
+    amplitudes: ClassVar[tuple[str, ...]]
+    """Parameters that the stress is linear in, the stiffness of the matrix first."""
+    exponents: ClassVar[Mapping[str, str]] = {}
+    """Formula of each exponent, by the parameter that it is proportional to."""
+    near_shares: ClassVar[Mapping[str, float]] = {}
+    """Distances below which a dispersion or a share is near an end of its range."""
+    condition: ClassVar[str] = ""
+    """What parameters have to meet together, in words."""
+    bound_together: ClassVar[tuple[str, ...]] = ()
+    """Parameters that the condition is about."""
 
     @property
     def called(self) -> str:
         """The law as the subject of a sentence: its usual abbreviation, or its title."""
         return self.abbreviation or self.title
 
+    @property
+    def in_words(self) -> str:
+        """The law as the object of a sentence, for the methods of a paper."""
+        load = "in extension only" if self.fibre_switch else "in extension and compression"
+        return self.description.format(load=load)
+
     # --- materials ---
+
+    @abstractmethod
+    def constants_at_point(self, *point: Any) -> Any:
+        """Constants at the parameters in their order, with cos^2 in place of angles.
+
+        In cos^2 a structure tensor is linear and an angle of 0 or 90 degrees is an ordinary bound;
+        in the angle the stress is stationary there whatever the data say.
+        """
 
     def constants(self, *values: Any) -> Any:
         """Constants at the natural values of the parameters in their order, angles in radians."""
@@ -118,8 +176,8 @@ class Law(ABC):
         )
 
     @abstractmethod
-    def constants_at_point(self, *point: Any) -> Any:
-        """The same with cos^2 in place of angles, in which constants are regular at both ends."""
+    def exponents_at(self, constants: Any, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:
+        """The exponents of the law's exponentials at squared stretches."""
 
     def material(self, values: Any) -> Material:
         """Materials at parameters by name, in their own units.
@@ -142,17 +200,12 @@ class Law(ABC):
         return Material(self, tuple(columns))
 
     @property
-    @abstractmethod
-    def in_words(self) -> str:
-        """The law as the object of a sentence, for the methods of a paper."""
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(p.name for p in self.parameters)
 
     def parameter(self, name: str) -> Parameter:
-        """One parameter by its name."""
+        """The parameter of a name."""
         return self.parameters[self.names.index(name)]
 
     def known_name(self, name: str) -> str:
@@ -172,11 +225,11 @@ class Law(ABC):
             For a parameter that is unknown, given twice, missing or out of range.
         """
         labels = ", ".join(p.label for p in self.parameters)
-        found: dict[str, float] = {}
+        checked: dict[str, float] = {}
         for given, value in values.items():
             name = self.known_name(given)
-            if name not in self.names or name in found:
-                problem = "is given twice" if name in found else "is no parameter"
+            if name not in self.names or name in checked:
+                problem = "is given twice" if name in checked else "is no parameter"
                 raise InputError(
                     f"{given} {problem} of the law {self.name}", remedy=f"parameters are {labels}"
                 )
@@ -186,12 +239,12 @@ class Law(ABC):
                     f"{given} = {value:g} is out of range",
                     remedy=f"it lies between {p.low:g} and {p.high:g}{p.unit_words()}",
                 )
-            found[name] = float(value)
-        missing = [p.label for p in self.parameters if p.name not in found]
+            checked[name] = float(value)
+        missing = [p.label for p in self.parameters if p.name not in checked]
         if missing:
             raise InputError(f"the law {self.name} needs {' and '.join(missing)}")
-        self.check_condition(found)
-        return StatedMaterial(self, self.material(found).theta)
+        self.check_condition(checked)
+        return StatedMaterial(self, self.material(checked).theta)
 
     def as_goh(self, values: Sequence[float]) -> Any:
         """The same material as one of GOH, which finite-element programs have; None if it is none.
@@ -202,12 +255,6 @@ class Law(ABC):
             Parameters in their own units and order.
         """
         del values
-
-    condition: ClassVar[str] = ""
-    """What parameters have to meet together, in words."""
-
-    bound_together: ClassVar[tuple[str, ...]] = ()
-    """Parameters that the condition is about."""
 
     def check_condition(self, values: Mapping[str, Any]) -> None:
         """Refuse numbers that do not meet :attr:`condition`, as far as they are given.
@@ -238,9 +285,14 @@ class Law(ABC):
         """Sampling coordinates at natural values (logs of scales, radians), by parameter."""
 
     def coordinate_bounds(self, coordinates: Any) -> dict[str, tuple[float, float]]:
-        """Bounds of the sampling coordinates, by parameter, where they have any."""
+        """Bounds of the sampling coordinates, by parameter: the ranges of angles and shares."""
         del coordinates
-        return {}
+        unit = {DEGREE: math.radians(1.0)}
+        return {
+            p.name: (p.low * unit.get(p.unit, 1.0), p.high * unit.get(p.unit, 1.0))
+            for p in self.parameters
+            if p.bounded
+        }
 
     def coordinate_widths(self, coordinates: Any) -> dict[str, float]:
         """Widths of dispersed starts where they differ from the parameters' own."""
@@ -257,15 +309,7 @@ class Law(ABC):
         del values
         return 1.0
 
-    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
-        """A material moved off its edges, to where the sampling coordinates are regular."""
-        return tuple(values)
-
-    def inner_point(self, point: np.ndarray) -> np.ndarray:
-        """A point of the fits moved off its bounds."""
-        return point
-
-    # --- fits ---
+    # --- coordinates that fits move in ---
 
     @property
     def lower(self) -> np.ndarray:
@@ -277,25 +321,8 @@ class Law(ABC):
         """Upper bounds of the coordinates that fits move in."""
         return np.array([1.0 if p.mirror else min(p.high, p.largest) for p in self.parameters])
 
-    def cauchy_of(self, constants: Any, stretch_x: Any, stretch_y: Any) -> np.ndarray:
-        """Cauchy stresses of constants that broadcast against the stretches.
-
-        Returns
-        -------
-        ndarray, shape (..., 2, n)
-            x and y on the last axis but one.
-        """
-        X, Y, Z = squared_stretches(stretch_x, stretch_y)
-        _, first = first_derivatives(constants, X, Y, Z)
-        found = cauchy_components(X, Y, Z, *first)
-        return np.stack(np.broadcast_arrays(*found), axis=-2)
-
     def coordinate(self, i: int, value: float) -> float:
-        """Coordinate that fits move in: cos^2 of an angle, the others as they are.
-
-        In cos^2 a structure tensor is linear and an angle of 0 or 90 degrees is an ordinary
-        bound; in the angle the stress is stationary there whatever the data say.
-        """
+        """Coordinate that fits move in: cos^2 of an angle, the others as they are."""
         if self.parameters[i].mirror:
             # cos^2 of 90 degrees is 4e-33 in floating point, not the bound it stands for
             return 0.0 if value == 90.0 else float(np.cos(np.deg2rad(value)) ** 2)
@@ -321,6 +348,34 @@ class Law(ABC):
         """The material at coordinates that fits move in; complex coordinates are allowed."""
         return PointMaterial(self, tuple(point))
 
+    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
+        """A material moved off its edges, to where the sampling coordinates are regular."""
+        moved = []
+        for p, value in zip(self.parameters, values, strict=True):
+            if p.bounded:
+                margin = INSIDE_ANGLE if p.mirror else INSIDE_SHARE * (p.high - p.low)
+                value = min(max(value, p.low + margin), p.high - margin)
+            moved.append(max(value, INSIDE[p.unit]) if p.logarithmic else value)
+        return tuple(float(v) for v in moved)
+
+    def inner_point(self, point: np.ndarray) -> np.ndarray:
+        """A point of the fits moved off its bounds."""
+        ends = [
+            self.point(self.inner([p.range[side] for p in self.parameters])) for side in range(2)
+        ]
+        return np.clip(point, np.minimum(*ends), np.maximum(*ends))
+
+    def cauchy_of(self, constants: Any, stretch_x: Any, stretch_y: Any) -> np.ndarray:
+        """Cauchy stresses of constants that broadcast against the stretches.
+
+        Returns
+        -------
+        ndarray, shape (..., 2, n)
+            x and y on the last axis but one.
+        """
+        stress = cauchy_stress(constants, *squared_stretches(stretch_x, stretch_y))
+        return np.stack(np.broadcast_arrays(*stress), axis=-2)
+
     def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
         """Stresses and their derivatives at total stretches, by complex step.
 
@@ -331,39 +386,31 @@ class Law(ABC):
         stretch : ndarray, shape (2, n)
             Total stretches.
         """
-        X, Y, Z = squared_stretches(*stretch)
-        constants = self.constants_at_point(*point)
-        g, (A, B, C) = first_derivatives(constants, X, Y, Z)
-        second = second_derivatives(constants, X, Y, Z, g)
-        xx, xy, yy = log_stretch_jacobian(X, Y, Z, A, B, C, second)
-        # one row a coordinate, which is moved there: d s / d x_i = Im s(x + i h e_i) / h
-        moved = self.constants_at_point(*(point[:, None] + _steps(point.size))[:, :, None])
-        stepped = cauchy_components(X, Y, Z, *first_derivatives(moved, X, Y, Z)[1])
-        by_coordinate = np.empty((2, point.size, X.size))
-        for k, s in enumerate(stepped):
-            by_coordinate[k] = s.imag / STEP
-        return StressResponse(
-            np.array(cauchy_components(X, Y, Z, A, B, C)),
-            by_coordinate,
-            np.array([[xx, xy], [xy, yy]]),
-        )
+        p = point.size
+        # one row per coordinate and log stretch, each with an imaginary step of its own
+        step = 1j * STEP * np.eye(p + 2)
+        constants = self.constants_at_point(*(point + step[:, :p]).T[:, :, None])
+        lx, ly = (stretch[k] * (1.0 + step[:, p + k, None]) for k in range(2))
+        stress = np.array(cauchy_stress(constants, *squared_stretches(lx, ly)))
+        slope = stress.imag / STEP
+        return StressResponse(stress[:, 0].real, slope[:, :p], slope[:, p:])
 
-    amplitudes: ClassVar[tuple[str, ...]] = ()
-    """Parameters that the stress is linear in: screened materials get the best ones."""
+    # --- starting points of fits ---
 
     def shapes(
         self, size: int, largest: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Random materials for fits to start from, with one for every amplitude.
 
-        A law states this, or a :meth:`screen` of its own.
+        Exponents at the largest stretches are log-uniform from 0.01 to 30, which makes curves
+        more or less bent whatever the strain range; angles and shares are uniform. Some of them
+        are zero, or at an end of their range.
 
         Parameters
         ----------
         size : int
         largest : ndarray, shape (size, 2)
-            Largest total stretches: exponents are drawn at them, which makes curves more or less
-            bent whatever the strain range.
+            Largest total stretches.
         rng : numpy.random.Generator
 
         Returns
@@ -371,36 +418,68 @@ class Law(ABC):
         points : ndarray, shape (size, p)
             Coordinates that fits move in.
         marks : ndarray, shape (size, k)
-            Coordinates in which chosen points are kept apart from one another.
+            Coordinates in which chosen points are kept apart from one another: the exponents
+            first.
         """
-        raise NotImplementedError(f"the law {self.name} states neither shapes nor a screen")
-
-    def screen(self, data: Screening, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-        """Many random materials with their best amplitudes.
-
-        Returns
-        -------
-        points : ndarray, shape (S, p)
-        mounting : ndarray, shape (S, 2)
-            Mounting stretches of each.
-        cost : ndarray, shape (S,)
-            Sum of squares; infinite where a material cannot be evaluated.
-        marks : ndarray, shape (S, k)
-            Coordinates in which chosen points are kept apart from one another.
-        """
-        return screened(self, data, rng)
+        points, marks = np.ones((size, len(self.parameters))), []
+        for i, p in enumerate(self.parameters):
+            if p.bounded:
+                u = rng.random(size)
+                if p.mirror:
+                    points[:, i] = np.cos(0.5 * np.pi * u) ** 2
+                    points[1::7, i], points[2::7, i] = 0.0, 1.0
+                else:
+                    points[:, i] = p.low + (p.high - p.low) * u
+                    points[3::5, i] = p.low
+                marks.append(points[:, i] / self.upper[i])
+        X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
+        per_unit = self.exponents_at(self.constants_at_point(*points.T), X, Y, 1.0 / (X * Y))
+        for k, (name, unit) in enumerate(zip(self.exponents, per_unit, strict=True)):
+            q = 10.0 ** (-2.0 + 3.5 * rng.random(size))
+            q[k::9] = 0.0
+            i = self.names.index(name)
+            points[:, i] = np.minimum(q / np.maximum(unit, 1e-12), self.upper[i])
+            marks.insert(k, 0.3 * q)
+        return points, np.column_stack(marks)
 
     # --- priors and what draws tell ---
 
-    @abstractmethod
+    def typical(self, stretch: float) -> dict[str, float]:
+        """Exponents' parameters, angles and shares of typical tissue.
+
+        All exponents are one at a total equibiaxial stretch.
+        """
+        raise NotImplementedError(f"the law {self.name} has no typical material")
+
     def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
         """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
+
+        At the medians (45 degrees, no dispersion) the exponents are one there, and matrix and
+        exponentials carry 30 and 70 % of the stress.
 
         Returns
         -------
         dict of str to (str, float, float)
             Distribution and its two numbers, as :attr:`Parameter.prior`.
         """
+        typical = {p.name: 45.0 for p in self.parameters if p.mirror} | self.typical(stretch)
+        priors: dict[str, tuple[str, float, float]] = {}
+        for p in self.parameters:
+            if p.name in self.amplitudes:
+                alone = dict.fromkeys(self.amplitudes, 0.0) | typical | {p.name: 1.0}
+                per_unit = max(self.material(alone).piola(stretch, stretch))
+                share = MATRIX_LOAD if p.name == self.amplitudes[0] else self.fibre_load(p.name)
+                priors[p.name] = ("lognormal", share * peak_kPa / float(per_unit), 0.8)
+            elif p.bounded:
+                priors[p.name] = ("uniform", p.low, p.high)
+            else:
+                priors[p.name] = ("lognormal", typical[p.name], 0.8)
+        return priors
+
+    def fibre_load(self, amplitude: str) -> float:
+        """Share of the nominal stress that an exponential's amplitude carries in that prior."""
+        del amplitude
+        return 1.0 - MATRIX_LOAD
 
     def described(self, material: MaterialResponse) -> dict[str, Any]:
         """Quantities of the law that an axis-aligned test sees, beside stress and stiffness."""
@@ -410,7 +489,7 @@ class Law(ABC):
     def described_at(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """What the law says of itself at the largest of some total stretches, shape (n,) each.
+        """The exponents at the largest of some total stretches, shape (n,) each.
 
         Parameters
         ----------
@@ -418,16 +497,40 @@ class Law(ABC):
             Of n draws.
         tops : sequence of ndarray, shape (n, 2)
         """
-        del material, tops
-        return {}
+        largest = self.largest_exponents(material.constants, tops)
+        return {
+            f"exponent {formula}": q
+            for formula, q in zip(dict.fromkeys(self.exponents.values()), largest, strict=True)
+        }
 
-    nearness: ClassVar[str] = ""
-    """What :meth:`edge_distances` calls near, in words."""
+    def largest_exponents(self, constants: Any, tops: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Largest value of each exponent and draw at some total stretches, shape (n,) each."""
+        states = [squared_stretches(top[:, :1], top[:, 1:]) for top in tops]
+        at_states = [self.exponents_at(constants, *state) for state in states]
+        return [np.maximum.reduce(list(q))[:, 0] for q in zip(*at_states, strict=True)]
+
+    @property
+    def nearness(self) -> str:
+        """What :meth:`edge_distances` calls near, in words."""
+        shares = [f"{name} nearer than {d:g}" for name, d in self.near_shares.items()]
+        exponents = [
+            f"{name} where {formula} at the largest stretch is below {EXPONENT_DISTANCE:g}"
+            for name, formula in self.exponents.items()
+        ]
+        return "; ".join([*shares, *exponents, self.amplitude_nearness])
+
+    @property
+    def amplitude_nearness(self) -> str:
+        """The same for the amplitudes."""
+        return (
+            f"{' and '.join(self.amplitudes)} where they carry less than {LOAD_SHARE:g} of the "
+            "stress at the largest stretch"
+        )
 
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """How near to a physical edge counts as near, by parameter, in natural units.
+        """Distances from a physical edge that count as near, by parameter, in natural units.
 
         Parameters
         ----------
@@ -436,36 +539,44 @@ class Law(ABC):
         tops : sequence of ndarray, shape (n, 2)
             Largest total stretches of each protocol.
         """
-        del material, tops
-        return {}
+        exponents = {}
+        largest = dict(
+            zip(
+                dict.fromkeys(self.exponents.values()),
+                self.largest_exponents(material.constants, tops),
+                strict=True,
+            )
+        )
+        for name, formula in self.exponents.items():
+            value = np.ravel(material.theta[self.names.index(name)])
+            per_unit = value / np.maximum(largest[formula], 1e-12)
+            exponents[name] = EXPONENT_DISTANCE * float(np.median(per_unit))
+        return dict(self.near_shares) | exponents | self.amplitude_distances(material, tops)
 
+    def amplitude_distances(
+        self, material: MaterialResponse, tops: Sequence[np.ndarray]
+    ) -> dict[str, float]:
+        """Amplitudes that carry :data:`LOAD_SHARE` of the stress at the largest stretches.
 
-class SamplingLayout(NamedTuple):
-    """What sampling coordinates may depend on: constants of a specimen and of a search.
+        Medians over the draws in which the amplitude is smallest.
+        """
 
-    Attributes
-    ----------
-    free : tuple of str
-        Parameters that are sampled, neither fixed nor tied.
-    reference : (float, float, float)
-        Squared reference stretches (X, Y, Z), both in-plane ones above 1.
-    softening : float
-        Scale of the coordinates near isotropy.
-    structural : bool
-        Coordinates that data pin, rather than the parameters themselves.
-    chart : bool
-        Whether a chart that is regular at the edges is asked for, where a law has one. With neither
-        the coordinates are the parameters: logs of scales, radians, the others as they are.
-    widest : (float, float, float)
-        As ``reference``, of the row of largest I1: a state that the specimen has been in.
-    peak_kPa : float
-        Largest stress of the specimen, a scale of stiffnesses.
-    """
+        def stress(of: MaterialResponse, top: np.ndarray) -> np.ndarray:
+            x, y = of.cauchy(top[:, :1], top[:, 1:])
+            return np.maximum((x + y)[:, 0], 1e-12)
 
-    free: tuple[str, ...]
-    reference: tuple[float, float, float]
-    softening: float
-    structural: bool
-    chart: bool
-    widest: tuple[float, float, float]
-    peak_kPa: float
+        places = [self.names.index(name) for name in self.amplitudes]
+        distances = {}
+        for i in places:
+            alone = list(material.theta)
+            for j in places:
+                alone[j] = np.full_like(alone[j], float(i == j))
+            # the amplitude that would carry all, in the protocol in which it carries most
+            all_of_it = np.min(
+                [stress(material, top) / stress(Material(self, tuple(alone)), top) for top in tops],
+                axis=0,
+            )
+            size = np.broadcast_to(np.ravel(material.theta[i]), all_of_it.shape)
+            smallest = np.argsort(size, kind="stable")[: max(1, round(LOWEST_DRAWS * size.size))]
+            distances[self.names[i]] = LOAD_SHARE * float(np.median(all_of_it[smallest]))
+        return distances

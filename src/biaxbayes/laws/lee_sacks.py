@@ -8,40 +8,36 @@ an axis-aligned test strains alike; fibres carry load in extension and compressi
 isotropic share of the exponentials. Without the matrix (c0 = 0) the unloaded state is singular
 under a dead load, so that c0 is positive.
 
-The sampler works in the roots (:mod:`biaxbayes.laws.amplitudes`) of S0, S2, q2, S3 and q3, in the
+The sampler works in the roots (:mod:`biaxbayes.laws.coordinates`) of S0, S2, q2, S3 and q3, in the
 places of c0, c1, c2, delta and c3, and in alpha, which is folded at 0 and 90 degrees, with
 
     q2 = c2 (I1* - 3)^2          S2 = c1 delta c2 (I1* - 3) exp(q2)
     q3 = c3 E*^2                 S3 = c1 (1 - delta) c3 E* exp(q3)          S0 = c0
 
-at one fixed reference stretch l* a specimen, that of its row of largest I1: the stress of each term
-there, which data pin better than c1 and delta.
+at one fixed reference stretch l* per specimen, that of its row of largest I1: the stress of each
+term there, which data pin better than c1 and delta.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.amplitudes import (
-    LOAD_SHARE,
-    LOG_EXPONENT,
+from biaxbayes.laws.coordinates import (
     ROOT_WIDTH,
-    amplitude_distances,
-    largest_at,
+    from_root_exponent,
+    from_root_stress,
     log_square,
     log_stress_scale,
-    root,
+    to_root_exponent,
+    to_root_stress,
 )
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.response import MaterialResponse, register
+from biaxbayes.laws.response import constants_at, derivatives, energy, to_natural
 from biaxbayes.parameters import Parameter, fibre_angle, scale
-
-__all__ = ["LeeSacksLaw"]
-
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -57,50 +53,31 @@ class LeeSacksConstants(NamedTuple):
     cos2: Any
 
 
-def _exponents(constants, X, Y, Z):
-    J = X + Y + Z - 3.0
-    E = constants.cos2 * X + (1.0 - constants.cos2) * Y - 1.0
-    return constants.c2 * J * J, constants.c3 * E * E
+@inlined
+def _strains(constants, X, Y, Z):
+    """(I1 - 3, E)."""
+    return X + Y + Z - 3.0, constants.cos2 * X + (1.0 - constants.cos2) * Y - 1.0
 
 
-def _derivatives(constants, X, Y, Z, g):
-    t, delta = constants.cos2, constants.delta
-    J = X + Y + Z - 3.0
-    E = t * X + (1.0 - t) * Y - 1.0
+@derivatives.register(LeeSacksConstants)
+def lee_sacks_derivatives(constants, X, Y, Z):
+    """Derivatives of W by the squared stretches."""
+    t, delta, c2, c3 = constants.cos2, constants.delta, constants.c2, constants.c3
+    J, E = _strains(constants, X, Y, Z)
     # dW/dI1 = c0 + c1 delta c2 J exp(c2 J^2),  dW/dE = c1 (1 - delta) c3 E exp(c3 E^2)
-    isotropic = constants.c0 + constants.c1 * delta * constants.c2 * J * g[0]
-    fibre = constants.c1 * (1.0 - delta) * constants.c3 * E * g[1]
+    isotropic = constants.c0 + constants.c1 * delta * c2 * J * np.exp(c2 * J * J)
+    fibre = constants.c1 * (1.0 - delta) * c3 * E * np.exp(c3 * E * E)
     return isotropic + t * fibre, isotropic + (1.0 - t) * fibre, isotropic + 0.0 * fibre
 
 
-def _second_derivatives(constants, X, Y, Z, g):
-    t, delta = constants.cos2, constants.delta
-    s = 1.0 - t
-    J = X + Y + Z - 3.0
-    E = t * X + s * Y - 1.0
-    c2, c3 = constants.c2, constants.c3
-    # d2W/dI1^2 = c1 delta c2 (1 + 2 c2 J^2) exp(c2 J^2), and alike for the fibres
-    p = constants.c1 * delta * c2 * (1.0 + 2.0 * c2 * J * J) * g[0]
-    f = constants.c1 * (1.0 - delta) * c3 * (1.0 + 2.0 * c3 * E * E) * g[1]
-    p = p + 0.0 * f
-    return p + t * t * f, p + t * s * f, p, p + s * s * f, p, p
-
-
-def _energy(constants, X, Y, Z):
+@energy.register(LeeSacksConstants)
+def lee_sacks_energy(constants, X, Y, Z):
+    """W, zero where unloaded."""
     delta = constants.delta
-    isotropic, fibre = _exponents(constants, X, Y, Z)
+    J, E = _strains(constants, X, Y, Z)
     # delta + (1 - delta) = 1, which the last term takes away
-    growth = delta * np.expm1(isotropic) + (1.0 - delta) * np.expm1(fibre)
+    growth = delta * np.expm1(constants.c2 * J * J) + (1.0 - delta) * np.expm1(constants.c3 * E * E)
     return constants.c0 * (X + Y + Z - 3.0) + 0.5 * constants.c1 * growth
-
-
-register(
-    LeeSacksConstants,
-    exponents=_exponents,
-    derivatives=_derivatives,
-    second_derivatives=_second_derivatives,
-    energy=_energy,
-)
 
 
 # --- sampling coordinates ----------------------------------------------------------------------
@@ -112,9 +89,9 @@ _C0, _C1, _C2, _C3, _DELTA, _ALPHA = range(6)
 class LeeSacksCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
-    ``c0``, ``c2``, ``c3`` are 1 where these are held as roots, ``stresses`` where c1 and delta are
-    held as the roots of S2 and S3; ``log_scale`` is ln s, s in kPa, ``log_J`` ln(I1* - 3), (X, Y)
-    the squared reference stretch.
+    ``c0``, ``c2``, ``c3`` are 1 where roots are sampled in their places, ``stresses`` where those
+    of S2 and S3 are in the places of c1 and delta; ``log_scale`` is ln s, s in kPa, ``log_J``
+    ln(I1* - 3), (X, Y) the squared reference stretch.
     """
 
     c0: float
@@ -128,30 +105,22 @@ class LeeSacksCoordinates(NamedTuple):
 
 
 @inlined
-def _log_strain(alpha, X, Y):
+def _log_strain(coordinates, alpha):
+    """Ln E* at the reference stretch."""
     cos2 = np.cos(alpha) ** 2
-    return np.log(cos2 * X + (1.0 - cos2) * Y - 1.0)
+    return np.log(cos2 * coordinates.X + (1.0 - cos2) * coordinates.Y - 1.0)
 
 
-def _to_natural(coordinates, value):
+@to_natural.register(LeeSacksCoordinates)
+def lee_sacks_to_natural(coordinates, value):
+    """Natural values in place of the roots; the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
-    log_J = coordinates.log_J
-    log_E = _log_strain(alpha, coordinates.X, coordinates.Y)
-    log_jacobian = 0.0
-    if coordinates.c0 > 0.0:
-        log_S0, log_slope = log_square(value[_C0])
-        value[_C0] = coordinates.log_scale + log_S0
-        log_jacobian += log_slope
-    if coordinates.c2 > 0.0:
-        log_q, log_slope = log_square(value[_C2])
-        value[_C2] = LOG_EXPONENT + log_q - 2.0 * log_J  # ln c2 = ln q2 - 2 ln(I1* - 3)
-        log_jacobian += log_slope
-    if coordinates.c3 > 0.0:
-        log_q, log_slope = log_square(value[_C3])
-        value[_C3] = LOG_EXPONENT + log_q - 2.0 * log_E
-        log_jacobian += log_slope
+    log_J, log_E = coordinates.log_J, _log_strain(coordinates, alpha)
+    log_jacobian = from_root_stress(value, _C0, coordinates.c0, coordinates.log_scale, 0.0, 0.0)
+    log_jacobian += from_root_exponent(value, _C2, coordinates.c2, 2.0 * log_J)
+    log_jacobian += from_root_exponent(value, _C3, coordinates.c3, 2.0 * log_E)
     if coordinates.stresses > 0.0:
         log_S2, slope2 = log_square(value[_C1])
         log_S3, slope3 = log_square(value[_DELTA])
@@ -170,7 +139,9 @@ def _to_natural(coordinates, value):
     return log_jacobian
 
 
-def _constants_at(coordinates, value):
+@constants_at.register(LeeSacksCoordinates)
+def lee_sacks_constants_at(coordinates, value):
+    """Constants at natural values."""
     return LeeSacksConstants(
         value[_C0],
         value[_C1],
@@ -181,16 +152,7 @@ def _constants_at(coordinates, value):
     )
 
 
-register(LeeSacksCoordinates, to_natural=_to_natural, constants_at=_constants_at)
-
-
 # --- the law -----------------------------------------------------------------------------------
-
-
-_MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
-_EXPONENT_DISTANCE = 0.1  # exponent at the largest stretch
-_DELTA_DISTANCE = 0.02
-_LEAST = (1e-3, 1e-3, 1e-2, 1e-2)  # of stiffnesses and exponents to start from
 
 
 class LeeSacksLaw(Law):
@@ -199,9 +161,14 @@ class LeeSacksLaw(Law):
     name = "lee-sacks"
     title = "Lee-Sacks"
     source = "Lee, Amini, Gorman, Gorman, Sacks, J. Biomech. 47 (2014) 2055"
+    description = (
+        "the incompressible Lee-Sacks model, a weighted sum of an isotropic exponential and one "
+        "of two fibre families at ±alpha from the x axis, in a neo-Hookean matrix; fibres carried "
+        "load in extension and compression"
+    )
     # Stiffnesses and exponents of soft tissue lie within two decades of these medians either way;
     # nothing is known of the share of the isotropic exponential.
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
         scale(
             "c1", "c_1", "stiffness of the exponentials", "kPa", 10.0, 2.5, 1e6, "no exponentials"
@@ -223,39 +190,28 @@ class LeeSacksLaw(Law):
         fibre_angle("alpha", r"\alpha", "fibre angle from x"),
     )
     amplitudes = ("c0", "c1")
+    exponents: ClassVar = {"c2": "c2 (I1 - 3)^2", "c3": "c3 (I4 - 1)^2"}
+    near_shares: ClassVar = {"delta": 0.02}
     meaningless: ClassVar = {
         "alpha": (("delta", 1, "delta = 1"), ("c1", 0, "c1 = 0"), ("c3", 0, "c3 = 0"))
     }
-
-    @property
-    def in_words(self) -> str:
-        """The law as the object of a sentence."""
-        return (
-            "the incompressible Lee-Sacks model, a weighted sum of an isotropic exponential and "
-            "one of two fibre families at ±alpha from the x axis, in a neo-Hookean matrix; fibres "
-            "carried load in extension and compression"
-        )
 
     def constants_at_point(self, *point: Any) -> LeeSacksConstants:
         """Constants at (c0, c1, c2, c3, delta, cos^2 alpha)."""
         return LeeSacksConstants(*point)
 
-    # --- sampling coordinates ---
+    def exponents_at(self, constants: LeeSacksConstants, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:
+        """The exponents of the isotropic term and of the fibres."""
+        J, E = _strains(constants, X, Y, Z)
+        return constants.c2 * J * J, constants.c3 * E * E
 
     def coordinates(self, layout: SamplingLayout) -> LeeSacksCoordinates:
         """Constants of the sampling coordinates."""
         X, Y, Z = layout.widest
-        free = set(layout.free) if layout.structural else set()
-        return LeeSacksCoordinates(
-            c0=float("c0" in free),
-            c2=float("c2" in free),
-            c3=float("c3" in free),
-            stresses=float({"c1", "c2", "c3", "delta"} <= free),
-            log_scale=log_stress_scale(layout.peak_kPa),
-            log_J=float(np.log(X + Y + Z - 3.0)),
-            X=X,
-            Y=Y,
-        )
+        c0, c1, c2, c3, delta = layout.sampled("c0", "c1", "c2", "c3", "delta")
+        log_J = float(np.log(X + Y + Z - 3.0))
+        log_scale = log_stress_scale(layout.peak_kPa)
+        return LeeSacksCoordinates(c0, c2, c3, c1 * c2 * c3 * delta, log_scale, log_J, X, Y)
 
     def to_coordinates(
         self, coordinates: LeeSacksCoordinates, values: Mapping[str, np.ndarray]
@@ -263,113 +219,39 @@ class LeeSacksLaw(Law):
         """Sampling coordinates at natural values: logs of c0 to c3, delta, radians."""
         out = dict(values)
         log_J, log_scale = coordinates.log_J, coordinates.log_scale
-        log_E = _log_strain(values["alpha"], coordinates.X, coordinates.Y)
-        log_q2, log_q3 = values["c2"] + 2.0 * log_J, values["c3"] + 2.0 * log_E
+        log_E = _log_strain(coordinates, values["alpha"])
         if coordinates.c0 > 0.0:
-            out["c0"] = root(values["c0"] - log_scale)
+            out["c0"] = to_root_stress(values["c0"], log_scale, 0.0, 0.0)
         if coordinates.c2 > 0.0:
-            out["c2"] = root(log_q2 - LOG_EXPONENT)
+            out["c2"] = to_root_exponent(values["c2"], 2.0 * log_J)
         if coordinates.c3 > 0.0:
-            out["c3"] = root(log_q3 - LOG_EXPONENT)
+            out["c3"] = to_root_exponent(values["c3"], 2.0 * log_E)
         if coordinates.stresses > 0.0:
-            c1, delta = values["c1"] - log_scale, values["delta"]
             with np.errstate(divide="ignore"):
-                out["c1"] = root(c1 + np.log(delta) + log_q2 - log_J + np.exp(log_q2))
-                out["delta"] = root(c1 + np.log1p(-delta) + log_q3 - log_E + np.exp(log_q3))
+                a, b = (
+                    values["c1"] + np.log(share)
+                    for share in (values["delta"], 1.0 - values["delta"])
+                )
+            # S2 = c1 delta c2 (I1* - 3) exp(q2),  S3 = c1 (1 - delta) c3 E* exp(q3)
+            q2, q3 = np.exp(values["c2"] + 2.0 * log_J), np.exp(values["c3"] + 2.0 * log_E)
+            out["c1"] = to_root_stress(a + values["c2"], log_scale, q2, log_J)
+            out["delta"] = to_root_stress(b + values["c3"], log_scale, q3, log_E)
         return out
 
     def coordinate_bounds(self, coordinates: LeeSacksCoordinates) -> dict[str, tuple[float, float]]:
         """Bounds of the angle, and of delta where it is a coordinate."""
-        share = {} if coordinates.stresses > 0.0 else {"delta": (0.0, 1.0)}
-        return {**share, "alpha": (0.0, 0.5 * np.pi)}
+        bounds = super().coordinate_bounds(coordinates)
+        if coordinates.stresses > 0.0:
+            del bounds["delta"]
+        return bounds
 
     def coordinate_widths(self, coordinates: LeeSacksCoordinates) -> dict[str, float]:
-        """Of the roots."""
-        held = [name for name in ("c0", "c2", "c3") if getattr(coordinates, name) > 0.0]
-        held += ["c1", "delta"] if coordinates.stresses > 0.0 else []
-        return dict.fromkeys(held, ROOT_WIDTH)
+        """Widths of the roots."""
+        roots = [name for name in ("c0", "c2", "c3") if getattr(coordinates, name) > 0.0]
+        roots += ["c1", "delta"] if coordinates.stresses > 0.0 else []
+        return dict.fromkeys(roots, ROOT_WIDTH)
 
-    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
-        """A material moved off its edges, to where the sampling coordinates are regular."""
-        low, high = (*_LEAST, 0.01, 3.0), (*[np.inf] * 4, 0.99, 87.0)
-        return tuple(float(v) for v in np.clip(values, low, high))
-
-    def inner_point(self, point: np.ndarray) -> np.ndarray:
-        """(c0, c1, c2, c3, delta, cos^2 alpha) moved off its bounds."""
-        return np.clip(point, (*_LEAST, 0.01, 0.01), (*[np.inf] * 4, 0.99, 0.99))
-
-    # --- fits ---
-
-    def shapes(
-        self, size: int, largest: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Random exponents at the largest stretches, their stresses' shares, and angles."""
-        u = rng.random((size, 4))
-        q = 10.0 ** (-2.0 + 3.0 * u[:, :2])
-        t = np.cos(0.5 * np.pi * u[:, 3]) ** 2
-        t[1::7], t[2::7] = 0.0, 1.0
-        X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
-        strain = np.column_stack([X + Y + 1.0 / (X * Y) - 3.0, t * X + (1.0 - t) * Y - 1.0])
-        c = np.minimum(q / strain**2, self.upper[_C2])
-        # delta where the isotropic exponential has a share u of S2 + S3
-        stress = c * strain * np.exp(c * strain**2)
-        share = u[:, 2] * stress[:, 1]
-        delta = share / (share + (1.0 - u[:, 2]) * stress[:, 0])
-        one = np.ones(size)
-        points = np.column_stack([one, one, c, delta, t])
-        return points, np.column_stack([0.1 * np.log(q), u[:, 2], t])
-
-    # --- priors and what draws tell ---
-
-    def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
-        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
-
-        At the medians both exponents are one there, the matrix carries 30 % of the stress and the
-        exponentials, at delta = 1/2, the rest.
-        """
+    def typical(self, stretch: float) -> dict[str, float]:
+        """Exponents of one at delta = 1/2."""
         J = 2.0 * stretch**2 + stretch**-4 - 3.0
-        E = stretch**2 - 1.0
-        # P = 2 c0 (l - l^-5); the exponentials, at 45 degrees and exponents of one, have
-        # 2 (c1 / 2) (e / J) (l - l^-5) + (c1 / 2) (e / E) l
-        per_c0 = 2.0 * (stretch - stretch**-5)
-        per_c1 = 0.5 * np.e * (per_c0 / J + stretch / E)
-        return {
-            "c0": ("lognormal", _MATRIX_LOAD * peak_kPa / per_c0, 0.8),
-            "c1": ("lognormal", (1.0 - _MATRIX_LOAD) * peak_kPa / per_c1, 0.8),
-            "c2": ("lognormal", J**-2, 0.8),
-            "c3": ("lognormal", E**-2, 0.8),
-            "delta": ("uniform", 0.0, 1.0),
-            "alpha": ("uniform", 0.0, 90.0),
-        }
-
-    def described_at(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
-    ) -> dict[str, np.ndarray]:
-        """The exponents at the largest of some total stretches."""
-        isotropic, fibre = _largest_exponents(material, tops)
-        return {"exponent c2 (I1 - 3)^2": isotropic, "exponent c3 (I4 - 1)^2": fibre}
-
-    nearness = (
-        f"delta nearer than {_DELTA_DISTANCE:g}; c2 and c3 where their exponent at the largest "
-        f"stretch is below {_EXPONENT_DISTANCE:g}; c0 and c1 where they carry less than "
-        f"{LOAD_SHARE:g} of the stress there"
-    )
-
-    def edge_distances(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
-    ) -> dict[str, float]:
-        """How near to a physical edge counts as near: small shares of stress and exponents."""
-        out = amplitude_distances(material, tops) | {"delta": _DELTA_DISTANCE}
-        for name, q in zip(("c2", "c3"), _largest_exponents(material, tops), strict=True):
-            share = _EXPONENT_DISTANCE / max(float(np.median(q)), 1e-12)
-            out[name] = share * float(np.median(getattr(material.constants, name)))
-        return out
-
-
-def _largest_exponents(material: MaterialResponse, tops: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Largest exponents of each draw at some total stretches, two of shape (n,)."""
-
-    def exponent(term: int) -> np.ndarray:
-        return largest_at(lambda X, Y, Z: _exponents(material.constants, X, Y, Z)[term], tops)
-
-    return [exponent(term) for term in range(2)]
+        return {"c2": J**-2, "c3": (stretch**2 - 1.0) ** -2, "delta": 0.5}

@@ -10,7 +10,7 @@ the unloaded state is zero, so that c0 is positive.
 
 The sampler works in ln c0, ln S, ln Q*, d and alpha, which is folded at 0 and 90 degrees, with
 
-    Q* = Q at one fixed reference stretch l* a specimen,    d = ln(k3 u^4 / (k2 J^2))
+    Q* = Q at one fixed reference stretch l* per specimen,    d = ln(k3 u^4 / (k2 J^2))
     S = k1 / (k2 + k3) G exp(Q*),    G = k2 J (X + Y - 2 Z) + k3 u^3 sqrt(I4)
 
     J = I1 - 3,    u = sqrt(I4) - 1
@@ -27,13 +27,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.amplitudes import LOAD_NEARNESS, amplitude_distances, largest_at
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.laws.response import MaterialResponse, register
+from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.laws.response import constants_at, derivatives, energy, to_natural
 from biaxbayes.parameters import Parameter, fibre_angle, scale
-
-__all__ = ["MayNewmanLaw"]
-
 
 # --- the model ---------------------------------------------------------------------------------
 
@@ -54,63 +51,35 @@ def _strains(constants, X, Y, Z):
     return X + Y + Z - 3.0, np.sqrt(constants.cos2 * X + (1.0 - constants.cos2) * Y)
 
 
-def _exponents(constants, X, Y, Z):
+@inlined
+def _exponent(constants, X, Y, Z):
+    """Q of the energy."""
     J, stretch = _strains(constants, X, Y, Z)
     u2 = (stretch - 1.0) * (stretch - 1.0)
-    return (constants.k2 * J * J + constants.k3 * u2 * u2,)
+    return constants.k2 * J * J + constants.k3 * u2 * u2
 
 
-@inlined
-def _slopes(constants, X, Y, Z):
-    """(dQ/dI1, dQ/dI4, sqrt(I4))."""
+@derivatives.register(MayNewmanConstants)
+def may_newman_derivatives(constants, X, Y, Z):
+    """Derivatives of W by the squared stretches."""
     J, stretch = _strains(constants, X, Y, Z)
     u = stretch - 1.0
     # dQ/dI1 = 2 k2 (I1 - 3),  dQ/dI4 = 2 k3 (sqrt(I4) - 1)^3 / sqrt(I4)
-    return 2.0 * constants.k2 * J, 2.0 * constants.k3 * u * u * u / stretch, stretch
-
-
-def _derivatives(constants, X, Y, Z, g):
-    by_I1, by_I4, _ = _slopes(constants, X, Y, Z)
-    growth = constants.k1 / (constants.k2 + constants.k3) * g[0]
+    by_I1 = 2.0 * constants.k2 * J
+    by_I4 = 2.0 * constants.k3 * u * u * u / stretch
+    growth = constants.k1 / (constants.k2 + constants.k3) * np.exp(_exponent(constants, X, Y, Z))
     # dW/dX = c0 + k1 / (k2 + k3) exp(Q) dQ/dX
     matrix = constants.c0 + growth * by_I1
     fibres = growth * by_I4
     return matrix + constants.cos2 * fibres, matrix + (1.0 - constants.cos2) * fibres, matrix
 
 
-def _second_derivatives(constants, X, Y, Z, g):
-    by_I1, by_I4, stretch = _slopes(constants, X, Y, Z)
-    cx, cy = constants.cos2, 1.0 - constants.cos2
-    growth = constants.k1 / (constants.k2 + constants.k3) * g[0]
-    Qx, Qy, Qz = by_I1 + cx * by_I4, by_I1 + cy * by_I4, by_I1
-    u = stretch - 1.0
-    # d2Q/dI4^2 = k3 (sqrt(I4) - 1)^2 (2 sqrt(I4) + 1) / I4^(3/2)
-    m = 2.0 * constants.k2
-    f = constants.k3 * u * u * (2.0 * stretch + 1.0) / (stretch * stretch * stretch)
-    # W_XY = k1 / (k2 + k3) exp(Q) (d2Q/dXdY + dQ/dX dQ/dY)
-    return (
-        growth * (m + cx * cx * f + Qx * Qx),
-        growth * (m + cx * cy * f + Qx * Qy),
-        growth * (m + Qx * Qz),
-        growth * (m + cy * cy * f + Qy * Qy),
-        growth * (m + Qy * Qz),
-        growth * (m + Qz * Qz),
-    )
-
-
-def _energy(constants, X, Y, Z):
-    (Q,) = _exponents(constants, X, Y, Z)
+@energy.register(MayNewmanConstants)
+def may_newman_energy(constants, X, Y, Z):
+    """W, zero where unloaded."""
     growth = constants.k1 / (constants.k2 + constants.k3)
+    Q = _exponent(constants, X, Y, Z)
     return constants.c0 * (X + Y + Z - 3.0) + growth * np.expm1(Q)
-
-
-register(
-    MayNewmanConstants,
-    exponents=_exponents,
-    derivatives=_derivatives,
-    second_derivatives=_second_derivatives,
-    energy=_energy,
-)
 
 
 # --- sampling coordinates ----------------------------------------------------------------------
@@ -122,12 +91,12 @@ _C0, _K1, _K2, _K3, _ALPHA = range(5)
 class MayNewmanCoordinates(NamedTuple):
     """Constants of the sampling coordinates.
 
-    ``k1_free`` is 1 where ln S is sampled, ``both_free`` where ln Q* and d stand for k2 and k3;
-    (X, Y, Z) is the squared reference stretch.
+    ``k1`` is 1 where ln S is sampled in its place, ``exponents`` where ln Q* and d are sampled in
+    those of k2 and k3; (X, Y, Z) is the squared reference stretch.
     """
 
-    k1_free: float
-    both_free: float
+    k1: float
+    exponents: float
     X: float
     Y: float
     Z: float
@@ -153,34 +122,34 @@ def _log_stress(reference, log_k2, log_k3):
     return np.log((k2 * of_k2 + k3 * of_k3) / (k2 + k3)) + Q
 
 
-def _to_natural(coordinates, value):
+@to_natural.register(MayNewmanCoordinates)
+def may_newman_to_natural(coordinates, value):
+    """Natural values in place of (ln c0, ln S, ln Q*, d, alpha); the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
     reference = _reference_state(coordinates, alpha)
-    if coordinates.both_free > 0.0:
+    if coordinates.exponents > 0.0:
         log_J2, log_u4, _, _ = reference
         log_Q, d = value[_K2], value[_K3]
         # Q* = k2 J^2 (1 + e^d)
         log_part = log_Q - np.log1p(np.exp(d))
         value[_K2], value[_K3] = log_part - log_J2, log_part + d - log_u4
-    if coordinates.k1_free > 0.0:
+    if coordinates.k1 > 0.0:
         value[_K1] -= _log_stress(reference, value[_K2], value[_K3])
     return 0.0
 
 
-def _constants_at(coordinates, value):
+@constants_at.register(MayNewmanCoordinates)
+def may_newman_constants_at(coordinates, value):
+    """Constants at natural values."""
     cos2 = np.cos(value[_ALPHA]) ** 2
     return MayNewmanConstants(value[_C0], value[_K1], value[_K2], value[_K3], cos2)
-
-
-register(MayNewmanCoordinates, to_natural=_to_natural, constants_at=_constants_at)
 
 
 # --- the law -----------------------------------------------------------------------------------
 
 
-_MATRIX_LOAD = 0.3  # share of the peak stress that a calibration's median material owes to it
 _EXPONENT_SHARE = 0.05
 _LEAST_K3 = 1e-6  # of a fit; it alters no stress where k2 is larger
 
@@ -192,6 +161,11 @@ class MayNewmanLaw(Law):
     title = "May-Newman"
     source = "May-Newman, Yin, J. Biomech. Eng. 120 (1998) 38"
     doi = "10.1115/1.2834305"
+    description = (
+        "the incompressible May-Newman model with two fibre families at ±alpha from the x axis "
+        "that share an exponential with I1, in a neo-Hookean matrix; fibres carried load in "
+        "extension and compression"
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
         scale("k1", "k_1", "stiffness of the exponential", "kPa", 30.0, 2.5, 1e7, "no exponential"),
@@ -213,21 +187,14 @@ class MayNewmanLaw(Law):
         """Constants at t = cos^2 alpha."""
         return MayNewmanConstants(c0, k1, k2, k3, t)
 
-    @property
-    def in_words(self) -> str:
-        """The law as the object of a sentence."""
-        return (
-            "the incompressible May-Newman model with two fibre families at ±alpha from the x axis "
-            "that share an exponential with I1, in a neo-Hookean matrix; fibres carried load in "
-            "extension and compression"
-        )
-
-    # --- sampling coordinates ---
+    def exponents_at(self, constants: MayNewmanConstants, X: Any, Y: Any, Z: Any) -> tuple[Any]:
+        """Q."""
+        return (_exponent(constants, X, Y, Z),)
 
     def coordinates(self, layout: SamplingLayout) -> MayNewmanCoordinates:
         """Constants of the sampling coordinates."""
-        k1, k2, k3 = (layout.structural and name in layout.free for name in ("k1", "k2", "k3"))
-        return MayNewmanCoordinates(float(k1), float(k2 and k3), *layout.reference)
+        k1, k2, k3 = layout.sampled("k1", "k2", "k3")
+        return MayNewmanCoordinates(k1, k2 * k3, *layout.reference)
 
     def to_coordinates(
         self, coordinates: MayNewmanCoordinates, values: Mapping[str, np.ndarray]
@@ -236,31 +203,12 @@ class MayNewmanLaw(Law):
         out = dict(values)
         reference = _reference_state(coordinates, values["alpha"])
         log_J2, log_u4, _, _ = reference
-        if coordinates.k1_free > 0.0:
+        if coordinates.k1 > 0.0:
             out["k1"] = values["k1"] + _log_stress(reference, values["k2"], values["k3"])
-        if coordinates.both_free > 0.0:
+        if coordinates.exponents > 0.0:
             of_k2, of_k3 = values["k2"] + log_J2, values["k3"] + log_u4
             out["k2"], out["k3"] = np.logaddexp(of_k2, of_k3), of_k3 - of_k2
         return out
-
-    def coordinate_bounds(
-        self, coordinates: MayNewmanCoordinates
-    ) -> dict[str, tuple[float, float]]:
-        """Bounds of the angle."""
-        del coordinates
-        return {"alpha": (0.0, 0.5 * np.pi)}
-
-    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
-        """A material moved off its edges, to where the sampling coordinates are regular."""
-        c0, k1, k2, k3, alpha = values
-        stiff = max(c0, 1e-3), max(k1, 1e-3)
-        return *stiff, max(k2, 1e-2), max(k3, 1e-2), float(np.clip(alpha, 3.0, 87.0))
-
-    def inner_point(self, point: np.ndarray) -> np.ndarray:
-        """(c0, k1, k2, k3, t) moved off its bounds."""
-        return np.clip(point, [1e-3, 1e-3, 1e-2, 1e-2, 0.01], [*[np.inf] * 4, 0.99])
-
-    # --- fits ---
 
     @property
     def lower(self) -> np.ndarray:
@@ -284,53 +232,35 @@ class MayNewmanLaw(Law):
         k3 = np.clip(share * Q / (stretch - 1.0) ** 4, _LEAST_K3, self.upper[_K3])
         return np.column_stack([one, one, k2, k3, t]), np.column_stack([0.3 * np.log(Q), share, t])
 
-    # --- priors and what draws tell ---
-
-    def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
-        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
-
-        At the medians both parts of the exponent are one half there, at 45 degrees, and matrix and
-        exponential carry 30 and 70 % of the stress.
-        """
+    def typical(self, stretch: float) -> dict[str, float]:
+        """Both parts of the exponent are one half."""
         J, u = 2.0 * stretch**2 + stretch**-4 - 3.0, stretch - 1.0
-        k2, k3 = 0.5 / J**2, 0.5 / u**4
-        shear = stretch - stretch**-5
-        # P = 2 c0 (l - l^-5) and k1 / (k2 + k3) exp(Q) (4 k2 J (l - l^-5) + 2 k3 u^3)
-        exponential = np.e * (4.0 * k2 * J * shear + 2.0 * k3 * u**3) / (k2 + k3)
-        return {
-            "c0": ("lognormal", _MATRIX_LOAD * peak_kPa / (2.0 * shear), 0.8),
-            "k1": ("lognormal", (1.0 - _MATRIX_LOAD) * peak_kPa / exponential, 0.8),
-            "k2": ("lognormal", k2, 0.8),
-            "k3": ("lognormal", k3, 0.8),
-            "alpha": ("uniform", 0.0, 90.0),
-        }
+        return {"k2": 0.5 / J**2, "k3": 0.5 / u**4}
 
     def described_at(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, np.ndarray]:
         """The exponent at the largest of some total stretches."""
-        return {"exponent Q": _largest_exponent(material.constants, tops)}
+        (Q,) = self.largest_exponents(material.constants, tops)
+        return {"exponent Q": Q}
 
-    nearness = (
-        f"k2 and k3 where their part of the exponent at the largest stretch is below "
-        f"{_EXPONENT_SHARE:g} of it; c0 and k1 {LOAD_NEARNESS}"
-    )
+    @property
+    def nearness(self) -> str:
+        """What counts as near, in words."""
+        return (
+            "k2 and k3 where their part of the exponent at the largest stretch is below "
+            f"{_EXPONENT_SHARE:g} of it; {self.amplitude_nearness}"
+        )
 
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """How near to a physical edge counts as near: small shares of stress and exponent."""
+        """Small shares of stress and exponent."""
         c = material.constants
-        Q = _largest_exponent(c, tops)
-        out = amplitude_distances(material, tops)
-        for name in ("k2", "k3"):
-            other = "k3" if name == "k2" else "k2"
-            one = c._replace(**{name: np.ones_like(c.k1), other: np.zeros_like(c.k1)})
-            per_unit = np.maximum(_largest_exponent(one, tops), 1e-12)
-            out[name] = _EXPONENT_SHARE * float(np.median(Q / per_unit))
+        (Q,) = self.largest_exponents(c, tops)
+        out = self.amplitude_distances(material, tops)
+        for name, other in (("k2", "k3"), ("k3", "k2")):
+            alone = c._replace(**{name: np.ones_like(c.k1), other: np.zeros_like(c.k1)})
+            (per_unit,) = self.largest_exponents(alone, tops)
+            out[name] = _EXPONENT_SHARE * float(np.median(Q / np.maximum(per_unit, 1e-12)))
         return out
-
-
-def _largest_exponent(constants: MayNewmanConstants, tops: Sequence[np.ndarray]) -> np.ndarray:
-    """Largest exponent of each draw at some total stretches, shape (n,)."""
-    return largest_at(lambda X, Y, Z: _exponents(constants, X, Y, Z)[0], tops)

@@ -11,8 +11,6 @@ from typing import Any
 
 from biaxbayes.laws.goh import GOH
 
-__all__ = ["MATERIALS", "PublishedMaterial"]
-
 
 @dataclass(frozen=True)
 class PublishedMaterial:

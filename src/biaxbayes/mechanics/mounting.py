@@ -27,27 +27,8 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.response import (
-    MaterialResponse,
-    cauchy_components,
-    derivatives,
-    exponentials,
-    exponents,
-    log_stretch_jacobian,
-    second_derivatives,
-)
-
-__all__ = [
-    "BRACKET",
-    "MountedState",
-    "balance",
-    "load_per_stress",
-    "mounted_state",
-    "sections",
-    "solve_balance",
-    "unloaded_section",
-]
-
+from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.laws.response import stress_and_slope
 
 # --- what the load cell reads of a stress: the load law and the sections of a specimen -----------
 
@@ -101,18 +82,12 @@ TOLERANCE = 1e-13  # of the log stretch; Newton's last step is quadratically sma
 @inlined
 def balance(constants, px, py, mounted, x, y):
     """Residual (2) and Jacobian (3) of the force balance at log stretches (x, y)."""
-    lx, ly = np.exp(x), np.exp(y)
-    X, Y = lx * lx, ly * ly
-    Z = 1.0 / (X * Y)
-    g = exponentials(exponents(constants, X, Y, Z))
-    A, B, C = derivatives(constants, X, Y, Z, g)
-    second = second_derivatives(constants, X, Y, Z, g)
-    jxx, jxy, jyy = log_stretch_jacobian(X, Y, Z, A, B, C, second)
-    rx, ry = cauchy_components(X, Y, Z, A, B, C)
+    sx, sy, jxx, jxy, jyy = stress_and_slope(constants, x, y)
     if mounted:
-        return rx - px, ry - py, jxx, jxy, jyy
-    # d(p0 lm)/d ln lm = p0 lm
-    return rx - px * lx, ry - py * ly, jxx - px * lx, jxy, jyy - py * ly
+        return sx - px, sy - py, jxx, jxy, jyy
+    # s - p0 lm, with d(p0 lm)/d ln lm = p0 lm
+    lx, ly = np.exp(x), np.exp(y)
+    return sx - px * lx, sy - py * ly, jxx - px * lx, jxy, jyy - py * ly
 
 
 @njit(cache=True, error_model="numpy", nogil=True, forceinline=True)

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biaxbayes.laws.response import MaterialResponse
-
-__all__ = ["VirtualTest", "smooth_misfit", "virtual_test"]
+from biaxbayes.laws.materials import MaterialResponse
 
 
 @dataclass(frozen=True)

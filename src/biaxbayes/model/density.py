@@ -17,15 +17,7 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import WITHIN, inlined
-from biaxbayes.laws.response import (
-    cauchy_components,
-    column,
-    constants_at,
-    derivatives,
-    exponents,
-    to_natural,
-)
-from biaxbayes.mechanics.exponential import exponential
+from biaxbayes.laws.response import cauchy_stress, constants_at, to_natural
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
     LOG_LOW,
@@ -198,7 +190,7 @@ def _mounted_state(problem, value, constants, m, sx, sy):
     fastmath={"reassoc", "contract", "arcp", "nsz"},
     **WITHIN,
 )
-def _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth):
+def _curves(problem, value, constants, p, x, y, sx, sy):
     """Log likelihood of protocol p, weighted, given its mounted state."""
     first, last = problem.start[p], problem.start[p + 1]
     n = last - first
@@ -209,22 +201,13 @@ def _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth):
     ilx, ily = problem.ilx[first:last], problem.ily[first:last]
     fx, fy = problem.fx[first:last], problem.fy[first:last]
     ux, uy = problem.vx[first:last], problem.vy[first:last]
-    like = exponents(constants, 1.0, 1.0, 1.0)
-    for j in range(n):
-        exponent = exponents(constants, mx * X[j], my * Y[j], mz * Z[j])
-        for k in range(len(like)):
-            scratch[k, j] = exponent[k]
-    for k in range(len(like)):
-        exponential(scratch[k, :n], growth[k, :n])
     cx = load_per_stress(sx, 1.0, np.exp(x), problem.mounted)
     cy = load_per_stress(sy, 1.0, np.exp(y), problem.mounted)
     ox, oy = value[o + OFFSET_X], value[o + OFFSET_Y]
     w, b = value[o + NOISE], value[o + GROWTH]
     total_x = total_y = 0.0
     for j in range(n):
-        tX, tY, tZ = mx * X[j], my * Y[j], mz * Z[j]
-        A, B, C = derivatives(constants, tX, tY, tZ, column(growth, j, like))
-        s_x, s_y = cauchy_components(tX, tY, tZ, A, B, C)
+        s_x, s_y = cauchy_stress(constants, mx * X[j], my * Y[j], mz * Z[j])
         qx, qy = cx * ilx[j] * s_x, cy * ily[j] * s_y
         rx, ry = fx[j] - ox - qx, fy[j] - oy - qy
         total_x += misfit(problem.spread, w, b, qx, rx * rx + ux[j])
@@ -236,7 +219,7 @@ def _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth):
 
 
 @njit(error_model="numpy", nogil=True, **WITHIN)
-def _density(problem, u, value, scratch, growth):
+def _density(problem, u, value):
     """(log density, log likelihood of the curves, reason); natural values into ``value``."""
     o = problem.size
     for i in range(problem.slot.size):
@@ -272,14 +255,11 @@ def _density(problem, u, value, scratch, growth):
             total += logp
             if not np.isfinite(total):
                 return -np.inf, -np.inf, reason if reason != INSIDE else OUT_OF_RANGE
-        likelihood += _curves(problem, value, constants, p, x, y, sx, sy, scratch, growth)
+        likelihood += _curves(problem, value, constants, p, x, y, sx, sy)
     total += likelihood
     if not np.isfinite(total):
         return -np.inf, -np.inf, OVERFLOW
     return total, likelihood, INSIDE
-
-
-MOST_EXPONENTIALS = 3  # of a law at one state
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -288,13 +268,8 @@ def _walkers(problem, u, rejected):
     n = u.shape[0]
     total, likelihood = np.empty(n), np.empty(n)
     natural = np.empty((n, problem.slot.size))
-    longest = 0
-    for p in range(problem.mount.size):
-        longest = max(longest, problem.start[p + 1] - problem.start[p])
-    scratch = np.empty((MOST_EXPONENTIALS, longest))
-    growth = np.empty((MOST_EXPONENTIALS, longest))
     for i in range(n):
-        total[i], likelihood[i], reason = _density(problem, u[i], natural[i], scratch, growth)
+        total[i], likelihood[i], reason = _density(problem, u[i], natural[i])
         rejected[reason] += 1
     return total, likelihood, natural
 

@@ -23,7 +23,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
-from biaxbayes.laws.response import Material, MaterialResponse
+from biaxbayes.laws.materials import Material, MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.bands import (

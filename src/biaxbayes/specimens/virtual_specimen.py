@@ -22,7 +22,7 @@ import numpy as np
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
-from biaxbayes.laws.response import MaterialResponse
+from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.virtual_test import VirtualTest, smooth_misfit, virtual_test
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.text_files import atomic_write_text
