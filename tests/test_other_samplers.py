@@ -14,11 +14,10 @@ import scipy.special
 
 from biaxbayes.laws.dispersed_fibres import chart_from_angles
 from biaxbayes.specimens.specimen_file import read_specimen
-from studies.benchmark.natural_density import LOGS, NAMES, NaturalDensity
-from studies.benchmark.nuts import jax_log_density, jax_mounting_load
-from studies.benchmark.scalar_codes import lab_script
+from studies.benchmark.natural_density import NaturalDensity
+from studies.benchmark.nuts import jax_log_density
 from studies.benchmark.structural import Structural
-from studies.page import DATA
+from studies.common import DATA
 
 
 @pytest.fixture(autouse=True)
@@ -47,23 +46,6 @@ def test_the_density_in_jax_is_the_compiled_one(density, points):
     assert np.ptp(compiled) > 1000.0  # points that differ
     other = [jax_log_density(density)(point) for point in points]
     assert np.ptp(compiled - other) < 1e-8 * np.ptp(compiled)  # up to a constant
-
-
-def test_a_script_of_a_laboratory_has_the_same_likelihood(density, points):
-    load = jax_mounting_load(density)
-    forces = points.copy()
-    forces[:, 5:7] = [load(point[:5], point[5:7]) for point in points]
-    script = np.array([lab_script(density)(point) for point in forces])
-    rest = density(points) - script
-    for name in ("mounting_stretch_x", "mounting_stretch_y", *LOGS):
-        x, prior = points[:, NAMES.index(name)], density.priors[name]
-        if name in LOGS:
-            # the density of x whose logarithm is normal about ln(median)
-            rest += 0.5 * (np.log(x / prior.location) / prior.scale) ** 2 + np.log(x)
-        else:
-            rest += 0.5 * ((x - prior.location) / prior.scale) ** 2
-    # the script's root is as good as SciPy's tolerance
-    assert np.ptp(rest) < 1e-8 * np.ptp(script)
 
 
 def test_the_angles_of_the_structural_coordinates_are_those_of_the_chart():

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from biaxbayes.populations.hierarchy import LEAST_INSIDE
+from studies.common import read_records, run_all
 from studies.population.calibration import GROUPS, PRIORS, Truths, values_of
-from studies.population.tables import Pooled
+from studies.population.study import pooling
 from studies.population.virtual import CENTRES, PARAMETERS, PLANS, Plan, made, on_scale
-from studies.records import kept, run_all
 
 
 def test_truths_are_cut_as_the_model_cuts_them():
@@ -62,21 +60,20 @@ def test_ridge_studies_have_three_specimens_with_further_protocols():
     assert len({m.donor for m in six}) == 3 and {len(m.specimen.protocols) for m in six} == {3}
 
 
-def test_records_go_on_where_they_stopped(tmp_path, capsys):
+def square(seed):
+    return {"square": seed**2}
+
+
+def test_records_go_on_where_they_stopped(tmp_path):
     path = tmp_path / "study.jsonl"
-    asked = []
-
-    def study(seed):
-        asked.append(seed)
-        return {"seed": seed, "square": seed**2}
-
-    run_all(study, [3, 1], path, 1)
+    run_all(square, [(3,), (1,)], path, 1)
     with path.open("a") as file:
-        file.write('{"seed": 2, "squ')  # killed while it wrote
-    run_all(study, [1, 2, 3], path, 1)
-    assert asked == [3, 1, 2]
-    assert [r["square"] for r in kept(path)] == [1, 4, 9]
-    assert kept(tmp_path / "nothing.jsonl") == []
+        file.write('\n{"case": [2], "squ')  # killed while it wrote
+    path.write_text(path.read_text().replace('"square": 9', '"square": -9'))  # not run again
+    found = run_all(square, [(1,), (2,), (3,)], path, 1)
+    assert [r["square"] for r in found] == [1, 4, -9]
+    assert len(read_records(path)) == 3
+    assert read_records(tmp_path / "nothing.jsonl") == []
 
 
 def test_widths_coverage_and_errors_of_pooled_records():
@@ -91,11 +88,11 @@ def test_widths_coverage_and_errors_of_pooled_records():
         "single": intervals(truth + 0.2, 0.4),
         "pooled": intervals(truth + 0.2, 0.1),
         "mean": intervals(centre[None] + 0.05, 0.1)[0],
-        **{"sd_donors": [[0.1] * 5] * 3, "sd_specimens": [[0.1] * 5] * 3},
+        "sd_specimens": [[0.1] * 5] * 3,
     }
-    of = Pooled([json.loads(json.dumps(record))] * 2)
-    assert of.width() == pytest.approx(0.25)
-    assert of.held(of.single) == pytest.approx(1.0) and of.held(of.pooled) == pytest.approx(0.0)
-    ours, theirs = of.errors()
-    assert ours == pytest.approx(0.05) and theirs == pytest.approx(0.2)
-    assert of.mean_held() == pytest.approx(1.0)
+    found = pooling([record] * 2)
+    assert found["width_pooled_over_single"].to_numpy() == pytest.approx(0.25)
+    assert (found["single_contains"] == 1.0).all() and (found["pooled_contains"] == 0.0).all()
+    assert found["error_of_mean"].to_numpy() == pytest.approx(0.05)
+    assert found["error_of_mean_of_medians"].to_numpy() == pytest.approx(0.2)
+    assert (found["mean_contains"] == 1.0).all()

@@ -6,12 +6,10 @@ import hashlib
 import io
 import json
 import os
-import re
 import resource
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 import zipfile
@@ -125,22 +123,6 @@ def test_a_finished_run_continues_when_more_is_asked_for(expected, tmp_path):
     assert fewer["posterior.nc"] != expected["posterior.nc"]
     assert sample(tmp_path / "run", "--resume") == 0
     assert compared(tmp_path / "run") == expected
-
-
-@pytest.mark.long
-def test_killed_at_random_and_starved_of_space():
-    """A few trials of the study that counts them; figures left out."""
-    command = [sys.executable, ROOT / "scripts" / "study.py", "crashes", "--no-figures"]
-    done = subprocess.run(
-        [*command, "--kills", "3", "--calls", "0", "--disks", "1"],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    # on a busy machine a run may end before its kill: then another is tried
-    assert re.search(r"\| SIGKILL at a random moment \| \d+ \| 3 \| ", done.stdout), done.stdout
 
 
 # --- stopped by the user -----------------------------------------------------------------------

@@ -5,11 +5,14 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import studies
 import study
@@ -17,7 +20,7 @@ from biaxbayes.laws.published import MATERIALS, PublishedMaterial
 from studies.intervals import drawn_material
 
 SCRIPTS = Path(study.__file__).resolve().parent
-OWN = {"biaxbayes", "hostile", "studies", *(path.stem for path in SCRIPTS.glob("*.py"))}
+OWN = {"biaxbayes", "studies", *(path.stem for path in SCRIPTS.glob("*.py"))}
 MODULES = sorted(
     [m.name for m in pkgutil.walk_packages(studies.__path__, "studies.") if not m.ispkg]
     + [path.stem for path in SCRIPTS.glob("*.py")]
@@ -64,26 +67,39 @@ def problems(module: str, text: str) -> list[str]:
 
 
 def test_every_study_finds_what_it_imports():
-    assert len(MODULES) > 40 and "studies.benchmark.nuts" in MODULES
+    assert len(MODULES) > 25 and "studies.benchmark.nuts" in MODULES
     assert [wrong for module in MODULES for wrong in problems(module, source(module))] == []
 
 
 def test_a_missing_name_is_noticed_and_a_missing_package_of_others_is_not():
-    assert problems("studies.page", "def f():\n    from biaxbayes.laws.goh import SHEAR")
-    assert problems("studies.page", "from biaxbayes.nowhere import anything")
-    assert problems("studies.page", "import biaxbayes.nowhere")
+    assert problems("studies.common", "def f():\n    from biaxbayes.laws.goh import SHEAR")
+    assert problems("studies.common", "from biaxbayes.nowhere import anything")
+    assert problems("studies.common", "import biaxbayes.nowhere")
     fine = "import numpyro_not_here\nfrom biaxbayes.laws import goh, law_named"
-    assert problems("studies.page", fine) == []
+    assert problems("studies.common", fine) == []
 
 
-def test_every_study_is_listed():
-    runnable = {m for m in MODULES if m.startswith("studies.") and "\ndef main(" in source(m)}
-    listed = study.studies()
-    names = {path: name for name, path in listed.items()}
-    for module in runnable:
-        path = SCRIPTS.joinpath(*module.split(".")).with_suffix(".py")
-        assert path in names, f"scripts/study.py does not list {module}"
-    assert len(listed) == len(runnable) > 10
+@pytest.mark.long
+@pytest.mark.parametrize("name", sorted(study.studies().keys() - {"benchmark", "mutation"}))
+def test_a_study_runs_in_its_quick_form(name, tmp_path):
+    folders = ["--out", str(tmp_path / "out"), "--records", str(tmp_path / "records")]
+    done = subprocess.run(
+        [sys.executable, SCRIPTS / "study.py", name, "--quick", *folders],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.long
+def test_the_paper_is_recomputed_in_its_quick_form(tmp_path):
+    command = [sys.executable, SCRIPTS / "reproduce_paper.py", "--quick", "--out", str(tmp_path)]
+    assert subprocess.run(command).returncode == 0
+    for folder in ("tables", "figures"):
+        made = {path.name for path in (tmp_path / folder).iterdir()}
+        known = {path.name for path in (SCRIPTS.parent / "docs" / folder).glob("paper-*")}
+        assert made == known
 
 
 def test_truths_drawn_around_a_printed_material_lie_inside_their_ranges():

@@ -14,8 +14,6 @@ from biaxbayes.sampling.convergence import effective_sample_size
 from studies.benchmark.natural_density import NAMES
 from studies.benchmark.outcome import LEVELS, Outcome, weighted_quantiles
 
-__all__ = ["Agreement", "agreement"]
-
 
 @dataclass(frozen=True)
 class Agreement:

@@ -17,8 +17,6 @@ from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["NAMES", "NaturalDensity", "summaries"]
-
 NAMES = (*GOHLaw().names, *mounting_names("stretch"), "noise_sd")
 LOGS = ("C1", "k1", "k2", "noise_sd")
 

@@ -1,65 +1,22 @@
-"""Nested samplers: dynesty from the prior for speed, nautilus from a narrowed one for accuracy."""
+"""Nautilus, a nested sampler, from a narrowed prior."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 from scipy.stats import t as student
 
 from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
 from studies.benchmark.outcome import Outcome
 from studies.benchmark.straight import Straight
 
-__all__ = ["from_the_prior", "in_a_narrowed_prior"]
-
 ESS = 10_000
 NU, WIDER = 4, 1.5
 """Degrees of freedom of the narrowed prior, and its width over that of the flow's Gaussian."""
 ENLARGED = 1.5
 """Growth of nautilus's ellipsoids along each axis: at its default of 1.1 they cut tails off."""
-
-
-def from_the_prior(density: NaturalDensity, *, live: int, slices: int, seed: int = 1) -> Outcome:
-    """Dynesty with slice steps, from the prior to the posterior; draws are weighted."""
-    import dynesty
-
-    transform, log_prior = _prior_cube(density)
-
-    def log_likelihood(x: np.ndarray) -> float:
-        value = float((density(x[None]) - log_prior(x[None]))[0])
-        return value if np.isfinite(value) else -1e300
-
-    clock = time.perf_counter()
-    before = density.evaluations
-    sampler = dynesty.NestedSampler(
-        log_likelihood,
-        lambda cube: transform(cube[None])[0],
-        len(NAMES),
-        nlive=live,
-        sample="rslice",
-        slices=slices,
-        rstate=np.random.default_rng(seed),
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        sampler.run_nested(dlogz=0.1, print_progress=False)
-    seconds = time.perf_counter() - clock
-    found = sampler.results
-    weight = found.importance_weights()
-    return Outcome(
-        _kish(weight),
-        density.evaluations - before,
-        seconds,
-        0.0,
-        float("nan"),
-        summaries(found.samples) | {"weight": weight},
-        "",
-        (float(found.logz[-1]), float(found.logzerr[-1])),
-    )
 
 
 def in_a_narrowed_prior(
@@ -124,37 +81,3 @@ def in_a_narrowed_prior(
 def _kish(weight: np.ndarray) -> float:
     """Effective size of weighted draws, (sum w)^2 / sum w^2."""
     return float(weight.sum() ** 2 / (weight**2).sum())
-
-
-def _prior_cube(density: NaturalDensity) -> tuple[Callable, Callable]:
-    """From the unit cube to the prior, and the prior's log density."""
-    priors = density.priors
-    logs = [NAMES.index(n) for n in ("C1", "k1", "k2", "noise_sd")]
-    centre = np.log([priors[NAMES[i]].location for i in logs])
-    scale = np.array([priors[NAMES[i]].scale for i in logs])
-    stretch = priors["mounting_stretch_x"]
-    below = float(ndtr((0.0 - stretch.location) / stretch.scale))
-
-    def transform(cube: np.ndarray) -> np.ndarray:
-        x = np.empty_like(cube)
-        x[:, logs] = np.exp(centre + scale * ndtri(cube[:, logs]))
-        x[:, 3] = 0.5 * np.pi * cube[:, 3]
-        x[:, 4] = cube[:, 4] / 3.0
-        for i in (5, 6):
-            u = below + (1.0 - below) * cube[:, i]
-            x[:, i] = stretch.location + stretch.scale * ndtri(u)
-        return x
-
-    half_log_2pi = 0.5 * np.log(2.0 * np.pi)
-
-    def log_prior(x: np.ndarray) -> np.ndarray:
-        z = (np.log(x[:, logs]) - centre) / scale
-        out = -(0.5 * z * z + np.log(scale) + half_log_2pi).sum(axis=1)
-        out -= np.log(x[:, logs]).sum(axis=1)
-        out += np.log(2.0 / np.pi) + np.log(3.0)
-        for i in (5, 6):
-            z = (x[:, i] - stretch.location) / stretch.scale
-            out -= 0.5 * z * z + np.log(stretch.scale) + half_log_2pi + np.log1p(-below)
-        return out
-
-    return transform, log_prior

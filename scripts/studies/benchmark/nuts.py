@@ -12,16 +12,6 @@ from studies.benchmark.natural_density import LOGS, NAMES, NaturalDensity, summa
 from studies.benchmark.outcome import Outcome, judged
 from studies.benchmark.straight import Straight
 
-__all__ = [
-    "jax_log_density",
-    "jax_mounting_load",
-    "jax_readings",
-    "log_density_of",
-    "nuts",
-    "straightened",
-    "straightened_nuts",
-]
-
 
 def jax_log_density(density: NaturalDensity) -> Any:
     """Log posterior of (C1, k1, k2, alpha, kappa, lm_x, lm_y, noise sd), up to a constant.
@@ -106,45 +96,6 @@ def jax_mounting_load(density: NaturalDensity) -> Any:
     return load
 
 
-def nuts(density: NaturalDensity, *, warmup: int, draws: int, chains: int = 4) -> Outcome:
-    """Numpyro's NUTS with a dense mass matrix, chain after chain on one core.
-
-    Unconstrained coordinates: logs of C1, k1, k2 and the noise sd, logits of alpha and kappa
-    within their ranges.
-    """
-    import jax
-    import jax.numpy as jnp
-
-    jax.config.update("jax_enable_x64", True)
-    target = jax_log_density(density)
-    tops = {3: 0.5 * np.pi, 4: 1.0 / 3.0}
-
-    def natural(u):
-        columns = []
-        for i in range(len(NAMES)):
-            if i in tops:
-                columns.append(tops[i] * jax.nn.sigmoid(u[..., i]))
-            elif i in (5, 6):
-                columns.append(u[..., i])
-            else:
-                columns.append(jnp.exp(u[..., i]))
-        return jnp.stack(columns, axis=-1)
-
-    def potential(u):
-        jacobian = u[0] + u[1] + u[2] + u[7]
-        for i in tops:
-            jacobian = jacobian + jax.nn.log_sigmoid(u[i]) + jax.nn.log_sigmoid(-u[i])
-        return -(target(natural(u)) + jacobian)
-
-    rng = np.random.default_rng(1)
-    starts = density.starts(chains, rng)
-    u0 = np.log(starts)
-    u0[:, 5:7] = starts[:, 5:7]
-    for i, top in tops.items():
-        u0[:, i] = np.log(starts[:, i] / (top - starts[:, i]))
-    return _run(potential, natural, u0, warmup, draws, 0.8)
-
-
 def straightened(density: NaturalDensity, draws: np.ndarray) -> Straight:
     """Coordinates fitted to draws of ours, shape (n, 8)."""
     import jax
@@ -158,7 +109,7 @@ def straightened_nuts(
 ) -> Outcome:
     """NUTS in coordinates that follow the posterior (:class:`.Straight`), for agreement.
 
-    Not a rival: the coordinates are fitted to draws of ours. The chains start at standard normal
+    The chains start at standard normal
     points of the straightened space.
     """
     import jax
@@ -178,30 +129,21 @@ def straightened_nuts(
         if np.isfinite(float(potential(r[0]))):
             r0 = np.vstack([r0, r])
     natural = jax.jit(jax.vmap(jax.vmap(lambda r: straight.natural(r)[0])))
-    return _run(potential, natural, r0, warmup, draws, 0.9, together=True)
+    return _run(potential, natural, r0, warmup, draws)
 
 
-def _run(
-    potential: Any,
-    natural: Any,
-    start: np.ndarray,
-    warmup: int,
-    draws: int,
-    accept: float,
-    *,
-    together: bool = False,
-) -> Outcome:
-    """Chains one after the other, or in step with one another (quicker where a step is short)."""
+def _run(potential: Any, natural: Any, start: np.ndarray, warmup: int, draws: int) -> Outcome:
+    """Chains in step with one another, on one core."""
     import jax
     import jax.numpy as jnp
     from numpyro.infer import MCMC, NUTS
 
     sampler = MCMC(
-        NUTS(potential_fn=potential, dense_mass=True, target_accept_prob=accept),
+        NUTS(potential_fn=potential, dense_mass=True, target_accept_prob=0.9),
         num_warmup=warmup,
         num_samples=draws,
         num_chains=len(start),
-        chain_method="vectorized" if together else "sequential",
+        chain_method="vectorized",
         progress_bar=False,
     )
     jax.block_until_ready(jax.jit(jax.value_and_grad(potential))(jnp.asarray(start[0])))

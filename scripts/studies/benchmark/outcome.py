@@ -8,8 +8,6 @@ import numpy as np
 
 from biaxbayes.sampling.convergence import assess
 
-__all__ = ["LEVELS", "Outcome", "judged", "weighted_quantiles"]
-
 LEVELS = (0.05, 0.5, 0.95)
 
 

@@ -16,8 +16,6 @@ from biaxbayes.sampling.target import Target
 from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
 from studies.benchmark.outcome import Outcome, judged
 
-__all__ = ["emcee_plain", "emcee_reseeded", "ours"]
-
 WALKERS = 64
 ENSEMBLES = 4
 CRITERION_ESS, CRITERION_RHAT = 2000.0, 1.01

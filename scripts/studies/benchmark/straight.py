@@ -15,8 +15,6 @@ import numpy as np
 from studies.benchmark.natural_density import NaturalDensity
 from studies.benchmark.structural import Structural
 
-__all__ = ["Straight"]
-
 LAYERS, WIDTH, DEPTH = 12, 48, 2
 EPOCHS, BATCH, RATE = 40, 1000, 2e-3
 CHUNK = 500

@@ -17,8 +17,6 @@ from scipy.special import ndtri
 
 from biaxbayes.laws.dispersed_fibres import chart_from_angles, softening_of
 
-__all__ = ["Structural"]
-
 REFERENCE = 0.95
 """Squared reference stretch over the largest squared total stretch."""
 NEWTON_STEPS, LONGEST_STEP, TOLERANCE = 60, 0.03, 1e-11

@@ -17,8 +17,6 @@ from biaxbayes.prediction.bands import bands
 from studies.model_error.candidates import Answer
 from studies.model_error.truths import Case, make_case
 
-__all__ = ["FAR", "judged"]
-
 FAR = 1.09
 """Mounting stretches beyond this are strong."""
 DRAWS = 300

@@ -1,91 +1,132 @@
-"""Which error model is to be believed? Many specimens that GOH cannot represent.
+"""What intervals are worth on tissue that GOH cannot represent, by error model.
 
-    python scripts/study.py model_error run --specimens 120 --folder model-error
-    python scripts/study.py model_error table --folder model-error [--page docs/model-error.md]
+    python scripts/study.py model_error --workers 2
+    python scripts/study.py model_error --candidates effective growth systematic independent
 
 Each specimen has three protocols of 40 rows and one of five truths: four fibre families; two
 layers of different GOH tissue in parallel; fibres that are recruited gradually, so that the toe is
-not GOH; a stiff, concave start as of tissue that was not preconditioned enough; a GOH tissue with a
-smooth relative misfit. A third of them are mounted at stretches of 1.1 to 1.3. Every candidate
-samples every specimen; draws are kept, and a study that was stopped goes on. Shares of the work
-(--first 0 --step 2 and --first 1 --step 2) run side by side in one folder.
+not GOH; a stiff, concave start as of tissue that was not preconditioned enough; GOH with a smooth
+relative misfit. A third of them are mounted at stretches of 1.1 to 1.3. ``docs/model-error.md``
+quotes the tables.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
-import time
 from pathlib import Path
+from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import BiaxbayesError
-from studies.model_error.candidates import CANDIDATES
-from studies.model_error.kept_draws import kept, write
-from studies.model_error.tables import coverage, draw_coverage, judge_all, page_table, result
+from studies.common import (
+    BLUE,
+    GREEN,
+    RED,
+    options_of,
+    parser,
+    run_all,
+    save_figure,
+    write_table,
+)
+from studies.model_error.candidates import CANDIDATES, sampled
+from studies.model_error.judge import FAR, judged
 from studies.model_error.truths import make_case
-from studies.page import put, write_table
+
+GROUPS = (
+    "tissue at measured stretches",
+    "model at measured stretches",
+    "tissue at total stretches",
+    "model at total stretches",
+    "held-out readings",
+    "mounting",
+    "mounting, stated value",
+    "mounting, stated low end",
+    "parameters",
+)
 
 
-def run(folder: Path, seeds: range, candidates: list[str], ess: float) -> None:
-    """Sample what is not there yet, one candidate after the other."""
-    for candidate in candidates:
-        for seed in seeds:
-            if kept(folder, seed, candidate):
-                continue
-            case = make_case(seed)
-            clock = time.process_time()
-            try:
-                answers = CANDIDATES[candidate](case.specimen, ess)
-            except (BiaxbayesError, np.linalg.LinAlgError) as error:
-                print(f"{seed} {case.kind} {candidate}: {error}", flush=True)
-                continue
-            cpu = time.process_time() - clock
-            # The candidate itself last: where it is kept, its variants are.
-            for name, answer in reversed(answers.items()):
-                write(folder, seed, name or candidate, answer, cpu)
-            print(f"{seed} {case.kind} {candidate}: {cpu:.1f} s", flush=True)
+def judge(candidate: str, seed: int) -> dict[str, Any]:
+    """Every interval of one specimen and candidate beside its truth."""
+    case = make_case(seed)
+    try:
+        answer = sampled(case.specimen, candidate)
+    except (BiaxbayesError, np.linalg.LinAlgError) as error:
+        return {"state": str(error), "rows": []}
+    rows = judged(case, seed, answer)
+    rows["inside"] = (rows["true"] >= rows["low"]) & (rows["true"] <= rows["high"])
+    # of a low end alone: how far it lies below the truth
+    high = rows["high"].where(np.isfinite(rows["high"]), rows["true"])
+    rows["width_percent"] = 100.0 * (high - rows["low"]) / rows["true"].abs()
+    rows["kind"], rows["far"] = case.kind, bool(case.mounting.mean() > FAR)
+    kept = rows[["group", "kind", "far", "inside", "width_percent"]]
+    return {"state": answer.state, "rows": kept.to_dict("records")}
 
 
-TABLES = {"model-error": "model-error", "candidates": "model-error-candidates"}
+def coverage(records: list[dict[str, Any]]) -> pd.DataFrame:
+    """Share of 90 % intervals that contain the truth, by candidate, group and part."""
+    every = pd.concat(
+        [
+            pd.DataFrame(record["rows"]).assign(candidate=candidate, seed=seed)
+            for record in records
+            for candidate, seed in [record["case"]]
+            if record["rows"]
+        ]
+    )
+    rows = []
+    for (candidate, group), part in every.groupby(["candidate", "group"], sort=False):
+        parts = {"": part, "mounted at up to 1.08": part[~part["far"]]}
+        parts |= {"mounted at 1.1 to 1.3": part[part["far"]]}
+        parts |= {str(kind): own for kind, own in part.groupby("kind")}
+        for name, own in parts.items():
+            row = {"candidate": candidate, "group": group, "part": name}
+            row |= {"share_inside": own["inside"].mean(), "intervals": len(own)}
+            row |= {"specimens": own["seed"].nunique()}
+            rows.append({**row, "median_width_percent": own["width_percent"].median()})
+    return pd.DataFrame(rows)
 
 
-def write_place(page: Path, place: str, found: pd.DataFrame, specimens: int, far: int) -> None:
-    """Put the short table into a page, all of it beside the page; of one candidate its figure."""
-    link = write_table(page.parent, TABLES[place], list(found.columns), found)
-    put(page, place, page_table(found, specimens, far, link))
-    if place == "model-error":
-        put(page, "result", result(found, specimens))
-        draw_coverage(found, page.parent / "figures" / "model-error.png")
+def draw_coverage(found: pd.DataFrame, out: Path) -> None:
+    """Draw the share of intervals that contain the truth, by truth and of all quantities."""
+    drawing, axes = plt.subplots(1, 2, figsize=(6.9, 2.9), sharex=True)
+    found = found[found["candidate"] == found["candidate"].iloc[0]]
+    parts = list(dict.fromkeys(found["part"]))
+    for group, marker, colour in zip(
+        (GROUPS[0], GROUPS[2], GROUPS[7]), "osv", (BLUE, RED, GREEN), strict=True
+    ):
+        part = found[found["group"] == group]
+        at = [parts.index(name) for name in part["part"]]
+        look = {"color": colour, "mfc": "none", "ms": 5, "label": group}
+        axes[0].plot(part["share_inside"], at, marker, **look)
+    axes[0].set_yticks(range(len(parts)), [name or "all specimens" for name in parts])
+    together = found[found["part"] == ""].set_index("group")["share_inside"].reindex(GROUPS)
+    axes[1].plot(together, range(len(GROUPS)), "ok", ms=4)
+    axes[1].set_yticks(range(len(GROUPS)), GROUPS)
+    for ax in axes:
+        ax.axvline(0.9, color="0.6", lw=0.8, zorder=0)
+        ax.invert_yaxis()
+        ax.set(xlim=(0.3, 1.02), xlabel="share of 90 % intervals")
+    drawing.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+    save_figure(drawing, out, "model-error")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=["run", "table"])
-    parser.add_argument("--folder", type=Path, default=Path("model-error"))
-    parser.add_argument("--page", type=Path, help="Put the table into this page, all beside it.")
-    parser.add_argument("--specimens", type=int, default=120)
-    parser.add_argument("--candidates", nargs="+", help="These alone.")
-    parser.add_argument("--ess", type=float, default=200.0)
-    parser.add_argument("--first", type=int, default=0, help="First seed, for a share of the work.")
-    parser.add_argument("--step", type=int, default=1)
-    options = parser.parse_args()
-    if options.what == "run":
-        seeds = range(options.first, options.specimens, options.step)
-        run(options.folder, seeds, options.candidates or list(CANDIDATES), options.ess)
-        return
-    wanted = options.candidates or [*CANDIDATES, "sandwich"]
-    data = judge_all(options.folder, range(options.specimens), wanted)
-    found = coverage(data)
-    print(found.to_string(index=False))
-    if options.page:
-        place = "model-error" if options.candidates else "candidates"
-        each = data.drop_duplicates("seed")["far"]
-        write_place(options.page, place, found, len(each), int(each.sum()))
+    """Sample and judge all specimens with the candidates."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--specimens", type=int, default=105)
+    arguments.add_argument(
+        "--candidates", nargs="+", choices=CANDIDATES, default=["effective"], metavar="NAME"
+    )
+    options = options_of(arguments)
+    seeds = range(3 if options.quick else options.specimens)
+    cases = [(candidate, seed) for candidate in options.candidates for seed in seeds]
+    records = run_all(judge, cases, options.records / "model-error.jsonl", options.workers)
+    found = coverage(records)
+    several = len(options.candidates) > 1
+    write_table(options.out, "model-error-candidates" if several else "model-error", found)
+    if not several:
+        draw_coverage(found, options.out)
 
 
 if __name__ == "__main__":

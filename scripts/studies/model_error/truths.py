@@ -12,8 +12,6 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import smooth_misfit
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
-__all__ = ["HELD_OUT", "RATIOS", "TRUTHS", "Case", "make_case"]
-
 RATIOS = {"1to1": (1.0, 1.0), "1to0.5": (1.0, 0.5), "0.5to1": (0.5, 1.0)}
 HELD_OUT = (0.75, 1.0)
 ROWS = 40

@@ -17,13 +17,8 @@ import numpy as np
 from scipy.special import logit
 
 import biaxbayes
-from biaxbayes.jobs.batch import Batch
 from biaxbayes.populations.hierarchy import LEAST_INSIDE
-from biaxbayes.studies.study_file import read_study
 from studies.population.virtual import LOGS, PARAMETERS, PLANS, made, on_scale, write
-from studies.quick_runs import without_products
-
-__all__ = ["compared", "make_six", "nuts"]
 
 SEED = 5
 OWN = (*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y", "noise_sd")
@@ -34,14 +29,11 @@ CHAINS = 4
 
 
 def make_six(folder: Path) -> None:
-    """Specimens, their runs without figures, and the population of them."""
+    """Specimens, their runs, and the population of them."""
     plan = PLANS["six"]
     study = write(made(plan, SEED), folder, plan.noise)
-    with without_products():
-        Batch(read_study(study), folder / "study").execute()
-    clock = time.process_time()
-    found = biaxbayes.population(folder / "study", out=folder / "population", seed=1, workers=1)
-    print(f"population: {found.state}, {time.process_time() - clock:.0f} s")
+    biaxbayes.batch(study, out=folder / "study")
+    biaxbayes.population(folder / "study", out=folder / "population", seed=1, workers=1)
 
 
 def nuts(folder: Path, draws: int, warmup: int) -> dict[str, Any]:
@@ -66,7 +58,6 @@ def nuts(folder: Path, draws: int, warmup: int) -> dict[str, Any]:
     told = sampler.get_extra_fields()
     rows = compared(folder, model.hyperparameters(v))
     return {
-        "seed": SEED,
         "cpu": round(time.process_time() - clock, 1),
         "draws": draws * CHAINS,
         "steps": int(np.asarray(told["num_steps"]).sum()),

@@ -26,8 +26,6 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 from studies.population.pooling import pool, sampled
 
-__all__ = ["GROUPS", "PRIORS", "RANKED_DRAWS", "Truths", "calibrate", "values_of"]
-
 GROUPS, DONORS = ("media", "adventitia"), 4
 PRIORS = PopulationPriors(
     mean={
@@ -204,7 +202,7 @@ def calibrate(seed: int) -> dict[str, Any]:
                 label = f"new stress_{side} at {stretch:g}, {name}"
                 draws[label], true[label] = theirs[axis, :, j], ours[axis, 0, j]
     judged = found.sampled.convergence
-    out: dict[str, Any] = {"seed": seed, "state": found.state, "reason": found.reason}
+    out: dict[str, Any] = {"state": found.state, "reason": found.reason}
     out["singles"] = [r.state for r in runs.values()]
     out |= {"rejected": rejected, "ess": judged.worst_ess, "rhat": judged.worst_rhat}
     out |= {"rank": {}, "below": {}}

@@ -10,8 +10,6 @@ import numpy as np
 from studies.population.pooling import pool, sampled
 from studies.population.virtual import PARAMETERS, PLANS, made, on_scale
 
-__all__ = ["pooled_study"]
-
 LEVELS = (0.05, 0.5, 0.95)
 MOST_SWEEPS = 1000
 """Kept: fewer than the sampler may ask for where specimens leave long ridges."""
@@ -31,7 +29,6 @@ def pooled_study(kind: str, seed: int) -> dict[str, Any]:
     single = [on_scale(run.draws[list(PARAMETERS)].to_numpy()) for run in runs.values()]
     judged = found.sampled.convergence
     return {
-        "seed": seed,
         "state": found.state,
         "reason": found.reason,
         "ess": judged.worst_ess,

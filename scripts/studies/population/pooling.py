@@ -21,8 +21,6 @@ from biaxbayes.populations.specimens import Source, individual_of, pooled_names
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["POPULATION", "SINGLE", "HeldRun", "pool", "sampled"]
-
 SINGLE: dict[str, Any] = {
     **{"ess": 1000.0, "max_steps": 3000, "first_block": 64},
     **{"ensembles": 2, "walkers": 32},

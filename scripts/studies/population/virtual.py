@@ -14,8 +14,6 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
-__all__ = ["CENTRES", "LOGS", "PARAMETERS", "PLANS", "Member", "Plan", "made", "on_scale", "write"]
-
 PARAMETERS = GOHLaw().names
 LOGS = 3
 """The first of them are pooled as logs."""

@@ -1,1 +1,0 @@
-"""Runs that are killed, starved of space and locked out, and what is left of them."""
