@@ -21,7 +21,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.cli import main
-from biaxbayes.errors import RunError
+from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.jobs import sample as sampling
 from biaxbayes.progress_bar import StoppedAtOnce, graceful_stop, with_progress
 from biaxbayes.runs import checkpoint
@@ -515,3 +515,22 @@ def test_a_worker_that_fails_ends_the_run_in_one_line(halfway, capsys, monkeypat
     assert sample(halfway, "--resume", "--workers", "2") == 2
     assert capsys.readouterr().err.startswith("biaxbayes: not enough memory")
     assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "compare_laws"])
+def test_a_hang_up_of_a_study_of_posteriors_ends_with_129(verb, tmp_path):
+    options = {"source": "prior", "replications": 2} if verb == "calibrate" else {}
+    with pytest.raises(Interrupted, match="after 0 of") as raised:
+        getattr(biaxbayes, verb)(
+            SPECIMEN, out=tmp_path / "out", stop=lambda: signal.SIGHUP, **options
+        )
+    assert raised.value.exit_code == 129
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "compare_laws"])
+def test_what_a_killed_study_left_half_written_is_removed(verb, tmp_path):
+    options = {"source": "prior", "replications": 2} if verb == "calibrate" else {}
+    (tmp_path / ".ranks.csv.123.tmp").write_text("half")
+    with pytest.raises(Interrupted):
+        getattr(biaxbayes, verb)(SPECIMEN, out=tmp_path, stop=lambda: 1, **options)
+    assert not list(tmp_path.glob("*.tmp")) and not list(tmp_path.glob(".*.tmp"))

@@ -88,9 +88,22 @@ class NotConverged(BiaxbayesError):
 
 
 class Interrupted(BiaxbayesError):
-    """The user stopped the computation; what was done is saved."""
+    """The user stopped the computation; what was done is saved.
+
+    Parameters
+    ----------
+    problem : str
+    signal : int
+        The number of the signal that stopped it, which gives the exit code; Ctrl-C where it is
+        not known.
+    """
 
     exit_code = 130
+
+    def __init__(self, problem: str, signal: int = 0) -> None:
+        super().__init__(problem)
+        if signal and not isinstance(signal, bool):
+            self.exit_code = 128 + signal
 
 
 def printable(text: str) -> str:

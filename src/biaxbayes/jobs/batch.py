@@ -30,7 +30,7 @@ from biaxbayes.options import ModelOptions, SamplingPlan, documented
 from biaxbayes.parallel import Executor, InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.study_page import write_study
-from biaxbayes.runs.folder import STATES, STUDY, is_run
+from biaxbayes.runs.folder import STATES, STUDY, clear_leftovers, is_run
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.specimens.specimen import Specimen
@@ -241,6 +241,7 @@ class Batch:
         """
         self._make_folder()
         with folder_lock(self.folder), self.executor, self._going() as going:
+            clear_leftovers(self.folder)
             progress(Progress("reading specimens"))
             entries = read_entries(self.study)
             table = study_table(entries, self._sample(entries, going, progress, stop))
@@ -329,7 +330,11 @@ class Batch:
                 self._save(done)
             progress(_how_far(tried, len(entries), before, time.monotonic() - clock))
         if len(tried) < len(entries):
-            raise _interruption(len(tried), len(entries), self.folder, asked)
+            raise Interrupted(
+                f"interrupted after {len(tried)} of {len(entries)} specimens, all saved in "
+                f"{self.folder}; the same command continues",
+                asked,
+            )
         return tried
 
     def _task(self, entry: Entry, finished: bool, going: Path) -> SpecimenTask:
@@ -371,13 +376,3 @@ def _how_far(tried: Mapping[str, Tried], total: int, before: int, seconds: float
             time_left = f"{left:.0f} s" if left < 90.0 else f"{left / 60:.0f} min"
             text += f", about {time_left} left"
     return Progress(text, len(tried) / total)
-
-
-def _interruption(done: int, total: int, folder: Path, signal: int) -> Interrupted:
-    error = Interrupted(
-        f"interrupted after {done} of {total} specimens, all saved in {folder}; the same command "
-        "continues"
-    )
-    if not isinstance(signal, bool) and signal:
-        error.exit_code = 128 + signal
-    return error

@@ -30,7 +30,7 @@ from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import CalibrationPlan, ModelOptions
 from biaxbayes.parallel import Executor, InThisProcess
 from biaxbayes.parameters import Quantities
-from biaxbayes.runs.folder import EARLIER
+from biaxbayes.runs.folder import EARLIER, clear_leftovers
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Plan, Progress
@@ -151,7 +151,7 @@ class CalibrationStudy:
         *,
         resume: bool = False,
         progress: Callable[[Progress], None] = lambda p: None,
-        stop: Callable[[], object] = lambda: False,
+        stop: Callable[[], int] = lambda: 0,
     ) -> Outcome:
         """Run the replications that are missing, and write every file.
 
@@ -169,6 +169,7 @@ class CalibrationStudy:
                 f"{self.folder}: cannot be made ({error.strerror}); choose another --out"
             ) from None
         with folder_lock(self.folder):
+            clear_leftovers(self.folder)
             rows = self._start(resume)
             self._run(rows, progress, stop)
             progress(Progress("writing"))
@@ -207,7 +208,7 @@ class CalibrationStudy:
         self,
         rows: dict[int, list[dict[str, Any]]],
         progress: Callable[[Progress], None],
-        stop: Callable[[], object],
+        stop: Callable[[], int],
     ) -> None:
         missing = [i for i in range(self.replications) if i not in rows]
         if not missing:
@@ -228,7 +229,8 @@ class CalibrationStudy:
         if done < self.replications:
             raise Interrupted(
                 f"interrupted after {done} of {self.replications} replications, all saved in "
-                f"{self.folder}; the same command with --resume continues"
+                f"{self.folder}; the same command with --resume continues",
+                stop(),
             )
 
     def _finish(self, rows: dict[int, list[dict[str, Any]]]) -> Outcome:

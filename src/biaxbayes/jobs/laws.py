@@ -19,6 +19,7 @@ from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws import LAWS
 from biaxbayes.options import LawsPlan
 from biaxbayes.parallel import Executor
+from biaxbayes.runs.folder import clear_leftovers
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Progress
@@ -103,7 +104,7 @@ def compared_laws(
     folder: Path | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] = lambda p: None,
-    stop: Callable[[], object] = lambda: False,
+    stop: Callable[[], int] = lambda: 0,
 ) -> LawComparison:
     """Fit and sample every law on every part of a record, and weigh them.
 
@@ -151,6 +152,7 @@ def compared_laws(
         found = _sampled(tasks, _Stored(None), executor, progress, stop)
         return judged_laws(specimen, options, found, laws)
     with folder_lock(folder):
+        clear_leftovers(folder)
         _start(folder, specimen, options, laws, plan, resume)
         found = _sampled(tasks, _Stored(folder), executor, progress, stop)
         progress(Progress("weighing"))
@@ -214,7 +216,7 @@ def _sampled(
     stored: _Stored,
     executor: Executor,
     progress: Callable[[Progress], None],
-    stop: Callable[[], object],
+    stop: Callable[[], int],
 ) -> dict[tuple[str, str], Prediction]:
     found: dict[int, Prediction] = {}
     for index in range(len(tasks)):
@@ -236,7 +238,8 @@ def _sampled(
         kept = f", all saved in {stored.folder}; the same command with --resume continues"
         raise Interrupted(
             f"interrupted after {len(found)} of {len(tasks)} posteriors"
-            + (kept if stored.folder else "")
+            + (kept if stored.folder else ""),
+            stop(),
         )
     return {
         (task.law, task.part.name if task.part else WHOLE): found[i] for i, task in enumerate(tasks)

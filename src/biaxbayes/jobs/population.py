@@ -217,12 +217,10 @@ class PopulationJob:
         return state
 
     def _interruption(self, signal: int) -> Interrupted:
-        error = Interrupted(
-            f"interrupted, all saved in {self.folder}; the same command with --resume continues"
+        return Interrupted(
+            f"interrupted, all saved in {self.folder}; the same command with --resume continues",
+            signal,
         )
-        if not isinstance(signal, bool) and signal:
-            error.exit_code = 128 + signal
-        return error
 
 
 def _stated(value: PooledValue) -> dict[str, float]:

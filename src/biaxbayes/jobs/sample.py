@@ -161,13 +161,11 @@ class Sampling:
     def _interruption(self, draws: Draws, signal: int) -> Interrupted:
         steps = draws.chain.shape[1] * draws.thin
         done = f"after {steps} kept steps" if steps else "after the warm-up"
-        error = Interrupted(
+        return Interrupted(
             f"interrupted {done}, all saved in {self.folder}; "
-            "the same command with --resume continues"
+            "the same command with --resume continues",
+            signal,
         )
-        if not isinstance(signal, bool):  # the number of a signal (a hang-up is 1)
-            error.exit_code = 128 + signal
-        return error
 
     def _make_folder(self) -> None:
         """Make the folder, and do not write into one that holds something else than a run."""
