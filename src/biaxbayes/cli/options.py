@@ -215,6 +215,9 @@ def read_model_options(
 
     material_law = law_named(law, fibre_switch=model.get("fibre_switch", False))
     chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors, material_law))
+    for name, value in chosen.items():
+        if isinstance(value, float):
+            _warn_of_radians(name, value)
     for name, value in fixed_values(fix, material_law).items():
         chosen[name] = check_fixed(name, value, law=material_law)
     return {**model, "law": law, "priors": chosen}
@@ -229,14 +232,18 @@ def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
             held[law.known_name(name.strip())] = float(value)
         except ValueError:
             raise InputError(f"--fix {text[:60]!r}", remedy="write it as --fix kappa=0.1") from None
-        if name.strip().startswith("alpha") and 0.0 < held[name.strip()] <= math.pi / 2.0:
-            degrees = math.degrees(held[name.strip()])
-            click.echo(
-                f"warning: {name.strip()} is held at {held[name.strip()]:g} degrees; if that is in "
-                f"radians, write {name.strip()}={degrees:.4g}",
-                err=True,
-            )
+        _warn_of_radians(name.strip(), held[law.known_name(name.strip())])
     return held
+
+
+def _warn_of_radians(name: str, value: float) -> None:
+    """An angle is stated in degrees; one below pi / 2 may be meant in radians."""
+    if name.startswith("alpha") and 0.0 < value <= math.pi / 2.0:
+        click.echo(
+            f"warning: {name} is fixed at {value:g} degrees; if that is in radians, write "
+            f"{name}={math.degrees(value):.4g}",
+            err=True,
+        )
 
 
 def refuse_given(context: click.Context, names: tuple[str, ...], problem: str, **more: Any) -> None:

@@ -19,7 +19,7 @@ from biaxbayes.jobs.opening import (
     removal_told,
 )
 from biaxbayes.laws import law_named
-from biaxbayes.model.conflicts import bracket_findings
+from biaxbayes.model.conflicts import bracket_findings, prior_findings, radian_findings
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
@@ -128,9 +128,10 @@ class Sampling:
                 law=posterior.settings.law,
                 fibre_switch=posterior.settings.fibre_switch,
             )
-            if swapped is not None:
-                self.findings = (*self.findings, swapped)
-                tell(Progress("fitting", note=str(swapped)))
+            contradictions = (*radian_findings(posterior), *prior_findings(posterior))
+            for finding in (*([swapped] if swapped else []), *contradictions):
+                self.findings = (*self.findings, finding)
+                tell(Progress("fitting", note=str(finding)))
             fit_seconds = time.perf_counter() - fit_clock
             state = self._resumed(posterior, resume, tell)
             draws = draw_posterior(

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.preparation import deterministic_fit, modal_residuals, stated_priors
+from biaxbayes.model.priors import Prior
+from biaxbayes.parameters import DEGREE
 from biaxbayes.specimens.findings import Finding
 
 NEAR_EDGE = 0.05
 """Draws within this share of a limit of the mounting stretch count as lying at it."""
 FEW_DRAWS = 0.001
+FAR = 3.0
+"""Standard deviations of a prior beyond which the fit lies far from it."""
+LOST = 6.0
+"""Log likelihood that a prior costs where it contradicts the data: 3.5 standard deviations."""
 
 
 def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
@@ -40,3 +49,92 @@ def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
             )
         )
     return findings
+
+
+def radian_findings(posterior: Posterior) -> list[Finding]:
+    """Priors of angles that look as if they were stated in radians."""
+    findings = []
+    parameters = {p.name: p for p in posterior.law.parameters}
+    for name, prior in stated_priors(posterior).items():
+        if name not in parameters or parameters[name].unit != DEGREE:
+            continue
+        uniform = prior.family in ("uniform", "loguniform")
+        centre = prior.high if uniform else prior.location
+        if not 0.0 < centre <= math.pi / 2.0:
+            continue
+        first, second = (prior.low, prior.high) if uniform else (prior.location, prior.scale)
+        first_deg = math.degrees(first)
+        second_deg = second if prior.family == "lognormal" else math.degrees(second)
+        findings.append(
+            Finding(
+                "radians",
+                "warning",
+                f"the prior of {name}, {prior.family} {first:g}, {second:g}, is in degrees; if "
+                f"that is in radians, state {first_deg:.4g}, {second_deg:.4g}",
+            )
+        )
+    return findings
+
+
+def prior_findings(posterior: Posterior) -> list[Finding]:
+    """Stated priors far from what the data say, where the model fits worse for them.
+
+    The fit knows no priors. A prior contradicts the data where the fitted value lies beyond three
+    of its standard deviations, and the residuals at the mode of the posterior are larger than
+    those of the fit by more than their scatter explains:
+
+        n_eff ln(rms at the mode / rms of the fit) > 6
+    """
+    priors = stated_priors(posterior)
+    if not priors:
+        return []
+    specimen = posterior.specimen
+    fit = deterministic_fit(posterior)
+    fitted = dict(zip(posterior.law.names, fit.material.values, strict=True))
+    for axis in (0, 1):
+        fitted[f"mounting_stretch_{'xy'[axis]}"] = float(np.mean(fit.mounting_stretch[:, axis]))
+    floor = max(specimen.load_resolution, 1e-300)
+    best = max(_rms(fit.residuals), floor)
+    at_mode = max(_rms(modal_residuals(posterior.replaced(thin=0))[0]), floor)
+    readings = posterior.beta * 2.0 * sum(p.rows - p.rest_rows for p in specimen.protocols)
+    if readings * math.log(at_mode / best) <= LOST:
+        return []
+    noise = specimen.noise_sd
+    of_noise = (
+        f", {at_mode / noise:.2g} times the load noise of {noise:.2g} {specimen.unit}"
+        if noise > 0.0
+        else ""
+    )
+    return [
+        Finding(
+            "prior-contradicts-data",
+            "warning",
+            f"the prior of {name}, {described(prior)}, contradicts the data, which alone give "
+            f"{fitted[name]:.4g}: under this prior the model misses the loads by {at_mode:.2g} "
+            f"{specimen.unit} rms instead of {best:.2g}{of_noise}",
+        )
+        for name, prior in priors.items()
+        if name in fitted and is_far(prior, fitted[name])
+    ]
+
+
+def is_far(prior: Prior, value: float) -> bool:
+    """Whether a value lies outside of a prior, or in its outermost tails."""
+    return min(float(prior.cdf(np.array(value))), 1.0 - float(prior.cdf(np.array(value)))) < TAIL
+
+
+TAIL = 0.5 * math.erfc(FAR / math.sqrt(2.0))
+
+
+def described(prior: Prior) -> str:
+    """A prior in words, such as ``normal 0.7 +- 0.05``."""
+    if prior.family in ("uniform", "loguniform"):
+        return f"{prior.family} {prior.low:g} to {prior.high:g}"
+    scale = (
+        f"+- {prior.scale:g}" if prior.family == "normal" else f"(sd of the log {prior.scale:g})"
+    )
+    return f"{prior.family} {prior.location:g} {scale}"
+
+
+def _rms(residuals: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))

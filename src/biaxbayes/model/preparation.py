@@ -1,9 +1,9 @@
 """What a posterior is given before it can be sampled: a fit, the weight of the curves, a chart.
 
-The weight of the curves is read from the residuals of the deterministic fit. Under a noise that
-grows with the load these are other ones: the fit weighs every load alike, with a growing sd the toe
-counts for more. Then the residuals of the model that is sampled are used, at its mode, in units of
-their own sd.
+The weight of the curves is read from the residuals of the deterministic fit, which knows no
+priors. Where priors were stated, and under a noise that grows with the load, the residuals of the
+model that is sampled are used, at its mode, in units of their own sd: a prior that pulls the model
+off the data correlates neighbouring residuals, and the rows are worth less.
 """
 
 from __future__ import annotations
@@ -181,11 +181,20 @@ def sampled_readings(posterior: Posterior) -> EffectiveReadings:
     fit = found.fit
     assert fit is not None
     readings = errors.weigh(fit.residuals, None)
-    if not posterior.settings.noise_growth:
+    if not posterior.settings.noise_growth and not stated_priors(posterior):
         return readings
     chart = Chart(reference_stretch=_reference_stretch(found, fit))
     provisional = found.replaced(thin=0, beta=readings.beta, chart=chart)
     return errors.weigh(*modal_residuals(provisional))
+
+
+def stated_priors(posterior: Posterior) -> dict[str, Prior]:
+    """Priors that the user stated, of the law and of the mounting stretches."""
+    chosen = posterior.settings.priors
+    stated = {name: prior for name, prior in chosen.items() if isinstance(prior, Prior)}
+    measured = [n for n in mounting_names("stretch") if n in posterior.specimen.metadata]
+    defaults = {name: posterior.priors.get(name) for name in measured if name not in chosen}
+    return stated | {name: p for name, p in defaults.items() if isinstance(p, Prior)}
 
 
 def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -194,7 +203,7 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
     Parameters
     ----------
     posterior : Posterior
-        With a noise that grows with the load, and all of its rows.
+        With all of its rows.
 
     Returns
     -------
@@ -206,6 +215,9 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
     if "noise_sd" in base and "noise_growth" in base:
         small = 0.1 * base["noise_sd"]
         starts += [base | {"noise_sd": small, "noise_growth": b} for b in (0.03, 0.1)]
+    centres = {name: prior.ppf(np.array(0.5)) for name, prior in stated_priors(posterior).items()}
+    near = {name: float(value) for name, value in centres.items() if name in base}
+    starts += [inside_priors(posterior, base | near)] if near else []
     points = np.vstack([posterior.coordinates(s) for s in starts])
     scale = np.full(posterior.dimension, 1.0)
     for i, q in enumerate(posterior.sampled):
@@ -239,5 +251,5 @@ def _residuals_at(
         stress = np.column_stack(material.cauchy(*(stretch * lm).T))
         load = stress * load_per_stress(section, stretch, lm, data.geometry == "mounted")
         residuals.append(data.load(protocol)[kept] - load - offset)
-        sds.append(errors_of(settings).sd(at, load))
+        sds.append(np.broadcast_to(errors_of(settings).sd(at, load), load.shape))
     return residuals, sds

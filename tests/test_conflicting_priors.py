@@ -1,0 +1,90 @@
+"""A prior that contradicts the data is named, and the rows are weighed under that prior.
+
+The specimen follows GOH exactly but for the noise of its load cell, so that every misfit beyond
+that noise comes from the prior.
+"""
+
+import numpy as np
+import pytest
+
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.conflicts import prior_findings, radian_findings
+from biaxbayes.model.preparation import prepare
+from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+
+VALUES = {"C1": 12.0, "k1": 60.0, "k2": 6.0, "alpha": 41.0, "kappa": 0.12}
+SPECIMEN, _ = virtual_specimen(
+    GOH(*VALUES.values()),
+    name="exact",
+    mounting_stretch=(1.02, 1.03),
+    measured_stretch=1.15,
+    ratios=((1, 1), (1, 0.5), (0.5, 1)),
+    increments=49,
+    machine=Machine(noise_N=0.005),
+    seed=11,
+)
+
+
+def normal(mean, sd):
+    return {"distribution": "normal", "mean": mean, "sd": sd}
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return prepare(SPECIMEN)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "prior"),
+    [
+        ("alpha", normal(0.7, 0.05)),
+        ("k1", {"distribution": "lognormal", "median": 0.06, "sd_log": 0.2}),
+        ("kappa", {"distribution": "uniform", "low": 0.30, "high": 0.33}),
+        ("mounting_stretch_x", normal(1.12, 0.003)),
+    ],
+)
+def test_a_prior_that_contradicts_the_data_is_named(parameter, prior, alone):
+    posterior = prepare(SPECIMEN, priors={parameter: prior})
+    (finding,) = prior_findings(posterior)
+    assert (finding.code, finding.severity) == ("prior-contradicts-data", "warning")
+    assert f"the prior of {parameter}, {prior['distribution']}" in finding.message
+    assert "times the load noise of 0.005 N" in finding.message
+    fitted = float(finding.message.split("which alone give ")[1].split(":")[0])
+    truth = VALUES.get(parameter, 1.02)
+    assert fitted == pytest.approx(truth, rel=0.15)
+    # The model misses smoothly under this prior, so neighbouring rows say the same.
+    assert posterior.readings.total < 0.6 * alone.readings.total
+
+
+@pytest.mark.parametrize(
+    "priors",
+    [
+        {},
+        {"alpha": normal(41.0, 3.0)},
+        {
+            "alpha": normal(36.0, 5.0),
+            "C1": {"distribution": "lognormal", "median": 8.0, "sd_log": 1},
+        },
+        {"k1": {"distribution": "loguniform", "low": 1.0, "high": 1000.0}},
+    ],
+)
+def test_a_prior_that_agrees_is_not(priors, alone):
+    posterior = prepare(SPECIMEN, priors=priors)
+    assert prior_findings(posterior) == []
+    assert posterior.readings.total == pytest.approx(alone.readings.total, rel=0.05)
+
+
+def test_an_angle_in_radians_is_named_in_priors():
+    (found,) = radian_findings(prepare(SPECIMEN, priors={"alpha": normal(0.7, 0.05)}))
+    assert "40.11, 2.865" in found.message
+    uniform = {"distribution": "uniform", "low": 0.6, "high": 0.8}
+    (found,) = radian_findings(prepare(SPECIMEN, priors={"alpha": uniform}))
+    assert "34.38, 45.84" in found.message
+    kappa = {"distribution": "uniform", "low": 0.0, "high": 0.2}
+    assert radian_findings(prepare(SPECIMEN, priors={"kappa": kappa})) == []
+    assert radian_findings(prepare(SPECIMEN, priors={"alpha": normal(41.0, 3.0)})) == []
+
+
+def test_the_noise_of_the_specimen_is_that_of_its_load_cell():
+    assert SPECIMEN.noise_sd == pytest.approx(0.005)
+    assert np.all(SPECIMEN.mounting_readings(shared=True)[1] < 0.005)
