@@ -14,7 +14,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.fitting.fit import fit, fit_all
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.specimens.specimen import STRESS_PAIRS, rest_rows
+from biaxbayes.specimens.protocol import rest_rows
+from biaxbayes.specimens.specimen import STRESS_PAIRS
 
 MATERIAL = GOH(12.0, 60.0, 6.0, 41.0, 0.12)
 MOUNTING = np.array([1.03, 1.04])

@@ -16,7 +16,8 @@ from biaxbayes import Protocol, Specimen, read_specimen, write_specimen
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.header import measured_stretch
-from biaxbayes.specimens.specimen import STRESS_PAIRS, rest_rows
+from biaxbayes.specimens.protocol import rest_rows
+from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.specimens.specimen_file import specimen_text
 from biaxbayes.specimens.table import read_stretches
 from hostile.specimen_files import GOOD, body, protocols

@@ -13,7 +13,7 @@ _EXPORTS = {
     "law": "biaxbayes.laws",
     "dispersion_as_goh": "biaxbayes.laws.dispersed_fibres",
     "Specimen": "biaxbayes.specimens.specimen",
-    "Protocol": "biaxbayes.specimens.specimen",
+    "Protocol": "biaxbayes.specimens.protocol",
     "read_specimen": "biaxbayes.specimens.specimen_file",
     "write_specimen": "biaxbayes.specimens.specimen_file",
     "check_specimen": "biaxbayes.specimens.check",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from biaxbayes.fitting.result import FitResult
-    from biaxbayes.specimens.specimen import Protocol
+    from biaxbayes.specimens.protocol import Protocol
 
 __all__ = ["fits_figure", "specimen_figure"]
 

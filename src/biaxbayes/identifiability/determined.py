@@ -27,7 +27,8 @@ from biaxbayes.prediction.draws import (
     piola_noise,
     protocol_mounting,
 )
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [
     "FARTHEST",

@@ -31,7 +31,7 @@ from biaxbayes.options import (
 )
 from biaxbayes.runs.folder import CARDS
 from biaxbayes.runs.run import Run
-from biaxbayes.specimens.specimen import STRETCH_REMEDY
+from biaxbayes.specimens.protocol import STRETCH_REMEDY
 from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from biaxbayes.jobs.population_files import read_population
 from biaxbayes.laws.law import Law
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.archive import SuspiciousArchive, check_archive
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["export_population"]
 

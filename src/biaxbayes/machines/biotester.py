@@ -10,7 +10,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.machines.conversion import Choice, Gauge, Recording, chosen_number, cycle_label
 from biaxbayes.machines.raw_table import RawTable
-from biaxbayes.specimens.specimen import rest_rows
+from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.specimens.units import Unit
 
 __all__ = ["deformation_gradient", "recordings", "tracked_points"]

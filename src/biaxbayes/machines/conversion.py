@@ -15,7 +15,8 @@ from biaxbayes.machines.raw_file import read_raw_tables
 from biaxbayes.machines.raw_table import RawTable
 from biaxbayes.specimens.path import Cycle, cycles, progress
 from biaxbayes.specimens.plausibility import check_load
-from biaxbayes.specimens.specimen import LOAD_ROWS, Protocol, ReadingError, Specimen
+from biaxbayes.specimens.protocol import LOAD_ROWS, Protocol, ReadingError
+from biaxbayes.specimens.specimen import Specimen
 
 # --- what to take from a raw file, and what was taken from it for one protocol -------------------
 

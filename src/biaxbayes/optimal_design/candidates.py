@@ -21,7 +21,7 @@ from biaxbayes.model.priors import Prior
 from biaxbayes.options import DesignOptions
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
-from biaxbayes.specimens.specimen import Protocol as Record
+from biaxbayes.specimens.protocol import Protocol as Record
 from biaxbayes.specimens.specimen import Specimen, pooled_reading
 
 __all__ = ["Candidate", "FurtherProtocol", "Reading", "standard_candidates"]

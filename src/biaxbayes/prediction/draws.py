@@ -14,7 +14,8 @@ from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import sections, unloaded_section
 from biaxbayes.model.error_model import errors_of_draws
 from biaxbayes.parameters import mounting_names
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [
     "chosen_draws",

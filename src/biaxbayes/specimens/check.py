@@ -14,7 +14,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.specimens.findings import Finding, mounting_findings, serious, sorted_findings
 from biaxbayes.specimens.path import SWING, progress, relapse, scatter
 from biaxbayes.specimens.plausibility import check_readings, unit_findings
-from biaxbayes.specimens.specimen import Protocol, Specimen, rest_rows, still_rows
+from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
+from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
@@ -29,30 +30,21 @@ DISORDER = 0.15
 
 
 def path_findings(specimen: Specimen) -> list[Finding]:
-    """Findings about the loading paths.
-
-    Parameters
-    ----------
-    specimen : Specimen
-
-    Returns
-    -------
-    list of Finding
-    """
-    found = []
+    """Findings about the loading paths."""
+    findings = []
     for p in specimen.protocols:
         stretch = np.column_stack([p.stretch_x, p.stretch_y])
         load = specimen.load(p)
         if p.rows < FEW_ROWS:
-            found.append(
+            findings.append(
                 Finding("few-rows", "warning", f"only {p.rows} rows in this protocol", p.name)
             )
-        found += _unloading(p, stretch, load) or _backwards(p, stretch, load, specimen.noise_sd)
-        found += _jumps(p, stretch, load)
-        found += _time(p)
-        found += _camera_lag(p)
+        findings += _unloading(p, stretch, load) or _backwards(p, stretch, load, specimen.noise_sd)
+        findings += _jumps(p, stretch, load)
+        findings += _time(p)
+        findings += _camera_lag(p)
     return [
-        *found,
+        *findings,
         *_resampled(specimen),
         *_stiff_start(specimen),
         *_one_direction(specimen),
@@ -113,7 +105,7 @@ def _jumps(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
     """Single readings beside the curve: a wrong digit, a lost marker, a line cut off."""
     if p.rows < 12:
         return []
-    found = []
+    findings = []
     curves = zip(("stretch", "stretch", "load", "load"), "xyxy", (*stretch.T, *load.T), strict=True)
     for kind, axis, curve in curves:
         limit = max(JUMP * float(np.ptp(curve)), 30.0 * float(np.median(np.abs(np.diff(curve, 2)))))
@@ -125,7 +117,7 @@ def _jumps(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
             row = p.rows - 1
             if abs(curve[-1] - 2.0 * curve[-2] + curve[-3]) <= 4.0 * limit:
                 continue
-        found.append(
+        findings.append(
             Finding(
                 "jump",
                 "warning",
@@ -134,7 +126,7 @@ def _jumps(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
                 p.name,
             )
         )
-    return found
+    return findings
 
 
 def _camera_lag(p: Protocol) -> list[Finding]:
@@ -293,8 +285,8 @@ def _one_direction(specimen: Specimen) -> list[Finding]:
             "warning",
             "x and y are proportional to each other within "
             f"{100 * max(misses):.1f} %, in stretch and in load: the file holds one effective "
-            "direction; stiffness, fibre angle and dispersion may trade with each other, which "
-            "'sample' tells",
+            "direction; stiffness, fibre angle and dispersion may trade with each other; "
+            "'sample' shows whether they do",
         )
     ]
 
@@ -305,10 +297,6 @@ def _one_direction(specimen: Specimen) -> list[Finding]:
 def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     """What a user should know of a specimen before trusting a fit of it.
 
-    Parameters
-    ----------
-    specimen : Specimen or path-like
-
     Returns
     -------
     tuple of Finding
@@ -317,13 +305,13 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
     if not isinstance(specimen, Specimen):
         specimen = read_specimen(specimen)
     check_readings(specimen)
-    found = [
+    findings = [
         *mounting_findings(specimen),
         *path_findings(specimen),
         *unit_findings(specimen),
         *_origin(specimen),
     ]
-    return sorted_findings(found)
+    return sorted_findings(findings)
 
 
 def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, ...]:
@@ -340,8 +328,8 @@ def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, 
     InputError
         With the first finding that is an error.
     """
-    found = serious(check_specimen(specimen))
-    errors = [f for f in found if f.severity == "error"]
+    findings = serious(check_specimen(specimen))
+    errors = [f for f in findings if f.severity == "error"]
     if errors and file is not None:
         more = f" ({len(errors) - 1} more of the kind)" if len(errors) > 1 else ""
         message = str(errors[0]).removeprefix("error: ")
@@ -352,16 +340,16 @@ def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, 
             file=file,
             remedy="or add --anyway to go on all the same",
         )
-    return found
+    return findings
 
 
 def _origin(specimen: Specimen) -> list[Finding]:
-    found = []
+    findings = []
     shear = specimen.metadata.get("largest_shear")
     if shear is not None:
         angle = specimen.metadata.get("largest_shear_angle_deg")
         turned = "" if angle is None else f"; the right angle changes by up to {angle:.2g} degrees"
-        found.append(
+        findings.append(
             Finding(
                 "shear",
                 "warning" if float(shear) > 0.02 else "note",
@@ -371,10 +359,10 @@ def _origin(specimen: Specimen) -> list[Finding]:
         )
     cycle, branch = specimen.metadata.get("cycle"), specimen.metadata.get("branch")
     if cycle is not None:
-        found.append(Finding("cycle", "note", f"converted from cycle {cycle}"))
+        findings.append(Finding("cycle", "note", f"converted from cycle {cycle}"))
     if branch is not None:
         loading = set(str(branch).replace(",", " ").split()) == {"loading"}
-        found.append(
+        findings.append(
             Finding(
                 "branch",
                 "note" if loading else "warning",
@@ -382,4 +370,4 @@ def _origin(specimen: Specimen) -> list[Finding]:
                 + ("" if loading else ": parameters of unloading are not those of loading"),
             )
         )
-    return found
+    return findings

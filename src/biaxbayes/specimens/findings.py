@@ -125,46 +125,46 @@ def _tared(specimen: Specimen) -> list[Finding]:
 
 
 def _clipped(specimen: Specimen) -> list[Finding]:
-    """Loads cut off at zero or at the top of the load cell: one value again and again."""
-    found = []
+    """Loads cut off at zero, or at the top of the load cell."""
+    findings = []
     for p in specimen.protocols:
         for axis, curve in zip("xy", (p.load_x, p.load_y), strict=True):
-            for value, where in ((curve.min(), "low"), (curve.max(), "high")):
-                same = np.flatnonzero(curve == value)
-                others = curve[curve != value]
-                # Coarse digits repeat every value, and not only the lowest or the highest one.
-                fine = np.unique(others).size > 0.8 * others.size
-                moves = same.size and same[-1] >= p.rest_rows
-                if same.size < CLIPPED_ROWS or not fine or not moves or others.size < CLIPPED_ROWS:
-                    continue
-                if where == "low" and value == 0.0:
-                    at_rest = bool(np.any(same < p.rest_rows))
-                    what = (
-                        "no reading is negative: forces below zero were clipped before export, and "
-                        "the mounting force and the start of the curve are lost with them. Export "
-                        "the raw readings"
-                    )
-                elif where == "high":
-                    at_rest = False
-                    what = "the load cell or the amplifier was at its limit. Remove these rows"
-                else:
-                    continue
-                found.append(
-                    Finding(
-                        "clipped",
-                        "error" if at_rest else "warning",
-                        f"{same.size} of {p.rows} loads in {axis} are exactly {value:g} "
-                        f"{specimen.unit}: {what}",
-                        p.name,
-                    )
+            zeros = _repeats(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
+            if zeros:
+                lost = bool(np.any(curve[: p.rest_rows] == 0.0))
+                message = (
+                    f"{zeros} of {p.rows} loads in {axis} are exactly 0 {specimen.unit} and none "
+                    "is negative: forces below zero were clipped before export, and the start of "
+                    "the curve is lost with them. Export the raw readings"
                 )
-    return found
+                severity = "error" if lost else "warning"
+                findings.append(Finding("clipped", severity, message, p.name))
+            tops = _repeats(curve, float(curve.max()), p.rest_rows)
+            if tops:
+                message = (
+                    f"{tops} of {p.rows} loads in {axis} are exactly {curve.max():g} "
+                    f"{specimen.unit}, the largest: the load cell or the amplifier was at its "
+                    "limit. Remove these rows"
+                )
+                findings.append(Finding("clipped", "warning", message, p.name))
+    return findings
+
+
+def _repeats(curve: np.ndarray, value: float, resting: int) -> int:
+    """Rows of exactly this load, if they are no matter of coarse digits or of the rest; else 0."""
+    same = curve == value
+    others = curve[~same]
+    # Coarse digits repeat every value, and not only the lowest or the highest one.
+    fine = np.unique(others).size > 0.8 * others.size
+    count = int(same.sum())
+    enough = count >= CLIPPED_ROWS and others.size >= CLIPPED_ROWS
+    return count if enough and fine and bool(same[resting:].any()) else 0
 
 
 def _weak_or_negative(specimen: Specimen) -> list[Finding]:
     if specimen.is_tared:
         return []
-    found = []
+    findings = []
     readings, sds = specimen.mounting_readings(shared=False)
     unit = specimen.unit
     for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
@@ -173,7 +173,7 @@ def _weak_or_negative(specimen: Specimen) -> list[Finding]:
         for axis, value, error in zip("xy", reading, sd, strict=True):
             what = f"the mounting force in {axis}, {value:.3g} +- {error:.2g} {unit}"
             if value < -2.0 * error and value < 0.0:
-                found.append(
+                findings.append(
                     Finding(
                         "negative-mounting-force",
                         "warning",
@@ -183,7 +183,7 @@ def _weak_or_negative(specimen: Specimen) -> list[Finding]:
                     )
                 )
             elif 1e-9 * specimen.peak_load < abs(value) < 2.0 * error:
-                found.append(
+                findings.append(
                     Finding(
                         "mounting-force-in-noise",
                         "warning",
@@ -192,7 +192,7 @@ def _weak_or_negative(specimen: Specimen) -> list[Finding]:
                         p.name,
                     )
                 )
-    return found
+    return findings
 
 
 def _unequal(specimen: Specimen) -> list[Finding]:
@@ -204,7 +204,7 @@ def _unequal(specimen: Specimen) -> list[Finding]:
     names = [p.name for p in specimen.protocols if p.rest_rows]
     if len(names) < 2:
         return []
-    found = []
+    findings = []
     for k, axis in enumerate("xy"):
         pairs = list(combinations(range(len(readings)), 2))
         sd = np.array([np.hypot(sds[i, k], sds[j, k]) for i, j in pairs])
@@ -214,7 +214,7 @@ def _unequal(specimen: Specimen) -> list[Finding]:
             continue
         i, j = pairs[worst]
         noise = f", {apart[worst] / sd[worst]:.1f} standard errors" if sd[worst] > 0.0 else ""
-        found.append(
+        findings.append(
             Finding(
                 "mounting-forces-differ",
                 "warning",
@@ -224,7 +224,7 @@ def _unequal(specimen: Specimen) -> list[Finding]:
                 "all of them; compare --mounting-stretch per-protocol",
             )
         )
-    return found
+    return findings
 
 
 def _references(specimen: Specimen) -> list[Finding]:

@@ -10,7 +10,8 @@ from pathlib import Path
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import KEYS
 from biaxbayes.specimens.plausibility import NUMBER_RANGES
-from biaxbayes.specimens.specimen import REFERENCES, STRETCH_RANGE
+from biaxbayes.specimens.protocol import STRETCH_RANGE
+from biaxbayes.specimens.specimen import REFERENCES
 from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import cells_of, number_in, one_line
 

@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.specimen import Protocol, Specimen, second_difference_scatter
+from biaxbayes.specimens.protocol import Protocol, second_difference_scatter
+from biaxbayes.specimens.specimen import Specimen
 
 # --- loading and unloading branches of a record, found from its own curves -----------------------
 

@@ -9,13 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from biaxbayes.specimens.findings import Finding
-from biaxbayes.specimens.specimen import (
-    LOAD_ROWS,
-    STRESS_PAIRS,
-    STRETCH_RANGE,
-    ReadingError,
-    Specimen,
-)
+from biaxbayes.specimens.protocol import LOAD_ROWS, STRETCH_RANGE, ReadingError
+from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 
 # --- ranges --------------------------------------------------------------------------------------
 
@@ -201,16 +196,7 @@ def _remedy(stress: float, limit: float, section_mm2: float | None) -> str:
 
 
 def unit_findings(specimen: Specimen) -> list[Finding]:
-    """Findings about magnitudes.
-
-    Parameters
-    ----------
-    specimen : Specimen
-
-    Returns
-    -------
-    list of Finding
-    """
+    """Findings about magnitudes."""
     return [
         *_stress(specimen),
         *_sign(specimen),
@@ -226,38 +212,38 @@ def _warn(message: str) -> Finding:
 
 def _stress(specimen: Specimen) -> list[Finding]:
     load = np.concatenate([specimen.load(p) for p in specimen.protocols])
-    found = []
+    findings = []
     peaks = np.abs(load).max(axis=0) / specimen.area
     peak = float(peaks.max())
     low, high = USUAL_PEAK_KPA
     factor = "mN" if specimen.stress_pair == "force" else "Pa"
     if peak > high:
-        found.append(
+        findings.append(
             _warn(
                 f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: "
                 f"is the file in {factor}?"
             )
         )
     elif peak < low:
-        found.append(
+        findings.append(
             _warn(
                 f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in "
                 f"{'kN or gf' if specimen.stress_pair == 'force' else 'MPa'}?"
             )
         )
     if peaks.min() > 0.0 and peaks.max() / peaks.min() > 100.0:
-        found.append(
+        findings.append(
             _warn(
                 f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: "
                 "are both columns in the same unit?"
             )
         )
-    return found
+    return findings
 
 
 def _sign(specimen: Specimen) -> list[Finding]:
     """Tension must be positive: the load at the largest stretch of each direction."""
-    found = []
+    findings = []
     limit = -NEGATIVE * specimen.peak_load
     names = STRESS_PAIRS[specimen.stress_pair]
     for k, axis in enumerate("xy"):
@@ -268,7 +254,7 @@ def _sign(specimen: Specimen) -> list[Finding]:
             ends.append((float(stretch[row]), float(specimen.load(p)[row, k])))
         stretch_there, load_there = max(ends)
         if load_there < -3.0 * specimen.noise_sd:
-            found.append(
+            findings.append(
                 Finding(
                     "sign",
                     "error" if load_there < limit else "warning",
@@ -277,7 +263,7 @@ def _sign(specimen: Specimen) -> list[Finding]:
                     f"counts tension negative, multiply the column {names[k]} by -1",
                 )
             )
-    return found
+    return findings
 
 
 def _stretch(specimen: Specimen) -> list[Finding]:
@@ -285,51 +271,51 @@ def _stretch(specimen: Specimen) -> list[Finding]:
         [[p.stretch_x.max(), p.stretch_y.max()] for p in specimen.protocols], dtype=float
     ).max(axis=0)
     low, high = USUAL_STRETCH
-    found = []
+    findings = []
     if top.max() < low:
-        found.append(
+        findings.append(
             _warn(f"the largest stretch is {top.max():.4f}: is the column a stretch, not a strain?")
         )
     if top.max() > high:
-        found.append(_warn(f"the largest stretch is {top.max():.3g}, much for soft tissue"))
-    return found
+        findings.append(_warn(f"the largest stretch is {top.max():.3g}, much for soft tissue"))
+    return findings
 
 
 def _dimensions(specimen: Specimen) -> list[Finding]:
-    found = []
+    findings = []
     for key in ("edge_x_mm", "edge_y_mm"):
         value = getattr(specimen, key)
         if value is not None and not USUAL_EDGE_MM[0] <= value <= USUAL_EDGE_MM[1]:
-            found.append(_warn(f"{key} of {value:g} is unusual: is it in mm?"))
+            findings.append(_warn(f"{key} of {value:g} is unusual: is it in mm?"))
     thickness = specimen.thickness_mm
     if thickness is None:
-        return found
+        return findings
     if not USUAL_THICKNESS_MM[0] <= thickness <= USUAL_THICKNESS_MM[1]:
-        found.append(_warn(f"thickness_mm of {thickness:g} is unusual: is it in mm?"))
+        findings.append(_warn(f"thickness_mm of {thickness:g} is unusual: is it in mm?"))
     edges = [e for e in (specimen.edge_x_mm, specimen.edge_y_mm) if e is not None]
     if edges and thickness > 0.5 * min(edges):
-        found.append(
+        findings.append(
             _warn(
                 f"the specimen is {thickness:g} mm thick and only {min(edges):g} mm wide: "
                 "a membrane model does not hold"
             )
         )
-    return found
+    return findings
 
 
 def _noise(specimen: Specimen) -> list[Finding]:
     stated, seen = specimen.load_noise, specimen.high_frequency_scatter()
     peak, unit = specimen.peak_load, specimen.unit
-    found = []
+    findings = []
     if specimen.noise_sd > LARGE_NOISE * peak:
-        found.append(
+        findings.append(
             _warn(
                 f"the load noise of {specimen.noise_sd:.2g} {unit} is "
                 f"{100 * specimen.noise_sd / peak:.0f} % of the largest load"
             )
         )
     if stated is not None and seen > 0.0 and not 0.2 < seen / stated < 5.0:
-        found.append(
+        findings.append(
             Finding(
                 "noise-differs",
                 "warning",
@@ -339,7 +325,7 @@ def _noise(specimen: Specimen) -> list[Finding]:
             )
         )
     if specimen.noise_sd == 0.0:
-        found.append(
+        findings.append(
             Finding(
                 "no-noise",
                 "warning",
@@ -348,4 +334,4 @@ def _noise(specimen: Specimen) -> list[Finding]:
                 "exact",
             )
         )
-    return found
+    return findings

@@ -16,13 +16,8 @@ from biaxbayes.specimens.header import (
     read_header,
 )
 from biaxbayes.specimens.plausibility import check_readings
-from biaxbayes.specimens.specimen import (
-    FOUND,
-    STRESS_PAIRS,
-    Protocol,
-    ReadingError,
-    Specimen,
-)
+from biaxbayes.specimens.protocol import FOUND, Protocol, ReadingError
+from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.table import STRETCHES, Table, read_table
 from biaxbayes.text_files import atomic_write_text, one_line, read_lines, rows_text
 

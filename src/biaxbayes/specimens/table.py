@@ -13,7 +13,7 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import COLUMNS
-from biaxbayes.specimens.specimen import STRETCH_RANGE, STRETCH_REMEDY
+from biaxbayes.specimens.protocol import STRETCH_RANGE, STRETCH_REMEDY
 from biaxbayes.specimens.units import likely_name
 from biaxbayes.text_files import bad_cell, cells_of, number_in, one_line, read_lines, rows_of
 

@@ -16,6 +16,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,20 +25,9 @@ from biaxbayes.fem.sheet_tester import GAUGE, Hooks, SheetTest, SheetTester
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.virtual_test import VirtualTest, smooth_misfit, virtual_test
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text
-
-__all__ = [
-    "Curves",
-    "Dimensions",
-    "Machine",
-    "Truth",
-    "hooked_specimen",
-    "record_tests",
-    "virtual_specimen",
-    "write_truth",
-]
-
 
 # --- the record, and the truth that no machine knows ---------------------------------------------
 
@@ -283,25 +273,19 @@ Stretch = float | tuple[float, float]
 def virtual_specimen(
     material: MaterialResponse,
     *,
-    name: str,
     mounting_stretch: tuple[float, float],
     total_stretch: Stretch | None = None,
     measured_stretch: Stretch | None = None,
     ratios: Sequence[tuple[float, float]] = ((1.0, 1.0),),
     increments: int = 100,
     dimensions: Dimensions | None = None,
-    machine: Machine | None = None,
-    seed: int,
-    labels: Mapping[str, str] | None = None,
-    source: str = "",
+    **record: Any,
 ) -> tuple[Specimen, Truth]:
     """Test a homogeneous specimen of known material on a virtual biaxial machine.
 
     Parameters
     ----------
     material : GOH or StatedMaterial
-    name : str
-        Name of the specimen.
     mounting_stretch : (float, float)
         Stretch of the mounted relative to the unloaded state.
     total_stretch, measured_stretch : float or (float, float)
@@ -312,14 +296,9 @@ def virtual_specimen(
     increments : int
         Equal increments of a protocol; its record has one more row.
     dimensions : Dimensions
-        Unloaded dimensions, whatever ``machine.geometry`` is.
-    machine : Machine
-    seed : int
-        The same seed gives the same readings.
-    labels : mapping, optional
-        Header keys ``layer``, ``axis_x``, ``axis_y``.
-    source : str
-        Where the material comes from; kept in the truth only.
+        Unloaded dimensions, whatever the geometry of the machine is.
+    **record
+        ``name``, ``machine``, ``seed``, ``labels`` and ``source`` of :func:`record_tests`.
 
     Returns
     -------
@@ -342,34 +321,22 @@ def virtual_specimen(
         for label, top in _tops(mounting_stretch, total_stretch, measured_stretch, ratios).items()
     }
     return record_tests(
-        tests,
-        material,
-        name=name,
-        mounting_stretch=mounting_stretch,
-        dimensions=dimensions,
-        machine=machine,
-        seed=seed,
-        labels=labels,
-        source=source,
+        tests, material, mounting_stretch=mounting_stretch, dimensions=dimensions, **record
     )
 
 
 def hooked_specimen(
     material: GOH,
     *,
-    name: str,
     mounting_stretch: tuple[float, float],
     total_stretch: Stretch | None = None,
     measured_stretch: Stretch | None = None,
     ratios: Sequence[tuple[float, float]] = ((1.0, 1.0),),
     increments: int = 100,
     dimensions: Dimensions | None = None,
-    machine: Machine | None = None,
-    seed: int,
-    labels: Mapping[str, str] | None = None,
-    source: str = "",
     hooks: Hooks | None = None,
     elements: int = 20,
+    **record: Any,
 ) -> tuple[Specimen, Truth]:
     """Test a specimen held by hooks, in finite elements (needs scikit-fem).
 
@@ -384,8 +351,8 @@ def hooked_specimen(
         Five hooks an edge by default.
     elements : int
         Elements along an edge.
-    material, name, mounting_stretch, total_stretch, measured_stretch, ratios, increments, \
-dimensions, machine, seed, labels, source
+    material, mounting_stretch, total_stretch, measured_stretch, ratios, increments, dimensions, \
+**record
         As in :func:`virtual_specimen`.
 
     Returns
@@ -406,20 +373,17 @@ dimensions, machine, seed, labels, source
     sheet = Sheet(dimensions.edge_x_mm, dimensions.edge_y_mm, elements=elements)
     tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
     mounted = tester.mount(mounting_stretch)
+    tests = {
+        label: tester.stretch_to(mounted, top, increments=increments) for label, top in tops.items()
+    }
+    grips = {"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE}
     return record_tests(
-        {
-            label: tester.stretch_to(mounted, top, increments=increments)
-            for label, top in tops.items()
-        },
+        tests,
         material,
-        name=name,
         mounting_stretch=mounting_stretch,
         dimensions=dimensions,
-        machine=machine,
-        seed=seed,
-        labels=labels,
-        source=source,
-        grips={"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE},
+        grips=grips,
+        **record,
     )
 
 

@@ -1,0 +1,309 @@
+"""One loading path of a record: its curves, its rows at rest, and what its stretches refer to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+
+REST_FRACTION = 0.25
+"""Rows count as at rest while they stay within this share of the mean increment."""
+LOAD_ROWS = ("load_x", "load_y")
+CURVES = ("stretch_x", "stretch_y", *LOAD_ROWS)
+FOUND = -1
+"""Stands for a number of rows at rest that is found from the curves."""
+STRETCH_RANGE = (0.2, 5.0)
+STRETCH_REMEDY = "stretches are ratios near 1, not strains or per cent"
+TIME_LIMIT_S = 1e9
+
+
+class ReadingError(InputError):
+    """A value of a protocol or a specimen that cannot be used.
+
+    Parameters
+    ----------
+    fault : str
+        What is wrong.
+    argument : str
+        Of :class:`Protocol` or :class:`Specimen`, such as ``load_x``.
+    index : int, optional
+        Of the value in its array, from 0.
+    protocol : str, optional
+        Name of the protocol, where it is one of them alone.
+    remedy : str, optional
+    """
+
+    def __init__(
+        self,
+        fault: str,
+        *,
+        argument: str = "",
+        index: int | None = None,
+        protocol: str | None = None,
+        remedy: str | None = None,
+    ) -> None:
+        self.fault, self.argument, self.index, self.protocol = fault, argument, index, protocol
+        place = argument if index is None else f"{argument}[{index}] (row {index + 1})"
+        where = None if protocol is None else f"protocol {protocol[:40]!r}"
+        # A fault such as "rest_rows must be ..." names its argument already.
+        text = fault if not place or fault.startswith(argument) else f"{place}: {fault}"
+        super().__init__(text, file=where, remedy=remedy)
+
+    def at(
+        self, file: object, lines: Sequence[int] | np.ndarray, columns: Mapping[str, str]
+    ) -> InputError:
+        """The same error by file, row and column.
+
+        Parameters
+        ----------
+        file : path-like
+        lines : sequence of int
+            Line of the file that each value of the array stands in.
+        columns : mapping of str to str
+            Column of the file by argument; others are no column.
+        """
+        return InputError(
+            self.fault,
+            file=file,
+            row=None if self.index is None else int(lines[self.index]),
+            column=columns.get(self.argument),
+            remedy=self.remedy,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Protocol:
+    """One loading path, as recorded.
+
+    Parameters
+    ----------
+    name : str
+    stretch_x, stretch_y : array_like, shape (n,)
+        Measured stretches, relative to the mounted state. A :class:`Specimen` divides them by
+        their value at rest where that is not one (see its ``reference``).
+    load_x, load_y : array_like, shape (n,)
+        The stress pair: N, or kPa (Piola or Cauchy).
+    time_s : array_like, shape (n,), optional
+    rest_rows : int, optional
+        Leading rows recorded at the mounted state; found with :func:`rest_rows` where not given.
+        Zero only for a protocol that starts elsewhere, in a specimen with one common reference.
+    reference : (float, float)
+        The stretches by which the columns were divided. No part of equality.
+
+    Raises
+    ------
+    ReadingError
+        For arrays of different shapes, and numbers that are not finite or cannot be stretches.
+    """
+
+    name: str
+    stretch_x: np.ndarray
+    stretch_y: np.ndarray
+    load_x: np.ndarray
+    load_y: np.ndarray
+    time_s: np.ndarray | None = None
+    rest_rows: int = FOUND
+    reference: tuple[float, float] = (1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        for key in (*CURVES, "time_s"):
+            if getattr(self, key) is not None:
+                object.__setattr__(self, key, self._column(key))
+        self._check_stretches()
+        if self.rest_rows == FOUND:
+            load = np.column_stack([self.load_x, self.load_y])
+            object.__setattr__(self, "rest_rows", rest_rows(self.stretch_x, self.stretch_y, load))
+        if not 0 <= self.rest_rows <= self.rows:
+            raise self._error("must lie between 1 and the number of rows", "rest_rows")
+
+    def _error(
+        self, fault: str, argument: str, index: int | None = None, remedy: str | None = None
+    ) -> ReadingError:
+        return ReadingError(
+            fault, argument=argument, index=index, protocol=str(self.name), remedy=remedy
+        )
+
+    def _column(self, key: str) -> np.ndarray:
+        """A frozen copy of one column, of the shape of the first and finite."""
+        try:
+            values = np.array(getattr(self, key), dtype=float)
+        except (TypeError, ValueError):
+            raise self._error("must be an array of numbers", key) from None
+        if values.ndim != 1 or values.shape != np.shape(self.stretch_x) or not values.size:
+            raise self._error(
+                f"has shape {values.shape}, stretch_x has {np.shape(self.stretch_x)}",
+                key,
+                remedy="the columns of a protocol must be one-dimensional and equally long",
+            )
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            more = f", and {bad.size - 1} more of {values.size}" if bad.size > 1 else ""
+            raise self._error(
+                f"is {values[bad[0]]:g}{more}",
+                key,
+                int(bad[0]),
+                "leave out rows without a reading, in all columns",
+            )
+        values.setflags(write=False)
+        return values
+
+    def _check_stretches(self) -> None:
+        for key in ("stretch_x", "stretch_y"):
+            values = getattr(self, key)
+            bad = np.flatnonzero((values < STRETCH_RANGE[0]) | (values > STRETCH_RANGE[1]))
+            if bad.size:
+                value = values[bad[0]]
+                negative = value < 0.0 and np.median(values) > STRETCH_RANGE[0]
+                remedy = "a stretch is positive; mend the value or remove the row"
+                raise self._error(
+                    f"a stretch of {value:g} cannot be",
+                    key,
+                    int(bad[0]),
+                    remedy if negative else STRETCH_REMEDY,
+                )
+        time = np.empty(0) if self.time_s is None else self.time_s
+        late = np.flatnonzero(np.abs(time) > TIME_LIMIT_S)
+        if late.size:
+            raise self._error(
+                f"a time of {time[late[0]]:g} s",
+                "time_s",
+                int(late[0]),
+                "give seconds from the start of the test",
+            )
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.stretch_x.size
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Protocol):
+            return NotImplemented
+        if (self.name, self.rest_rows) != (other.name, other.rest_rows):
+            return False
+        if (self.time_s is None) != (other.time_s is None):
+            return False
+        keys = CURVES if self.time_s is None else (*CURVES, "time_s")
+        return all(np.array_equal(getattr(self, key), getattr(other, key)) for key in keys)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.rows, self.rest_rows))
+
+    def __repr__(self) -> str:
+        return f"Protocol({self.name!r}, {self.rows} rows)"
+
+    def divided_by(self, reference: Sequence[float], stress_pair: str) -> Protocol:
+        """The same path with stretches relative to another state.
+
+        A Cauchy stress is divided as well: the lab multiplied the nominal stress by its own
+        stretch, and the nominal stress must stay what it was.
+
+        Parameters
+        ----------
+        reference : (float, float)
+            Stretches of that state, as the columns measure them.
+        stress_pair : {"force", "piola", "cauchy"}
+        """
+        x, y = (float(value) for value in reference)
+        # Rounding leaves the mean of rows at rest within a few units in the last place of one;
+        # dividing again would change what was written.
+        if abs(x - 1.0) <= 1e-12 and abs(y - 1.0) <= 1e-12:
+            return self
+        by = (x, y) if stress_pair == "cauchy" else (1.0, 1.0)
+        return replace(
+            self,
+            stretch_x=self.stretch_x / x,
+            stretch_y=self.stretch_y / y,
+            load_x=self.load_x / by[0],
+            load_y=self.load_y / by[1],
+            reference=(self.reference[0] * x, self.reference[1] * y),
+        )
+
+    def from_rest(self, stress_pair: str) -> Protocol:
+        """The same path, its stretches divided by their mean over the rows at rest."""
+        rest = slice(0, self.rest_rows)
+        reference = self.stretch_x[rest].mean(), self.stretch_y[rest].mean()
+        return self.divided_by(reference, stress_pair)
+
+    def at_one(self) -> Protocol:
+        """The same path, at rest only in leading rows that lie at the stretch (1, 1).
+
+        They lie there within a quarter of the mean increment of the path, or three times the
+        scatter of the stretches.
+        """
+        for stretch in (self.stretch_x, self.stretch_y):
+            mean = stretch[: max(self.rest_rows, 1)].mean()
+            if abs(mean - 1.0) > _tolerance(stretch):
+                return replace(self, rest_rows=0)
+        return self
+
+
+def second_difference_scatter(curve: np.ndarray) -> float:
+    """Standard deviation of one reading about its neighbours, by second differences."""
+    # var(second difference of white noise) = (1 + 4 + 1) sd^2
+    if curve.size < 3:
+        return 0.0
+    return 1.4826 * float(np.median(np.abs(np.diff(curve, 2)))) / np.sqrt(6.0)
+
+
+def _tolerance(curve: np.ndarray) -> float:
+    """How far rows at rest may lie from each other in one curve."""
+    increment = float(np.abs(curve - curve[0]).max()) / max(curve.size - 1, 1)
+    return max(REST_FRACTION * increment, 3.0 * second_difference_scatter(curve))
+
+
+def still_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
+    """Leading rows in which neither stretch leaves its first value.
+
+    They stay within a quarter of the mean increment of the path, or within three times the
+    scatter of the stretch (second differences), of the first row; at least one.
+    """
+    if stretch_x.size < 3:
+        return 1
+    still = np.ones(stretch_x.size, dtype=bool)
+    for stretch in (stretch_x, stretch_y):
+        still &= np.abs(stretch - stretch[0]) <= _tolerance(stretch)
+    moving = np.flatnonzero(~still)
+    # A record that never moves has one mounting row; it is refused elsewhere.
+    return int(moving[0]) if moving.size else 1
+
+
+def rest_rows(stretch_x: np.ndarray, stretch_y: np.ndarray, load: np.ndarray | None = None) -> int:
+    """Number of leading rows at rest.
+
+    A row is at rest while both stretches stay at their first value (:func:`still_rows`) and
+    neither load has begun to rise: where the camera lags behind the load cell, the load rises
+    while the stretch still rests. A load that falls there relaxes, and counts.
+
+    Parameters
+    ----------
+    stretch_x, stretch_y : ndarray, shape (n,)
+    load : ndarray, shape (n, 2), optional
+
+    Returns
+    -------
+    int
+        At least one.
+    """
+    still = still_rows(stretch_x, stretch_y)
+    if load is None or still < LEAST_RISE_ROWS:
+        return still
+    rows = still
+    for curve in np.asarray(load).T:
+        part = curve[:still]
+        quarter = still // 4 or 1
+        scatter = second_difference_scatter(curve)
+        rise = part[-quarter:].mean() - part[:quarter].mean()
+        limit = max(RISE_SHARE * float(np.ptp(curve)), 4.0 * scatter * np.sqrt(2.0 / quarter))
+        if rise > limit:
+            level = part[0] + max(_tolerance(curve), 3.0 * scatter)
+            rows = min(rows, int(np.flatnonzero(part > level)[0]) if np.any(part > level) else 1)
+    return max(rows, 1)
+
+
+LEAST_RISE_ROWS = 3
+RISE_SHARE = 0.005
+"""A rise of the load by less than this share of its range is drift and no start of the test."""
