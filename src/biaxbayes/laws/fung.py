@@ -18,17 +18,12 @@ b_y follow from Q* = sqrt(b_x b_y) g,  g = exp(d/2) Ex*^2 + exp(-d/2) Ey*^2 + 2 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from biaxbayes.compilation import inlined
-from biaxbayes.laws.law import (
-    EXPONENT_DISTANCE,
-    STIFFNESS_SHARE,
-    Law,
-    SamplingLayout,
-)
+from biaxbayes.laws.law import STIFFNESS_SHARE, Law, SamplingLayout
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.laws.response import constants_at, derivatives, energy, to_natural
 from biaxbayes.parameters import Parameter, scale
@@ -139,7 +134,7 @@ class FungLaw(Law):
         "the incompressible Fung model, an exponential of a quadratic form of the Green strains, "
         "in a neo-Hookean matrix"
     )
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         scale("c0", "c_0", "matrix stiffness", "kPa", 10.0, 2.0, 1e5, "no matrix", positive=True),
         scale("c", "c", "stiffness of the exponential", "kPa", 10.0, 2.5, 1e6, "no exponential"),
         scale("b_x", "b_x", "exponent in x", "1", 10.0, 2.0, 1e4, "no stiffening in x"),
@@ -155,6 +150,7 @@ class FungLaw(Law):
         ),
     )
     amplitudes = ("c0", "c")
+    exponents: ClassVar = {"b_x": "Q", "b_y": "Q"}
     bound_together = ("b_x", "b_y", "b_xy")
     condition = "b_x b_y has to be larger than b_xy^2"
 
@@ -248,34 +244,19 @@ class FungLaw(Law):
         prior = super().scaled_prior(stretch, peak_kPa)
         return prior | {"b_xy": ("normal", 0.0, 0.5 * prior["b_x"][1])}
 
-    def described_at(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
-    ) -> dict[str, np.ndarray]:
-        """The exponent at the largest of some total stretches."""
-        (Q,) = self.largest_exponents(material.constants, tops)
-        return {"exponent Q": Q}
-
     @property
-    def nearness(self) -> str:
-        """What counts as near, in words."""
+    def amplitude_nearness(self) -> str:
+        """What counts as near for c0 and c, in words."""
         return (
-            f"b_x and b_y where Q at the largest stretch is below {EXPONENT_DISTANCE:g}; c0 and c "
-            f"where they carry less than {STIFFNESS_SHARE:g} of the small-strain stiffness"
+            f"c0 and c where they carry less than {STIFFNESS_SHARE:g} of the small-strain stiffness"
         )
 
-    def edge_distances(
+    def amplitude_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Small shares of stiffness and exponent."""
+        """c0 and c that make 5 % of the small-strain stiffness, the trace of d s / d ln l."""
         c = material.constants
         # trace of the Hessian at l = 1: 16 c0 + c (b_x + b_y)
-        per_c = float(np.median(c.b_x + c.b_y))
-        stiffness = STIFFNESS_SHARE * float(np.median(16.0 * c.c0 + c.c * (c.b_x + c.b_y)))
-        (Q,) = self.largest_exponents(c, tops)
-        share = EXPONENT_DISTANCE / max(float(np.median(Q)), 1e-12)
-        return {
-            "c0": stiffness / 16.0,
-            "c": stiffness / max(per_c, 1e-9),
-            "b_x": share * float(np.median(c.b_x)),
-            "b_y": share * float(np.median(c.b_y)),
-        }
+        per_c = c.b_x + c.b_y
+        stiffness = STIFFNESS_SHARE * float(np.median(16.0 * c.c0 + c.c * per_c))
+        return {"c0": stiffness / 16.0, "c": stiffness / max(float(np.median(per_c)), 1e-9)}

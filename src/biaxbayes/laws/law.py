@@ -137,7 +137,8 @@ class Law(ABC):
     amplitudes: ClassVar[tuple[str, ...]]
     """Parameters that the stress is linear in, the stiffness of the matrix first."""
     exponents: ClassVar[Mapping[str, str]] = {}
-    """Formula of each exponent, by the parameter that it is proportional to."""
+    """Formula of each exponent, by the parameter that it is proportional to; parameters may share
+    one."""
     near_shares: ClassVar[Mapping[str, float]] = {}
     """Distances below which a dispersion or a share is near an end of its range."""
     condition: ClassVar[str] = ""
@@ -540,16 +541,10 @@ class Law(ABC):
             Largest total stretches of each protocol.
         """
         exponents = {}
-        largest = dict(
-            zip(
-                dict.fromkeys(self.exponents.values()),
-                self.largest_exponents(material.constants, tops),
-                strict=True,
-            )
-        )
+        largest = self.described_at(material, tops)
         for name, formula in self.exponents.items():
             value = np.ravel(material.theta[self.names.index(name)])
-            per_unit = value / np.maximum(largest[formula], 1e-12)
+            per_unit = value / np.maximum(largest[f"exponent {formula}"], 1e-12)
             exponents[name] = EXPONENT_DISTANCE * float(np.median(per_unit))
         return dict(self.near_shares) | exponents | self.amplitude_distances(material, tops)
 

@@ -175,6 +175,7 @@ class MayNewmanLaw(Law):
     )
     ties = (("k1", "c0"), ("c0", "k1"))
     amplitudes = ("c0", "k1")
+    exponents: ClassVar = {"k2": "Q", "k3": "Q"}
     meaningless: ClassVar = {"alpha": (("k3", 0, "k3 = 0"), ("k1", 0, "k1 = 0"))}
     bound_together = ("k2", "k3")
     condition = "k2 + k3 has to be larger than zero"
@@ -237,13 +238,6 @@ class MayNewmanLaw(Law):
         J, u = 2.0 * stretch**2 + stretch**-4 - 3.0, stretch - 1.0
         return {"k2": 0.5 / J**2, "k3": 0.5 / u**4}
 
-    def described_at(
-        self, material: MaterialResponse, tops: Sequence[np.ndarray]
-    ) -> dict[str, np.ndarray]:
-        """The exponent at the largest of some total stretches."""
-        (Q,) = self.largest_exponents(material.constants, tops)
-        return {"exponent Q": Q}
-
     @property
     def nearness(self) -> str:
         """What counts as near, in words."""
@@ -255,12 +249,12 @@ class MayNewmanLaw(Law):
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Small shares of stress and exponent."""
+        """k2 and k3 by their share of Q, the others as for any law."""
         c = material.constants
         (Q,) = self.largest_exponents(c, tops)
-        out = self.amplitude_distances(material, tops)
+        distances = super().edge_distances(material, tops)
         for name, other in (("k2", "k3"), ("k3", "k2")):
             alone = c._replace(**{name: np.ones_like(c.k1), other: np.zeros_like(c.k1)})
             (per_unit,) = self.largest_exponents(alone, tops)
-            out[name] = _EXPONENT_SHARE * float(np.median(Q / np.maximum(per_unit, 1e-12)))
-        return out
+            distances[name] = _EXPONENT_SHARE * float(np.median(Q / np.maximum(per_unit, 1e-12)))
+        return distances
