@@ -9,7 +9,7 @@ import pytest
 import biaxbayes
 from biaxbayes.cli.findings import _cell
 from biaxbayes.cli.runs import _calibration_closing
-from biaxbayes.figures.labels import number, range_text
+from biaxbayes.figures.quantities import number, range_text
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.identifiability.identify import MOST_DRAWS
 from biaxbayes.jobs.calibrate import Outcome

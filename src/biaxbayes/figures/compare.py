@@ -42,8 +42,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["forest_figure", "matrix_figure", "study_figure"]
-
 LABEL_MM, ROW_MM, HEAD_MM, FOOT_MM = 27.0, 9.5, 8.0, 7.0
 SHORT = {COMBINATION: "in combination", FIXED: "fixed"}
 FOREST_COLUMNS = 4

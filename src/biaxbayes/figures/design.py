@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["design_figure"]
-
 LABEL_MM, BAR_MM, ROW_MM, HEAD_MM, FOOT_MM = 35.0, 32.0, 6.5, 11.0, 11.0
 LARGEST = 0.8
 """Reduction from which a cell has the darkest shade."""

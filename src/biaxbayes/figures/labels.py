@@ -15,18 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
-from biaxbayes.figures.quantities import number, range_text
 from biaxbayes.figures.style import MM, font_points, plain
-
-__all__ = [
-    "few_ticks",
-    "number",
-    "range_text",
-    "repeat_ticks",
-    "round_values",
-    "shortened",
-    "text_mm",
-]
 
 POINT_MM = 1.0 / 72.0 / MM
 
@@ -92,28 +81,6 @@ def few_ticks(axis: Any, *, most: int = 3, overhang: float = 0.0, upright: bool 
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())
     axis.set_tick_params(labelrotation=90.0 if upright and across else 0.0)
-
-
-def repeat_ticks(axis: Any, labelled: Any) -> None:
-    """Draw the ticks of a labelled axis at one of the same range, as marks.
-
-    A tick is five artists, of which two are never seen here; the marks of an axis are one.
-    """
-    from matplotlib.lines import Line2D
-
-    ax, across = axis.axes, axis.axis_name == "x"
-    transform = ax.get_xaxis_transform() if across else ax.get_yaxis_transform()
-    values = labelled.get_majorticklocs()
-    tick = labelled.get_major_ticks(1)[0]
-    drawn: list[tuple[Line2D, Any, Any]] = [(tick.gridline, [v, v], [0.0, 1.0]) for v in values]
-    drawn += [(tick.tick1line, values, 0.0), (tick.tick2line, values, 1.0)]
-    for line, along, beside in drawn:
-        if line.get_visible():
-            places = np.broadcast_arrays(along, beside)
-            marks = Line2D(*(places if across else places[::-1]))
-            marks.update_from(line)
-            marks.set(transform=transform, zorder=axis.get_zorder())
-            ax.add_artist(marks).set_clip_on(line is tick.gridline)
 
 
 class FewTicks(Locator):
@@ -199,27 +166,6 @@ class PlainNumbers(Formatter):
     def format_ticks(self, values: list[float]) -> list[str]:
         """All values of an axis, with the same digits."""
         return plain_numbers(np.asarray(values, float), log=self.axis.get_scale() == "log")
-
-
-def round_values(
-    low: float, high: float, *, log: bool, length_mm: float, most: int = 3, points: float = 8.0
-) -> tuple[np.ndarray, list[str]]:
-    """Round values of an axis whose labels keep apart, and the labels.
-
-    Parameters
-    ----------
-    low, high : float
-        Ends of the axis.
-    log : bool
-        Whether it is logarithmic.
-    length_mm : float
-    most : int
-        Largest number of values.
-    points : float
-        Font size of the labels.
-    """
-    values = _choose((low, high, log), length_mm, most, points, 0.0, False)
-    return values, plain_numbers(values, log=log)
 
 
 def _round(low: float, high: float) -> Iterator[np.ndarray]:

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["law_bands_figure", "law_misfit_figure", "law_mounting_figure"]
-
 ROW_MM, HEAD_MM = 5.5, 14.0
 
 

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["band_figure", "forest_figure", "pairs_figure"]
-
 ROW_MM, TALLEST_MM, LEAST_LABEL_MM = 4.4, 110.0, 2.6
 GREY = "0.62"
 WIDE_LOG = 8.0

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["inflation_figure", "stress_figure"]
-
 STRESS_NAMES = {"cauchy": "Cauchy stress", "piola": "first Piola-Kirchhoff stress"}
 SIDE_BY_SIDE_MM = 120.0
 """Width from which the two directions have a panel each."""

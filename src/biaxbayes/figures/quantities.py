@@ -15,17 +15,6 @@ from biaxbayes.figures.style import plain
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import MATERIAL, STRETCH, Quantities, Quantity
 
-__all__ = [
-    "MEAN",
-    "AxisText",
-    "axis_text",
-    "corner_columns",
-    "known_or_default",
-    "number",
-    "quantity",
-    "range_text",
-]
-
 MEAN = r"\bar{\lambda}"
 """Symbol of a mean over the mounted states."""
 OTHERS = {"lp": "log density", "log_likelihood": "log likelihood"}

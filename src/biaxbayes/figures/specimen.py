@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from biaxbayes.fitting.result import FitResult
     from biaxbayes.specimens.protocol import Protocol
 
-__all__ = ["fits_figure", "specimen_figure"]
-
 MARKERS = {"x": "o", "y": "s"}
 POINTS = 300
 PANEL_MM = (56.0, 48.0)

@@ -23,8 +23,6 @@ from biaxbayes.text_files import atomic_write_text, write_csv
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["MOST_OVERLAID", "laws_page", "stated_rows", "write_comparison"]
-
 
 # --- a comparison of runs ------------------------------------------------------------------------
 

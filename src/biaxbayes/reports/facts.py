@@ -22,25 +22,6 @@ from biaxbayes.runs.run import Run
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.text_files import read_csv
 
-__all__ = [
-    "HeldRow",
-    "citations",
-    "closing_message",
-    "held_rows",
-    "kept_edges",
-    "law_rows",
-    "missed_paths",
-    "model_checks",
-    "mounting_cure",
-    "not_inferred",
-    "record_findings",
-    "settings_facts",
-    "specimen_facts",
-    "state_words",
-    "test_rows",
-    "version_facts",
-]
-
 # --- the posterior predictive checks of a run, for everything that is written about it -----------
 
 

@@ -19,18 +19,6 @@ from biaxbayes.reports.words import cut
 from biaxbayes.runs.run import Run
 from biaxbayes.text_files import read_csv
 
-__all__ = [
-    "PRIOR_NUMBERS",
-    "Row",
-    "determined_rows",
-    "methods",
-    "parameter_rows",
-    "percent_stretch",
-    "prior_in_words",
-    "refit_ranges",
-    "unit_of",
-]
-
 # --- the rows of the parameter table: number, interval and verdict of every quantity -------------
 
 

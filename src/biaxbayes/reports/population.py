@@ -19,8 +19,6 @@ from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text
 from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms, counted, cut
 from biaxbayes.studies.groups import KNOWN
 
-__all__ = ["PAGE", "population_methods", "population_page", "three_digits"]
-
 PAGE = "population.html"
 DASH = "–"
 FIGURES = {

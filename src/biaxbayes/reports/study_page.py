@@ -23,15 +23,6 @@ from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
-__all__ = [
-    "FIGURE",
-    "KNOWN_QUANTITIES",
-    "named",
-    "study_page",
-    "unit_text",
-    "write_study",
-]
-
 FIGURE = "study-specimens"
 TERMS = (
     "posterior",

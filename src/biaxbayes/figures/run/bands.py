@@ -31,16 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "LOADS",
-    "Panels",
-    "abscissa",
-    "bands_figure",
-    "drawn_bands",
-    "residual_unit",
-    "shown_protocols",
-]
-
 
 # --- where the panels of a bands figure stand ----------------------------------------------------
 

@@ -1,8 +1,7 @@
 """The joint posterior at a glance: every pair of quantities, every quantity alone, of several runs.
 
-The corner package draws the panels. Ours is what it leaves open: ranges that end at physical edges
-(SciPy's filter reflects there, so no mass leaks over an edge), a width of smoothing for each pair
-and run, wider where few draws lie, the table in the free corner and the size in print.
+Regions are drawn by the corner package (:mod:`.regions`); ranges end at physical edges. A table of
+medians and intervals stands in the corner that the panels leave free, as much of it as fits.
 """
 
 from __future__ import annotations
@@ -15,46 +14,69 @@ import pandas as pd
 from scipy.integrate import trapezoid
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.labels import few_ticks, repeat_ticks
-from biaxbayes.figures.quantities import AxisText, corner_columns
-from biaxbayes.figures.run.free_corner import NARROW_MM, Column, Found, tabulate
-from biaxbayes.figures.run.regions import CELLS_1D, FILL, Moved, cells, moved, regions
+from biaxbayes.figures.labels import POINT_MM, few_ticks, shortened, text_mm
+from biaxbayes.figures.quantities import MEAN, AxisText, corner_columns, number, range_text
+from biaxbayes.figures.run.regions import CONTENTS, FILL, Moved, moved, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
     blank_figure,
     colour,
-    keep_labels,
+    font_points,
+    layout,
     plain,
     print_style,
+    settle,
 )
-from biaxbayes.identifiability.bounded_density import (
-    Span,
-    at_edges,
-    curve,
-    interval,
-    span,
-)
+from biaxbayes.identifiability.bounded_density import Span, at_edges, curve, interval, span
 from biaxbayes.options import CONTENT
-from biaxbayes.parameters import Quantities
+from biaxbayes.parameters import Quantities, mounting_names
 from biaxbayes.prediction.bands import evenly_chosen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["axis_span", "corner_figure", "overlay_figure"]
-
 VISIBLE = 40_000
-"""Draws of a quantity that are looked at; more would change nothing to the eye."""
+"""Draws of a quantity that are drawn; more would change nothing to the eye."""
 WIDE_SPREAD = 8.0
 """Ratio of the 99.5 % to the 0.5 % point from which a scale gets a logarithmic axis."""
 PANEL_MM, LEAST_PANEL_MM = 46.0, 8.0
-"""Largest panel, for few quantities, and the smallest that can be read."""
-GAP = 0.09
-"""Space between panels, as a share of a panel."""
+"""Largest height of a panel, for few quantities, and the smallest width that can be read."""
+MARGIN_MM, NARROW_MM = 16.0, 120.0
+"""Room for the labels; width below which symbol and unit stand one above the other."""
 DASHES = (0, (3, 2))
+
+
+class Column(NamedTuple):
+    """One quantity of the figure: its axis, and run by run its draws (None: not varied).
+
+    ``draws`` are those that are drawn, ``every`` all of them; ``own`` is the axis of one run.
+    """
+
+    name: str
+    quantity: AxisText
+    axis: Span
+    draws: list[np.ndarray | None]
+    every: list[np.ndarray | None]
+    own: list[Span | None]
+
+
+class Interval(NamedTuple):
+    """Median and interval of one quantity in one run; ``piled`` at its low or high end."""
+
+    median: float
+    low: float
+    high: float
+    piled: tuple[bool, bool]
+
+    def cells(self, *, log: bool) -> list[str]:
+        """As two cells of the table."""
+        if self.low == self.high:
+            return [f"{self.median:.4g}", "fixed"]
+        median = number(self.median, self.low, self.high, log=log)
+        return [median, range_text(self.low, self.high, self.piled, log=log)]
 
 
 def corner_figure(
@@ -114,10 +136,10 @@ def corner_figure(
     if not columns:
         raise InputError("no parameter of this run varies, so there is nothing to draw")
     with print_style(style):
-        figure, grid = _grid(len(columns), width_mm)
+        figure, grid = _panels(columns, width_mm)
         for run in range(len(runs)):
-            _draw(grid, columns, run, filled=run == 0)
-        rows = [
+            _pairs(grid, columns, run, filled=run == 0)
+        intervals = [
             _marginal(grid[i, i], column, fixed, probability) for i, column in enumerate(columns)
         ]
         true_values = [truth.get(c.name) for c in columns]
@@ -128,9 +150,9 @@ def corner_figure(
                 ax.axvline(value, color="black", linewidth=0.7, linestyle=DASHES)
             for ax in grid[i, :i]:
                 ax.axhline(value, color="black", linewidth=0.7, linestyle=DASHES)
-        _arrange(figure, grid, columns, width_mm)
-        legend = names if compare is not None else None
-        tabulate(figure, columns, rows, true_values, legend, probability, width_mm)
+        _settle(figure, grid)
+        labels = names if compare is not None else None
+        _table(figure, columns, intervals, true_values, labels, probability)
     return figure
 
 
@@ -169,33 +191,25 @@ def overlay_figure(
     if not columns:
         raise InputError("no parameter of these runs varies, so there is nothing to draw")
     with print_style(style):
-        figure, grid = _grid(len(columns), width_mm)
+        figure, grid = _panels(columns, width_mm)
         for run in range(len(runs)):
-            _draw(grid, columns, run, filled=None)
-        for i in range(len(columns)):
-            # All of the same height: widths are what is compared.
-            for line in grid[i, i].lines:
-                height = line.get_ydata() / np.max(line.get_ydata())
-                line.set_ydata(height)
-                grid[i, i].fill_between(
-                    line.get_xdata(), height, color=line.get_color(), alpha=FILL, linewidth=0.0
-                )
+            _pairs(grid, columns, run, filled=None)
+        for i, column in enumerate(columns):
+            for run, (values, axis) in enumerate(zip(column.draws, column.own, strict=True)):
+                if values is None or axis is None:
+                    continue
+                # All of the same height: widths are what is compared.
+                x, height = curve(values, axis)
+                hue = colour(RUNS[run])
+                grid[i, i].plot(x, height / height.max(), color=hue, linewidth=0.9)
+                grid[i, i].fill_between(x, height / height.max(), color=hue, alpha=FILL, lw=0.0)
             grid[i, i].set_ylim(0.0, 1.08)
-        _arrange(figure, grid, columns, width_mm)
+        _settle(figure, grid)
         _legend(figure, labels)
     return figure
 
 
-# --- draws into panels, by corner ----------------------------------------------------------------
-
-
-class _Panel(NamedTuple):
-    """One panel: what corner asks of a figure of one quantity."""
-
-    axes: list[Axes]
-
-    def subplots_adjust(self, **places: float) -> None:
-        """Leave the panel where it is."""
+# --- draws into panels ---------------------------------------------------------------------------
 
 
 def _columns(
@@ -245,166 +259,167 @@ def axis_span(q: AxisText, *draws: np.ndarray, include: tuple[float, ...] = ()) 
     return span(*draws, edges=q.edges, log=log, include=include)
 
 
-def _draw(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | None) -> None:
-    """One run into the panels of the quantities that it has.
-
-    Panel by panel: corner has one width of smoothing for all pairs, and a ridge wants a narrow one.
-    """
-    import corner  # takes a second or two: it imports ArviZ
-
-    hue = colour(RUNS[run])
-    paired: list[Moved | None] = []
-    for i, up in enumerate(columns):
-        paired.append(None)
-        draws, axis = up.draws[run], up.own[run]
-        if draws is None or axis is None:
-            continue
-        corner.corner(
-            draws[:, None],
-            fig=_Panel([grid[i, i]]),
-            range=[(axis.low, axis.high)],
-            axes_scale=["log" if axis.log else "linear"],
-            bins=cells([moved(draws, axis, VISIBLE)]),
-            weights=np.ones(len(draws)),  # counts without weights are smoothed as integers
-            smooth1d=CELLS_1D,
-            hist_kwargs={"color": hue, "linewidth": 0.9},
-            max_n_ticks=0,
-        )
-        paired[i] = own = moved(draws, axis)
-        for j, across in enumerate(paired[:i]):
-            if across is not None:
-                regions(grid[i, j], (across, own), hue, filled=filled)
+def _pairs(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | None) -> None:
+    """Regions of one run in the panels of the pairs that it has."""
+    pairs: list[Moved | None] = []
+    for i, column in enumerate(columns):
+        draws, axis = column.draws[run], column.own[run]
+        pairs.append(None if draws is None or axis is None else moved(draws, axis))
+        for j, across in enumerate(pairs[:i]):
+            up = pairs[i]
+            if across is not None and up is not None:
+                regions(grid[i, j], (across, up), colour(RUNS[run]), filled=filled)
 
 
 def _marginal(
     ax: Axes, column: Column, fixed: Sequence[Mapping[str, float]], probability: float
-) -> list[Found | None]:
-    """Make corner's curves densities, shade the interval; median and interval of each run."""
-    out: list[Found | None] = []
-    lines = iter(list(ax.lines))
+) -> list[Interval | None]:
+    """Density of every run, with the interval of the first shaded; medians and intervals."""
+    intervals: list[Interval | None] = []
     top = 0.0
-    for run, values in enumerate(column.draws):
-        if values is None:
+    for run, (values, axis, every) in enumerate(
+        zip(column.draws, column.own, column.every, strict=True)
+    ):
+        hue = colour(RUNS[run])
+        if values is None or axis is None or every is None:
             at = fixed[run].get(column.name)
             if at is not None:
-                ax.axvline(at, color=colour(RUNS[run]), linewidth=0.9)
-            out.append(None if at is None else Found(at, at, at, (False, False)))
+                ax.axvline(at, color=hue, linewidth=0.9)
+            intervals.append(None if at is None else Interval(at, at, at, (False, False)))
             continue
-        axis = column.own[run]
-        assert axis is not None
-        piled = at_edges(curve(values, axis)[1], axis)
-        every = column.every[run]
-        assert every is not None
+        x, density = curve(values, axis)
+        piled = at_edges(density, axis)
         low, high = interval(every, piled, probability)
-        line = next(lines)
-        x, height = np.array(line.get_xdata()), np.array(line.get_ydata(), dtype=float)
-        height /= trapezoid(height, column.axis.forward(x))
-        line.set_ydata(height)
+        density = density / trapezoid(density, column.axis.forward(x))
+        ax.plot(x, density, color=hue, linewidth=0.9)
         if run == 0:
             inside = list((x >= low) & (x <= high))
-            ax.fill_between(
-                x, height, where=inside, color=line.get_color(), alpha=0.3, linewidth=0.0
-            )
-        top = max(top, float(height.max()))
-        out.append(Found(float(np.median(every)), low, high, piled))
+            ax.fill_between(x, density, where=inside, color=hue, alpha=0.3, linewidth=0.0)
+        top = max(top, float(density.max()))
+        intervals.append(Interval(float(np.median(every)), low, high, piled))
     ax.set_ylim(0.0, 1.08 * top)
-    return out
+    return intervals
 
 
 # --- places and labels ---------------------------------------------------------------------------
 
 
-def _grid(count: int, width_mm: float) -> tuple[Figure, np.ndarray]:
-    """Empty panels of a lower triangle."""
-    figure = blank_figure(width_mm * MM, width_mm * MM)
+def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]:
+    """Panels of a lower triangle with their ranges and labels."""
+    count, narrow = len(columns), width_mm < NARROW_MM
+    if (width_mm - MARGIN_MM) / count < LEAST_PANEL_MM:
+        raise InputError(
+            f"{count} quantities do not fit a width of {width_mm:g} mm",
+            remedy="name fewer with --parameter, or ask for --width-mm 180",
+        )
+    height = min(width_mm, count * PANEL_MM + MARGIN_MM)
+    figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=0.5, down_mm=0.5))
     places = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
+    labels = [c.quantity.label for c in columns]
+    if narrow:
+        labels = [label.replace(" (", "\n(") for label in labels]
     for i, j in np.argwhere(np.tri(count)).tolist():
-        grid[i, j] = figure.add_subplot(places[i, j])
-    return figure, grid
-
-
-def _arrange(figure: Figure, grid: np.ndarray, columns: list[Column], width_mm: float) -> None:
-    """Set ranges, ticks and labels, and make the panels square between their labels."""
-    last, narrow = len(columns) - 1, width_mm < NARROW_MM
-    labels = [
-        c.quantity.label.replace(" (", "\n(") if narrow else c.quantity.label for c in columns
-    ]
-    for i, j in np.argwhere(np.tri(last + 1)).tolist():
-        ax = grid[i, j]
-        _show(ax, columns[j].axis, "x", ticks=i == last)
-        if i == last:
-            ax.set_xlabel(labels[j], labelpad=2.0)
+        grid[i, j] = ax = figure.add_subplot(places[i, j])
+        _show(ax, columns[j].axis, "x", label=labels[j] if i == count - 1 else "")
         if i == j:
             ax.set_yticks([])
             ax.spines["left"].set_visible(False)
-            continue
-        _show(ax, columns[i].axis, "y", ticks=j == 0)
-        if j == 0:
-            ax.set_ylabel(labels[i], linespacing=1.1, labelpad=2.0)
-    side = _square(figure, grid, width_mm)
-    if any(len(ax.get_xticks()) < 2 for ax in grid[last]):
-        for ax in grid[last]:
-            few_ticks(ax.xaxis, overhang=0.3, upright=True)
-        side = _square(figure, grid, width_mm)
-    if side < LEAST_PANEL_MM:
-        raise InputError(
-            f"{last + 1} quantities do not fit a width of {width_mm:g} mm",
-            remedy="name fewer with --parameter, or ask for --width-mm 180",
-        )
-    for i, j in np.argwhere(np.tri(last + 1)).tolist():
-        if i < last:
-            repeat_ticks(grid[i, j].xaxis, grid[last, j].xaxis)
-        if 0 < j < i:
-            repeat_ticks(grid[i, j].yaxis, grid[i, 0].yaxis)
-    keep_labels(figure, [ax.xaxis for ax in grid[-1]], [ax.yaxis for ax in grid[:, 0]])
+        else:
+            _show(ax, columns[i].axis, "y", label=labels[i] if j == 0 else "")
+    return figure, grid
 
 
-def _square(figure: Figure, grid: np.ndarray, width_mm: float) -> float:
-    """Square panels in the space that the labels leave, and the height to it; their side in mm.
-
-    Constrained layout finds the same places, but takes longer than all the drawing.
-    """
-    count, margin = len(grid), 1.0
-    for _ in range(2):  # labels depend on the panels' size, and this on the labels
-        left = _beside(list(grid[1:, 0] if count > 1 else grid[:, 0]), "y") + margin
-        bottom = _beside(list(grid[-1]), "x") + margin
-        panels = count + GAP * (count - 1)
-        side = min((width_mm - left - 2.0 * margin) / panels, PANEL_MM)
-        height = bottom + side * panels + 2.0 * margin
-        figure.set_figheight(height * MM)
-        figure.subplots_adjust(
-            left=left / width_mm,
-            right=(left + side * panels) / width_mm,
-            bottom=bottom / height,
-            top=1.0 - 2.0 * margin / height,
-            wspace=GAP,
-            hspace=GAP,
-        )
-    return float(side)
-
-
-def _beside(panels: Sequence[Axes], which: str) -> float:
-    """How far the aligned labels of an axis stand out from panels, mm."""
-    far, size = [], []
-    for ax in panels:
-        axis = getattr(ax, f"{which}axis")
-        # a panel alone has nothing at its left but the labels below it
-        box = ax.get_tightbbox() if len(panels) == 1 else axis.get_tightbbox()
-        label = axis.label.get_window_extent()
-        assert box is not None
-        across = which == "y"
-        size.append(label.width if across else label.height)
-        far.append((ax.bbox.x0 - box.x0 if across else ax.bbox.y0 - box.y0) - size[-1])
-    return float(max(far) + max(size)) / panels[0].figure.dpi / MM
-
-
-def _show(ax: Axes, shown: Span, which: str, *, ticks: bool) -> None:
-    """Range of an axis, with ticks or without."""
+def _show(ax: Axes, shown: Span, which: str, *, label: str) -> None:
+    """Range and ticks of an axis; numbers and a label at the outer panels only."""
     if shown.log:
         ax.set(**{f"{which}scale": "log"})
-    ax.set(**{f"{which}lim": (shown.low, shown.high)})
-    few_ticks(getattr(ax, f"{which}axis"), most=3 if ticks else 0, overhang=0.3)
+    ax.set(**{f"{which}lim": (shown.low, shown.high), f"{which}label": label})
+    few_ticks(getattr(ax, f"{which}axis"), overhang=0.3)
+    if not label:
+        ax.tick_params(axis=which, labelbottom=False, labelleft=False)  # type: ignore[arg-type]
+
+
+def _settle(figure: Figure, grid: np.ndarray) -> None:
+    """Lay the panels out; numbers that do not fit side by side are turned."""
+    figure.align_labels()
+    figure.draw_without_rendering()
+    if any(len(ax.get_xticks()) < 2 for ax in grid[-1]):
+        for ax in grid[-1]:
+            few_ticks(ax.xaxis, overhang=0.3, upright=True)
+    settle(figure)
+
+
+def _table(
+    figure: Figure,
+    columns: list[Column],
+    intervals: list[list[Interval | None]],
+    truth: list[float | None],
+    names: tuple[str, str] | None,
+    probability: float,
+) -> None:
+    """Medians and intervals at the upper right: as many columns and notes as have room."""
+    size = font_points("legend.fontsize")
+    line, gap, margin = 1.35 * size * POINT_MM, 2.0, 2.0
+    width, height = (side / MM for side in figure.get_size_inches())
+
+    def room(rows: float) -> float:
+        """Width at the right edge that no panel covers down to so many rows, mm."""
+        depth = margin + rows * line
+        above = [p for ax in figure.axes if (1.0 - (p := ax.get_position()).y1) * height < depth]
+        return (1.0 - max((p.x1 for p in above), default=0.0)) * width - 2.0 * margin
+
+    def write(x: float, row: float, text: str, hue: str) -> None:
+        place = 1.0 - (margin + x) / width, 1.0 - (margin + row * line) / height
+        figure.text(*place, text, fontsize=size, color=hue, ha="right", va="baseline")
+
+    # in the order in which they are left out: the last first
+    table: list[tuple[list[str], str]] = [(["", *(c.quantity.label for c in columns)], "black")]
+    for run in range(len(intervals[0])):
+        blank = ["", ""]
+        cells = [
+            blank if (v := row[run]) is None else v.cells(log=column.axis.log)
+            for row, column in zip(intervals, columns, strict=True)
+        ]
+        hue = colour(RUNS[run])
+        table.append(([f"{100 * probability:g} %", *(c[1] for c in cells)], hue))
+        table.append((["median", *(c[0] for c in cells)], hue))
+    if any(v is not None for v in truth):
+        told = ["" if v is None else f"{v:.5g}" for v in truth]
+        table.insert(3, (["truth", *told], "black"))
+    widths = [max(text_mm(t, size) for t in texts) + gap for texts, _ in table]
+    while len(table) > 1 and sum(widths[: len(table)]) > room(len(columns) + 1):
+        table.pop()
+    down = 1.0
+    if len(table) > 1:
+        right = 0.0
+        for k in reversed([0, *sorted(range(1, len(table)), key=lambda k: k - 2 * (k % 2 == 0))]):
+            for row, text in enumerate(table[k][0]):
+                write(right, row + 1.0, text, table[k][1])
+            right += widths[k]
+        down += len(columns) + 1.4
+    for note, hue in _notes(columns, names, any(v is not None for v in truth)):
+        if text_mm(note, size) <= room(down + 0.2):
+            write(0.0, down, note, hue)
+            down += 1.0
+
+
+def _notes(
+    columns: list[Column], names: tuple[str, str] | None, truth: bool
+) -> list[tuple[str, str]]:
+    """What the regions and lines are, each with its colour."""
+    notes = [(f"regions: {', '.join(f'{100 * c:g}' for c in CONTENTS)} % of the draws", "0.3")]
+    if names is not None:
+        size = font_points("legend.fontsize")
+        notes = [(shortened(names[0], 32.0, size), colour(RUNS[0])), *notes]
+        notes.append((f"outlines, 90 %: {shortened(names[1], 24.0, size)}", colour(RUNS[1])))
+    if any(c.name in mounting_names("stretch") for c in columns):
+        notes.append(("all within the law", "0.3"))
+    if truth:
+        notes.append(("dashed: truth", "0.3"))
+    if any(MEAN in c.quantity.symbol for c in columns):
+        notes.append(("bar: mean over protocols", "0.3"))
+    return notes
 
 
 def _legend(figure: Figure, labels: Sequence[str]) -> None:

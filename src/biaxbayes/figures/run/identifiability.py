@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["VERDICT_COLOURS", "identifiability_figure"]
-
 # Okabe and Ito, from known to unknown; the word stands in the box, colour is only an aid.
 VERDICT_COLOURS = {
     IDENTIFIED: "#009E73",

@@ -12,8 +12,8 @@ from scipy.special import ndtri
 
 from biaxbayes.comparison.mounting_bias import TREATMENTS, Ledger
 from biaxbayes.errors import InputError
-from biaxbayes.figures.labels import few_ticks, number, shortened
-from biaxbayes.figures.quantities import quantity
+from biaxbayes.figures.labels import few_ticks, shortened
+from biaxbayes.figures.quantities import number, quantity
 from biaxbayes.figures.run.regions import CONTENTS, moved, regions
 from biaxbayes.figures.style import (
     MM,
@@ -38,8 +38,6 @@ from biaxbayes.specimens.specimen import Specimen
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["ledger_figure", "mounting_figure"]
 
 VISIBLE = 20_000
 MAX_STATES = 12

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["profile_figure"]
-
 ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
 CEILING = THRESHOLD + 2.0
 """Deviance up to which a curve is drawn."""

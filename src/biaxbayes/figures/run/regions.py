@@ -19,16 +19,14 @@ from biaxbayes.prediction.bands import evenly_chosen
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["CELLS_1D", "CONTENTS", "FILL", "Moved", "cells", "moved", "regions"]
-
 CONTENTS = (0.5, 0.9, 0.99)
 """Shares of the draws that the regions hold."""
 SHADES = (0.18, 0.42, 0.78)
 """Their darkness, the widest first."""
 FILL = 0.3
 """Opacity of the region of 50 % and of the marginal in an overlay."""
-CELLS, CELLS_1D = 1.5, 3.0
-"""Width (sd) of the smoothing kernel in cells of the histograms."""
+CELLS = 1.5
+"""Width (sd) of the smoothing kernel in cells of the histogram."""
 WIDER = 1.25
 """Width of the kernel of a pair, relative to Scott's."""
 WIDEST = 1.5
@@ -115,8 +113,6 @@ def cells(draws: Sequence[Moved]) -> list[int]:
     """
     along = [one.along for one in draws]
     sd, n = np.array([one.sd for one in draws]), min(len(along[0]), 20_000)
-    if len(draws) == 1:
-        return [int(np.clip(CELLS_1D / h, 60, 1000)) for h in 0.9 * sd * n**-0.2]
     r = np.corrcoef(np.clip(along, 0.0, 1.0))[0, 1] if n > 2 else 0.0
     # sd of one quantity where the other is known: sd sqrt(1 - r^2); halfway to it, in logs
     ridge = (1.0 - min(abs(np.nan_to_num(r)), 0.999) ** 2) ** 0.25

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["rank_figure", "trace_figure"]
-
 STEPS = 200
 """Steps that are drawn; more would not be told apart."""
 LEVELS = (0.05, 0.5, 0.95)
