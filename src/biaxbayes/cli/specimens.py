@@ -97,7 +97,7 @@ def _tell_checked(found: Checked) -> None:
         click.echo(_wrapped(str(finding)))
     errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
     if errors:
-        click.echo("cannot be a loading curve: 'sample' refuses it without --anyway")
+        click.echo("'sample' refuses it without --anyway")
     if count or not errors:
         click.echo(f"{count or 'no'} {'warning' if count == 1 else 'warnings'}")
 

@@ -254,10 +254,10 @@ def _references(specimen: Specimen) -> list[Finding]:
                 "stretch-drift",
                 "error" if span[k] > LARGE_DRIFT and not stated else "warning",
                 f"the protocols start at different stretches, from {starts[low, k]:.4f} "
-                f"({names[low]}) to {starts[high, k]:.4f} ({names[high]}) in {'xy'[k]}. Each was "
-                "divided by its own first rows, as if all of them were the mounted state. If the "
-                "stretches share one reference, add a header line '# reference: common'; if each "
-                "protocol was mounted afresh or drifted, '# reference: each protocol'",
+                f"({names[low]}) to {starts[high, k]:.4f} ({names[high]}) in {'xy'[k]}, and each "
+                "was divided by its own start. Add '# reference: common' to the header if the "
+                "stretches share one reference, '# reference: each protocol' if each protocol "
+                "starts at the mounted state",
             )
         ]
     off = float(np.abs(starts - 1.0).max())
