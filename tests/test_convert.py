@@ -19,9 +19,9 @@ from biaxbayes.cli import main
 from biaxbayes.errors import InputError
 from biaxbayes.machines import FORMATS, Format
 from biaxbayes.machines.conversion import Choice, Recording, convert, shear_angle_deg
-from biaxbayes.machines.raw_file import read_raw_tables
 from biaxbayes.specimens.check import check_specimen
-from biaxbayes.specimens.units import stem_of, unit_of_column
+from biaxbayes.tables.table import read_tables
+from biaxbayes.tables.units import stem_of, unit_of_column
 from virtual_biotester import COLUMNS, EDGE_MM, THICKNESS_MM, biotester_export
 
 DIMENSIONS = [
@@ -226,7 +226,7 @@ def test_workbook(tmp_path, capsys):
     assert code == 2 and "no sheet 'C'" in err
     path.write_bytes(path.read_bytes()[:3000])
     code, _, err = biotester(path, out, capsys)
-    assert code == 2 and "no readable Excel workbook" in err
+    assert code == 2 and "no readable workbook" in err
 
 
 def test_a_sheet_a_protocol_is_one_command(tmp_path, capsys):
@@ -290,13 +290,13 @@ def test_a_table_of_numpy_savetxt_with_its_names_in_a_comment(tmp_path, capsys, 
     np.testing.assert_allclose(found.load_y, PIOLA[:, 1], rtol=1e-12)
 
 
-def test_workbook_without_openpyxl_names_the_extra(tmp_path, capsys, monkeypatch):
+def test_workbook_without_calamine_names_the_extra(tmp_path, capsys, monkeypatch):
     path = tmp_path / "raw.xlsx"
     path.write_bytes(_workbook(biotester_export(cycles=1)))
-    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    monkeypatch.setitem(sys.modules, "python_calamine", None)
     code, _, err = biotester(path, tmp_path / "a.csv", capsys)
     assert code == 2
-    assert "openpyxl is not installed; pip install 'biaxbayes[xlsx]'" in err
+    assert "python-calamine is not installed; pip install 'biaxbayes[tables]'" in err
 
 
 GOOD = biotester_export(cycles=2).text()
@@ -803,18 +803,18 @@ def test_displacements_need_edges(tmp_path, capsys):
 def test_mixed_decimals_and_binary_are_refused(tmp_path):
     mixed = written(tmp_path, "a;b;c\n1,5;2.5;3\n1,6;2.6;3\n1,7;2.7;3\n")
     with pytest.raises(InputError, match="mixes decimal commas"):
-        read_raw_tables(mixed)
+        read_tables(mixed)
     with pytest.raises(InputError, match="is binary"):
-        read_raw_tables(written(tmp_path, "a,b\n1,\0\n", "b.csv"))
+        read_tables(written(tmp_path, "a,b\n1,\0\n", "b.csv"))
 
 
 def test_exports_of_absurd_size_are_refused_before_they_are_cut_up(tmp_path):
     path = written(tmp_path, "a,b\n" * 600_000)
     with pytest.raises(InputError, match="has more than 500,000 lines"):
-        read_raw_tables(path)
+        read_tables(path)
     path.write_bytes(b"," * 65_000_000)
     with pytest.raises(InputError, match="larger than 64 MB"):
-        read_raw_tables(path)
+        read_tables(path)
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,11 @@ def test_the_page_of_the_specimen_file_is_complete():
         assert f"| `{name}` |" in columns
     known = {*NUMBER_RANGES, *METADATA_KEYS, "specimen", "layer", "axis_x", "axis_y", "geometry"}
     known.add("reference")
-    assert set(re.findall(r"^\| `(\w+)` \|", keys, re.MULTILINE)) == {*known, "rest_rows"}
+    assert set(re.findall(r"^\| `(\w+)` \|", keys, re.MULTILINE)) == {
+        *known,
+        "rest_rows",
+        "missing_rows",
+    }
     assert f"{STRESS_LIMIT_KPA:g}" in keys and "unloaded with stresses" in keys
     for page in ("README.md", "docs/tutorial.md", "docs/how-to.md", "docs/index.md"):
         assert "specimen-file.md" in told(ROOT / page), page

@@ -9,7 +9,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.generic import parse_columns
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
-from biaxbayes.specimens.units import likely_name
+from biaxbayes.tables.units import likely_name
 
 MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=40)[0]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import make_examples
-from biaxbayes.machines.raw_file import ALL_SHEETS, read_raw_tables
 from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.tables.table import ALL_SHEETS, read_tables
 from make_specimens import make
 
 ROOT = Path(__file__).parents[1]
@@ -70,7 +70,7 @@ EXAMPLES = ("biotester.csv", "tared.csv", "tensile-machine.csv", "workbook.xlsx"
 
 def cells(path: Path) -> dict[str, tuple[tuple[str, ...], list[list[str]]]]:
     sheets = (ALL_SHEETS,) if path.suffix == ".xlsx" else ()
-    tables = read_raw_tables(path, sheets)
+    tables, _ = read_tables(path, sheets)
     return {name: (t.names, [list(c) for c in t.columns]) for name, t in tables.items()}
 
 

@@ -55,8 +55,11 @@ MAX_LINE = 20_000
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
 """Control characters that no text file needs; tab, line ends and form feed are none of them."""
 SIGNATURES = {
-    b"PK\x03\x04": ("an Excel workbook or a ZIP archive", "'biaxbayes convert' reads .xlsx"),
-    b"\xd0\xcf\x11\xe0": ("an old Excel workbook", "save it as CSV UTF-8 or .xlsx"),
+    b"PK\x03\x04": (
+        "an Excel workbook or a ZIP archive",
+        "'biaxbayes convert' reads .xlsx and .ods",
+    ),
+    b"\xd0\xcf\x11\xe0": ("an old Excel workbook", "'biaxbayes convert' reads .xls"),
     b"\x1f\x8b": ("a gzip archive", "unpack it first"),
     b"\x89HDF": ("an HDF5 file", "export it as CSV"),
     b"%PDF": ("a PDF", "export the table as CSV"),

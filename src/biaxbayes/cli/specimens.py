@@ -17,9 +17,9 @@ from biaxbayes.cli.options import (
 )
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS
-from biaxbayes.machines import BRANCHES, FORMATS, GAUGE_AT, STRETCH_SOURCES
+from biaxbayes.machines import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_SOURCES
 from biaxbayes.options import VirtualTest
-from biaxbayes.specimens.units import STRAINS, units_of
+from biaxbayes.tables.units import STRAINS, units_of
 
 if TYPE_CHECKING:
     from biaxbayes.jobs.specimen_files import Checked
@@ -213,10 +213,21 @@ def _wrapped(text: str) -> str:
     "sheets",
     multiple=True,
     metavar="NAME|all",
-    help="Sheet of a workbook, a protocol each; repeatable.",
+    help="Sheet of a workbook (struct of a .mat, group of a .tdms file), a protocol each; "
+    "repeatable.",
 )
 @click.option(
-    "--protocol-names", metavar="NAME,...", help="One a protocol (default: names of the files)."
+    "--tension-negative",
+    type=click.Choice(DIRECTIONS),
+    help="Directions whose load cell counts tension negative: their sign is turned round.",
+)
+@click.option(
+    "--drop-missing",
+    is_flag=True,
+    help="Leave out rows in which a reading is missing, and count them.",
+)
+@click.option(
+    "--protocol-names", metavar="NAME,...", help="One per protocol (default: names of the files)."
 )
 @click.option("--overwrite", is_flag=True, help="Replace a file of the same name.")
 @header_options()
@@ -235,6 +246,8 @@ def convert(
     gauge_x_mm: float | None,
     gauge_y_mm: float | None,
     gauge_at: str | None,
+    tension_negative: str | None,
+    drop_missing: bool,
     **header: str | None,
 ) -> int:
     r"""Convert machine exports to one specimen file, each RAW (or set, or sheet) a protocol of it.
@@ -263,6 +276,8 @@ def convert(
             gauge_x_mm,
             gauge_y_mm,
             gauge_at or "",
+            drop_missing,
+            tension_negative or "",
         ),
         header={key: text for key, text in stated.items() if text is not None},
         protocol_names=names,

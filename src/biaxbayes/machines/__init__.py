@@ -2,10 +2,12 @@
 
 The module ``machines/NAME.py`` of a format holds its reader,
 
-    recordings(table: RawTable, choice: Choice, gauge: Gauge) -> list[Recording]
+    recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]
+    is_other_table(table: Table, choice: Choice) -> bool
 
-which takes from a table of text what was chosen (:class:`~biaxbayes.machines.conversion.Choice`):
-one recording per protocol, in N or kPa and with stretches as measured.
+The first takes from a table of text what was chosen
+(:class:`~biaxbayes.machines.conversion.Choice`): one recording per protocol, in N or kPa and with
+stretches as measured. The second says whether a sheet beside others is another table altogether.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import dataclass
 BRANCHES = ("loading", "unloading", "both")
 STRETCH_SOURCES = ("auto", "tracked", "rake")
 GAUGE_AT = ("zero", "start")
+DIRECTIONS = ("x", "y", "xy")
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.conversion import Choice, Gauge, Recording, chosen_number, cycle_label
-from biaxbayes.machines.raw_table import RawTable
+from biaxbayes.machines.conversion import Choice, Gauge, Recording
+from biaxbayes.machines.cycles import chosen_number, cycle_label, settling
 from biaxbayes.specimens.protocol import rest_rows
-from biaxbayes.specimens.units import Unit
+from biaxbayes.tables.table import Table
+from biaxbayes.tables.units import Unit
 
 __all__ = ["deformation_gradient", "recordings", "tracked_points"]
 
@@ -22,7 +23,7 @@ __all__ = ["deformation_gradient", "recordings", "tracked_points"]
 ENOUGH_TRACKED = 5
 
 
-def tracked_points(table: RawTable, rows: np.ndarray, *, required: bool) -> np.ndarray | None:
+def tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.ndarray | None:
     """Positions of the tracked points, shape (n, points, 2), NaN where one is lost."""
     pairs = []
     for number in range(1, 100):
@@ -52,7 +53,7 @@ def tracked_points(table: RawTable, rows: np.ndarray, *, required: bool) -> np.n
     return points
 
 
-def deformation_gradient(points: np.ndarray, table: RawTable, rows: np.ndarray) -> np.ndarray:
+def deformation_gradient(points: np.ndarray, table: Table, rows: np.ndarray) -> np.ndarray:
     """In-plane deformation gradient of tracked points by least squares.
 
     The reference is the mean position over the rows at rest, which are found from a first
@@ -62,7 +63,7 @@ def deformation_gradient(points: np.ndarray, table: RawTable, rows: np.ndarray) 
     ----------
     points : ndarray, shape (n, m, 2)
         Positions of m >= 3 points.
-    table : RawTable
+    table : Table
     rows : ndarray of int, shape (n,)
         For messages.
 
@@ -96,12 +97,12 @@ PHASE = re.compile(r"\s*(\d+)\s*-\s*(\w+)")
 BRANCH_PHASES = {"loading": ("stretch",), "unloading": ("recover",), "both": ("stretch", "recover")}
 
 
-def recordings(table: RawTable, choice: Choice, gauge: Gauge) -> list[Recording]:
+def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     """Take the branch of a cycle from each wanted set of a BioTester export.
 
     Parameters
     ----------
-    table : RawTable
+    table : Table
         Columns ``Cycle`` (1-Preload, 1-Stretch, 1-Hold, 1-Recover ...), ``XForce_mN``,
         ``YForce_mN``, and the rake (``XSize_um``, ``XDisplacement_um`` ...) or tracked points
         (``X1``, ``Y1`` to ``X4``, ``Y4``); optionally ``SetName`` and ``Time_S``.
@@ -127,18 +128,35 @@ def recordings(table: RawTable, choice: Choice, gauge: Gauge) -> list[Recording]
     found = []
     wanted, left = _sets(table, choice.sets)
     for name, rows in wanted:
-        taken, label = _branch_rows(table, phases, name, rows, choice)
-        found.append(_recording(table, name, taken, label, choice, gauge))
+        cycles = _cycles(table, phases, name, rows)
+        number = chosen_number(choice.cycle, cycles, table)
+        taken = _branch_rows(table, phases, cycles[number], rows, choice.branch)
+        recording = _recording(table, name, taken, cycle_label(cycles, number), choice, gauge)
+        if number > 0:
+            last_two = (
+                _loading(table, phases, name, cycle, rows, choice, gauge)
+                for cycle in cycles[number - 1 : number + 1]
+            )
+            words, settled = settling(*last_two)
+            if settled:
+                recording = replace(recording, notes=(*recording.notes, words))
+            else:
+                named = f"{name}: {words}" if name else words
+                recording = replace(recording, assumptions=(*recording.assumptions, named))
+        found.append(recording)
     if left:
         note = f"sets left out: {', '.join(left)} (--set NAME or --set all takes them)"
         found = [replace(r, notes=(*r.notes, note)) for r in found]
     return found
 
 
-def _branch_rows(
-    table: RawTable, phases: np.ndarray, name: str, rows: np.ndarray, choice: Choice
-) -> tuple[np.ndarray, str | None]:
-    """Rows of the wanted branch of the wanted cycle of a set, from rest on."""
+def is_other_table(table: Table, choice: Choice) -> bool:
+    """Whether a sheet is no export of a BioTester."""
+    return table.by_stem("cycle") is None and table.by_stem("xforce") is None
+
+
+def _cycles(table: Table, phases: np.ndarray, name: str, rows: np.ndarray) -> list[str]:
+    """Numbers of the cycles of a set that have a Stretch phase."""
     cycles = list(dict.fromkeys(n for n, what in phases[rows].tolist() if what == "stretch"))
     if not cycles:
         raise InputError(
@@ -147,23 +165,40 @@ def _branch_rows(
             column="Cycle",
             remedy=f"found {', '.join(sorted({w for _, w in phases[rows].tolist()}))[:80]}",
         )
-    number, branch = chosen_number(choice.cycle, cycles, table), choice.branch
-    wanted = [
-        row
-        for row in rows
-        if phases[row][0] == cycles[number] and phases[row][1] in BRANCH_PHASES[branch]
-    ]
-    taken = np.array(wanted[::-1] if branch == "unloading" else wanted, dtype=int)
+    return cycles
+
+
+def _branch_rows(
+    table: Table, phases: np.ndarray, cycle: str, rows: np.ndarray, branch: str
+) -> np.ndarray:
+    """Rows of the wanted branch of a cycle of a set, from rest on."""
+    of_branch = np.isin(phases[rows, 1], BRANCH_PHASES[branch])
+    taken = rows[(phases[rows, 0] == cycle) & of_branch]
     if taken.size < 2:
         raise InputError(
-            f"{taken.size} rows in the {branch} branch of cycle {cycles[number]}",
+            f"{taken.size} rows in the {branch} branch of cycle {cycle}",
             file=table.path,
             remedy="choose another --cycle or --branch",
         )
-    return taken, cycle_label(cycles, number)
+    return taken[::-1] if branch == "unloading" else taken
 
 
-def _phases(table: RawTable) -> np.ndarray:
+def _loading(
+    table: Table,
+    phases: np.ndarray,
+    name: str,
+    cycle: str,
+    rows: np.ndarray,
+    choice: Choice,
+    gauge: Gauge,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stretches and loads of the loading branch of a cycle."""
+    taken = _branch_rows(table, phases, cycle, rows, "loading")
+    recording = _recording(table, name, taken, None, choice, gauge)
+    return recording.stretch, recording.load
+
+
+def _phases(table: Table) -> np.ndarray:
     """Number and lower-case name of the phase of each row, shape (n, 2)."""
     index = table.by_stem("cycle")
     if index is None:
@@ -187,9 +222,7 @@ def _phases(table: RawTable) -> np.ndarray:
     return np.array(phases)
 
 
-def _sets(
-    table: RawTable, wanted: tuple[str, ...]
-) -> tuple[list[tuple[str, np.ndarray]], list[str]]:
+def _sets(table: Table, wanted: tuple[str, ...]) -> tuple[list[tuple[str, np.ndarray]], list[str]]:
     """Rows of the wanted sets by their names, and the names of the others."""
     index = table.by_stem("setname")
     if index is None:
@@ -211,7 +244,7 @@ def _sets(
     return taken, [name for name in names if name not in wanted]
 
 
-def _quantity(table: RawTable, stem: str, quantity: str, rows: np.ndarray) -> np.ndarray | None:
+def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.ndarray | None:
     """A column in N, mm or s; None where the file has none."""
     index = table.by_stem(stem)
     if index is None:
@@ -228,7 +261,7 @@ def _quantity(table: RawTable, stem: str, quantity: str, rows: np.ndarray) -> np
 
 
 def _recording(
-    table: RawTable,
+    table: Table,
     set_name: str,
     rows: np.ndarray,
     cycle: str | None,
@@ -271,14 +304,14 @@ def _recording(
     )
 
 
-def _force(table: RawTable, axis: str, rows: np.ndarray) -> np.ndarray:
+def _force(table: Table, axis: str, rows: np.ndarray) -> np.ndarray:
     force = _quantity(table, f"{axis}force".lower(), "force", rows)
     if force is None:
         raise InputError(f"no column '{axis}Force_mN'", file=table.path, remedy=table.found)
     return force
 
 
-def _rake_stretch(table: RawTable, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndarray, list[str]]:
+def _rake_stretch(table: Table, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndarray, list[str]]:
     """Stretches by the distance of the rakes, and what had to be assumed for them."""
     columns, assumptions = [], []
     for k, axis in enumerate("xy"):

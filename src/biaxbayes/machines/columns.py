@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.raw_table import RawTable
 from biaxbayes.specimens.specimen import STRESS_PAIRS
-from biaxbayes.specimens.units import (
+from biaxbayes.tables.table import Table
+from biaxbayes.tables.units import (
     STRAIN_CHOICES,
     STRAINS,
     UNITS,
@@ -102,7 +102,7 @@ def _pairs(text: str) -> list[str]:
     return [part for part in re.split(r",(?=\s*\w+\s*=)", text) if part.strip(" ,")]
 
 
-def column_map(table: RawTable, wanted: Mapping[str, str]) -> dict[str, Column]:
+def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
     """Find the wanted columns of a table, and those that are called like a target.
 
     A target that is not wanted is looked for under its own name, in any unit (``force_x_mN``);
@@ -133,7 +133,12 @@ def column_map(table: RawTable, wanted: Mapping[str, str]) -> dict[str, Column]:
     return columns
 
 
-def _named(table: RawTable, text: str) -> tuple[int, Unit | None]:
+def numeric_columns(columns: Mapping[str, Column]) -> list[int]:
+    """Indices of the columns that hold numbers."""
+    return [column.index for column in columns.values() if column.unit is not None]
+
+
+def _named(table: Table, text: str) -> tuple[int, Unit | None]:
     """Column and stated unit from ``column`` or ``column:unit``."""
     name, colon, ending = text.rpartition(":")
     if not colon or text in table.names:
@@ -151,7 +156,7 @@ def _named(table: RawTable, text: str) -> tuple[int, Unit | None]:
     return table.column(text), None
 
 
-def _unit(table: RawTable, index: int, target: str, quantity: str, stated: Unit | None) -> Unit:
+def _unit(table: Table, index: int, target: str, quantity: str, stated: Unit | None) -> Unit:
     name = table.names[index]
     if quantity == "stretch":
         return _stretch_unit(table, index, target, stated)
@@ -178,7 +183,7 @@ def _unit(table: RawTable, index: int, target: str, quantity: str, stated: Unit 
     return unit
 
 
-def _check_kind_of_stress(table: RawTable, name: str, target: str) -> None:
+def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
     """Refuse a stress whose name speaks of another kind than its target."""
     words = re.split(r"[^0-9a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
     kinds = [
@@ -198,7 +203,7 @@ def _check_kind_of_stress(table: RawTable, name: str, target: str) -> None:
         )
 
 
-def _stretch_unit(table: RawTable, index: int, target: str, stated: Unit | None) -> Unit:
+def _stretch_unit(table: Table, index: int, target: str, stated: Unit | None) -> Unit:
     """The kind of stretch, strain, length or displacement of a column; asks rather than guesses."""
     name = table.names[index]
     kinds, written = strain_kinds(name), table.unit(index)
@@ -237,7 +242,7 @@ def _stretch_unit(table: RawTable, index: int, target: str, stated: Unit | None)
     )
 
 
-def _length_unit(table: RawTable, index: int, target: str, unit: Unit) -> Unit:
+def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
     """Whether a column in mm is the distance of grips or marks, or how far they have moved."""
     name = table.names[index]
     words = re.split(r"[^0-9a-zäöü]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
@@ -260,7 +265,7 @@ def _length_unit(table: RawTable, index: int, target: str, unit: Unit) -> Unit:
     )
 
 
-def _check_complete(table: RawTable, columns: Mapping[str, Column]) -> None:
+def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
     """Refuse a map without both stretches and one pair of loads, with columns of this file."""
     pairs = [p for p, names in STRESS_PAIRS.items() if any(name in columns for name in names)]
     problem = ""
@@ -284,7 +289,7 @@ def _check_complete(table: RawTable, columns: Mapping[str, Column]) -> None:
         used[column.index] = target
 
 
-def _example(table: RawTable) -> str:
+def _example(table: Table) -> str:
     """A --columns option with columns that the file has, where enough of them are likely."""
     deformed: list[str] = []
     forces: list[str] = []

@@ -10,13 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines import BRANCHES, FORMATS, GAUGE_AT, STRETCH_SOURCES
-from biaxbayes.machines.raw_file import read_raw_tables
-from biaxbayes.machines.raw_table import RawTable
-from biaxbayes.specimens.path import Cycle, cycles, progress
+from biaxbayes.machines import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_SOURCES
 from biaxbayes.specimens.plausibility import check_load
 from biaxbayes.specimens.protocol import LOAD_ROWS, Protocol, ReadingError
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.tables.table import Table, read_tables
 
 # --- what to take from a raw file, and what was taken from it for one protocol -------------------
 
@@ -45,6 +43,10 @@ class Choice:
     gauge_at : {"", "zero", "start"}
         Whether that is where the displacement reads zero, or at the first row of the file; needed
         where the two differ.
+    drop_missing : bool
+        Leave out rows in which a reading is missing; else they are refused.
+    tension_negative : {"", "x", "y", "xy"}
+        Directions whose load cell counts tension negative.
     """
 
     machine: str
@@ -57,6 +59,8 @@ class Choice:
     gauge_x_mm: float | None = None
     gauge_y_mm: float | None = None
     gauge_at: str = ""
+    drop_missing: bool = False
+    tension_negative: str = ""
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
@@ -64,6 +68,7 @@ class Choice:
             ("branch", self.branch, BRANCHES),
             ("stretch_from", self.stretch_from, STRETCH_SOURCES),
             ("gauge_at", self.gauge_at, ("", *GAUGE_AT)),
+            ("tension_negative", self.tension_negative, ("", *DIRECTIONS)),
         ):
             if value not in allowed:
                 raise InputError(f"{name} must be one of {', '.join(allowed)}, not {value!r}")
@@ -192,7 +197,7 @@ class Recording:
     source: str
     stretch: np.ndarray
     load: np.ndarray
-    columns: tuple[str, str, str, str]
+    columns: tuple[str, ...]
     stress_pair: str
     time_s: np.ndarray | None
     gradient: np.ndarray | None
@@ -232,7 +237,9 @@ class Recording:
             raise error.at(file, self.lines, columns) from None
 
 
-Reader = Callable[[RawTable, Choice, Gauge], list[Recording]]
+NEGATIVE = 0.3
+"""Share of the largest change of load by which a load that falls has the wrong sign."""
+Reader = Callable[[Table, Choice, Gauge], list[Recording]]
 """Reader of a format: a table, what to take, and what displacements refer to."""
 
 
@@ -247,72 +254,6 @@ def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:
     C = np.einsum("nki,nkj->nij", gradient, gradient)
     sine = C[:, 0, 1] / np.sqrt(C[:, 0, 0] * C[:, 1, 1])
     return np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0)))
-
-
-def take_branch(
-    stretch: np.ndarray, load: np.ndarray, branch: str, which: str, table: RawTable
-) -> tuple[np.ndarray, str | None]:
-    """Rows of a branch of a cycle that is found from the curves themselves.
-
-    Parameters
-    ----------
-    stretch, load : ndarray, shape (n, 2)
-    branch : {"loading", "unloading", "both"}
-        An unloading branch is turned round, so that its first row is at rest.
-    which : str
-        ``last`` or a number from 1.
-    table : RawTable
-        For messages.
-
-    Returns
-    -------
-    rows : ndarray of int
-    cycle : str or None
-        Such as ``3 of 5``; None where there is one cycle.
-    """
-    found = cycles(progress(stretch, load))
-    if not found:
-        raise InputError(
-            "the record never rises: no loading branch",
-            file=table.path,
-            remedy=f"check the columns; {table.found}",
-        )
-    names = [str(i + 1) for i in range(len(found))]
-    number = chosen_number(which, names, table)
-    return rows_of(found[number], branch), cycle_label(names, number)
-
-
-def rows_of(cycle: Cycle, branch: str) -> np.ndarray:
-    """Row numbers of a branch."""
-    up = np.arange(cycle.loading.start, cycle.loading.stop)
-    down = np.arange(cycle.unloading.start, cycle.unloading.stop)
-    return {"loading": up, "unloading": down[::-1], "both": np.union1d(up, down)}[branch]
-
-
-def cycle_label(found: list[str], number: int) -> str | None:
-    """A cycle among others, such as ``6 of 6``; None where it is the only one."""
-    if len(found) < 2:
-        return None
-    place = f"{number + 1} of {len(found)}"
-    return place if found[number] == str(number + 1) else f"{found[number]} ({place})"
-
-
-def chosen_number(which: str, found: list[str], table: RawTable) -> int:
-    """Index of the cycle that was asked for.
-
-    Raises
-    ------
-    InputError
-        If there is no such cycle; the message lists those that were found.
-    """
-    if which == "last":
-        return len(found) - 1
-    if which not in found:
-        shown = ", ".join(found) if len(found) < 12 else f"{found[0]} to {found[-1]}"
-        raise InputError(
-            f"no cycle {which}", file=table.path, remedy=f"found {shown or 'none'}; or --cycle last"
-        )
-    return found.index(which)
 
 
 # --- machine exports to one specimen, and what was taken from each of them -----------------------
@@ -383,7 +324,8 @@ def convert(
 
 
 def _recordings(path: Path, choice: Choice, header: Mapping[str, float | str]) -> list[Recording]:
-    tables = read_raw_tables(path, choice.sheets)
+    """Recordings of all tables of a file, checked; a sheet without the columns is left out."""
+    tables, others = read_tables(path, choice.sheets)
     edges = None
     if "edge_x_mm" in header and "edge_y_mm" in header:
         edges = (float(header["edge_x_mm"]), float(header["edge_y_mm"]))
@@ -393,17 +335,59 @@ def _recordings(path: Path, choice: Choice, header: Mapping[str, float | str]) -
         str(header.get("geometry", "unloaded")),
         choice.gauge_at,
     )
-    read: Reader = import_module(f"biaxbayes.machines.{choice.machine}").recordings
-    found = []
+    reader = import_module(f"biaxbayes.machines.{choice.machine}")
+    found: list[Recording] = []
     for sheet, table in tables.items():
-        of_sheet = read(table, choice, gauge)
+        if len(tables) > 1 and reader.is_other_table(table, choice):
+            others[sheet] = "has none of the columns"
+            continue
+        of_sheet: list[Recording] = reader.recordings(table, choice, gauge)
         if len(tables) > 1:
             of_sheet = [replace(r, name=f"{sheet} {r.name}".rstrip()) for r in of_sheet]
         found += of_sheet
+    if not found:
+        raise InputError(
+            "no sheet has the columns", file=path, remedy=next(iter(tables.values())).found
+        )
+    if others:
+        note = "sheets left out: " + ", ".join(f"{k} ({why[:60]})" for k, why in others.items())
+        found = [replace(r, notes=(*r.notes, note)) for r in found]
+    found = [_tension_positive(r, choice.tension_negative) for r in found]
+    limit = header.get("stress_limit_kPa")
     for recording in found:
-        limit = header.get("stress_limit_kPa")
         recording.check(path, _sections(recording, header), None if limit is None else float(limit))
+    check_signs(found, path)
     return found
+
+
+def _tension_positive(recording: Recording, negative: str) -> Recording:
+    """A recording with the loads of some directions turned round."""
+    if not negative:
+        return recording
+    signs = [-1.0 if axis in negative else 1.0 for axis in "xy"]
+    note = f"the sign of the load in {' and '.join(negative)} is turned round"
+    assumptions = (*recording.assumptions, note)
+    return replace(recording, load=recording.load * signs, assumptions=assumptions)
+
+
+def check_signs(recordings: Sequence[Recording], file: object) -> None:
+    """Refuse loads that fall where the stretch is largest, as from a cell with tension negative."""
+    for k, axis in enumerate("xy"):
+        ends = []
+        for r in recordings:
+            row, start = int(np.argmax(r.stretch[:, k])), int(np.argmin(r.stretch[:, k]))
+            rise = r.stretch[row, k] - r.stretch[start, k]
+            ends.append((rise, r.load[row, k] - r.load[start, k], r))
+        _, change, recording = max(ends, key=lambda end: end[0])
+        largest = max(float(np.ptp(r.load, axis=0).max()) for r in recordings)
+        if change < -NEGATIVE * largest:
+            raise InputError(
+                f"the load in {axis} falls by {-change:.3g} while the stretch in {axis} rises to "
+                f"its largest value: the load cell may count tension negative",
+                file=file,
+                column=recording.columns[2 + k],
+                remedy=f"turn its sign round with --tension-negative {axis} (or xy for both)",
+            )
 
 
 def _sections(

@@ -7,21 +7,21 @@ from collections.abc import Mapping
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.columns import SHEAR, Column, column_map, parse_columns
-from biaxbayes.machines.conversion import (
-    Choice,
-    Gauge,
-    Recording,
+from biaxbayes.machines.columns import SHEAR, Column, column_map, numeric_columns, parse_columns
+from biaxbayes.machines.conversion import Choice, Gauge, Recording
+from biaxbayes.machines.cycles import (
+    by_ratio,
     chosen_number,
     cycle_label,
-    take_branch,
+    recorded_cycles,
+    settling,
 )
-from biaxbayes.machines.raw_table import RawTable
 from biaxbayes.specimens.specimen import STRESS_PAIRS
-from biaxbayes.specimens.units import STRAINS, Unit
+from biaxbayes.tables.table import Table
+from biaxbayes.tables.units import STRAINS, Unit
 
 
-def recordings(table: RawTable, choice: Choice, gauge: Gauge) -> list[Recording]:
+def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     """Take the branch of a cycle from each protocol of a table.
 
     The cycle is one of the mapped cycle column, else of those that the curves themselves show.
@@ -32,78 +32,101 @@ def recordings(table: RawTable, choice: Choice, gauge: Gauge) -> list[Recording]
         For columns, cells, cycles or branches that are not there or not clear.
     """
     columns = column_map(table, parse_columns(choice.columns))
-    everything = np.arange(table.rows)
+    table = table.without_missing(
+        numeric_columns(columns),
+        drop=choice.drop_missing,
+        remedy="leave such rows out with --drop-missing",
+    )
     if "protocol" not in columns:
-        return [_recording(table, columns, "", everything, choice, gauge)]
+        return _protocols(table, columns, "", np.arange(table.rows), choice, gauge)
     labels = np.array(table.text(columns["protocol"].index))
     return [
-        _recording(table, columns, name, np.flatnonzero(labels == name), choice, gauge)
+        recording
         for name in dict.fromkeys(labels.tolist())
+        for recording in _protocols(
+            table, columns, name, np.flatnonzero(labels == name), choice, gauge
+        )
     ]
 
 
-def _recording(
-    table: RawTable,
+def is_other_table(table: Table, choice: Choice) -> bool:
+    """Whether a sheet has none of the columns of the map."""
+    for text in parse_columns(choice.columns).values():
+        for name in (text, text.rpartition(":")[0]):
+            try:
+                table.column(name)
+            except InputError:
+                continue
+            return False
+    return bool(choice.columns)
+
+
+def _protocols(
+    table: Table,
     columns: Mapping[str, Column],
     name: str,
     rows: np.ndarray,
     choice: Choice,
     gauge: Gauge,
-) -> Recording:
-    rows, label = _cycle_rows(table, columns, rows, choice.cycle)
+) -> list[Recording]:
+    """The wanted cycle of a record, or the last one of each ratio where it has several."""
     stretch, notes = _stretches(table, columns, rows, gauge)
     pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
     load = np.column_stack([_scaled(table, columns[target], rows) for target in STRESS_PAIRS[pair]])
-    taken, found_label = take_branch(
-        stretch, load, choice.branch, "last" if "cycle" in columns else choice.cycle, table
-    )
-    timed = "time_s" in columns and choice.branch != "unloading"
+    labels = table.text(columns["cycle"].index, rows) if "cycle" in columns else None
+    cycles = recorded_cycles(stretch, load, labels, table)
+    numbers = [cycle.label for cycle in cycles]
+    ratios = by_ratio(stretch, load, cycles)
+    if choice.cycle != "last":
+        wanted = chosen_number(choice.cycle, numbers, table)
+        ratios = {"": [n for group in ratios.values() if wanted in group for n in group]}
+        ratios[""] = [n for n in ratios[""] if n <= wanted]
     gradient = _gradient(table, columns, rows, stretch)
-    return Recording(
-        name=name,
-        source=table.path.name + (f", protocol {name}" if name else ""),
-        stretch=stretch[taken],
-        load=load[taken],
-        columns=(
-            columns["stretch_x"].name,
-            columns["stretch_y"].name,
-            columns[STRESS_PAIRS[pair][0]].name,
-            columns[STRESS_PAIRS[pair][1]].name,
-        ),
-        stress_pair=pair,
-        time_s=_scaled(table, columns["time_s"], rows)[taken] if timed else None,
-        gradient=None if gradient is None else gradient[taken],
-        lines=table.lines[rows][taken],
-        rows_in_file=rows.size,
-        cycle=label or found_label,
-        branch=choice.branch,
-        notes=(
-            *table.notes,
-            ", ".join(f"{target} from {column}" for target, column in columns.items()),
-        ),
-        assumptions=tuple(notes),
-    )
+    time = None
+    if "time_s" in columns and choice.branch != "unloading":
+        time = _scaled(table, columns["time_s"], rows)
+    read = ", ".join(f"{target} from {column}" for target, column in columns.items())
+    out = []
+    for ratio, group in ratios.items():
+        taken = cycles[group[-1]].rows(choice.branch)
+        lines, assumptions = [*table.notes, read], list(notes)
+        if ratio:
+            lines.append(f"the record holds the ratios {', '.join(ratios)}: a protocol each")
+        if len(group) > 1:
+            up = [cycles[n].loading for n in group[-2:]]
+            words, settled = settling(*((stretch[r], load[r]) for r in up))
+            (lines if settled else assumptions).append(f"{ratio}: {words}" if ratio else words)
+        label = f"{name} {ratio}".strip()
+        out.append(
+            Recording(
+                name=label,
+                source=table.path.name + (f", protocol {label}" if label else ""),
+                stretch=stretch[taken],
+                load=load[taken],
+                columns=tuple(
+                    columns[t].name for t in ("stretch_x", "stretch_y", *STRESS_PAIRS[pair])
+                ),
+                stress_pair=pair,
+                time_s=None if time is None else time[taken],
+                gradient=None if gradient is None else gradient[taken],
+                lines=table.lines[rows][taken],
+                rows_in_file=rows.size,
+                cycle=cycle_label(numbers, group[-1]),
+                branch=choice.branch,
+                notes=tuple(lines),
+                assumptions=tuple(assumptions),
+            )
+        )
+    return out
 
 
-def _cycle_rows(
-    table: RawTable, columns: Mapping[str, Column], rows: np.ndarray, cycle: str
-) -> tuple[np.ndarray, str | None]:
-    """Rows of the wanted cycle where a column numbers them; else all rows."""
-    if "cycle" not in columns:
-        return rows, None
-    numbers = np.array(table.text(columns["cycle"].index, rows))
-    found = list(dict.fromkeys(numbers.tolist()))
-    number = chosen_number(cycle, found, table)
-    return rows[numbers == found[number]], cycle_label(found, number)
-
-
-def _scaled(table: RawTable, column: Column, rows: np.ndarray) -> np.ndarray:
+def _scaled(table: Table, column: Column, rows: np.ndarray) -> np.ndarray:
     assert column.unit is not None
     return table.numbers(column.index, rows) * column.unit.factor
 
 
 def _stretches(
-    table: RawTable, columns: Mapping[str, Column], rows: np.ndarray, gauge: Gauge
+    table: Table, columns: Mapping[str, Column], rows: np.ndarray, gauge: Gauge
 ) -> tuple[np.ndarray, list[str]]:
     """Stretches in both directions, shape (n, 2), and what had to be assumed for them."""
     out, notes = [], []
@@ -151,7 +174,7 @@ def stretch_from(values: np.ndarray, unit: Unit) -> np.ndarray:
     return e
 
 
-def _check_start(table: RawTable, column: Column, start: float) -> None:
+def _check_start(table: Table, column: Column, start: float) -> None:
     """Refuse a strain that starts near one, and a stretch that starts near zero."""
     assert column.unit is not None
     stretch = column.unit.quantity == "stretch"
@@ -166,7 +189,7 @@ def _check_start(table: RawTable, column: Column, start: float) -> None:
         )
 
 
-def _check_per_cent(table: RawTable, columns: Mapping[str, Column], stretch: np.ndarray) -> None:
+def _check_per_cent(table: Table, columns: Mapping[str, Column], stretch: np.ndarray) -> None:
     """Refuse per cent in a name where the values are fractions, as spreadsheets keep them."""
     for axis in "xy":
         unit = columns[f"stretch_{axis}"].unit
@@ -186,7 +209,7 @@ def _check_per_cent(table: RawTable, columns: Mapping[str, Column], stretch: np.
 
 
 def _gradient(
-    table: RawTable, columns: Mapping[str, Column], rows: np.ndarray, stretch: np.ndarray
+    table: Table, columns: Mapping[str, Column], rows: np.ndarray, stretch: np.ndarray
 ) -> np.ndarray | None:
     """Deformation gradient with the off-diagonal components that the table has."""
     if not any(target in columns for target in SHEAR):

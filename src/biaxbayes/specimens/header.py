@@ -12,7 +12,7 @@ from biaxbayes.specimens.keys import KEYS
 from biaxbayes.specimens.plausibility import NUMBER_RANGES
 from biaxbayes.specimens.protocol import STRETCH_RANGE
 from biaxbayes.specimens.specimen import REFERENCES
-from biaxbayes.specimens.units import likely_name
+from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import cells_of, number_in, one_line
 
 MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
@@ -156,6 +156,13 @@ def checked_value(key: str, value: str, row: int | None = None, path: object = N
             row=row,
             remedy="say what the stretches are relative to: the first rows of each protocol, or "
             "one state for all",
+        )
+    if key == "missing_rows" and value != "drop":
+        raise InputError(
+            f"missing_rows must be 'drop', not {value[:40]!r}",
+            file=path,
+            row=row,
+            remedy="leave the line out to have such rows refused",
         )
     if key == "rest_rows" and not re.fullmatch(r"\d{1,9}(\s*,\s*\d{1,9})*", value):
         raise InputError(

@@ -84,6 +84,10 @@ KEYS = {
         "for a protocol that starts elsewhere than the common reference",
         "found from the stretches",
     ),
+    "missing_rows": Meaning(
+        "`drop` leaves out rows in which a reading is missing (empty or NaN) and counts them",
+        "such rows are refused",
+    ),
     "stress_limit_kPa": Meaning("Accept stresses up to this", "5000"),
     "source": Meaning("Where the record is from, as `convert` writes it", NONE),
     "conversion": Meaning("What `convert` took stretches and loads to be", NONE),

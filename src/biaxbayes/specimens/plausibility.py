@@ -173,7 +173,9 @@ def check_load(
 
 STRIPS = (
     "no load was recorded in this direction. Uniaxial strips are not taken: the model needs a "
-    "planar biaxial test, with stretches and loads in both directions"
+    "planar biaxial test, with stretches and loads in both directions. A pair of strips, along x "
+    "and y, is one file of two protocols where the transverse stretches were measured, with 0 for "
+    "the transverse loads (sample it with --mounting-stretch per-protocol)"
 )
 
 

@@ -110,7 +110,7 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
         As :func:`read_specimen`.
     """
     header, first = read_header(lines, path)
-    table = read_table(lines, first, path)
+    table = read_table(lines, first, path, drop_missing=header.text("missing_rows") == "drop")
     stress_pair = stress_pair_of(table, path)
     check_keys(header, stress_pair, path)
     try:
@@ -150,7 +150,7 @@ def _specimen(table: Table, header: Header, stress_pair: str, path: Path) -> Spe
         for p in specimen.protocols
         if max(abs(value - 1.0) for value in p.reference) > 1e-9
     ]
-    return replace(specimen, notes=tuple(notes))
+    return replace(specimen, notes=(*table.notes, *notes))
 
 
 def _in_file(

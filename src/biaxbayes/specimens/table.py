@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import islice
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +12,9 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.keys import COLUMNS
 from biaxbayes.specimens.protocol import STRETCH_RANGE, STRETCH_REMEDY
-from biaxbayes.specimens.units import likely_name
-from biaxbayes.text_files import bad_cell, cells_of, number_in, one_line, read_lines, rows_of
-
-__all__ = [
-    "KNOWN_COLUMNS",
-    "STRETCHES",
-    "Table",
-    "column_names",
-    "read_stretches",
-    "read_table",
-]
-
+from biaxbayes.tables.table import Table as CellTable
+from biaxbayes.tables.units import likely_name
+from biaxbayes.text_files import cells_of, number_in, one_line, read_lines, rows_of
 
 # --- which column names are known, and what a wrong line of them means ---------------------------
 
@@ -133,29 +122,24 @@ class Table:
         Rows of each protocol, in the order of the file.
     names_line : int
         Line of the column names.
+    notes : tuple of str
+        What was left out.
     """
 
     columns: dict[str, np.ndarray]
     lines: np.ndarray
     groups: tuple[tuple[str, slice], ...]
     names_line: int
+    notes: tuple[str, ...] = ()
 
     def pair(self, names: Sequence[str], rows: slice = slice(None)) -> np.ndarray:
         """Some columns side by side, shape (n, len(names))."""
         return np.column_stack([self.columns[name][rows] for name in names])
 
 
-@dataclass
-class _Cells:
-    """Flat numbers of the rows read so far, with the line and the protocol of each row."""
-
-    numbers: array = field(default_factory=lambda: array("d"))
-    lines: array = field(default_factory=lambda: array("q"))
-    codes: array = field(default_factory=lambda: array("q"))
-    labels: dict[str, int] = field(default_factory=dict)
-
-
-def read_table(lines: Sequence[str], first: int, path: Path) -> Table:
+def read_table(
+    lines: Sequence[str], first: int, path: Path, *, drop_missing: bool = False
+) -> Table:
     """Read the table below the header.
 
     Parameters
@@ -166,6 +150,8 @@ def read_table(lines: Sequence[str], first: int, path: Path) -> Table:
         Index of the line with the column names.
     path : Path
         For messages.
+    drop_missing : bool
+        Leave out rows in which a reading is missing; else they are refused.
 
     Returns
     -------
@@ -177,53 +163,38 @@ def read_table(lines: Sequence[str], first: int, path: Path) -> Table:
         Naming row and column of the first fault.
     """
     names = column_names(lines[first], first + 1, path)
-    numeric = [name for name in names if name != "protocol"]
-    cells = _read_cells(lines, first, names, path)
-    count = len(cells.lines)
-    if count < 2:
-        raise InputError(
-            "only 1 row of data" if count else "no row of data below the column names",
-            file=path,
-            row=cells.lines[0] if count else first + 1,
-            remedy="a test needs the mounted state and at least one stretched state",
-        )
-    matrix = np.frombuffer(cells.numbers, dtype=float).reshape(count, len(numeric))
-    line_of = np.frombuffer(cells.lines, dtype=np.int64)
-    if not np.isfinite(matrix).all():
-        row, column = np.argwhere(~np.isfinite(matrix))[0]
-        raise bad_cell(f"{matrix[row, column]:g}", path, int(line_of[row]), numeric[column])
-    return Table(
-        columns=dict(zip(numeric, np.ascontiguousarray(matrix.T), strict=True)),
-        lines=line_of,
-        groups=_groups(
-            list(cells.labels), np.frombuffer(cells.codes, dtype=np.int64), line_of, path
-        ),
-        names_line=first + 1,
-    )
-
-
-def _read_cells(lines: Sequence[str], first: int, names: list[str], path: Path) -> _Cells:
-    labelled = names.index("protocol") if "protocol" in names else None
-    numeric = [name for name in names if name != "protocol"]
-    # float() takes '1_000' for a number; look closely only where an underscore occurs.
-    plain = not any("_" in line for line in islice(lines, first + 1, None))
-    out = _Cells()
-    for row, cells in rows_of(lines, path, first=first + 1):
+    rows, numbers = [], []
+    for number, cells in rows_of(lines, path, first=first + 1):
         if len(cells) != len(names) or not any(cells):
             if not any(cell.strip() for cell in cells):
                 continue  # a blank line
-            cells = _trimmed(cells, names, row, path)
-        if labelled is not None:
-            label = cells.pop(labelled)
-            out.codes.append(out.labels.setdefault(label, len(out.labels)))
-        try:
-            if not plain and "_" in "".join(cells):
-                raise ValueError
-            out.numbers.extend(map(float, cells))
-        except ValueError:
-            raise _first_bad_cell(cells, numeric, row, path) from None
-        out.lines.append(row)
-    return out
+            cells = _trimmed(cells, names, number, path)
+        rows.append(cells)
+        numbers.append(number)
+    if len(rows) < 2:
+        raise InputError(
+            "only 1 row of data" if rows else "no row of data below the column names",
+            file=path,
+            row=numbers[0] if rows else first + 1,
+            remedy="a test needs the mounted state and at least one stretched state",
+        )
+    cells_by_column = tuple(zip(*rows, strict=True))
+    table = CellTable(path, tuple(names), cells_by_column, np.array(numbers))
+    del rows
+    numeric = [index for index, name in enumerate(names) if name != "protocol"]
+    table = table.without_missing(
+        numeric,
+        drop=drop_missing,
+        remedy="leave such rows out with a line '# missing_rows: drop' at the top",
+    )
+    labels = table.text(names.index("protocol")) if "protocol" in names else []
+    return Table(
+        columns={names[index]: table.numbers(index) for index in numeric},
+        lines=table.lines,
+        groups=_groups(labels, table.lines, path),
+        names_line=first + 1,
+        notes=table.notes,
+    )
 
 
 def _trimmed(cells: list[str], names: list[str], row: int, path: Path) -> list[str]:
@@ -254,21 +225,13 @@ def _trimmed(cells: list[str], names: list[str], row: int, path: Path) -> list[s
     )
 
 
-def _first_bad_cell(cells: list[str], numeric: list[str], row: int, path: Path) -> InputError:
-    for name, cell in zip(numeric, cells, strict=True):
-        try:
-            number_in(cell)
-        except ValueError:
-            return bad_cell(cell, path, row, name)
-    return InputError("a cell is not a number", file=path, row=row)
-
-
-def _groups(
-    labels: list[str], codes: np.ndarray, lines: np.ndarray, path: Path
-) -> tuple[tuple[str, slice], ...]:
+def _groups(labels: Sequence[str], lines: np.ndarray, path: Path) -> tuple[tuple[str, slice], ...]:
     """Rows of each protocol; a file without the column holds one, named ``1``."""
     if not labels:
         return (("1", slice(0, len(lines))),)
+    number: dict[str, int] = {}
+    codes = np.array([number.setdefault(label, len(number)) for label in labels])
+    labels = list(number)
     starts = np.flatnonzero(np.diff(codes, prepend=-1))
     if starts.size > MAX_PROTOCOLS:
         raise InputError(

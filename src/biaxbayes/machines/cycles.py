@@ -1,0 +1,197 @@
+"""Cycles of a record: where they are, which ratio each has, whether preconditioning has settled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.path import cycles, progress
+from biaxbayes.tables.table import Table
+
+SAME_RATIO_DEG = 2.5
+"""Angles of the peaks of one ratio lie closer than this; 1:1 and 1:0.9 are 3 degrees apart."""
+STEADY_DEG = 0.75
+"""What a machine controls keeps its angle from cycle to cycle within this."""
+SETTLED = 0.03
+"""Change of peak load or curve between the last cycles below which they repeat: a convention."""
+SAME_PEAK = 0.05
+
+
+@dataclass(frozen=True)
+class RecordedCycle:
+    """Rows of one cycle: up to its peak, and from the peak on."""
+
+    label: str
+    loading: np.ndarray
+    unloading: np.ndarray
+
+    def rows(self, branch: str) -> np.ndarray:
+        """Rows of a branch; an unloading branch is turned round, so that it starts at rest."""
+        up, down = self.loading, self.unloading
+        return {"loading": up, "unloading": down[::-1], "both": np.union1d(up, down)}[branch]
+
+
+def recorded_cycles(
+    stretch: np.ndarray, load: np.ndarray, labels: Sequence[str] | None, table: Table
+) -> list[RecordedCycle]:
+    """Cycles by the labels of a column where there is one, else by the curves themselves.
+
+    Parameters
+    ----------
+    stretch, load : ndarray, shape (n, 2)
+    labels : sequence of str, optional
+        Cycle that each row belongs to; the last rise of a cycle counts.
+    table : Table
+        For messages.
+
+    Raises
+    ------
+    InputError
+        If the record, or its last cycle, never rises.
+    """
+    if labels is None:
+        found = [
+            RecordedCycle(str(i + 1), _rows(cycle.loading), _rows(cycle.unloading))
+            for i, cycle in enumerate(cycles(progress(stretch, load)))
+        ]
+        complete = bool(found)
+    else:
+        found = []
+        numbers = np.array(labels)
+        for label in dict.fromkeys(labels):
+            rows = np.flatnonzero(numbers == label)
+            rises = cycles(progress(stretch[rows], load[rows]))
+            complete = bool(rises)
+            if rises:
+                up, down = _rows(rises[-1].loading), _rows(rises[-1].unloading)
+                found.append(RecordedCycle(label, rows[up], rows[down]))
+    if not complete:
+        raise InputError(
+            "the record never rises: no loading branch",
+            file=table.path,
+            remedy=f"check the columns; {table.found}",
+        )
+    return found
+
+
+def _rows(part: slice) -> np.ndarray:
+    return np.arange(part.start, part.stop)
+
+
+def chosen_number(which: str, labels: Sequence[str], table: Table) -> int:
+    """Index of the cycle that was asked for.
+
+    Raises
+    ------
+    InputError
+        If there is no such cycle; the message lists those that there are.
+    """
+    if which == "last":
+        return len(labels) - 1
+    if which not in labels:
+        shown = ", ".join(labels) if len(labels) < 12 else f"{labels[0]} to {labels[-1]}"
+        raise InputError(
+            f"no cycle {which}", file=table.path, remedy=f"found {shown or 'none'}; or --cycle last"
+        )
+    return list(labels).index(which)
+
+
+def cycle_label(labels: Sequence[str], number: int) -> str | None:
+    """A cycle among others, such as ``6 of 6``; None where it is the only one."""
+    if len(labels) < 2:
+        return None
+    place = f"{number + 1} of {len(labels)}"
+    return place if labels[number] == str(number + 1) else f"{labels[number]} ({place})"
+
+
+# --- ratios ---------------------------------------------------------------------------------------
+
+
+def by_ratio(
+    stretch: np.ndarray, load: np.ndarray, found: Sequence[RecordedCycle]
+) -> dict[str, list[int]]:
+    """Numbers of the cycles of each ratio x:y, in the order in which they first appear.
+
+    The ratio is that of the stretches or of the loads at the peaks, whichever a machine holds
+    steadier from cycle to cycle. A record of one ratio has the name ``""``.
+    """
+    ways = []
+    for curves in (stretch, load):
+        peaks = np.array([curves[c.loading[-1]] - curves[c.loading[0]] for c in found])
+        angles = np.degrees(np.arctan2(peaks[:, 1], peaks[:, 0]))
+        groups = _grouped(angles.tolist())
+        spread = max((float(np.ptp(angles[g])) for g in groups if len(g) > 1), default=np.inf)
+        # Steady from cycle to cycle: what the machine controls. Else rather too many than lost.
+        order = (0, round(4 * spread)) if spread < STEADY_DEG else (1, -len(groups))
+        shares = [peaks[g[-1]] / np.abs(peaks[g[-1]]).max() for g in groups]
+        uneven = float(np.abs(np.array(shares) * 4 - np.round(np.array(shares) * 4)).sum())
+        ways.append(((*order, uneven), groups, peaks))
+    _, groups, peaks = min(ways, key=lambda way: way[0])
+    if len(groups) == 1:
+        return {"": groups[0]}
+    named: dict[str, list[int]] = {}
+    for group in groups:
+        x, y = peaks[group[-1]] / np.abs(peaks[group[-1]]).max()
+        name = f"{round(20 * x) / 20:g}:{round(20 * y) / 20:g}"
+        while name in named:
+            name += "'"
+        named[name] = group
+    return named
+
+
+def _grouped(angles: Sequence[float]) -> list[list[int]]:
+    """Numbers of the angles in groups, each near the latest of its group."""
+    groups: list[list[int]] = []
+    for i, angle in enumerate(angles):
+        for group in groups:
+            if abs(angles[group[-1]] - angle) < SAME_RATIO_DEG:
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
+
+
+# --- preconditioning ------------------------------------------------------------------------------
+
+
+def settling(
+    before: tuple[np.ndarray, np.ndarray], last: tuple[np.ndarray, np.ndarray]
+) -> tuple[str, bool]:
+    """What changed between the loading branches of two cycles, in words, and whether it repeats.
+
+    Parameters
+    ----------
+    before, last : (ndarray, ndarray), shapes (n, 2)
+        Stretches and loads.
+
+    Returns
+    -------
+    str, bool
+    """
+    peaks = np.array([branch[1][-1] - branch[1][0] for branch in (before, last)])
+    largest = np.abs(peaks[1]).max()
+    # The curve: loads at the same sum of stretches, where both cycles have it.
+    paths = [np.maximum.accumulate(branch[0].sum(axis=1)) for branch in (before, last)]
+    low, high = max(path[0] for path in paths), min(path[-1] for path in paths)
+    grid = np.linspace(low, max(high, low), 50)
+    curves = [
+        np.column_stack([np.interp(grid, path, branch[1][:, k]) for k in range(2)])
+        for path, branch in zip(paths, (before, last), strict=True)
+    ]
+    curve = float(np.abs(curves[1] - curves[0]).mean(axis=0).max()) / largest
+    change = (peaks[1] - peaks[0]) / largest
+    reach = [path[-1] - path[0] for path in paths]
+    if abs(reach[1] - reach[0]) > SAME_PEAK * reach[1]:
+        words = f"the last two cycles reach different stretches; their curves differ by {curve:.1%}"
+        settled = curve <= SETTLED
+    else:
+        words = (
+            f"between the last two cycles the peak load changes by {change[0]:+.1%} in x and "
+            f"{change[1]:+.1%} in y, the curve by {curve:.1%} (of the largest load)"
+        )
+        settled = max(curve, *np.abs(change).tolist()) <= SETTLED
+    return (words if settled else f"preconditioning has not settled: {words}"), settled

@@ -1,0 +1,410 @@
+"""A table of another program: named columns with units, and cells that are still text."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.tables.sheets import Sheet, read_sheets
+from biaxbayes.tables.text import is_number
+from biaxbayes.tables.units import Unit, stem_of, unit_named, unit_of_column
+from biaxbayes.text_files import DECIMAL_COMMA, bad_cell, fault_of, number_in, one_line
+
+ALL_SHEETS = "all"
+SHOWN_COLUMNS = 30
+MAX_COLUMNS = 2_000
+SAMPLE = 200
+"""Rows that tell the form of a table."""
+DECIMAL_POINT = re.compile(r"[+-]?\d+\.\d+([eE][+-]?\d+)?")
+THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+MISSING = ("", "nan", "na", "n/a", "#n/a", "-", "--", "---", "null", "none")
+"""Cells, in lower case, of a reading that is not there."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text cells.
+
+    Attributes
+    ----------
+    path : Path
+    names : tuple of str
+    columns : tuple of sequence of str
+        Cells by column.
+    lines : ndarray of int, shape (n,)
+        Line (or row of the sheet) that each row stands in, from 1.
+    decimal_comma : bool
+    units : dict of str to str
+        Units from a row of their own below the names.
+    notes : tuple of str
+        What was noticed while reading: encoding, separator, decimal comma.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    columns: tuple[Sequence[str], ...]
+    lines: np.ndarray
+    decimal_comma: bool = False
+    units: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.lines)
+
+    @property
+    def found(self) -> str:
+        """The column names in one line, for messages."""
+        shown = ", ".join(self.names[:SHOWN_COLUMNS])
+        more = len(self.names) - SHOWN_COLUMNS
+        return f"found {shown}" + (f" and {more} more" if more > 0 else "")
+
+    def column(self, wanted: str) -> int:
+        """Index of a column by its name; letter case and spaces do not matter.
+
+        Raises
+        ------
+        InputError
+            If no column or more than one has the name; the message lists what was found.
+        """
+        for key in (str.strip, _bare):
+            matches = [i for i, name in enumerate(self.names) if key(name) == key(wanted)]
+            if len(matches) == 1:
+                return matches[0]
+            if len(matches) > 1:
+                places = " and ".join(str(i + 1) for i in matches)
+                raise InputError(
+                    f"column {wanted[:60]!r} is ambiguous: columns {places} have this name",
+                    file=self.path,
+                    remedy=f"rename one; {self.found}",
+                )
+        raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.found)
+
+    def by_stem(self, stem: str) -> int | None:
+        """Index of the column whose name without its unit is ``stem``; None where none is.
+
+        Raises
+        ------
+        InputError
+            If there are several.
+        """
+        matches = [i for i, name in enumerate(self.names) if stem_of(name) == stem]
+        if len(matches) > 1:
+            names = " and ".join(self.names[i] for i in matches)
+            raise InputError(
+                f"{names} are ambiguous: each could be {stem}",
+                file=self.path,
+                remedy=f"rename one; {self.found}",
+            )
+        return matches[0] if matches else None
+
+    def unit(self, index: int) -> Unit | None:
+        """The unit of a column, from its name or from the row of units."""
+        name = self.names[index]
+        return unit_of_column(name) or unit_named(self.units.get(name, ""))
+
+    def text(self, index: int, rows: np.ndarray | None = None) -> list[str]:
+        """Cells of a column, stripped."""
+        cells = self.columns[index]
+        return [cell.strip() for cell in (cells if rows is None else [cells[i] for i in rows])]
+
+    def is_numeric(self, index: int) -> bool:
+        """Whether all cells of a column are numbers."""
+        try:
+            self.numbers(index)
+        except InputError:
+            return False
+        return True
+
+    def numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
+        """Numbers of a column, of all rows or of some.
+
+        Raises
+        ------
+        InputError
+            Naming row and column of a cell that is no number.
+        """
+        values = self.sparse_numbers(index, rows)
+        missing = np.flatnonzero(np.isnan(values))
+        if missing.size:
+            at = int(missing[0]) if rows is None else int(rows[missing[0]])
+            cell = self.columns[index][at]
+            raise bad_cell(cell, self.path, int(self.lines[at]), self.names[index])
+        return values
+
+    def sparse_numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
+        """As :meth:`numbers`, with NaN where a reading is missing."""
+        cells = self.text(index, rows)
+        plain = [cell.replace(",", ".") for cell in cells] if self.decimal_comma else cells
+        try:
+            quick = np.fromiter(map(float, plain), dtype=float, count=len(plain))
+        except ValueError:
+            return self._carefully(plain, cells, index, rows)
+        # float() takes 'inf', and '1_000' for a number
+        if np.isfinite(quick).all() and "_" not in "".join(cells):
+            return quick
+        return self._carefully(plain, cells, index, rows)
+
+    def _carefully(
+        self, plain: list[str], cells: list[str], index: int, rows: np.ndarray | None
+    ) -> np.ndarray:
+        """Numbers of cells one by one, so that the first fault can be named."""
+        values = np.full(len(cells), np.nan)
+        for at, cell in enumerate(plain):
+            if cell.lower() in MISSING:
+                continue
+            try:
+                values[at] = number_in(cell)
+            except ValueError:
+                row = int(self.lines[at if rows is None else rows[at]])
+                raise bad_cell(cells[at], self.path, row, self.names[index]) from None
+        return values
+
+    def without_missing(self, indices: Sequence[int], *, drop: bool, remedy: str) -> Table:
+        """The rows that have a reading in each of some columns.
+
+        Parameters
+        ----------
+        indices : sequence of int
+            Columns of numbers.
+        drop : bool
+            Whether rows that lack a reading are left out and counted in ``notes``; else they are
+            refused, all in one message.
+        remedy : str
+            How to ask for leaving them out.
+
+        Raises
+        ------
+        InputError
+        """
+        lacks = np.array([np.isnan(self.sparse_numbers(i)) for i in indices])
+        rows = np.flatnonzero(lacks.any(axis=0))
+        if not rows.size:
+            return self
+        where = row_ranges(self.lines[rows])
+        kept = np.flatnonzero(~lacks.any(axis=0)).tolist()
+        if drop and kept:
+            columns = tuple([cells[i] for i in kept] for cells in self.columns)
+            note = f"{rows.size} of {self.rows} rows without a reading left out ({where})"
+            notes = (*self.notes, note)
+            return replace(self, columns=columns, lines=self.lines[kept], notes=notes)
+        column = indices[int(np.argmax(lacks[:, rows[0]]))]
+        if rows.size == 1 or not kept:
+            row = int(self.lines[rows[0]])
+            problem, mend = fault_of(self.columns[column][int(rows[0])])
+            raise InputError(
+                problem,
+                file=self.path,
+                row=row,
+                column=self.names[column],
+                remedy=f"{mend}, or {remedy}",
+            )
+        raise InputError(
+            f"{rows.size} of {self.rows} rows lack a reading (the cell is empty or not a finite "
+            f"number): {where}",
+            file=self.path,
+            row=int(self.lines[rows[0]]),
+            column=self.names[column],
+            remedy=f"remove the rows, or {remedy}",
+        )
+
+
+def row_ranges(lines: Sequence[int] | np.ndarray) -> str:
+    """Rows in one line: ``rows 5, 9-14 and 3 more``."""
+    runs = np.split(np.asarray(lines), np.flatnonzero(np.diff(lines) != 1) + 1)
+    shown = [f"{r[0]}-{r[-1]}" if len(r) > 1 else f"{r[0]}" for r in runs[:20]]
+    more = sum(map(len, runs[20:]))
+    word = "row" if len(lines) == 1 else "rows"
+    return f"{word} {', '.join(shown)}" + (f" and {more} more" if more else "")
+
+
+def _bare(name: str) -> str:
+    return re.sub(r"\s+", "", name).lower()
+
+
+# --- tables of a file -----------------------------------------------------------------------------
+
+
+def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table], dict[str, str]]:
+    """Tables of a file by the name of their sheet, and why other sheets hold none.
+
+    Parameters
+    ----------
+    path : Path
+    sheets : sequence of str
+        Sheets to read, or ``all``; needed where more than one holds a table.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or the sheets that are wanted hold no table.
+    """
+    found = read_sheets(path)
+    wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
+    if sheets and "" in found:
+        raise InputError("is text and has no sheets", file=path, remedy="leave out --sheet")
+    for name in wanted:
+        if name not in found:
+            raise InputError(
+                f"no sheet {name[:40]!r}", file=path, remedy=f"found {', '.join(found)[:300]}"
+            )
+        if wanted.count(name) > 1:
+            raise InputError(f"sheet {name[:40]!r} is given twice", file=path, remedy="keep one")
+    tables: dict[str, Table] = {}
+    others: dict[str, str] = {}
+    for name in wanted or found:
+        try:
+            tables[name] = table_of(found[name], path)
+        except InputError as error:
+            if wanted or len(found) == 1:
+                label = f"sheet {name[:40]!r} " if name else ""
+                raise InputError(
+                    label + error.problem, file=path, row=error.row, remedy=error.remedy
+                ) from None
+            others[name] = error.problem
+    if not tables or (len(tables) > 1 and not sheets):
+        raise InputError(
+            f"{'more than one sheet holds' if tables else 'no sheet holds'} a table",
+            file=path,
+            remedy=f"choose with --sheet, once for each protocol, or --sheet {ALL_SHEETS}; found "
+            f"{', '.join(found)[:300]}",
+        )
+    return tables, others
+
+
+def table_of(sheet: Sheet, path: Path) -> Table:
+    """Names, an optional row of units, and the body of a table, below any preamble.
+
+    Raises
+    ------
+    InputError
+        If there are no numbers or no names, or a row has other cells than there are names.
+    """
+    rows, lines = sheet.rows, sheet.lines
+    start = _first_row_of_numbers(rows, path)
+    numeric = _numeric_columns(rows[start:])
+    at_names, units_row = start - 1, None
+    if start > 1 and _is_row_of_units(rows[start - 1], rows[start - 2], numeric):
+        at_names, units_row = start - 2, rows[start - 1]
+    if start == 0 and len(sheet.names) == len(rows[0]):
+        names = list(sheet.names)  # as numpy.savetxt writes them, in a comment
+    elif start == 0 or not _are_names(rows[at_names], numeric):
+        shown = ", ".join(rows[max(at_names, 0)])[:60]
+        raise InputError(
+            f"has no line of column names: {shown!r} stands in their place",
+            file=path,
+            row=lines[max(at_names, 0)],
+            remedy="add a line that names the columns, with their units",
+        )
+    else:
+        names = list(rows[at_names])
+    names = [one_line(name) for name in names]
+    while names and not names[-1]:
+        names.pop()
+    if len(names) > MAX_COLUMNS:
+        raise InputError(f"has {len(names)} columns", file=path, remedy="cut out those of the test")
+    body = _squared(rows[start:], lines[start:], len(names), sheet, path)
+    comma = _decimal_comma(body[: 10 * SAMPLE], numeric, path)
+    units = {} if units_row is None else dict(zip(names, units_row, strict=False))
+    notes = [*sheet.notes, "decimal commas"] if comma else sheet.notes
+    columns = tuple(zip(*body, strict=True))
+    return Table(path, tuple(names), columns, np.array(lines[start:]), comma, units, tuple(notes))
+
+
+def _numeric_columns(rows: Sequence[Sequence[str]]) -> list[int]:
+    """Columns that hold a number in at least half of the rows about the middle."""
+    middle = rows[len(rows) // 3 :][:SAMPLE]
+    width = max(map(len, middle), default=0)
+    counts = [sum(j < len(r) and is_number(r[j]) for r in middle) for j in range(width)]
+    return [j for j, count in enumerate(counts) if 2 * count >= len(middle)]
+
+
+def _first_row_of_numbers(rows: Sequence[Sequence[str]], path: Path) -> int:
+    """The first of three rows that hold numbers where the middle of the table does."""
+    numeric = _numeric_columns(rows)
+    if len(numeric) < 2 or len(rows) < 2:
+        width = max(map(len, rows), default=0)
+        raise InputError(
+            f"holds no table: {len(rows)} rows of up to {width} cells, without columns of numbers",
+            file=path,
+            remedy="a table has a line of column names and at least two rows",
+        )
+
+    def of_numbers(cells: Sequence[str]) -> bool:
+        present = [cells[j] for j in numeric if j < len(cells)]
+        numbers = sum(map(is_number, present))
+        texts = sum(cell.strip().lower() not in MISSING for cell in present) - numbers
+        return numbers >= 2 and texts <= 0.25 * len(numeric)
+
+    for start in range(len(rows)):
+        if all(map(of_numbers, rows[start : start + 3])):
+            return start
+    raise InputError(
+        "holds no table: no three rows of numbers below each other", file=path, remedy="check it"
+    )
+
+
+def _are_names(cells: Sequence[str], numeric: Sequence[int]) -> bool:
+    """Whether most columns of numbers have a text in a row."""
+    named = sum(j < len(cells) and bool(cells[j].strip()) for j in numeric)
+    numbers = sum(j < len(cells) and is_number(cells[j]) for j in numeric)
+    return not numbers and named >= max(2, 0.6 * len(numeric))
+
+
+def _is_row_of_units(cells: Sequence[str], above: Sequence[str], numeric: Sequence[int]) -> bool:
+    """Whether a row below names holds units: known ones, or the same text several times."""
+    filled = [cell.strip() for cell in cells if cell.strip()]
+    if not filled or not _are_names(above, numeric) or any(map(is_number, cells)):
+        return False
+    units = sum(unit_named(cell) is not None or not re.search(r"\w", cell) for cell in filled)
+    names = [cell.strip() for cell in above if cell.strip()]
+    repeated = len(set(filled)) < len(filled) and len(set(names)) == len(names)
+    return 2 * units >= len(filled) or repeated
+
+
+def _squared(
+    rows: Sequence[Sequence[str]], lines: Sequence[int], width: int, sheet: Sheet, path: Path
+) -> list[list[str]]:
+    """Rows of equal width; in text, one that lacks more than sparse columns may be cut off."""
+    sample = rows[:: max(1, len(rows) // SAMPLE)]
+    needed = 0
+    for j in range(width):
+        if 2 * sum(j < len(r) and bool(r[j].strip()) for r in sample) >= len(sample):
+            needed = j + 1
+    out = []
+    for cells, line in zip(rows, lines, strict=True):
+        too_many = len(cells) > width and "".join(cells[width:]).strip()
+        if sheet.text and (too_many or len(cells) < needed):
+            raise InputError(
+                f"{len(cells)} cells where the columns are {width}",
+                file=path,
+                row=line,
+                remedy="the file may be cut off here, or holds more than one table",
+            )
+        out.append([*cells[:width], *[""] * (width - len(cells))])
+    return out
+
+
+def _decimal_comma(rows: Sequence[Sequence[str]], numeric: Sequence[int], path: Path) -> bool:
+    """Whether numbers have decimal commas; mixed ones and thousands separators are refused."""
+    cells = [row[j].strip() for row in rows for j in numeric if j < len(row)]
+    commas = [cell for cell in cells if DECIMAL_COMMA.fullmatch(cell)]
+    if commas and any(map(DECIMAL_POINT.fullmatch, cells)):
+        raise InputError(
+            "mixes decimal commas and decimal points (or has thousands separators)",
+            file=path,
+            remedy="export it with one of them and no thousands separators",
+        )
+    if commas and all(map(THOUSANDS.fullmatch, commas)):
+        raise InputError(
+            f"writes numbers like {commas[0]!r}, which may be decimals or thousands",
+            file=path,
+            remedy="export it with decimal points and no thousands separators",
+        )
+    return bool(commas)

@@ -1,0 +1,49 @@
+"""LabVIEW measurements (.tdms) through npTDMS: a group is a sheet, a channel a column."""
+
+from __future__ import annotations
+
+import io
+from itertools import zip_longest
+from pathlib import Path
+
+from biaxbayes.errors import InputError
+from biaxbayes.tables.sheets import MAX_CELLS, Sheet, sheet_of, too_large
+
+
+def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
+    """All groups of a TDMS file.
+
+    Raises
+    ------
+    InputError
+        If npTDMS is missing, the file is damaged or would take too much memory.
+    """
+    try:
+        import nptdms
+    except ImportError:
+        raise InputError(
+            "is a LabVIEW TDMS file, and npTDMS is not installed",
+            file=path,
+            remedy="pip install 'biaxbayes[tables]', or export it as CSV",
+        ) from None
+    try:
+        groups = nptdms.TdmsFile.read_metadata(io.BytesIO(raw)).groups()
+        if sum(len(channel) for group in groups for channel in group.channels()) > MAX_CELLS:
+            raise too_large(f"holds more than {MAX_CELLS:,} readings", path)
+        found = {}
+        for group in nptdms.TdmsFile.read(io.BytesIO(raw)).groups():
+            channels = [channel for channel in group.channels() if len(channel)]
+            names = [channel.name for channel in channels]
+            units = [str(channel.properties.get("unit_string", "")) for channel in channels]
+            rows = zip_longest(*(channel[:].tolist() for channel in channels), fillvalue="")
+            head = [names, units] if any(units) else [names]
+            found[group.name] = sheet_of([*head, *map(list, rows)], f"group {group.name}")
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file fails in many ways inside npTDMS
+        raise InputError(
+            f"is no readable TDMS file ({type(error).__name__})",
+            file=path,
+            remedy="export it as CSV",
+        ) from None
+    return found

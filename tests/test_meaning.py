@@ -1,0 +1,284 @@
+"""One specimen written in many ways is read to the same numbers, or refused with its cause."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.machines.conversion import Choice, Conversion, convert
+
+WAYS = 200
+EDGE, THICKNESS = 10.0, 1.2
+GAUGE = EDGE * np.array([1.02, 1.05])
+RATIOS = {"1:1": (1.0, 1.0), "1:0.5": (1.0, 0.5), "0.5:1": (0.5, 1.0)}
+HEADER = {
+    "edge_x_mm": EDGE, "edge_y_mm": EDGE, "thickness_mm": THICKNESS, "geometry": "unloaded",
+}  # fmt: skip
+
+
+def protocol(x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+    """Stretches and forces (N) of a stiffening sheet, 25 rows from rest to the peak."""
+    t = np.linspace(0.0, 1.0, 25)
+    stretch = 1.0 + 0.2 * np.outer(t, [x, y])
+    e = stretch - 1.0
+    energy = np.exp(9.0 * e[:, 0] ** 2 + 5.0 * e[:, 1] ** 2 + 4.0 * e[:, 0] * e[:, 1])
+    force = 0.03 + 0.6 * (e @ np.array([[2.0, 0.4], [0.4, 1.4]])) * energy[:, None]
+    return stretch, force
+
+
+TRUE = {name: protocol(*ratio) for name, ratio in RATIOS.items()}
+
+
+def two_cycles(curve: np.ndarray, back: np.ndarray) -> np.ndarray:
+    """Up and down twice, without the rest row at the end."""
+    return np.concatenate([curve, back[-2::-1], curve[1:], back[-2:0:-1]])
+
+
+@dataclass
+class Way:
+    """A file with its options, and whether anything is open in it."""
+
+    names: list[str] = field(default_factory=list)
+    columns: list[np.ndarray] = field(default_factory=list)
+    mapped: dict[str, str] = field(default_factory=dict)
+    options: dict = field(default_factory=dict)
+    refusals: list[str] = field(default_factory=list)
+    """Words, one of which a refusal has to hold; none where the file leaves nothing open."""
+
+
+STRAINS = {
+    "stretch": lambda s: s,
+    "engineering": lambda s: s - 1.0,
+    "green": lambda s: 0.5 * (s**2 - 1.0),
+    "log": np.log,
+    "almansi": lambda s: 0.5 * (1.0 - s**-2),
+}
+NAMED = {
+    "stretch": ["lambda_{}", "Stretch {}", "stretch_ratio_{}"],
+    "engineering": ["Eng. strain {}", "engineering_{}", "nominalStrain{}"],
+    "green": ["Green strain {}{}", "E{} (Green)", "green-lagrange_{}"],
+    "log": ["E{}_true", "e{} (Hencky)", "log strain {}", "Ln{} ln"],
+    "almansi": ["Almansi {}", "euler-almansi_{}"],
+}
+OPEN = ["E{}{}", "Lagrange strain {}", "strain_{}", "eps {}"]
+SCALES = {"": 1.0, " [%]": 100.0, "_%": 100.0, " (‰)": 1000.0, " [-]": 1.0}
+FORCES = {
+    "N": 1.0, "mN": 1e3, "gf": 1 / 9.80665e-3, "kgf": 1 / 9.80665, "lbf": 1 / 4.4482216152605,
+    "g": 1 / 9.80665e-3, "dyn": 1e5,
+}  # fmt: skip
+STRESSES = {
+    "kPa": 1.0, "MPa": 1e-3, "Pa": 1e3, "N/m^2": 1e3, "psi": 1 / 6.894757293168,
+    "kgf/cm2": 1 / 98.0665, "dyn/cm²": 1e4, "mmHg": 1 / 0.133322387415, "N mm-2": 1e-3,
+}  # fmt: skip
+
+
+def deformation(rng: np.random.Generator, way: Way, stretch: np.ndarray) -> None:
+    """Columns of stretches, strains, displacements or distances."""
+    kind = str(rng.choice([*STRAINS, *STRAINS, "moved", "apart", "open"]))
+    scale = str(rng.choice(list(SCALES)))
+    name = str(rng.choice(NAMED.get(kind, OPEN)))
+    stated = ""
+    if kind in ("moved", "apart"):
+        unit, factor = [("mm", 1.0), ("um", 1e3), ("cm", 0.1)][rng.integers(3)]
+        scale = f" [{unit}]"
+        words = {
+            "moved": ["Grip displacement {}", "crosshead {}", "Weg {}", "Position {}"],
+            "apart": ["Marker distance {}", "gauge length {}", "Position {}"],
+        }[kind]
+        name = str(rng.choice(words))
+        moved = kind == "moved"
+        values = (stretch - moved) * GAUGE * factor
+        if "Position" in name and rng.random() < 0.5:
+            stated = f":displacement_{unit}" if moved else f":{unit}"
+        elif "Position" in name:
+            way.refusals.append("displacement or a length")
+        if moved and rng.random() < 0.8:
+            way.options |= {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
+        elif moved:
+            way.options["edges only"] = True
+        if moved and rng.random() < 0.2:
+            values = values + 0.3 * GAUGE * factor
+            if rng.random() < 0.5:
+                way.options["gauge_at"] = "start"
+            else:
+                way.refusals.append("not at zero")
+    elif kind == "open":
+        kind = str(rng.choice(["engineering", "green", "log"]))
+        values = STRAINS[kind](stretch) * SCALES[scale]
+        if rng.random() < 0.5:
+            way.refusals.append("not clear what kind")
+        elif SCALES[scale] == 1000.0:
+            stated = f":{kind}"
+        else:
+            stated = f":{kind}{'_percent' if SCALES[scale] == 100.0 else ''}"
+    else:
+        values = STRAINS[kind](stretch) * SCALES[scale]
+        if kind == "stretch" and SCALES[scale] != 1.0:
+            way.refusals.append("not clear what kind")
+    numbered = bool(rng.integers(2))
+    for k, axis in enumerate("xy"):
+        letters = str(k + 1) if numbered else axis.upper()
+        full = name.format(*[letters] * 2) + scale
+        way.names.append(full)
+        way.columns.append(values[:, k])
+        way.mapped[f"stretch_{axis}"] = full + stated
+
+
+def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.ndarray) -> None:
+    """Columns of forces or stresses, in any unit and sign."""
+    pair = str(rng.choice(["force", "piola", "cauchy"]))
+    area = EDGE * THICKNESS
+    values = {
+        "force": force,
+        "piola": force / area * 1e3,
+        "cauchy": force / area * 1e3 * stretch,
+    }[pair]
+    units = FORCES if pair == "force" else STRESSES
+    unit = str(rng.choice(list(units)))
+    values = values * units[unit]
+    form = str(rng.choice(["{} [u]", "{}, u", "{} (u)", "{}_u", "{}"]))
+    words = {"force": "Load", "piola": "P", "cauchy": "Cauchy stress"}[pair]
+    if pair != "force" and rng.random() < 0.1:
+        words = {"piola": "Cauchy stress", "cauchy": "First Piola stress"}[pair]
+        way.refusals.append("speaks of a")
+    negative = rng.random() < 0.2
+    if negative and rng.random() < 0.5:
+        way.options["tension_negative"] = "xy"
+    elif negative:
+        way.refusals.append("tension negative")
+    stated = ""
+    if "u" not in form.replace("{}", ""):
+        if rng.random() < 0.5:
+            stated = f":{unit}"
+        else:
+            way.refusals.append("does not say its unit")
+    for k, axis in enumerate("xy"):
+        full = form.replace("u", unit).format(f"{words} {axis.upper()}")
+        way.names.append(full)
+        way.columns.append(-values[:, k] if negative else values[:, k])
+        suffix = "N" if pair == "force" else "kPa"
+        way.mapped[f"{pair}_{axis}_{suffix}"] = full + stated
+
+
+def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, Way]:
+    """A file, and the way in which it was written."""
+    way = Way()
+    how = str(rng.choice(["column", "record", "sheets"]))
+    curves = list(TRUE.values())
+    if how == "record":  # two cycles of each ratio in one record, up and down
+        curves = [(two_cycles(s, s), two_cycles(f, f[0] + 0.9 * (f - f[0]))) for s, f in curves]
+    stretch, force = (np.concatenate(part) for part in zip(*curves, strict=True))
+    counts = [len(s) for s, _ in curves]
+    deformation(rng, way, stretch)
+    loads(rng, way, stretch, force)
+    labels = np.repeat(list(TRUE), counts)
+    way.options["names"] = how != "record"
+    cells: list[list[object]] = [c.tolist() for c in way.columns]
+    names = list(way.names)
+    for extra, values in (
+        ("Comment", ["slipped" if i == 9 else "" for i in range(len(labels))]),
+        ("Clock", [f"10:{i // 60:02d}:{i % 60:02d}" for i in range(len(labels))]),
+        ("Temperature [C]", [37.0 + 0.001 * i for i in range(len(labels))]),
+    ):
+        if rng.random() < 0.3:
+            names.append(extra)
+            cells.append(values)
+    if how == "column":
+        names.append("Path")
+        cells.append(labels.tolist())
+        way.mapped["protocol"] = "Path"
+    lost = rng.random() < 0.1
+    if lost:
+        middle = counts[0] // 4  # one reading of the first loading branch
+        cells[0][middle] = "NaN"
+        way.refusals.append("drop-missing")
+    order = rng.permutation(len(names))
+    names = [names[i] for i in order]
+    rows = [list(row) for row in zip(*[cells[i] for i in order], strict=True)]
+    preamble = [[], [["Specimen", "A-12"], ["Thickness", "1.2"]], [["made by hand"]]][
+        rng.integers(3)
+    ]
+    if how == "sheets":
+        path = folder / f"way{number}.xlsx"
+        import openpyxl
+
+        book = openpyxl.Workbook()
+        book.remove(book.active)
+        book.create_sheet("Info").append(["Specimen", "A-12"])
+        starts = np.cumsum([0, *counts])
+        for label, a, b in zip(("a", "b", "c"), starts[:-1], starts[1:], strict=True):
+            sheet = book.create_sheet(label)
+            for row in [*preamble, names, *rows[a:b]]:
+                sheet.append(row)
+        book.save(path)
+        way.options["sheets"] = ("all",)
+        return path, way
+    path = folder / f"way{number}.csv"
+    separator, decimal = [(",", "."), (";", ","), ("\t", "."), ("\t", ","), (";", ".")][
+        rng.integers(5)
+    ]
+    out = io.StringIO()
+    table = csv.writer(out, delimiter=separator, lineterminator=str(rng.choice(["\n", "\r\n"])))
+    padding = [""] * (len(names) - 2) if rng.random() < 0.5 else []
+    table.writerows([*row, *padding][: len(names)] for row in preamble)
+    table.writerow(names)
+    for row in rows:
+        table.writerow([repr(v).replace(".", decimal) if isinstance(v, float) else v for v in row])
+    path.write_text(out.getvalue(), str(rng.choice(["utf-8", "utf-8-sig", "utf-16"])))
+    return path, way
+
+
+def read(path: Path, way: Way) -> Conversion:
+    options = {k: v for k, v in way.options.items() if k not in ("names", "edges only")}
+    text = ",".join(f"{target}={column}" for target, column in way.mapped.items())
+    return convert([path], Choice("generic", (text,), **options), header=HEADER)
+
+
+def is_the_specimen(found: Conversion, way: Way) -> bool:
+    """Whether the numbers are those of the specimen, or stated to rest on the edges."""
+    protocols = found.specimen.protocols
+    if len(protocols) != len(TRUE):
+        return False
+    for p, (stretch, force) in zip(protocols, TRUE.values(), strict=True):
+        measured = np.column_stack([p.stretch_x, p.stretch_y])
+        if way.options.get("edges only"):
+            if "no gauge length is stated" not in str(found.specimen.metadata["conversion"]):
+                return False
+            # What it says: strains too large by the mounting stretch.
+            measured = 1.0 + (measured - 1.0) * EDGE / GAUGE
+        measured = measured / measured[0]
+        load = found.specimen.load(p)
+        if found.specimen.stress_pair != "force":
+            load = load * EDGE * THICKNESS * 1e-3
+        if len(load) != len(force) or not np.allclose(measured, stretch, rtol=0, atol=1e-9):
+            return False
+        if not np.allclose(load, force, rtol=1e-7, atol=1e-12):
+            return False
+    return True
+
+
+def test_one_specimen_written_in_many_ways(tmp_path):
+    outcomes: Counter[str] = Counter()
+    wrong = []
+    for number in range(WAYS):
+        path, way = written(np.random.default_rng([7, number]), tmp_path, number)
+        try:
+            found = read(path, way)
+        except InputError as refusal:
+            message = str(refusal)
+            outcomes["refused"] += 1
+            if not any(words in message for words in way.refusals) or not refusal.remedy:
+                wrong.append(f"{number} {way.refusals}: {message}")
+            assert message.isprintable()
+            continue
+        outcomes["read"] += 1
+        if way.refusals or not is_the_specimen(found, way):
+            wrong.append(f"{number}: read to another, {way.mapped} {way.options} {way.refusals}")
+    assert wrong == []
+    assert outcomes["read"] > WAYS // 3 and outcomes["refused"] > WAYS // 6

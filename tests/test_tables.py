@@ -1,0 +1,361 @@
+"""Tables of other programs in every format: what is read, what is passed over, what is refused."""
+
+from __future__ import annotations
+
+import io
+import resource
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from biaxbayes.errors import InputError
+from biaxbayes.machines.conversion import Choice, convert
+from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.tables.table import read_tables
+
+T = np.linspace(0.0, 1.0, 31)
+NAMES = ["F11", "F22", "P11_kPa", "P22_kPa"]
+VALUES = np.column_stack([1 + 0.2 * T, 1 + 0.15 * T, 2 + 60 * T**2, 1 + 40 * T**3])
+COLUMNS = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
+
+
+def read(path: Path, *, columns: str = COLUMNS, **choice):
+    return convert([path], Choice("generic", (columns,), **choice), header={})
+
+
+def holds(path: Path, *, columns: str = COLUMNS, rows=slice(None), **choice) -> bool:
+    (p,) = read(path, columns=columns, **choice).specimen.protocols
+    got = np.column_stack([p.stretch_x, p.stretch_y, p.load_x, p.load_y])
+    return np.allclose(got, VALUES[rows], rtol=1e-9)
+
+
+def text_table(separator: str = ",", *, extra: str = "", decimal: str = ".") -> str:
+    lines = [separator.join([*NAMES, *(["Comment"] if extra else [])])]
+    for i, row in enumerate(VALUES.tolist()):
+        cells = [repr(v).replace(".", decimal) for v in row]
+        lines.append(separator.join([*cells, *([extra if i == 7 else ""] if extra else [])]))
+    return "\n".join(lines) + "\n"
+
+
+# --- preambles, comments, clocks ------------------------------------------------------------------
+
+LABVIEW = """LabVIEW Measurement\t\t\t
+Writer_Version\t2\t\t
+***End_of_Header***\t\t\t
+Channels\t4\t\t
+Samples\t31\t31\t31
+Date\t2020/01/02\t2020/01/02\t2020/01/02
+Time\t10:31:00\t10:31:00\t10:31:00
+X0\t0.0\t0.0\t0.0
+Delta_X\t0.1\t0.1\t0.1
+***End_of_Header***\t\t\t
+"""
+
+
+@pytest.mark.parametrize(
+    ("preamble", "separator"),
+    [
+        ("Specimen,A-12,,\nDate,2020-01-02,,\n,,,\nThickness,1.2,mm,\n", ","),
+        ("Length;10;12;8\nWidth;3;4;5\n;;;\n", ";"),
+        (LABVIEW, "\t"),
+        ("made by hand\n\nno separators here\n", ","),
+    ],
+)
+def test_preambles_are_passed_over(preamble, separator, tmp_path):
+    path = tmp_path / "raw.txt"
+    path.write_text(preamble + text_table(separator))
+    assert holds(path)
+
+
+@pytest.mark.parametrize("comment", ["slipped", "1,5", "peak!", "2.3", "10:31:00"])
+@pytest.mark.parametrize("separator", ["\t", ";"])
+def test_a_column_filled_in_few_rows_is_no_obstacle(comment, separator, tmp_path):
+    path = tmp_path / "raw.txt"
+    path.write_text(text_table(separator, extra=comment))
+    assert holds(path)
+    path.write_text(path.read_text().replace(f"{separator}\n", "\n"))  # short rows
+    assert holds(path)
+
+
+@pytest.mark.parametrize("name", ["Time", "Clock", "time_s", "Zeit"])
+def test_a_clock_that_nobody_mapped_is_no_obstacle(name, tmp_path):
+    path = tmp_path / "raw.csv"
+    head, *rows = text_table().splitlines()
+    clock = [f"10:31:{i:02d},{row}" for i, row in enumerate(rows)]
+    path.write_text("\n".join([f"{name},{head}", *clock]))
+    assert holds(path)
+    with pytest.raises(InputError, match="'10:31:00' is not a"):
+        read(path, columns=f"{COLUMNS},time_s={name}")
+
+
+def test_a_row_cut_off_is_refused(tmp_path):
+    path = tmp_path / "raw.csv"
+    *lines, last = text_table().splitlines()
+    path.write_text("\n".join([*lines, last.rpartition(",")[0]]))
+    with pytest.raises(InputError, match="cut off here"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "decimal"),
+    [("0,123;1,5;2,125", True), ("1,250;2,375;3,500", None), ("0,125;2,375;3,500", True)],
+)
+def test_thousands_are_not_taken_for_decimals(numbers, decimal, tmp_path):
+    path = tmp_path / "raw.csv"
+    path.write_text("a;b;c\n" + f"{numbers}\n" * 4)
+    if decimal is None:
+        with pytest.raises(InputError, match="may be decimals or thousands"):
+            read_tables(path)
+    else:
+        assert read_tables(path)[0][""].decimal_comma is decimal
+
+
+# --- missing readings -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", ["NaN", "", "n/a", "--"])
+def test_lost_markers_are_named_at_once_and_dropped_if_asked(gap, tmp_path):
+    path = tmp_path / "raw.csv"
+    lines = text_table().splitlines()
+    lost = [3, 4, 5, 9, 20]
+    for i in lost:
+        lines[i + 1] = ",".join([gap, *lines[i + 1].split(",")[1:]])
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match="5 of 31 rows lack a reading") as refusal:
+        read(path)
+    assert "rows 5-7, 11, 22" in str(refusal.value) and "--drop-missing" in str(refusal.value)
+    kept = np.delete(np.arange(31), lost)
+    assert holds(path, rows=kept, drop_missing=True)
+    notes = " ".join(read(path, drop_missing=True).recordings[0].notes)
+    assert "5 of 31 rows without a reading left out (rows 5-7, 11, 22)" in notes
+
+
+def test_a_specimen_file_says_which_readings_are_missing(tmp_path):
+    path = tmp_path / "specimen.csv"
+    lines = text_table().splitlines()
+    lines[0] = "stretch_x,stretch_y,piola_x_kPa,piola_y_kPa"
+    for i in (10, 11, 14):
+        lines[i] = ",".join(["NaN", *lines[i].split(",")[1:]])
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=r"3 of 31 rows lack.*rows 11-12, 15.*missing_rows: drop"):
+        read_specimen(path)  # lines count from 1
+    path.write_text("# missing_rows: drop\n" + path.read_text())
+    specimen = read_specimen(path)
+    assert specimen.protocols[0].rows == 28 and "3 of 31 rows" in specimen.notes[0]
+
+
+# --- workbooks, MATLAB, LabVIEW -------------------------------------------------------------------
+
+
+def xlsx(sheets: dict[str, list[list[object]]]) -> bytes:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    out = io.BytesIO()
+    book.save(out)
+    return out.getvalue()
+
+
+def xls(sheets: dict[str, list[list[object]]]) -> bytes:
+    import xlwt
+
+    book = xlwt.Workbook()
+    for name, rows in sheets.items():
+        sheet = book.add_sheet(name)
+        for i, row in enumerate(rows):
+            for j, value in enumerate(row):
+                sheet.write(i, j, value)
+    out = io.BytesIO()
+    book.save(out)
+    return out.getvalue()
+
+
+def ods(sheets: dict[str, list[list[object]]], tail: str = "") -> bytes:
+    """An OpenDocument workbook by hand, with the empty cells to the margin that programs write."""
+
+    def cell(value: object) -> str:
+        kind = f'float" office:value="{value!r}' if isinstance(value, float) else "string"
+        return (
+            f'<table:table-cell office:value-type="{kind}"><text:p>{value}</text:p>'
+            "</table:table-cell>"
+        )
+
+    tables = "".join(
+        f'<table:table table:name="{name}">'
+        + "".join(f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows)
+        + tail
+        + '<table:table-row table:number-rows-repeated="1048000">'
+        '<table:table-cell table:number-columns-repeated="16384"/></table:table-row></table:table>'
+        for name, rows in sheets.items()
+    )
+    spaces = " ".join(
+        f'xmlns:{n}="urn:oasis:names:tc:opendocument:xmlns:{n}:1.0"'
+        for n in ("office", "table", "text")
+    )
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr(
+            "content.xml",
+            f"<office:document-content {spaces}><office:body><office:spreadsheet>{tables}"
+            "</office:spreadsheet></office:body></office:document-content>",
+        )
+        archive.writestr("META-INF/manifest.xml", "<manifest/>")
+    return out.getvalue()
+
+
+ROWS = [list(NAMES), *VALUES.tolist()]
+INFO = [["Specimen", "A-12"], ["Operator", "me"], ["Thickness", 1.2]]
+BOOKS = {"xlsx": xlsx, "xls": xls, "ods": ods}
+
+
+@pytest.mark.parametrize("kind", BOOKS)
+def test_workbooks_of_all_kinds(kind, tmp_path):
+    pytest.importorskip({"xls": "xlwt"}.get(kind, "openpyxl"))
+    path = tmp_path / f"raw.{kind}"
+    path.write_bytes(BOOKS[kind]({"1 to 1": ROWS}))
+    assert holds(path)
+    preamble = [["Specimen", "A-12"], ["Thickness", 1.2], []]
+    path.write_bytes(BOOKS[kind]({"1 to 1": [*preamble, *ROWS]}))
+    assert holds(path)
+    # An info sheet is named and left out; a sheet with a table is a protocol.
+    path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS, "b": ROWS}))
+    found = read(path, sheets=("all",))
+    assert [p.name for p in found.specimen.protocols] == ["a", "b"]
+    assert "sheets left out: Info" in found.recordings[0].notes[-1]
+    path.write_bytes(BOOKS[kind]({"Info": INFO, "a": ROWS}))
+    assert holds(path)
+
+
+def test_a_sheet_with_some_of_the_columns_is_no_info_sheet(tmp_path):
+    path = tmp_path / "raw.xlsx"
+    misspelt = [["F11", "F22", "P11_kPa", "P2_kPa"], *VALUES.tolist()]
+    other = [["edge", "mm", "n"], *([1.0, 2.0, 3.0],) * 4]
+    path.write_bytes(xlsx({"a": ROWS, "sizes": other}))
+    assert [p.name for p in read(path, sheets=("all",)).specimen.protocols] == ["raw"]
+    path.write_bytes(xlsx({"a": ROWS, "b": misspelt}))
+    with pytest.raises(InputError, match="no column 'P22_kPa'"):
+        read(path, sheets=("all",))
+
+
+def test_matlab_files(tmp_path):
+    import h5py
+    import scipy.io
+
+    path = tmp_path / "raw.mat"
+    vectors = dict(zip(NAMES, VALUES.T, strict=True))
+    for content in (
+        vectors,
+        {"test": vectors, "info": "by hand", "n": 3.0},
+        {k: v[:, None] for k, v in vectors.items()} | {"calibration": np.arange(4.0)},
+    ):
+        for packed in (False, True):
+            scipy.io.savemat(path, content, do_compression=packed)
+            sheets = ("vectors of 31",) if "calibration" in content else ()
+            assert holds(path, sheets=sheets)
+    scipy.io.savemat(path, {"M": VALUES})
+    names = "stretch_x=M_1:stretch,stretch_y=M_2:stretch,piola_x_kPa=M_3:kPa,piola_y_kPa=M_4:kPa"
+    assert holds(path, columns=names)
+    # Version 7.3 is HDF5 behind 512 bytes, its arrays turned round.
+    with h5py.File(path, "w", userblock_size=512) as file:
+        group = file.create_group("test")
+        for name, values in vectors.items():
+            group[name] = values[None, :]
+        file["M"] = VALUES.T
+        file["M"].attrs["MATLAB_class"] = np.bytes_("double")
+        group["away"] = h5py.ExternalLink("/etc/passwd", "/x")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
+    assert holds(path, sheets=("test",))
+    assert holds(path, sheets=("M",), columns=names)
+    path.write_bytes(path.read_bytes()[:1500])
+    with pytest.raises(InputError, match="no readable MATLAB file"):
+        read(path)
+
+
+def test_labview_files(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / "raw.tdms"
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject("1 to 1", name, values, {"unit_string": unit})
+                for name, values, unit in zip(
+                    ("F11", "F22", "P11", "P22"), VALUES.T, ("", "", "kPa", "kPa"), strict=True
+                )
+            ]
+        )
+    assert holds(path, columns=COLUMNS.replace("1_kPa,", "1,").replace("P22_kPa", "P22"))
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(InputError, match=r"TDMS|no sheet|no table"):
+        read(path)
+
+
+# --- bombs ----------------------------------------------------------------------------------------
+
+
+def book_of(sheet: str, strings: str = "") -> bytes:
+    """A small .xlsx with one sheet and shared strings as given."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        with zipfile.ZipFile(io.BytesIO(xlsx({"a": [["x"]]}))) as old:
+            for name in old.namelist():
+                if "sheet1" not in name and "sharedStrings" not in name:
+                    archive.writestr(name, old.read(name))
+        space = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+        archive.writestr(
+            "xl/worksheets/sheet1.xml",
+            f"<worksheet {space}><sheetData>{sheet}</sheetData></worksheet>",
+        )
+        archive.writestr("xl/sharedStrings.xml", f"<sst {space}>{strings}</sst>")
+    return out.getvalue()
+
+
+BOMBS = {
+    "a row of nine million cells": book_of("<row>" + "<c/>" * 9_000_000 + "</row>"),
+    "nine million cells in rows": book_of("<row><c/><c/><c/></row>" * 3_000_000),
+    "two cells at the corners": book_of(
+        '<row r="1"><c r="A1"><v>1</v></c></row>'
+        '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row>'
+    ),
+    "a long string many times": book_of(
+        "<row>" + '<c t="s"><v>0</v></c>' * 100_000 + "</row>",
+        f"<si><t>{'x' * 30_000}</t></si>",
+    ),
+    "unpacks to much": book_of(" " * 210_000_000),
+    "cells repeated": ods(
+        {"a": [["x"]]},
+        '<table:table-row table:number-rows-repeated="1000000"><table:table-cell '
+        'office:value-type="float" office:value="1" table:number-columns-repeated="16000"/>'
+        "</table:table-row>",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_small_file_does_not_take_the_memory(name, tmp_path):
+    path = tmp_path / "bomb.xlsx"
+    path.write_bytes(BOMBS[name])
+    assert path.stat().st_size < 600_000
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match=r"unpacks to|spans|shows a text") as refusal:
+        read_tables(path)
+    assert "save the rows of the test as CSV" in str(refusal.value)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 400_000
+
+
+def test_a_packed_matlab_variable_is_measured_before_it_is_read(tmp_path):
+    import scipy.io
+
+    path = tmp_path / "bomb.mat"
+    scipy.io.savemat(path, {"x": np.zeros(26_000_000)}, do_compression=True)
+    assert path.stat().st_size < 600_000
+    with pytest.raises(InputError, match="unpacks to more than 200 MB"):
+        read_tables(path)
