@@ -14,9 +14,6 @@ from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.table import Table
 from biaxbayes.tables.units import Unit
 
-__all__ = ["deformation_gradient", "recordings", "tracked_points"]
-
-
 # --- points tracked on the tissue by a camera, and the deformation gradient that they show -------
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -14,7 +14,7 @@ from biaxbayes.machines import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_
 from biaxbayes.specimens.plausibility import check_load
 from biaxbayes.specimens.protocol import LOAD_ROWS, Protocol, ReadingError
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.tables.table import Table, read_tables
+from biaxbayes.tables.table import read_tables
 
 # --- what to take from a raw file, and what was taken from it for one protocol -------------------
 
@@ -239,8 +239,6 @@ class Recording:
 
 NEGATIVE = 0.3
 """Share of the largest change of load by which a load that falls has the wrong sign."""
-Reader = Callable[[Table, Choice, Gauge], list[Recording]]
-"""Reader of a format: a table, what to take, and what displacements refer to."""
 
 
 def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:
