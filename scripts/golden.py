@@ -63,7 +63,8 @@ def specimen(name: str) -> biaxbayes.Specimen:
 
 def run_cases() -> dict[str, tuple[str, dict[str, Any], int]]:
     """Specimen, options and seed of every run, by name."""
-    cases = [(name, {"noise": n}, 1) for name, n in product(SHIPPED, ("independent", "effective"))]
+    cases: list[tuple[str, dict[str, Any], int]] = []
+    cases += [(name, {"noise": n}, 1) for name, n in product(SHIPPED, ("independent", "effective"))]
     cases += [("donor2-media", {"mounting": mounting}, 1) for mounting in MOUNTINGS[1:]]
     cases += [("donor2-media", {"noise_growth": True}, 1)]
     cases += [("donor2-media@mounted", {"mounting": m}, 1) for m in ("noisy", "exact")]
@@ -128,8 +129,9 @@ def paper_cells() -> Table:
         )
         for method in ("standard", "zeroed", "fip", "linden"):
             values = biaxbayes.fit(virtual, method).record()
-            numbers = {k: v for k, v in values.items() if isinstance(v, float)}
-            cells[f"{name} {stretch:.3f} {method}"] = numbers
+            cells[f"{name} {stretch:.3f} {method}"] = {
+                k: v for k, v in values.items() if isinstance(v, float)
+            }
     return cells
 
 
