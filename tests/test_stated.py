@@ -6,11 +6,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.fitting.constrained import LawFit, fit_law
+from biaxbayes.fitting.law_fit import LawFit, fit_law
 from biaxbayes.identifiability.mounting_stretch.law_range import (
     ALIKE,
     LawRange,
@@ -42,7 +41,8 @@ def state(*fits: LawFit, noise: float = 1.0, interval=(1.018, 1.022), measured: 
         specimen=SimpleNamespace(metadata=dict.fromkeys(NAMES, "1.02") if measured else {}),
     )
     found = LawRange(tuple(sorted(fits, key=lambda f: f.rms)), noise, 100.0)
-    out = stated_mounting(posterior, dict.fromkeys(NAMES, interval), found)
+    low, high = interval
+    out = stated_mounting(posterior, dict.fromkeys(NAMES, (low, 0.5 * (low + high), high)), found)
     assert out[NAMES[0]] == out[NAMES[1]] or np.isnan(out[NAMES[0]].high)
     return out[NAMES[0]]
 
@@ -62,72 +62,65 @@ def test_laws_that_agree_state_a_value():
 
 def test_laws_that_differ_state_the_low_end_alone():
     found = state(law_fit(), law_fit("fung", 1.1, 1.09), law_fit("hgo", 9.0, 0.9))
-    assert found.low == pytest.approx(1.02 - 0.5 * 0.001 - 0.09 * 0.02) and np.isnan(found.high)
-    assert "differ above" in found.reason and not found.is_value
+    assert found.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.02) and np.isnan(found.high)
+    assert "leave the high end open: goh, fung" in found.reason and not found.is_value
     # a law without the low end of the others, but as good, moves it
     lower = state(law_fit(), law_fit("fung", 1.1, 1.0, 0.01))
-    assert lower.low == pytest.approx(1.0 - 0.5 * 0.01)
+    assert lower.low == pytest.approx(1.0 - 1.645 * 0.01)
 
 
 def test_a_low_end_is_that_of_two_laws_at_least():
     """One law that describes the record alone tells nothing of how far laws differ."""
     best = law_fit("fung", 1.0, 1.2, 0.02)
     alone = state(best, law_fit("goh", 5.0, 1.15), law_fit("hgo", 6.0, 1.05))
-    assert alone.low == pytest.approx(1.15 - 0.5 * 0.001 - 0.09 * 0.15)
-    assert "only fung describes" in alone.reason
-    far = state(best, law_fit("goh", 5.0, 0.9))
-    assert np.isnan(far.low) and "leave it open: fung, goh" in far.reason
+    assert alone.low == pytest.approx(1.15 - 1.645 * 0.001 - 0.09 * 0.15)
+    assert "the only law to fit leaves the high end open: fung" in alone.reason
+    far = state(best, law_fit("goh", 5.0, 0.8))
+    assert np.isnan(far.low) and "open by fung, goh" in far.reason
 
 
-def test_what_misses_smoothly_or_is_wide_is_no_value():
-    assert not state(law_fit(smooth=True), law_fit("fung", 1.1, 1.021)).is_value
+def test_a_wide_interval_is_no_value():
     alone = state(law_fit("fung"), law_fit("goh", 5.0))
-    assert alone.is_value and alone.reason == "of the only law so good: fung"
+    assert alone.is_value and alone.reason == "the only law to fit the record: fung"
     wide = state(law_fit("fung", sd=0.02), law_fit("goh", 5.0))
-    assert not wide.is_value and "only fung describes" in wide.reason
+    assert not wide.is_value and "leaves the high end open: fung" in wide.reason
     lost = state(law_fit(), law_fit("fung", 1.1, 1.3, 1.5))
-    assert np.isnan(lost.low) and np.isnan(lost.high) and "leave it open" in lost.reason
+    assert np.isnan(lost.low) and np.isnan(lost.high) and "open by" in lost.reason
 
 
-def test_tissue_that_softens_beyond_the_mounted_state_is_no_value():
-    """Laws agree that a third of the load is there after 2 % of stretch, the rest takes 15 %."""
-    fits = (law_fit(), law_fit("fung", 1.1, 1.021))
-
-    def stated(carried: float) -> Stated:
-        arrays = np.full((1, 2), carried), np.full((1, 2), 1.15)
-        return stated_by_laws(LawRange(fits, 1.0, 100.0, *arrays), 0, 0)
-
-    # rubber carries 1.5 times the mean: 1.5 * 0.02 / (1.02 * 1.15 - 1) = 0.173
-    assert stated(0.17).is_value and stated(-0.3).is_value
-    soft = stated(0.18)
-    assert np.isfinite(soft.low) and np.isnan(soft.high) and "would soften" in soft.reason
-
-
-def test_what_the_mounted_state_carries_is_that_of_the_specimen():
-    made = small_specimen()
-    found = law_fits(made, ("hgo",), rows=20, starts=1)
-    assert found is not None and found.carried is not None and found.reached is not None
-    load = np.concatenate([made.load(p) for p in made.protocols])
-    assert found.carried[0] == pytest.approx(load[0] / load.max(axis=0), rel=0.2)
-    assert found.reached[0, 0] == max(p.stretch_x.max() for p in made.protocols)
-    apart = law_fits(made, ("hgo",), mounting_stretch="per-protocol", rows=20, starts=1)
-    assert apart is not None and apart.carried is not None and apart.reached is not None
-    assert apart.carried.shape == apart.reached.shape == (len(made.protocols), 2)
+def test_a_law_is_not_thrown_out_by_a_reading_two_sigma_off():
+    """Two sds of the mounting reading, and a fifth more misfit that counts for few readings."""
+    fung = replace(law_fit("fung", 1.2, 1.03), reading_chi2=4.0)
+    few, many = (replace(law_fit(), independent=n) for n in (4.0, 200.0))
+    assert [f.law for f in LawRange((few, fung), 0.1, 100.0).alike] == ["goh", "fung"]
+    assert [f.law for f in LawRange((many, fung), 0.1, 100.0).alike] == ["goh"]
+    # the interval of a law that fits is never cut by the others
+    found = LawRange((few, fung), 0.1, 100.0)
+    low, high = 1.005, 1.032
+    stated = stated_by_laws(found, 0, 0, "goh", (low, high))
+    assert stated.low <= low and stated.high >= high
 
 
-def test_a_stated_end_that_the_prior_decides_is_named():
+def test_the_interval_of_the_run_is_widened_by_its_smooth_misfit():
+    own = replace(law_fit(), mounting_widening=np.full((1, 2), 2.0))
+    found = state(own, law_fit("fung", 1.1, 1.02), interval=(1.015, 1.025))
+    assert (found.low, found.high) == (pytest.approx(1.01), pytest.approx(1.03))
+
+
+def test_an_end_that_the_prior_decides_is_open():
     found = LawRange((law_fit(), law_fit("fung", 1.1, 1.021)), 1.0, 100.0)
 
-    def reason(interval: tuple[float, float], by_prior: tuple[bool, bool]) -> str:
-        return stated_by_laws(found, 0, 0, "goh", interval, by_prior=by_prior).reason
+    def stated(interval: tuple[float, float], by_prior: tuple[bool, bool]) -> Stated:
+        return stated_by_laws(found, 0, 0, "goh", interval, by_prior=by_prior)
 
-    assert reason((1.010, 1.022), (True, False)).endswith("goh, fung; low end by the prior")
-    assert reason((1.010, 1.030), (True, True)).endswith("; both ends by the prior")
-    assert reason((1.019, 1.030), (False, True)).endswith("; high end by the prior")
-    # ends of the laws are the data's, and an end that is not stated is nobody's
-    assert "prior" not in reason((1.019, 1.022), (True, True))
-    assert reason((0.98, 1.3), (True, True)).endswith("; low end by the prior")
-    assert "prior" not in reason((0.98, 1.3), (False, True))
+    low = stated((1.010, 1.022), (True, False))
+    assert np.isnan(low.low) and low.reason == "low end by the prior"
+    high = stated((1.019, 1.030), (False, True))
+    assert np.isfinite(high.low) and np.isnan(high.high)
+    assert high.reason == "high end by the prior"
+    assert stated((1.010, 1.030), (True, True)).reason == "both ends by the prior"
+    # ends of the laws are the data's
+    assert stated((1.019, 1.022), (True, True)).is_value
 
 
 def test_a_measured_mounting_stretch_is_stated_as_it_is():
@@ -175,21 +168,21 @@ def test_a_better_law_is_named_only_where_it_is_distinctly_better():
 
 
 def test_the_error_of_a_mounting_stretch_is_that_of_repeated_specimens():
-    """Sd by curvature against the scatter of fits to specimens with other noise."""
+    """Its sd against the scatter of fits to specimens with other noise, the mounting's included."""
     made = small_specimen()
-    true = fit_law(made, "goh")
     rng = np.random.default_rng(5)
-    found = []
+    found, sds = [], []
     for _ in range(24):
         protocols = []
         for p in made.protocols:
             noise = 0.002 * rng.standard_normal((2, p.rows))
             protocols.append(replace(p, load_x=p.load_x + noise[0], load_y=p.load_y + noise[1]))
-        found.append(fit_law(replace(made, protocols=tuple(protocols)), "goh").mounting_stretch[0])
-    scatter = np.std(found, axis=0, ddof=1)
-    # of 24 specimens a sd is known to 15 %; each has the noise of the first one, too
-    ratio = scatter / true.sd[0]
-    assert np.all((ratio > 0.45) & (ratio < 1.8)), ratio
+        fit = fit_law(replace(made, protocols=tuple(protocols), load_noise=None), "goh")
+        found.append(fit.mounting_stretch[0])
+        sds.append(fit.sd[0])
+    # of 24 specimens a sd is known to 15 %; a smooth misfit that is not excluded adds to it
+    ratio = np.std(found, axis=0, ddof=1) / np.median(sds, axis=0)
+    assert np.all((ratio > 0.45) & (ratio < 1.4)), ratio
 
 
 def test_laws_are_fitted_to_a_goh_specimen():
@@ -204,20 +197,9 @@ def test_laws_are_fitted_to_a_goh_specimen():
     assert better_law(small_specimen()) == ""
 
 
-def test_judging_a_run_again_reads_the_fits_that_it_keeps(media_run, copied, monkeypatch):
-    from biaxbayes.jobs import identified
-
+def test_judging_a_run_again_writes_the_same_fits(media_run, copied):
     run = copied(media_run.path)
-    was = (run / "identifiability.csv").read_bytes()
-    fits = (run / "law-fits.csv").read_bytes()
-    with monkeypatch.context() as refused:
-        refused.setattr(identified, "fits_of_laws", lambda *_: pytest.fail("fitted again"))
-        biaxbayes.identify(run, out=run, figure=False)
-    assert (run / "identifiability.csv").read_bytes() == was
-    assert (run / "law-fits.csv").read_bytes() == fits
-    # a run of an earlier version, which did not keep all of a fit
-    table = pd.read_csv(run / "law-fits.csv").drop(columns="misses_smoothly")
-    table.to_csv(run / "law-fits.csv", index=False)
+    names = ("identifiability.csv", "law-fits.csv")
+    was = [(run / name).read_bytes() for name in names]
     biaxbayes.identify(run, out=run, figure=False)
-    assert (run / "identifiability.csv").read_bytes() == was
-    assert (run / "law-fits.csv").read_bytes() == fits
+    assert [(run / name).read_bytes() for name in names] == was

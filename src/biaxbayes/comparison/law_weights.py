@@ -35,8 +35,6 @@ from biaxbayes.comparison.pooling import (
     weighted_density,
 )
 from biaxbayes.errors import NotConverged
-from biaxbayes.fitting.constrained import LawFit
-from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
 from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, stated_by_predictions
 from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.model.curves import Curves
@@ -371,13 +369,9 @@ def _stated_table(
     laws = table[(table["law"] != STACKED) & table["left_out_density"].notna()].set_index("law")
     if f"{names[0]}_q50" not in laws:
         return pd.DataFrame(columns=list(STATED_COLUMNS))
-    medians = laws.loc[best, [f"{n}_q50" for n in names]].to_numpy(dtype=float)[None]
     smooth = misses_smoothly(residuals)
-    rmse_kPa = float(laws["rms"][best])
-    fit = LawFit(best, rmse_kPa, rmse_kPa, medians, np.zeros_like(medians), smooth, True)
-    only_best = LawRange.of([fit], specimen)
     rows = []
-    for axis, name in enumerate(names):
+    for name in names:
         columns = [f"{name}_q{round(100 * q):02d}" for q in QUANTILES]
         if specimen.metadata.get(name) is not None:
             low, _, high = table.set_index("law").loc[STACKED, columns].to_numpy(dtype=float)
@@ -391,7 +385,6 @@ def _stated_table(
             intervals,
             {law: float(laws["left_out_density"][law]) for law in intervals},
             smooth=smooth,
-            softens=only_best.softens(0, axis),
         )
         rows.append((name, stated.low, stated.high, stated.reason))
     return pd.DataFrame(rows, columns=list(STATED_COLUMNS))

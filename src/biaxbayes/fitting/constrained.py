@@ -23,7 +23,6 @@ from biaxbayes.fitting.residuals import (
     BalancedMounting,
     GivenMounting,
     Readings,
-    mounting_roots,
     readings,
 )
 from biaxbayes.fitting.result import FitResult, fit_result
@@ -31,11 +30,7 @@ from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.model.effective_readings import (
-    EffectiveReadings,
-    effective_readings,
-    misses_smoothly,
-)
+from biaxbayes.model.effective_readings import EffectiveReadings, effective_readings
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
@@ -106,14 +101,14 @@ def constrained_fit(
         For an unknown option or fixed parameter.
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
-    setup = _setup(specimen, mounting, mounting_stretch, fixed, chosen, weigh)
+    setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weigh)
     setup = replace(setup, compiled=compiled)
-    problem, found = _minimum(setup, _starting_points(setup, starts, seed, initial))
-    return _result(setup, specimen, problem, found)
+    problem, found = minimum(setup, starting_points(setup, starts, seed, initial))
+    return result_of(setup, specimen, problem, found)
 
 
 @dataclass(frozen=True, eq=False)
-class _Setup:
+class FitSetup:
     """What stays the same while a specimen is fitted."""
 
     data: Readings
@@ -159,14 +154,15 @@ def refuse_tared(specimen: Specimen) -> None:
         )
 
 
-def _setup(
+def fit_setup(
     specimen: Specimen,
     mounting: str,
     mounting_stretch: str,
     fixed: Mapping[str, float] | None,
     law: Law,
     weigh: Weigh | None,
-) -> _Setup:
+) -> FitSetup:
+    """What stays the same while a specimen is fitted; options and fixed values are checked."""
     if mounting not in MOUNTING:
         raise InputError(f"unknown mounting {mounting!r}", remedy=f"one of {', '.join(MOUNTING)}")
     if mounting_stretch not in MOUNTING_STRETCH:
@@ -181,12 +177,13 @@ def _setup(
     sd = None
     if mounting == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
         sd = np.maximum(data.mounting_sd, MIN_SD * data.peak)
-    return _Setup(data, data.stretched(), point, free, mounting, sd, law, weigh)
+    return FitSetup(data, data.stretched(), point, free, mounting, sd, law, weigh)
 
 
-def _starting_points(
-    setup: _Setup, starts: int, seed: int, initial: MaterialResponse | None
+def starting_points(
+    setup: FitSetup, starts: int, seed: int, initial: MaterialResponse | None
 ) -> list[np.ndarray]:
+    """Coordinates of materials to start from: screened random ones, and the one given."""
     count = starts if initial is not None else max(starts, 1)
     points: list[np.ndarray] = []
     if count:
@@ -205,8 +202,8 @@ def _starting_points(
     return points
 
 
-def _minimum(
-    setup: _Setup, points: Sequence[np.ndarray], **how: Any
+def minimum(
+    setup: FitSetup, points: Sequence[np.ndarray], **how: Any
 ) -> tuple[GivenMounting, Descent]:
     """The problem at its final weights, and where its descent ended."""
     bounds = (setup.law.lower[setup.free], setup.law.upper[setup.free])
@@ -217,7 +214,7 @@ def _minimum(
 
 
 def _reweighted(
-    setup: _Setup, exact: Descent, *, steps: int = 500, tolerance: float = 1e-10, **_: Any
+    setup: FitSetup, exact: Descent, *, steps: int = 500, tolerance: float = 1e-10, **_: Any
 ) -> tuple[GivenMounting, Descent]:
     """Free the mounting forces; weigh rows and readings until neither w nor beta changes."""
     offsets = setup.data.mounting_load.size
@@ -246,7 +243,10 @@ def _reweighted(
     return problem, Descent(unknowns, found.cost, taken, found.converged and settled)
 
 
-def _result(setup: _Setup, specimen: Specimen, problem: GivenMounting, found: Descent) -> FitResult:
+def result_of(
+    setup: FitSetup, specimen: Specimen, problem: GivenMounting, found: Descent
+) -> FitResult:
+    """Where a descent ended, judged against the data."""
     method = "constrained" if setup.balanced else ("standard", "zeroed")[setup.mounting == "zeroed"]
     return fit_result(
         method,
@@ -259,101 +259,3 @@ def _result(setup: _Setup, specimen: Specimen, problem: GivenMounting, found: De
         converged=found.converged,
         law=setup.law,
     )
-
-
-# --- the mounting stretch of one law among others ------------------------------------------------
-
-
-AMONG_LAWS: dict[str, Any] = {"finalists": 2, "steps": 100, "tolerance": 1e-8}
-"""How far laws are fitted that are held against one another. A flat valley of Fung's or Lee-Sacks'
-law takes 500 steps to its floor; stopped like this, the rms of 56 fits to the shipped specimens lay
-at most 3 % above it, and the mounting stretches within a tenth of their sd."""
-
-
-@dataclass(frozen=True, eq=False)
-class LawFit:
-    """Where a law puts the mounting stretch of a record, and how well it describes it.
-
-    Attributes
-    ----------
-    law : str
-    rms : float
-        Misfit of the load, in the unit of the specimen.
-    rmse_kPa : float
-        As of a :class:`~biaxbayes.fitting.result.FitResult`.
-    mounting_stretch : ndarray, shape (m, 2)
-        One row, or one a protocol.
-    sd : ndarray, shape (m, 2)
-        Of the mounting stretches by the curvature of the sum of squares: residuals count as the
-        independent readings that they are worth, and the mounting reading has its own sd.
-    smooth : bool
-        Whether the signs of the residuals show that the law misses smoothly.
-    converged : bool
-    """
-
-    law: str
-    rms: float
-    rmse_kPa: float
-    mounting_stretch: np.ndarray
-    sd: np.ndarray
-    smooth: bool
-    converged: bool
-
-
-def fit_law(
-    specimen: Specimen,
-    law: str,
-    *,
-    mounting: str = "noisy",
-    mounting_stretch: str = FitOptions.mounting_stretch,
-    starts: int = 3,
-    seed: int = 0,
-) -> LawFit:
-    """Least squares of a law on the measured load, with the error of its mounting stretch.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    law : str
-    mounting, mounting_stretch, starts, seed
-        As in :func:`constrained_fit`.
-
-    Returns
-    -------
-    LawFit
-    """
-    setup = _setup(specimen, mounting, mounting_stretch, None, law_named(law), effective_readings)
-    setup = replace(setup, compiled=False)
-    problem, found = _minimum(setup, _starting_points(setup, starts, seed, None), **AMONG_LAWS)
-    fitted = _result(setup, specimen, problem, found)
-    rms = float(np.sqrt(np.mean(np.concatenate(fitted.residuals) ** 2)))
-    sd = np.zeros_like(fitted.mounting_stretch)
-    if isinstance(problem, BalancedMounting):
-        sd = _mounting_sd(setup, problem, found.unknowns, fitted.residuals)
-    smooth = misses_smoothly(fitted.residuals)
-    return LawFit(law, rms, fitted.rmse_kPa, fitted.mounting_stretch, sd, smooth, fitted.converged)
-
-
-def _mounting_sd(
-    setup: _Setup,
-    problem: BalancedMounting,
-    unknowns: np.ndarray,
-    residuals: tuple[np.ndarray, ...],
-) -> np.ndarray:
-    """Standard deviation (m, 2) of the mounting stretches at the least squares."""
-    rows = 2 * setup.stretched.group.size
-    with np.errstate(all="ignore"):
-        r, jacobian = problem.residual(unknowns)[:rows], problem.jacobian(unknowns)
-        # rows in units of w / sqrt(beta), w with the degrees of freedom that the rows are worth
-        worth = effective_readings(residuals)
-        left = max(worth.total - setup.free.size, 1.0)
-        unit = np.sqrt(r @ r / rows * worth.total / left / worth.beta)
-        jacobian = np.vstack([jacobian[:rows] / unit, jacobian[rows:]])
-        covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
-        point, load = problem.theta(unknowns), problem.mounting_load(unknowns)
-        lm, inverse = mounting_roots(setup.data, point, load, setup.law, compiled=False)
-        state = setup.law.response(point, lm)
-        slope = problem.log_stretch_by_unknowns(unknowns, lm, inverse, state)
-        variance = np.einsum("ij,jk,ik->i", slope, covariance, slope).reshape(lm.shape)
-        total = np.sqrt(variance) * lm
-    return np.where(np.isfinite(total), total, np.inf).T

@@ -28,9 +28,12 @@ from biaxbayes.identifiability.mounting_stretch.law_range import (
 )
 from biaxbayes.identifiability.mounting_stretch.stated import Stated, stated_mounting
 from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
+from biaxbayes.identifiability.reported import Reported, reported
 from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, in_words
 from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT, NOT_IDENTIFIED
+from biaxbayes.laws import LAWS
 from biaxbayes.laws.law import Law
+from biaxbayes.model.error_model import errors_of
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import MATERIAL, STRETCH
@@ -174,6 +177,11 @@ class Identifiability:
         return {p.name: p.verdict for p in self.parameters}
 
     @property
+    def reported(self) -> tuple[Reported, ...]:
+        """What to report of every inferred parameter: one interval or bound, verdict and reason."""
+        return reported(self.parameters, self.fits, self.law, self.state, self.thresholds)
+
+    @property
     def better_law(self) -> str:
         """Words on a law that describes the record distinctly better; empty where none does."""
         return "" if self.fits is None else distinctly_better(self.fits, self.law.name)
@@ -241,18 +249,26 @@ def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiabili
     return found.with_held(held_edges(posterior, found.open_edges()))
 
 
-def fits_of_laws(posterior: Posterior) -> LawRange | None:
-    """Least squares of all laws to the record of a posterior.
+def fits_of_laws(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> LawRange | None:
+    """Least squares of laws to the record of a posterior, its own with the options of the run.
 
     Parameters
     ----------
     posterior : Posterior
+    laws : sequence of str
     """
     settings = posterior.settings
+    run = {
+        "fixed": {k: v for k, v in settings.fixed.items() if k in posterior.law.names},
+        "fibre_switch": settings.fibre_switch,
+        "weigh": errors_of(settings).weigh,
+    }
     return law_fits(
         posterior.specimen,
+        laws,
         mounting="noisy" if settings.mounting == "free" else settings.mounting,
         mounting_stretch=settings.mounting_stretch,
+        own={settings.law: run},
     )
 
 
@@ -368,7 +384,7 @@ def _stated(
         return {}
     return stated_mounting(
         posterior,
-        {name: (e.low, e.high) for name, e in of_stretches.items()},
+        {name: (e.low, e.median, e.high) for name, e in of_stretches.items()},
         fits,
         {name: e.by_prior for name, e in of_stretches.items()},
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 __all__ = [
+    "BOUNDED",
     "COMBINATION",
     "FIXED",
     "IDENTIFIED",
@@ -14,6 +15,7 @@ __all__ = [
 ]
 
 IDENTIFIED = "identified"
+BOUNDED = "bounded"
 ONE_SIDED = "one-sided"
 COMBINATION = "only in combination"
 PRIOR = "prior-dominated"

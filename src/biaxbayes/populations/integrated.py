@@ -12,8 +12,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-
-from biaxbayes.compilation import compiled
+from numba import njit
 
 __all__ = [
     "Precisions",
@@ -36,7 +35,7 @@ __all__ = [
 # --- matrices of a few rows: factors, inverses, correlations by canonical partial ones -----------
 
 
-@compiled()
+@njit(cache=True)
 def cholesky(a, n):
     """Lower Cholesky factor in place; log determinant, NaN where not positive definite."""
     total = 0.0
@@ -55,7 +54,7 @@ def cholesky(a, n):
     return total
 
 
-@compiled()
+@njit(cache=True)
 def inverse_from(c, n, out):
     """Inverse of C C' from the lower factor C."""
     # column by column: solve C y = e, then C' x = y
@@ -72,7 +71,7 @@ def inverse_from(c, n, out):
             out[i, k] = s / c[i, i]
 
 
-@compiled()
+@njit(cache=True)
 def correlation_factor(partial, b, out):
     """Lower factor of a correlation matrix from its canonical partial correlations."""
     k = 0
@@ -87,7 +86,7 @@ def correlation_factor(partial, b, out):
             out[i, j] = 0.0
 
 
-@compiled()
+@njit(cache=True)
 def log_lkj(partial, b, eta):
     """Log density of an LKJ(eta) correlation matrix in its partial correlations."""
     # p(c_ij) ~ (1 - c^2)^(eta + (b - 2 - j) / 2 - 1)
@@ -99,7 +98,7 @@ def log_lkj(partial, b, eta):
     return total
 
 
-@compiled()
+@njit(cache=True)
 def precision(sd, factor, b, work, out):
     """Inverse of diag(sd) F F' diag(sd) into ``out``; returns the log determinant of the matrix."""
     total = 0.0
@@ -183,7 +182,7 @@ class Solved(NamedTuple):
     middle: np.ndarray
 
 
-@compiled()
+@njit(cache=True)
 def room_for(layout):
     """Empty :class:`Sums`, :class:`Precisions` and :class:`Solved` of a layout."""
     D, G, sets, b = layout.donors, layout.set_of.size, layout.sets, layout.low.size
@@ -213,7 +212,7 @@ def room_for(layout):
     return sums, precisions, solved
 
 
-@compiled()
+@njit(cache=True)
 def gather(layout, theta, count, total, square, sums):
     """Sums of a chain: theta (n, b), and count, total and square of the draws made up."""
     n, b = theta.shape
@@ -263,21 +262,21 @@ def gather(layout, theta, count, total, square, sums):
     sums.kinds[0] = kinds
 
 
-@compiled()
+@njit(cache=True)
 def invert(sd, factor, b, precisions):
     """Precisions of specimens from sds (sets, b) and the factor of their correlations."""
     for s in range(sd.shape[0]):
         precisions.logdet[s] = precision(sd[s], factor, b, precisions.work, precisions.P[s])
 
 
-@compiled()
+@njit(cache=True)
 def invert_donors(sd, factor, b, precisions):
     """Precision of donors from sds (b,) and the factor of their correlations."""
     found = precision(sd, factor, b, precisions.work, precisions.omega)
     precisions.logdet_donors[0] = found
 
 
-@compiled()
+@njit(cache=True)
 def integrate(layout, sums, precisions, solved):
     """Log density of the sums with means and donor effects integrated out; fills ``solved``."""
     G = sums.N.shape[1]
@@ -362,7 +361,7 @@ def integrate(layout, sums, precisions, solved):
     return value
 
 
-@compiled()
+@njit(cache=True)
 def draw_means(rng, layout, sums, precisions, solved, mu, effect):
     """Means (groups, b) and donor effects (donors, b) from their normal, in place.
 

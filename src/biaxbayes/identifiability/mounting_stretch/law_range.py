@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from biaxbayes.fitting.constrained import LawFit, fit_law
+from biaxbayes.fitting.law_fit import LawFit, fit_law
 from biaxbayes.laws import DEFAULT_LAW, LAWS
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.path import thinned_specimen
@@ -17,28 +17,17 @@ from biaxbayes.specimens.specimen import Specimen
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "FEWEST",
-    "LAW_FITS",
-    "LawRange",
-    "better_law",
-    "distinctly_better",
-    "law_fits",
-    "law_range",
-]
-
 LAW_FITS = "law-fits.csv"
 """The table of a run folder."""
 ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
 ALIKE = 1.15
-"""Laws within so many times the misfit of the best, or of the noise, describe a record alike."""
+"""Laws whose misfit is within so many times that of the best, or of the noise, fit a record."""
+ALIKE_CHI2 = 6.0
+"""So does a law whose chi-square lies within this of the best: 2 ln 20, odds of one to twenty."""
 FEWEST = 2
-"""A low end is that of the laws alike, and of so many of the best at least."""
-RUBBER = 1.5
-"""A sheet of rubber without fibres carries so many times more load a stretch over its first part
-than up to a stretch of 1.2. A law that says more of tissue has put the mounted state too near."""
-# Tuned with those of what is stated of the mounting stretch (stated.py).
+"""A low end is that of the laws that fit, and of so many of the best at least: one law that fits
+alone tells nothing of how far laws differ."""
 BETTER = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
 LEAST_SHARE = 2e-3
@@ -55,16 +44,11 @@ class LawRange:
         The best first.
     noise, peak : float
         Sd of a reading by the load cell, and largest load, in the unit of the specimen.
-    carried, reached : ndarray, shape (m, 2), optional
-        Load of the mounted state over the largest one of its direction, and the largest measured
-        stretch.
     """
 
     fits: tuple[LawFit, ...]
     noise: float
     peak: float
-    carried: np.ndarray | None = None
-    reached: np.ndarray | None = None
 
     @classmethod
     def of(cls, fits: Sequence[LawFit], specimen: Specimen) -> LawRange:
@@ -77,44 +61,37 @@ class LawRange:
         specimen : Specimen
         """
         ordered = tuple(sorted(fits, key=lambda f: f.rms))
-        shared = len(ordered[0].mounting_stretch) == 1
-        reading, _ = specimen.mounting_readings(shared=shared)
-        largest = np.max([np.abs(specimen.load(p)).max(axis=0) for p in specimen.protocols], axis=0)
-        reached = np.array([[p.stretch_x.max(), p.stretch_y.max()] for p in specimen.protocols])
-        return cls(
-            ordered,
-            specimen.noise_sd,
-            specimen.peak_load,
-            reading / np.where(largest > 0.0, largest, 1.0),
-            reached.max(axis=0, keepdims=True) if shared else reached,
-        )
+        return cls(ordered, specimen.noise_sd, specimen.peak_load)
+
+    def __getitem__(self, law: str) -> LawFit | None:
+        return next((f for f in self.fits if f.law == law), None)
 
     @property
     def alike(self) -> tuple[LawFit, ...]:
-        """Those that describe the record about as well as the best."""
-        most = ALIKE * max(self.fits[0].rms, self.noise)
-        return tuple(f for f in self.fits if f.rms <= most)
+        """Those that describe the record about as well as the best, the mounting reading included.
+
+        A law whose misfit is a little larger is not thrown out by that alone: the rows of a
+        smooth misfit count for few independent readings.
+        """
+        best = self.fits[0]
+        least = max(best.rms, self.noise, 1e-300)
+
+        def chi2(f: LawFit) -> float:
+            # n_eff (rms^2 / s^2 - 1) and the squared error of the mounting reading
+            return best.independent * ((max(f.rms, least) / least) ** 2 - 1.0) + f.reading_chi2
+
+        return tuple(
+            f
+            for f in self.fits
+            if f.rms <= ALIKE * least or chi2(f) - best.reading_chi2 <= ALIKE_CHI2
+        )
 
     @property
     def lowest_of(self) -> tuple[LawFit, ...]:
         """Those whose mounting stretches a low end lies below."""
-        return self.fits[: max(FEWEST, len(self.alike))]
-
-    def softens(self, index: int, axis: int) -> bool:
-        """Whether tissue would be softer where it was measured than on its way to the mounting.
-
-        Parameters
-        ----------
-        index, axis : int
-            As in :func:`stated_by_laws`.
-        """
-        if self.carried is None or self.reached is None:
-            return False
-        carried, reached = self.carried[index, axis], self.reached[index, axis]
-        stretch = self.fits[0].mounting_stretch[index, axis]
-        return bool(
-            carried > 0.0 and RUBBER * (stretch - 1.0) < carried * (stretch * reached - 1.0)
-        )
+        return self.fits[
+            : max(FEWEST, *(i + 1 for i, f in enumerate(self.fits) if f in self.alike))
+        ]
 
     @property
     def least_difference(self) -> float:
@@ -122,7 +99,7 @@ class LawRange:
         return max(self.noise, LEAST_SHARE * self.peak)
 
     def to_frame(self, mounts: Sequence[str] = ("",)) -> pd.DataFrame:
-        """One row a law: misfits, mounting stretches by name and their sd.
+        """One row a law: misfits, mounting stretches by name, their sd and widening.
 
         Parameters
         ----------
@@ -140,48 +117,25 @@ class LawRange:
                     "misses_smoothly": f.smooth,
                     "rms": f.rms,
                     "rmse_kPa": f.rmse_kPa,
+                    "reading_chi2": f.reading_chi2,
+                    "independent_readings": f.independent,
+                    "smooth_misfit": f.misfit,
                     **{
                         key: float(values[i, axis])
                         for i, state in enumerate(mounts)
                         for axis, name in enumerate(mounting_names("stretch", state))
-                        for key, values in ((name, f.mounting_stretch), (f"{name}_sd", f.sd))
+                        for key, values in (
+                            (name, f.mounting_stretch),
+                            (f"{name}_sd", f.sd),
+                            (f"{name}_widening", f.mounting_widening),
+                        )
+                        if values is not None
                     },
+                    **{f"{name}_widening": value for name, value in f.widening.items()},
                 }
                 for f in self.fits
             ]
         )
-
-
-def law_range(table: pd.DataFrame, specimen: Specimen, mounts: Sequence[str]) -> LawRange:
-    """Turn the table of a :class:`LawRange` back into it.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From :meth:`LawRange.to_frame`.
-    specimen : Specimen
-    mounts : sequence of str
-        As they were given to it.
-
-    Raises
-    ------
-    KeyError
-        If a column is missing.
-    """
-    names = [mounting_names("stretch", state) for state in mounts]
-    fits = tuple(
-        LawFit(
-            str(row["law"]),
-            float(row["rms"]),
-            float(row["rmse_kPa"]),
-            np.array([[row[name] for name in pair] for pair in names]),
-            np.array([[row[f"{name}_sd"] for name in pair] for pair in names]),
-            bool(row["misses_smoothly"]),
-            bool(row["converged"]),
-        )
-        for row in table.to_dict("records")
-    )
-    return LawRange.of(fits, specimen)
 
 
 def law_fits(
@@ -192,6 +146,7 @@ def law_fits(
     mounting_stretch: str = "shared",
     rows: int = ROWS,
     starts: int = 3,
+    own: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> LawRange | None:
     """Fit laws to a record under the same mounting constraint.
 
@@ -205,6 +160,8 @@ def law_fits(
     rows : int
         Rows of a protocol that longer ones are averaged to.
     starts : int
+    own : mapping, optional
+        Further arguments of :func:`~biaxbayes.fitting.law_fit.fit_law` by law, as those of a run.
 
     Returns
     -------
@@ -213,14 +170,14 @@ def law_fits(
     """
     # The scatter of neighbouring rows is lost by averaging: state it.
     data = replace(thinned_specimen(specimen, rows).specimen, load_noise=specimen.noise_sd or None)
-    found = [
-        fit_law(data, law, mounting=mounting, mounting_stretch=mounting_stretch, starts=starts)
-        for law in laws
-    ]
-    kept = [f for f in found if np.isfinite(f.rms) and np.isfinite(f.mounting_stretch).all()]
-    if not kept:
-        return None
-    return LawRange.of(kept, specimen)
+    common: dict[str, Any] = {
+        "mounting": mounting,
+        "mounting_stretch": mounting_stretch,
+        "starts": starts,
+    }
+    fits = [fit_law(data, law, **common, **(own or {}).get(law, {})) for law in laws]
+    kept = [f for f in fits if np.isfinite(f.rms) and np.isfinite(f.mounting_stretch).all()]
+    return LawRange.of(kept, specimen) if kept else None
 
 
 def distinctly_better(found: LawRange, law: str) -> str:
@@ -232,8 +189,7 @@ def distinctly_better(found: LawRange, law: str) -> str:
     law : str
         Of the run.
     """
-    best = found.fits[0]
-    own = next((f for f in found.fits if f.law == law), None)
+    best, own = found.fits[0], found[law]
     if own is None or best.law == law:
         return ""
     if not (best.rms < BETTER * own.rms and own.rms - best.rms > found.least_difference):

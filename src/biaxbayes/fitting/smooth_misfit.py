@@ -1,0 +1,141 @@
+r"""How far a smooth misfit of the law moves a least-squares fit.
+
+Residuals of a curve are noise of sd s and a misfit of the law that varies smoothly along the path
+and grows with the load f,
+
+    r_i = s e_i + b f_i g(t_i),     cov(g(t), g(t')) = exp(-(t - t')^2 / (2 l^2)),
+
+with t from 0 at the mounted state to 1 at the end of the curve, and l = 0.25. A fit takes the
+smoothest part of the misfit away, so b and s are estimated from what a fit with the Jacobian J can
+leave: restricted likelihood (Patterson and Thompson, Biometrika 58, 1971), averaged over a grid.
+The least squares x = -A r with A = (J^T J)^-1 J^T then has the covariance
+
+    A (s^2 I + b^2 F K F^T) A^T.
+
+A posterior whose rows are weighed by n_eff / n has the curvature of J alone: n_eff is read from
+residuals that have lost the smoothest part of the misfit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from biaxbayes.fitting.residuals import Readings
+
+LENGTH = 0.25
+"""Correlation length of the misfit, as a share of the path."""
+SDS = 50  # of the misfit that are tried, from a hundredth of the noise to the load itself
+NOISES = 12  # sds of the noise that are tried, from a third of the load cell's to the whole misfit
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothMisfit:
+    """The misfit of a law, and what it does to the least squares.
+
+    Attributes
+    ----------
+    relative_sd : float
+        b: sd of the misfit over the load.
+    covariance : ndarray, shape (u, u)
+        Of the unknowns that moved.
+    """
+
+    relative_sd: float
+    covariance: np.ndarray
+
+
+def smooth_misfit(
+    data: Readings,
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    scale: float,
+    noise_sd: float,
+    reading_sd: np.ndarray | None = None,
+) -> SmoothMisfit:
+    """Estimate the smooth misfit of a least squares and the covariance that it leaves.
+
+    Parameters
+    ----------
+    data : Readings
+        The rows that were fitted.
+    residual : ndarray, shape (2 n + 2 m,)
+        Of the rows, over ``scale``, and of the mounting readings, over their sd.
+    jacobian : ndarray, shape (2 n + 2 m, u)
+        By the unknowns that moved.
+    scale, noise_sd : float
+        Unit of the residuals, and sd of a reading by the load cell.
+    reading_sd : ndarray, shape (2, m), optional
+        Of the mounting readings; without it they were no data.
+    """
+    rows = 2 * data.group.size
+    misfit = misfit_vectors(data, residual[:rows], scale, reading_sd)
+    largest = data.peak / scale
+    b2, s2 = _variances(residual[:rows], jacobian[:rows], misfit[:rows], noise_sd / scale, largest)
+    A = pseudo_inverse(jacobian)
+    noise = np.ones(residual.size)
+    noise[:rows] = s2
+    moved = A @ misfit
+    return SmoothMisfit(float(np.sqrt(b2)), (A * noise) @ A.T + b2 * moved @ moved.T)
+
+
+def misfit_vectors(
+    data: Readings, residual: np.ndarray, scale: float, reading_sd: np.ndarray | None
+) -> np.ndarray:
+    """Root of F K F^T, one row a residual; mounting readings have the misfit at t = 0."""
+    n, groups = data.group.size, data.mounting_load.shape[1]
+    load = (data.load.ravel() + residual * scale) / scale
+    pins = 0 if reading_sd is None else 2 * groups
+    columns = []
+    for part in data.rows:
+        stretch = np.column_stack([np.ones(2), data.stretch[:, part]])
+        t = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(stretch, axis=1)))])
+        t /= t[-1] if t[-1] > 0.0 else 1.0
+        values, vectors = np.linalg.eigh(np.exp(-0.5 * (np.subtract.outer(t, t) / LENGTH) ** 2))
+        kept = values > 1e-8 * values[-1]
+        root = vectors[:, kept] * np.sqrt(values[kept])
+        group = data.group[part.start] if part.stop > part.start else 0
+        # one reading pools the protocols of its mounted state
+        pooled = sum(1 for p in data.rows if p.stop > p.start and data.group[p.start] == group)
+        for axis in (0, 1):
+            column = np.zeros((2 * n + pins, root.shape[1]))
+            at = slice(axis * n + part.start, axis * n + part.stop)
+            column[at] = load[at, None] * root[1:]
+            if reading_sd is not None:
+                share = data.mounting_load[axis, group] / pooled / reading_sd[axis, group]
+                column[2 * n + axis * groups + group] = share * root[0]
+            columns.append(column)
+    return np.hstack(columns)
+
+
+def pseudo_inverse(jacobian: np.ndarray) -> np.ndarray:
+    """(J^T J)^-1 J^T; columns are scaled first, as stiffnesses and angles differ by magnitudes."""
+    norm = np.linalg.norm(jacobian, axis=0)
+    norm = np.where(norm > 0.0, norm, 1.0)
+    return np.linalg.pinv(jacobian / norm, rcond=1e-9) / norm[:, None]
+
+
+def _variances(
+    residual: np.ndarray, jacobian: np.ndarray, misfit: np.ndarray, noise_sd: float, largest: float
+) -> tuple[float, float]:
+    """Means of b^2 and s^2 under the restricted likelihood; all in units of the residuals."""
+    norm = np.linalg.norm(jacobian, axis=0)
+    q = np.linalg.qr(jacobian / np.where(norm > 0.0, norm, 1.0))[0]
+    left, r = misfit - q @ (q.T @ misfit), residual - q @ (q.T @ residual)
+    u, d, _ = np.linalg.svd(left, full_matrices=False)
+    u, d = u[:, d > 1e-9 * d[0]], d[d > 1e-9 * d[0]]
+    along = (u.T @ r) ** 2
+    beside = max(float(r @ r - along.sum()), 0.0)
+    count = max(residual.size - q.shape[1] - d.size, 0)
+    rms = float(np.sqrt(residual @ residual / residual.size))
+    most = max(rms, noise_sd, 1e-9)
+    s2 = np.geomspace(min(max(noise_sd / 3.0, 1e-3 * most), most), most, NOISES)[:, None] ** 2
+    b2 = np.geomspace(max(0.01 * most / largest, 1e-9), 1.0, SDS)[None, :] ** 2
+    variance = b2[..., None] * d**2 + s2[..., None]
+    log_likelihood = -0.5 * (
+        np.sum(np.log(variance) + along / variance, axis=-1) + count * np.log(s2) + beside / s2
+    )
+    weight = np.exp(log_likelihood - log_likelihood.max())
+    weight /= weight.sum()
+    return float(np.sum(weight * b2)), float(np.sum(weight * s2))

@@ -1,0 +1,133 @@
+"""The reported table: one interval or bound, one verdict, one reason for every parameter."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import biaxbayes
+from biaxbayes.fitting.law_fit import LawFit
+from biaxbayes.identifiability.identify import Identifiability, fits_of_laws, identify_draws
+from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.runs.archive import draw_table
+from biaxbayes.sampling.sampler import Plan
+
+STRETCHES = ("mounting_stretch_x", "mounting_stretch_y")
+TRUTH = {"C1": 8.0, "k1": 30.0, "k2": 6.0, "alpha": 40.0, "kappa": 0.1}
+VERDICTS = {"identified", "bounded", "only in combination", "not identified"}
+
+
+@pytest.fixture(scope="module")
+def clean() -> Identifiability:
+    """Three protocols of GOH, noise only."""
+    specimen, _ = biaxbayes.simulate(
+        material=biaxbayes.GOH(*TRUTH.values()),
+        prestretch=(1.02, 1.03),
+        total_stretch=1.2,
+        ratios=[(1, 1), (1, 0.5), (0.5, 1)],
+        increments=30,
+        noise_N=0.001,
+        edge=(20.0, 15.0),
+        thickness=1.2,
+        seed=3,
+    )
+    posterior = biaxbayes.prepare(specimen)
+    result = draw_posterior(posterior, Plan(ess=300, max_steps=1500, ensembles=2, walkers=32))
+    draws = draw_table(result.quantities)
+    return identify_draws(posterior, draws, "converged", fits=fits_of_laws(posterior))
+
+
+def rows(found: Identifiability):
+    return {row.name: row for row in found.reported}
+
+
+def with_fit(found: Identifiability, **changes) -> Identifiability:
+    """The same evidence where the run's own law fits in another way."""
+    assert found.fits is not None
+    fits = tuple(replace(f, **changes) if f.law == "goh" else f for f in found.fits.fits)
+    return replace(found, fits=replace(found.fits, fits=fits))
+
+
+def test_a_clean_record_identifies_and_holds_the_truth(clean):
+    found = rows(clean)
+    assert list(found) == [*TRUTH, *STRETCHES]
+    assert {row.verdict for row in found.values()} <= VERDICTS
+    truth = TRUTH | dict(zip(STRETCHES, (1.02, 1.03), strict=True))
+    for name, row in found.items():
+        assert row.reason and "\n" not in row.reason
+        if row.verdict == "identified":
+            assert row.low < row.high and not row.partners
+        if row.verdict == "only in combination":
+            assert row.partners
+        assert not truth[name] < row.low and not truth[name] > row.high
+    assert sum(row.verdict == "identified" for row in found.values()) >= 4
+    assert all(found[name].verdict == "identified" for name in STRETCHES)
+
+
+def test_an_interval_is_widened_about_its_median_where_the_law_misses(clean):
+    plain = rows(with_fit(clean, widening={}))["C1"]
+    row = rows(with_fit(clean, widening={"C1": 1.5}, misfit=0.021))["C1"]
+    evidence = clean["C1"].evidence
+    assert plain.verdict == row.verdict == "identified"
+    assert plain.low == pytest.approx(evidence.low) and plain.high == pytest.approx(evidence.high)
+    # C1 is compared in logs
+    assert math.log(row.high / evidence.median) == pytest.approx(
+        1.5 * math.log(plain.high / evidence.median)
+    )
+    assert "widened 1.5 times" in row.reason and "2.1 % of the load" in row.reason
+
+
+def test_what_the_misfit_leaves_open_is_not_identified(clean):
+    row = rows(with_fit(clean, widening={"C1": 400.0}, misfit=0.2))["C1"]
+    assert row.verdict == "not identified" and math.isnan(row.low) and math.isnan(row.high)
+    assert "GOH misses smoothly" in row.reason
+    # as wide as that, the dispersion is bounded or open, never a value
+    kappa = rows(with_fit(clean, widening={"kappa": 20.0}))["kappa"]
+    assert kappa.verdict != "identified"
+
+
+def test_a_value_spans_no_order_of_magnitude(clean):
+    evidence = clean["k1"].evidence
+    wide = replace(evidence, low=evidence.median / 20.0, high=evidence.median * 20.0)
+    parameters = tuple(
+        replace(p, evidence=wide, verdict="identified") if p.name == "k1" else p
+        for p in clean.parameters
+    )
+    row = rows(replace(clean, parameters=parameters, fits=None))["k1"]
+    assert row.verdict == "not identified" and "a factor of 4e+02" in row.reason
+
+
+def test_a_law_that_another_beats_has_no_parameters(clean):
+    fits = clean.fits.fits
+    worse = LawRange(
+        tuple(replace(f, rms=9.0, rmse_kPa=9.0) if f.law == "goh" else f for f in fits)[::-1],
+        clean.fits.noise,
+        clean.fits.peak,
+    )
+    ordered = replace(worse, fits=tuple(sorted(worse.fits, key=lambda f: f.rms)))
+    found = rows(replace(clean, fits=ordered))
+    assert all(found[name].verdict == "not identified" for name in TRUTH)
+    assert "misses by" in found["C1"].reason and "goh misses by 9 kPa" in found["C1"].reason
+
+
+def test_draws_that_have_not_converged_identify_nothing(clean):
+    parameters = tuple(replace(p, verdict="no verdict") for p in clean.parameters)
+    found = replace(clean, parameters=parameters, state="tentative")
+    assert {(r.verdict, r.reason) for r in found.reported} == {
+        ("not identified", "the chains have not converged (tentative)")
+    }
+
+
+def test_stretches_are_those_of_the_laws_that_fit(clean):
+    """Whatever the posterior says, an end that another law moves is moved in the one row."""
+    for name in STRETCHES:
+        stated, row = clean[name].stated, rows(clean)[name]
+        np.testing.assert_equal((row.low, row.high), (stated.low, stated.high))
+        assert row.low <= clean[name].evidence.low and row.high >= clean[name].evidence.high
+
+
+def test_a_law_fit_without_errors_widens_nothing():
+    fit = LawFit("goh", 1.0, 1.0, np.full((1, 2), 1.02), np.full((1, 2), 0.001), False, True)
+    assert fit.widening == {} and fit.mounting_widening is None
