@@ -554,14 +554,12 @@ def test_a_value_needs_the_laws_that_foretell_alike_to_agree():
     assert stated.is_value
     assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
     assert stated.high == pytest.approx(1.024 + 0.09 * 0.022)
-    assert stated.reason == "the laws that predict the record agree: goh, fung"
+    assert stated.reason == "the laws that predict best agree: goh, fung"
     # a third law that foretells as well and lies elsewhere leaves the low end
     stated = stated_by_predictions(intervals, density | {"hgo": 9.0}, smooth=False)
     assert not stated.is_value
     assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
-    assert (
-        stated.reason == "the laws that predict the record leave the high end open: goh, hgo, fung"
-    )
+    assert stated.reason == "the laws that predict best leave the high end open: goh, hgo, fung"
     assert not stated_by_predictions(intervals, density, smooth=True).is_value
 
 
@@ -569,10 +567,10 @@ def test_a_low_end_rests_on_two_laws_and_lies_not_too_far_below_the_best():
     intervals = {"goh": three(1.2, 0.04), "fung": three(1.1, 0.02)}
     stated = stated_by_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
     assert stated.low == pytest.approx(1.08 - 0.09 * 0.1)
-    assert stated.reason == "the only law to predict leaves the high end open: goh"
+    assert stated.reason == "the laws that predict best leave the high end open: goh, fung"
     intervals["goh"] = three(1.5, 0.04)
     stated = stated_by_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
-    assert np.isnan(stated.low) and "open by goh, fung" in stated.reason
+    assert np.isnan(stated.low) and "both ends open: goh, fung" in stated.reason
 
 
 @pytest.mark.long

@@ -74,18 +74,18 @@ def test_a_low_end_is_that_of_two_laws_at_least():
     best = law_fit("fung", 1.0, 1.2, 0.02)
     alone = state(best, law_fit("goh", 5.0, 1.15), law_fit("hgo", 6.0, 1.05))
     assert alone.low == pytest.approx(1.15 - 1.645 * 0.001 - 0.09 * 0.15)
-    assert "the only law to fit leaves the high end open: fung" in alone.reason
+    assert "leave the high end open: fung, goh" in alone.reason
     far = state(best, law_fit("goh", 5.0, 0.8))
-    assert np.isnan(far.low) and "open by fung, goh" in far.reason
+    assert np.isnan(far.low) and "both ends open: fung, goh" in far.reason
 
 
 def test_a_wide_interval_is_no_value():
     alone = state(law_fit("fung"), law_fit("goh", 5.0))
-    assert alone.is_value and alone.reason == "the only law to fit the record: fung"
+    assert alone.is_value and alone.reason == "the laws that fit best agree: fung, goh"
     wide = state(law_fit("fung", sd=0.02), law_fit("goh", 5.0))
-    assert not wide.is_value and "leaves the high end open: fung" in wide.reason
+    assert not wide.is_value and "leave the high end open: fung, goh" in wide.reason
     lost = state(law_fit(), law_fit("fung", 1.1, 1.3, 1.5))
-    assert np.isnan(lost.low) and np.isnan(lost.high) and "open by" in lost.reason
+    assert np.isnan(lost.low) and np.isnan(lost.high) and "both ends open" in lost.reason
 
 
 def test_a_law_is_not_thrown_out_by_a_reading_two_sigma_off():

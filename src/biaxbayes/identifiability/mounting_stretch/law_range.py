@@ -26,8 +26,8 @@ ALIKE = 1.15
 ALIKE_CHI2 = 6.0
 """So does a law whose chi-square lies within this of the best: 2 ln 20, odds of one to twenty."""
 FEWEST = 2
-"""A low end is that of the laws that fit, and of so many of the best at least: one law that fits
-alone tells nothing of how far laws differ."""
+"""Mounting stretches are compared over the laws that fit, and over so many of the best at least:
+one law that fits alone tells nothing of how far laws differ."""
 BETTER = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
 LEAST_SHARE = 2e-3
@@ -87,8 +87,8 @@ class LawRange:
         )
 
     @property
-    def lowest_of(self) -> tuple[LawFit, ...]:
-        """Those whose mounting stretches a low end lies below."""
+    def compared(self) -> tuple[LawFit, ...]:
+        """Those whose mounting stretches count: all that fit, the two best at least."""
         return self.fits[
             : max(FEWEST, *(i + 1 for i, f in enumerate(self.fits) if f in self.alike))
         ]

@@ -5,10 +5,10 @@ each law extrapolates it in its own way, and laws that describe the record alike
 mounting stretch elsewhere. The tissue follows one more law than those that are fitted. So the other
 laws are fitted under the same mounting constraint. Each mounting stretch errs by its own error (the
 noise of all readings, the smooth misfit of the law) and by a share of its strain that a further law
-may add; both ends stand at 5 and 95 % of that, over all laws that fit, and
+may add; both ends stand at 5 and 95 % of that, over all laws that fit and two at least, and
 
 - where they lie close enough, a value is stated: both ends;
-- else the low end alone, that of two laws at least. Tissue stiffens as it is stretched: a toe that
+- else the low end alone. Tissue stiffens as it is stretched: a toe that
   is softer than those of the laws only moves the mounting stretch up;
 - where that lies far below the best law, nothing is.
 
@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from biaxbayes.fitting.law_fit import LawFit
 from biaxbayes.identifiability.mounting_stretch.law_range import FEWEST, LawRange
 from biaxbayes.parameters import Parameter, mounting_names
 
@@ -171,29 +170,15 @@ def stated_by_laws(
     """
     if found is None:
         return Stated(OPEN, OPEN, "no law could be fitted to the record")
-    alike = [f.law for f in found.alike]
-    own = interval is not None and law in alike
-
-    def ends(fits: Sequence[LawFit]) -> tuple[float, float]:
-        """Lowest and highest of some laws, at their own errors and what a further law adds."""
-        at = np.array([f.mounting_stretch[index, axis] for f in fits])
-        margin = ERRORS * np.array([f.sd[index, axis] for f in fits])
-        margin = margin + FURTHER_LAW * np.abs(at - 1.0)
-        low, high = float((at - margin).min()), float((at + margin).max())
-        if own and interval is not None:
-            low, high = min(low, interval[0]), max(high, interval[1])
-        return low, high
-
-    low, high = ends(found.alike)
-    least = ends(found.lowest_of)[0]
-    at_prior = (
-        own and interval is not None and by_prior[0] and low == interval[0],
-        own and interval is not None and by_prior[1] and high == interval[1],
-    )
-    best = float(found.fits[0].mounting_stretch[index, axis])
-    return _judged(
-        (low, high), least, best, (alike, [f.law for f in found.lowest_of]), "fit", at_prior
-    )
+    fits = found.compared
+    at = np.array([f.mounting_stretch[index, axis] for f in fits])
+    margin = ERRORS * np.array([f.sd[index, axis] for f in fits]) + FURTHER_LAW * np.abs(at - 1.0)
+    low, high = float((at - margin).min()), float((at + margin).max())
+    at_prior = (False, False)
+    if interval is not None and law in [f.law for f in found.alike]:
+        at_prior = by_prior[0] and interval[0] <= low, by_prior[1] and interval[1] >= high
+        low, high = min(low, interval[0]), max(high, interval[1])
+    return _judged((low, high), float(at[0]), [f.law for f in fits], "fit", at_prior)
 
 
 def stated_by_predictions(
@@ -220,21 +205,18 @@ def stated_by_predictions(
     """
     ordered = sorted(intervals, key=lambda law: -density[law])
     near = [law for law in ordered if density[ordered[0]] - density[law] <= NEAR_DENSITY]
-    lowest = ordered[: max(FEWEST, len(near))]
+    compared = ordered[: max(FEWEST, len(near))]
     margin = {law: FURTHER_LAW * abs(q50 - 1.0) for law, (_, q50, _) in intervals.items()}
-    low = min(intervals[law][0] - margin[law] for law in near)
-    high = max(intervals[law][2] + margin[law] for law in near)
-    least = min(intervals[law][0] - margin[law] for law in lowest)
-    return _judged(
-        (low, high), least, intervals[ordered[0]][1], (near, lowest), "predict", smooth=smooth
-    )
+    low = min(intervals[law][0] - margin[law] for law in compared)
+    high = max(intervals[law][2] + margin[law] for law in compared)
+    best = intervals[ordered[0]][1]
+    return _judged((low, high), best, compared, "predict", smooth=smooth)
 
 
 def _judged(
-    value: tuple[float, float],
-    least: float,
+    ends: tuple[float, float],
     best: float,
-    laws: tuple[Sequence[str], Sequence[str]],
+    laws: Sequence[str],
     verb: str,
     at_prior: tuple[bool, bool] = (False, False),
     *,
@@ -242,23 +224,22 @@ def _judged(
 ) -> Stated:
     """A value, a low end or nothing, with the reason.
 
-    ``value`` are the ends of a value, ``least`` is a low end, ``best`` the best law's own stretch,
-    ``laws`` those behind either, ``at_prior`` says which ends rest on the prior.
+    ``best`` is the best law's own stretch, ``laws`` are those compared, ``at_prior`` says which
+    ends rest on the prior.
     """
-    names = ", ".join(laws[0])
-    those = f"the laws that {verb} the record" if len(laws[0]) > 1 else f"the only law to {verb}"
-    if not any(at_prior) and not smooth and value[1] - value[0] <= VALUE_WIDTH:
-        agree = "agree" if len(laws[0]) > 1 else "the record"
-        return Stated(*value, f"{those} {agree}: {names}")
-    if at_prior[0] or not np.isfinite(least) or best - least > FARTHEST_BELOW:
-        why = ends_by_prior_words(at_prior) if at_prior[0] else f"open by {', '.join(laws[1])}"
-        return Stated(OPEN, OPEN, why)
+    low, high = ends
+    those = f"the laws that {verb} best" if len(laws) > 1 else "the only law"
+    names = ", ".join(laws)
+    if not any(at_prior) and not smooth and high - low <= VALUE_WIDTH:
+        return Stated(low, high, f"{those} agree: {names}")
+    if at_prior[0]:
+        return Stated(OPEN, OPEN, ends_by_prior_words(at_prior))
+    if not np.isfinite(low) or best - low > FARTHEST_BELOW:
+        return Stated(OPEN, OPEN, f"{those} leave both ends open: {names}")
     if smooth:
-        return Stated(
-            least, OPEN, "every law misses the record smoothly, so only a lower bound is safe"
-        )
-    if at_prior[1]:
-        return Stated(least, OPEN, ends_by_prior_words(at_prior))
-    return Stated(
-        least, OPEN, f"{those} leave{'s' * (len(laws[0]) == 1)} the high end open: {names}"
-    )
+        why = "every law misses the record smoothly, so only a lower bound is safe"
+    elif at_prior[1]:
+        why = ends_by_prior_words(at_prior)
+    else:
+        why = f"{those} leave the high end open: {names}"
+    return Stated(low, OPEN, why)
