@@ -66,3 +66,51 @@ def test_a_process_that_compiles_finds_what_later_ones_find(tmp_path):
     )
     assert first == second
     assert len(set(bytes.fromhex(first.split()[0]))) > 100  # not all of them -inf
+
+
+SMALL = """
+import numba
+before = numba.config.CACHE_DIR
+from biaxbayes.compilation import CACHE, compiled
+
+@compiled()
+def doubled(x):
+    return 2.0 * x
+
+print(doubled(21.0), numba.config.CACHE_DIR == before, sum(doubled.stats.cache_hits.values()))
+"""
+
+
+def small_program(folder: Path, cache: Path | str) -> tuple[list[str], str]:
+    """Words that a program prints that compiles a function, and its standard error."""
+    program = folder / "program.py"
+    program.write_text(SMALL)
+    done = subprocess.run(
+        [sys.executable, str(program)],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split(), done.stderr
+
+
+def test_compiled_code_is_kept_and_the_setting_of_numba_stays_the_users(tmp_path):
+    assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "0"], "")
+    assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "1"], "")
+
+
+@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: bytes(99)])
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+def test_a_damaged_cache_is_made_again(tmp_path, kind, damage):
+    small_program(tmp_path, tmp_path / "cache")
+    (path,) = (tmp_path / "cache").rglob(f"*.{kind}")
+    path.write_bytes(damage(path.read_bytes()))
+    assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "0"], "")
+
+
+def test_a_cache_that_cannot_be_written_is_left_aside_with_one_line(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    words, told = small_program(tmp_path, tmp_path / "file")
+    assert words == ["42.0", "True", "0"]
+    assert told.count("\n") == 1 and "compiled code is not kept in" in told

@@ -58,6 +58,25 @@ def test_a_run_imports_nothing_that_it_does_not_use(room):
     assert not found & {"distributed", "emcee", "sklearn", "arviz", "arviz_stats", "xarray"}
 
 
+@pytest.mark.parametrize("stream", [1, 2])
+def test_a_closed_stream_is_no_error(stream):
+    command = f'exec "{sys.executable}" -m biaxbayes check "{MEDIA}" {stream}>&-'
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+
+
+def test_code_that_may_not_be_compiled_is_refused_in_one_line():
+    done = subprocess.run(
+        [sys.executable, "-m", "biaxbayes", "check", str(MEDIA)],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "NUMBA_DISABLE_JIT is set" in done.stderr
+
+
 def test_the_package_runs_as_a_module():
     done = subprocess.run(
         [sys.executable, "-m", "biaxbayes", "--version"], capture_output=True, text=True, check=True

@@ -326,7 +326,7 @@ BOMBS = {
         '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row>'
     ),
     "a long string many times": book_of(
-        "<row>" + '<c t="s"><v>0</v></c>' * 100_000 + "</row>",
+        ("<row>" + '<c t="s"><v>0</v></c>' * 10 + "</row>") * 10_000,
         f"<si><t>{'x' * 30_000}</t></si>",
     ),
     "unpacks to much": book_of(" " * 210_000_000),
@@ -345,7 +345,7 @@ def test_a_small_file_does_not_take_the_memory(name, tmp_path):
     path.write_bytes(BOMBS[name])
     assert path.stat().st_size < 600_000
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(InputError, match=r"unpacks to|spans|shows a text") as refusal:
+    with pytest.raises(InputError, match=r"unpacks to|spans|a row of|shows a text") as refusal:
         read_tables(path)
     assert "save the rows of the test as CSV" in str(refusal.value)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 400_000

@@ -17,6 +17,11 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import logging
+import os
+import shutil
+import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,7 +30,12 @@ import numba
 import platformdirs
 from numba.extending import overload, register_jitable
 
-__all__ = ["first_alone", "inlined", "picked", "use_own_cache"]
+from biaxbayes.errors import InputError
+
+if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    raise InputError("NUMBA_DISABLE_JIT is set", remedy="unset it: the density has to be compiled")
+
+logger = logging.getLogger("biaxbayes")
 
 
 WITHIN: Any = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -44,21 +54,84 @@ def picked(stub: Callable[..., Any]) -> Callable[..., Any]:
     return made
 
 
-FILLED = "filled"
+# --- where compiled code is kept ------------------------------------------------------------------
 
 
-def use_own_cache() -> None:
-    """Keep compiled code in the user's cache, unless ``NUMBA_CACHE_DIR`` says where."""
-    config: Any = numba.config
-    if config.CACHE_DIR:
-        return
-    digest = hashlib.sha256()
-    package = Path(__file__).parent
-    digest.update(Path(__file__).read_bytes())
-    for folder in ("laws", "mechanics", "sampling", "model", "populations"):
-        for source in sorted((package / folder).glob("*.py")):
+COMPILED_ROOMS = ("laws", "mechanics", "sampling", "model", "populations")
+FREE_BYTES = 100_000_000
+"""Least space of a disk that compiled code is kept on; that of all laws takes some 20 MB."""
+
+
+def _cache_folder() -> Path | None:
+    """Folder for this version of the sources, in the user's cache or in ``NUMBA_CACHE_DIR``.
+
+    None, and a warning, where it cannot be written. A folder with a damaged file, which a power cut
+    can leave, is emptied.
+    """
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for room in COMPILED_ROOMS:
+        for source in sorted((Path(__file__).parent / room).glob("*.py")):
             digest.update(source.read_bytes())
-    config.CACHE_DIR = str(Path(platformdirs.user_cache_dir("biaxbayes")) / digest.hexdigest()[:16])
+    numba_config: Any = numba.config
+    base = numba_config.CACHE_DIR or platformdirs.user_cache_dir("biaxbayes")
+    folder = Path(base) / f"biaxbayes-{digest.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(_damaged(path) for path in folder.rglob("*.nb[ic]")):
+            shutil.rmtree(folder)
+            folder.mkdir()
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+        if shutil.disk_usage(folder).free < FREE_BYTES:
+            raise OSError("the disk is full")
+    except OSError as error:
+        logger.warning(
+            "biaxbayes: compiled code is not kept in %s (%s), so that every start takes longer; "
+            "NUMBA_CACHE_DIR names another folder",
+            folder,
+            error.strerror or error,
+        )
+        return None
+    return folder
+
+
+def _damaged(path: Path) -> bool:
+    """Whether a file of numba's cache has no end: all of them are pickles, which end with a dot."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) != b"."
+    except FileNotFoundError:  # replaced by another process
+        return False
+    except OSError:  # empty
+        return True
+
+
+CACHE = _cache_folder()
+_deciding = threading.Lock()
+
+
+def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """As ``numba.njit(**options)``, and kept between runs in :data:`CACHE`.
+
+    Numba asks for the folder where a function is decorated: its setting is ours until then alone.
+    """
+
+    def decorated(function: Callable[..., Any]) -> Any:
+        config: Any = numba.config
+        if CACHE is None:
+            return numba.njit(**options)(function)
+        with _deciding:
+            before, config.CACHE_DIR = config.CACHE_DIR, str(CACHE)
+            try:
+                return numba.njit(cache=True, **options)(function)
+            finally:
+                config.CACHE_DIR = before
+
+    return decorated
+
+
+FILLED = "filled"
 
 
 @contextlib.contextmanager
@@ -66,21 +139,18 @@ def first_alone() -> Iterator[None]:
     """Let one process fill an empty cache while the others that use it wait.
 
     Numba's cache is not made for several processes that compile the same function at once. Where
-    the folder cannot be written or locked, nobody waits.
+    the folder cannot be locked, nobody waits.
     """
-    config: Any = numba.config
-    folder = Path(config.CACHE_DIR or ".")
-    if not config.CACHE_DIR or (folder / FILLED).exists():
+    if CACHE is None or (CACHE / FILLED).exists():
         yield
         return
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):
             from filelock import FileLock
 
-            folder.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(FileLock(folder / ".filling", fallback_to_soft=False))
-        if (folder / FILLED).exists():
+            stack.enter_context(FileLock(CACHE / ".filling"))
+        if (CACHE / FILLED).exists():
             stack.close()
         yield
         with contextlib.suppress(OSError):
-            (folder / FILLED).touch()
+            (CACHE / FILLED).touch()

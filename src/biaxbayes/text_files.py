@@ -376,7 +376,14 @@ def read_csv(path: Path, **how: Any) -> pd.DataFrame:
 
     with path.open(encoding="utf-8") as lines:
         head = sum(1 for _ in takewhile(lambda line: line.startswith("#"), lines))
-    return pd.read_csv(path, skiprows=head, **how)
+    table = pd.read_csv(path, skiprows=head, **how)
+    words = table.select_dtypes(exclude=["number", "bool"]).columns
+    return table.assign(**{name: table[name].map(_unmarked) for name in words})
+
+
+def _unmarked(cell: Any) -> Any:
+    """A text as it was before :func:`csv_text` marked it."""
+    return cell[1:] if isinstance(cell, str) and cell.startswith(("'=", "'@")) else cell
 
 
 # --- writing ------------------------------------------------------------------------------------
@@ -387,6 +394,11 @@ def rows_text(rows: Iterable[Sequence]) -> str:
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()
+
+
+def _no_formula(cell: Any) -> Any:
+    """A text that a spreadsheet would compute (``=1+1``), marked as text by an apostrophe."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "@")) else cell
 
 
 def csv_text(table: pd.DataFrame, *, digits: int | None = None, quoted: bool = False) -> str:
@@ -400,6 +412,8 @@ def csv_text(table: pd.DataFrame, *, digits: int | None = None, quoted: bool = F
     quoted : bool
         Whether text stands in quotation marks.
     """
+    words = table.select_dtypes(exclude=["number", "bool"]).columns
+    table = table.assign(**{name: table[name].map(_no_formula) for name in words})
     return table.to_csv(
         index=False,
         float_format=None if digits is None else f"%.{digits}g",

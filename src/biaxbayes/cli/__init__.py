@@ -96,6 +96,11 @@ def main(arguments: list[str] | None = None) -> None:
     cannot be trusted, 70 a defect of this program (``BIAXBAYES_DEBUG=1`` shows where), and 128
     plus the signal when stopped by one.
     """
+    # Streams that the caller closed (2>&-): what is written to them is lost, as was asked for.
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
     with contextlib.suppress(AttributeError, ValueError):
         # Names from files may hold characters that the terminal's encoding lacks.
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
@@ -121,6 +126,8 @@ def _outcome(arguments: list[str] | None) -> int:
     except (click.exceptions.Abort, KeyboardInterrupt) as error:
         # A second signal says which it was.
         cause = error.__cause__ if isinstance(error, click.exceptions.Abort) else error
+        if isinstance(cause, EOFError):  # click takes it for the end of what a user types
+            return _internal(cause)
         number = next((a for a in getattr(cause, "args", ()) if isinstance(a, int)), 2)
         return _ended("stopped at once; what was saved is safe", 128 + number)
     except click.ClickException as error:
@@ -136,14 +143,19 @@ def _outcome(arguments: list[str] | None) -> int:
     except MemoryError:
         return _ended("not enough memory; thin the record or ask for fewer draws", 2)
     except Exception as error:
-        if os.environ.get("BIAXBAYES_DEBUG"):
-            raise
-        return _ended(
-            f"internal error: {type(error).__name__}: {error}; please report it with the command "
-            "and the file (BIAXBAYES_DEBUG=1 shows where it happened)",
-            70,
-        )
+        return _internal(error)
     return outcome if isinstance(outcome, int) else 0
+
+
+def _internal(error: BaseException) -> int:
+    """Exit code of a defect of this program."""
+    if os.environ.get("BIAXBAYES_DEBUG"):
+        raise error
+    return _ended(
+        f"internal error: {type(error).__name__}: {error}; please report it with the command "
+        "and the file (BIAXBAYES_DEBUG=1 shows where it happened)",
+        70,
+    )
 
 
 def _ended(problem: str, code: int) -> int:

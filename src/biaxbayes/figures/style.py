@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -158,9 +159,15 @@ def read_style(path: Path | str) -> dict[str, Any]:
     return {key: value for key, value in settings.items() if key not in _IGNORED}
 
 
+_one_thread_draws = threading.RLock()
+"""Settings of matplotlib and filters of warnings are those of the process."""
+
+
 @contextmanager
 def print_style(style: Mapping[str, Any] | None = None) -> Iterator[None]:
     """Draw in the style of a paper, whatever the session's own settings are.
+
+    Other threads that draw wait.
 
     Parameters
     ----------
@@ -171,7 +178,7 @@ def print_style(style: Mapping[str, Any] | None = None) -> Iterator[None]:
 
     settings: Any = {k: v for k, v in mpl.rcParamsDefault.items() if k not in _IGNORED}
     settings |= {**STYLE, **(style or {}), **_FIXED}
-    with mpl.rc_context(), warnings.catch_warnings():
+    with _one_thread_draws, mpl.rc_context(), warnings.catch_warnings():
         warnings.simplefilter("ignore", mpl.MatplotlibDeprecationWarning)
         mpl.rcParams.update(settings)
         yield

@@ -23,9 +23,7 @@ from typing import Any
 import numpy as np
 from numba.extending import overload
 
-from biaxbayes.compilation import WITHIN, inlined, use_own_cache
-
-use_own_cache()
+from biaxbayes.compilation import WITHIN, inlined
 
 STEP = 1e-30
 """Imaginary step of complex-step differentiation: f'(x) = Im f(x + i h) / h, exact to rounding."""

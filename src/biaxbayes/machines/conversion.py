@@ -135,7 +135,7 @@ class Gauge:
             return stretch, f"{note}, the stated gauge length"
         if self.geometry == "mounted":
             return stretch, (
-                f"{note}: no gauge length is stated, and the mounted edge is taken for it; if "
+                f"{note}: no gauge length is stated, and the mounted edge is taken for it. If "
                 f"marks or grips were another distance apart, give --gauge-{axis}-mm"
             )
         reached = float(stretch.max())
@@ -143,7 +143,7 @@ class Gauge:
             f"{note}: no gauge length is stated, and the unloaded edge is taken for it. The length "
             f"when the test was zeroed is longer by the mounting stretch, so that the strain in "
             f"{axis} is too large by that factor (mounted at 1.05: {reached:.3f} is "
-            f"{1.0 + (reached - 1.0) / 1.05:.3f}); give --gauge-{axis}-mm"
+            f"{1.0 + (reached - 1.0) / 1.05:.3f}). Give --gauge-{axis}-mm"
         )
 
     def stretched(

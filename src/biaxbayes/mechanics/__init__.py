@@ -1,5 +1,1 @@
 """Mechanics of the planar biaxial test: no files, no priors, no plots."""
-
-from biaxbayes.compilation import use_own_cache
-
-use_own_cache()

@@ -24,9 +24,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
-from biaxbayes.compilation import inlined
+from biaxbayes.compilation import compiled, inlined
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.laws.response import stress_and_slope
 
@@ -90,7 +89,7 @@ def balance(constants, px, py, mounted, x, y):
     return sx - px * lx, sy - py * ly, jxx - px * lx, jxy, jyy - py * ly
 
 
-@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+@compiled(error_model="numpy", nogil=True, forceinline=True)
 def solve_balance(constants, px, py, mounted):
     """Newton's method from the unloaded state.
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from biaxbayes.compilation import WITHIN, inlined
+from biaxbayes.compilation import WITHIN, compiled, inlined
 from biaxbayes.laws.response import cauchy_stress, constants_at, to_natural
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
@@ -262,7 +262,7 @@ def _density(problem, u, value):
     return total, likelihood, INSIDE
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled(error_model="numpy", nogil=True)
 def _walkers(problem, u, rejected):
     """Log density, tempered log likelihood and natural values of each walker; counts reasons."""
     n = u.shape[0]

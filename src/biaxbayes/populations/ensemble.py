@@ -21,8 +21,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from biaxbayes.compilation import compiled
 from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
 from biaxbayes.populations.tuning import Tuning, memberships
 
@@ -102,7 +102,7 @@ class Design:
         return log, values - self.centre
 
 
-@njit(cache=True)
+@compiled()
 def _distance2(theta, m, precision, p):
     """(theta - m)' precision (theta - m)."""
     total = 0.0
@@ -112,7 +112,7 @@ def _distance2(theta, m, precision, p):
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _visit(rng, theta, u, log, weight, m, precision, set_of, group, sizes, pool, offered, fresh):
     """Offer each specimen proposals whose densities are known, as an independence sampler.
 

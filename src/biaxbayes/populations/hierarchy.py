@@ -25,8 +25,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from biaxbayes.compilation import compiled
 from biaxbayes.populations.integrated import (
     correlation_factor,
     draw_means,
@@ -82,14 +82,14 @@ class Layout(NamedTuple):
     eta_specimens: float
 
 
-@njit(cache=True)
+@compiled()
 def _inside(m, sd, low, high):
     """Share of a normal that lies in a range."""
     root = 1.0 / (sd * math.sqrt(2.0))
     return 0.5 * (math.erf((high - m) * root) - math.erf((low - m) * root))
 
 
-@njit(cache=True)
+@compiled()
 def _augment(rng, layout, mu, effect, sd, factor, count, total, square):
     """The draws outside of the box that a specimen's value was preceded by, of one chain."""
     n, b = layout.group.size, layout.low.size
@@ -119,7 +119,7 @@ def _augment(rng, layout, mu, effect, sd, factor, count, total, square):
                     square[s, k, j] += y[k] * y[j]
 
 
-@njit(cache=True)
+@compiled()
 def _allowed(layout, mu, effect, sd):
     """Whether every location has enough of its normal inside the box."""
     for k in range(layout.low.size):
@@ -136,13 +136,13 @@ def _allowed(layout, mu, effect, sd):
     return True
 
 
-@njit(cache=True)
+@compiled()
 def _log_sd_prior(sd, scale):
     """Half-normal, as a density of the log."""
     return -0.5 * (sd / scale) ** 2 + math.log(sd)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def augment(rng, layout, mu, effect, sd, factor, count, total, square):
     """Make up the draws outside of the box, for all chains.
 
@@ -162,7 +162,7 @@ def augment(rng, layout, mu, effect, sd, factor, count, total, square):
         _augment(rng, layout, mu[c], effect[c], sd[c], factor[c], count[c], total[c], square[c])
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def log_marginal(layout, theta, count, total, square, sd_donors, factor_donors, sd, factor):
     """Log density of the specimens' values with means and donor effects integrated out.
 
@@ -185,7 +185,7 @@ MOST_TRIES = 60
 """Of a slice; numbers have ended then, and the value stays where it was."""
 
 
-@njit(cache=True)
+@compiled()
 def _log_density_of_sd(x, layout, sums, precisions, solved, own, side, s, k, factor):
     """Log density of the log of one sd, means and effects integrated out; the sd is set to it.
 
@@ -202,7 +202,7 @@ def _log_density_of_sd(x, layout, sums, precisions, solved, own, side, s, k, fac
     return prior + integrate(layout, sums, precisions, solved)
 
 
-@njit(cache=True)
+@compiled()
 def _slice_of_sd(rng, layout, sums, precisions, solved, own, side, s, k, factor):
     """Slice sampling (Neal 2003) of one sd with the means integrated out."""
     args = (layout, sums, precisions, solved, own, side, s, k, factor)
@@ -229,7 +229,7 @@ def _slice_of_sd(rng, layout, sums, precisions, solved, own, side, s, k, factor)
     _log_density_of_sd(x0, *args)
 
 
-@njit(cache=True)
+@compiled()
 def _log_density_of_correlations(partial, factor, b, eta, scatter, count, work, inverse):
     """Log density of partial correlations given ``count`` vectors of unit sds and this scatter."""
     correlation_factor(partial, b, factor)
@@ -245,7 +245,7 @@ def _log_density_of_correlations(partial, factor, b, eta, scatter, count, work, 
     return value
 
 
-@njit(cache=True)
+@compiled()
 def _correlations(rng, partial, factor, b, eta, scatter, count):
     """Slices of all partial correlations, given what they are the correlations of."""
     work, inverse = np.empty((b, b)), np.empty((b, b))
@@ -266,7 +266,7 @@ def _correlations(rng, partial, factor, b, eta, scatter, count):
                 high = partial[k]
 
 
-@njit(cache=True)
+@compiled()
 def _scatter_of_specimens(layout, sums, mu, effect, sd, out):
     """Squares about the locations in units of the sds; the number of vectors."""
     D, G = sums.N.shape
@@ -292,7 +292,7 @@ def _scatter_of_specimens(layout, sums, mu, effect, sd, out):
     return sums.ns.sum()
 
 
-@njit(cache=True)
+@compiled()
 def _scatter_of_donors(effect, sd, out):
     """Squares of the effects in units of the sds; the number of vectors."""
     D, b = effect.shape
@@ -305,7 +305,7 @@ def _scatter_of_donors(effect, sd, out):
     return float(D)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def update(
     rng,
     layout,

@@ -12,7 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from biaxbayes.compilation import compiled
 
 __all__ = [
     "Precisions",
@@ -35,7 +36,7 @@ __all__ = [
 # --- matrices of a few rows: factors, inverses, correlations by canonical partial ones -----------
 
 
-@njit(cache=True)
+@compiled()
 def cholesky(a, n):
     """Lower Cholesky factor in place; log determinant, NaN where not positive definite."""
     total = 0.0
@@ -54,7 +55,7 @@ def cholesky(a, n):
     return total
 
 
-@njit(cache=True)
+@compiled()
 def inverse_from(c, n, out):
     """Inverse of C C' from the lower factor C."""
     # column by column: solve C y = e, then C' x = y
@@ -71,7 +72,7 @@ def inverse_from(c, n, out):
             out[i, k] = s / c[i, i]
 
 
-@njit(cache=True)
+@compiled()
 def correlation_factor(partial, b, out):
     """Lower factor of a correlation matrix from its canonical partial correlations."""
     k = 0
@@ -86,7 +87,7 @@ def correlation_factor(partial, b, out):
             out[i, j] = 0.0
 
 
-@njit(cache=True)
+@compiled()
 def log_lkj(partial, b, eta):
     """Log density of an LKJ(eta) correlation matrix in its partial correlations."""
     # p(c_ij) ~ (1 - c^2)^(eta + (b - 2 - j) / 2 - 1)
@@ -98,7 +99,7 @@ def log_lkj(partial, b, eta):
     return total
 
 
-@njit(cache=True)
+@compiled()
 def precision(sd, factor, b, work, out):
     """Inverse of diag(sd) F F' diag(sd) into ``out``; returns the log determinant of the matrix."""
     total = 0.0
@@ -182,7 +183,7 @@ class Solved(NamedTuple):
     middle: np.ndarray
 
 
-@njit(cache=True)
+@compiled()
 def room_for(layout):
     """Empty :class:`Sums`, :class:`Precisions` and :class:`Solved` of a layout."""
     D, G, sets, b = layout.donors, layout.set_of.size, layout.sets, layout.low.size
@@ -212,7 +213,7 @@ def room_for(layout):
     return sums, precisions, solved
 
 
-@njit(cache=True)
+@compiled()
 def gather(layout, theta, count, total, square, sums):
     """Sums of a chain: theta (n, b), and count, total and square of the draws made up."""
     n, b = theta.shape
@@ -262,21 +263,21 @@ def gather(layout, theta, count, total, square, sums):
     sums.kinds[0] = kinds
 
 
-@njit(cache=True)
+@compiled()
 def invert(sd, factor, b, precisions):
     """Precisions of specimens from sds (sets, b) and the factor of their correlations."""
     for s in range(sd.shape[0]):
         precisions.logdet[s] = precision(sd[s], factor, b, precisions.work, precisions.P[s])
 
 
-@njit(cache=True)
+@compiled()
 def invert_donors(sd, factor, b, precisions):
     """Precision of donors from sds (b,) and the factor of their correlations."""
     found = precision(sd, factor, b, precisions.work, precisions.omega)
     precisions.logdet_donors[0] = found
 
 
-@njit(cache=True)
+@compiled()
 def integrate(layout, sums, precisions, solved):
     """Log density of the sums with means and donor effects integrated out; fills ``solved``."""
     G = sums.N.shape[1]
@@ -361,7 +362,7 @@ def integrate(layout, sums, precisions, solved):
     return value
 
 
-@njit(cache=True)
+@compiled()
 def draw_means(rng, layout, sums, precisions, solved, mu, effect):
     """Means (groups, b) and donor effects (donors, b) from their normal, in place.
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
+from biaxbayes.compilation import compiled
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.model import density as kernel
@@ -98,7 +98,7 @@ def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
     return common
 
 
-@njit(cache=True)
+@compiled()
 def _log_priors(kinds, rows, values):
     """Sum of the log priors of the pooled values, on the scale of the table's units."""
     out = np.zeros(values.shape[0])

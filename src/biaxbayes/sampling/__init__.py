@@ -27,14 +27,10 @@ walkers' history; then it is frozen. :mod:`.sampler` runs blocks of kept steps u
 :mod:`.convergence` is satisfied, and :mod:`.bridge` integrates the density from its draws.
 """
 
-from biaxbayes.compilation import use_own_cache
-
-use_own_cache()
-
-from biaxbayes.sampling.bridge import log_integral  # noqa: E402
-from biaxbayes.sampling.population_monte_carlo import Start, search  # noqa: E402
-from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw  # noqa: E402
-from biaxbayes.sampling.target import Target, bounds_array  # noqa: E402
+from biaxbayes.sampling.bridge import log_integral
+from biaxbayes.sampling.population_monte_carlo import Start, search
+from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
+from biaxbayes.sampling.target import Target, bounds_array
 
 __all__ = [
     "Draws",

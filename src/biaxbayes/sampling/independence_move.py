@@ -22,8 +22,8 @@ from typing import Any
 
 import emcee
 import numpy as np
-from numba import njit
 
+from biaxbayes.compilation import compiled
 from biaxbayes.sampling.proposal import Proposal, fit_mixture_proposal
 
 __all__ = ["AdaptedIndependenceMove"]
@@ -145,7 +145,7 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         return state, moved
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _accept(log_prob, log_q, proposed_prob, proposed_q, log_u):
     """Sweep through the proposals of every walker.
 

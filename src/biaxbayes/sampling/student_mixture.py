@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from biaxbayes.compilation import inlined
+from biaxbayes.compilation import compiled, inlined
 
 __all__ = ["Mirrors", "StudentMixture"]
 
@@ -126,7 +126,7 @@ FASTMATH = {"reassoc", "contract", "arcp", "nsz"}
 """What the compiler may do to sums; infinities and NaN keep their meaning."""
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=FASTMATH)
+@compiled(error_model="numpy", nogil=True, fastmath=FASTMATH)
 def _log_density(x, scale, means, inverses, nu, coordinates, doubled):
     """Log of the summed component densities; ``x`` of shape (d, n).
 
@@ -231,7 +231,7 @@ def _add_t_density(distance, m, nu, d, scale, work, total):
         total[i] += work[i]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _transform(z, component, stretch, means, factors):
     n, d = z.shape
     out = np.empty((n, d))

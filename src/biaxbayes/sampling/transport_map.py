@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from biaxbayes.compilation import inlined
+from biaxbayes.compilation import compiled, inlined
 
 __all__ = ["TransportMap", "fit_transport_map"]
 
@@ -197,7 +197,7 @@ def _append(z, k, out, filled):
     return filled
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _features(z, k):
     out = np.empty((z.shape[0], _count(k)))
     for i in range(z.shape[0]):
@@ -222,7 +222,7 @@ def _place(features, filled, z, k, coefficients, widths):
     return mean, min(max(width, -WIDEST), WIDEST)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _to_reference(z, coefficients, widths):
     n, d = z.shape
     out = np.empty((n, d))
@@ -239,7 +239,7 @@ def _to_reference(z, coefficients, widths):
     return out, log_jacobian
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _from_reference(r, coefficients, widths):
     n, d = r.shape
     out = np.empty((n, d))

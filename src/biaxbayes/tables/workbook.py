@@ -88,7 +88,7 @@ def _check_archive(raw: bytes, path: Path) -> None:
                 xml = archive.read(name)
                 if sum(xml.count(start) for start in (b"<c ", b"<c/>", b"<c>")) > MAX_CELLS:
                     raise too_large(f"spans more than {MAX_CELLS:,} cells", path)
-                rows, columns, labels = _extent(xml)
+                rows, columns, labels = _extent(xml, path)
                 shown += labels
                 if rows * columns > MAX_CELLS:
                     raise too_large(f"spans {rows:,} rows of {columns:,} cells", path)
@@ -100,7 +100,7 @@ def _check_archive(raw: bytes, path: Path) -> None:
             raise too_large(f"shows a text of {longest:,} letters in {shown:,} cells", path)
 
 
-def _extent(xml: bytes) -> tuple[int, int, int]:
+def _extent(xml: bytes, path: Path) -> tuple[int, int, int]:
     """Rows and columns that a sheet spans, and cells with a shared string."""
     row = column = rows = columns = labels = 0
     for match in CELL.finditer(xml):
@@ -114,7 +114,7 @@ def _extent(xml: bytes) -> tuple[int, int, int]:
             labels += b't="s"' in match["attributes"]
         rows, columns = max(rows, row), max(columns, column)
         if columns > MAX_COLUMNS:
-            return rows, MAX_CELLS + 1, labels
+            raise too_large(f"has a row of more than {MAX_COLUMNS:,} cells", path)
     return rows, columns, labels
 
 
