@@ -1,4 +1,4 @@
-"""Draw ``docs/figures/states.png``: the unloaded, the mounted and a measured state.
+"""Draw the three states of a specimen (``states.png``) and a flowchart (``method.png``).
 
     python scripts/draw_states.py [--out docs/figures]
 
@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import FancyBboxPatch, Polygon
 
 from biaxbayes.figures.style import MM, PAGE_MM, print_style, save_figure
 
@@ -128,11 +128,117 @@ def states_figure() -> Figure:
         return figure
 
 
+def box(ax: Axes, corners: tuple[float, float, float, float], title: str, text: str) -> None:
+    """A step of the method: left, low, right and high edge in millimetres, title and words."""
+    left, low, right, high = corners
+    shape = FancyBboxPatch(
+        (left, low),
+        right - left,
+        high - low,
+        boxstyle="round,pad=0,rounding_size=2",
+        facecolor="#eef3f8",
+        edgecolor="0.25",
+        lw=0.8,
+    )
+    ax.add_patch(shape)
+    middle = 0.5 * (left + right)
+    ax.text(middle, high - 2.0, title, ha="center", va="top", fontsize=8, weight="bold")
+    ax.text(middle, high - 7.0, text, ha="center", va="top", fontsize=7, linespacing=1.45)
+
+
+def arrow(ax: Axes, *points: tuple[float, float]) -> None:
+    """A line along some points that ends in an arrow."""
+    x, y = np.array(points).T
+    ax.plot(x, y, color="0.25", lw=0.9, solid_capstyle="butt")
+    way = {"arrowstyle": "-|>", "lw": 0.9, "color": "0.25", "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", points[-1], points[-2], arrowprops=way)
+
+
+def method_figure() -> Figure:
+    """What `sample` does with a specimen, step by step, 180 mm wide."""
+    with print_style():
+        figure = plt.figure(figsize=(PAGE_MM * MM, 84.0 * MM))
+        ax = figure.add_axes((0, 0, 1, 1))
+        ax.set(xlim=(0, PAGE_MM), ylim=(0, 84.0))
+        ax.axis("off")
+        box(
+            ax,
+            (2, 63, 56, 82),
+            "Specimen file",
+            "stretches $l$ from the mounted state,\nforces or stresses, dimensions,\nload noise",
+        )
+        box(
+            ax,
+            (63, 63, 117, 82),
+            "Least-squares fit",
+            "starting point of the sampler;\nthe residuals give the number of\n"
+            "independent readings $n_{\\mathrm{eff}}$",
+        )
+        box(
+            ax,
+            (124, 63, 178, 82),
+            "Material law and priors",
+            "GOH, or one of seven other laws;\npriors of the parameters and of the\n"
+            "mounting stretch",
+        )
+        box(
+            ax,
+            (2, 31, 117, 54),
+            "Posterior density at one set of values",
+            "propose parameters $\\theta$ and mounting force $p_0$\n"
+            "solve the balance $A_0 P(\\theta, \\lambda_\\mathrm{m}) = p_0$ "
+            "for the mounting stretch $\\lambda_\\mathrm{m}$\n"
+            "compute the forces at the total stretches $l\\,\\lambda_\\mathrm{m}$\n"
+            "compare them with the readings, weighted by $n_{\\mathrm{eff}}/n$",
+        )
+        box(
+            ax,
+            (124, 31, 178, 54),
+            "Sampler",
+            "four or more ensembles\nof emcee walkers; repeat until\n"
+            "R-hat and effective draws\nmeet their targets",
+        )
+        box(
+            ax,
+            (2, 3, 56, 22),
+            "Fits of all laws",
+            "least squares, also to parts of the\nrecord: do they agree on the mounting\n"
+            "stretch? by how much does the law miss?",
+        )
+        box(
+            ax,
+            (63, 3, 117, 22),
+            "Reported table",
+            "per parameter one interval or bound\nand one verdict: identified, bounded,\n"
+            "only in combination, not identified",
+        )
+        box(
+            ax,
+            (124, 3, 178, 22),
+            "Posterior draws",
+            "figures, stress bands,\npredictions, comparison of specimens,\nmaterial cards",
+        )
+        arrow(ax, (56, 72), (63, 72))
+        arrow(ax, (80, 63), (80, 54))
+        arrow(ax, (29, 63), (29, 54))
+        arrow(ax, (151, 63), (151, 58.5), (104, 58.5), (104, 54))
+        arrow(ax, (117, 46), (124, 46))
+        arrow(ax, (124, 38), (117, 38))
+        ax.text(120.5, 46.7, "value", ha="center", va="bottom", fontsize=7)
+        ax.text(120.5, 37.3, "step", ha="center", va="top", fontsize=7)
+        arrow(ax, (151, 31), (151, 22))
+        arrow(ax, (124, 12.5), (117, 12.5))
+        arrow(ax, (56, 12.5), (63, 12.5))
+        return figure
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     out = Path(__file__).resolve().parents[1] / "docs" / "figures"
     parser.add_argument("--out", type=Path, default=out)
-    save_figure(states_figure(), parser.parse_args().out / "states.png")
+    folder = parser.parse_args().out
+    save_figure(states_figure(), folder / "states.png")
+    save_figure(method_figure(), folder / "method.png")
 
 
 if __name__ == "__main__":
