@@ -27,6 +27,8 @@ SAMPLING = dict.fromkeys(("sample", "ledger", "compare", "batch"), FEWER)
 SAMPLING["calibrate"] = ("--ess", "200")
 TRIED = {0, 3}
 """With so few draws a run may end as not converged; the command is run, not the science."""
+FEW_DRAWS = "ignore:Estimated shape parameter of Pareto:UserWarning"
+"""ArviZ's leave-one-out wants more draws than these runs have."""
 
 
 class Block(NamedTuple):
@@ -101,6 +103,7 @@ def run_pages(folder: Path, *, slow: bool) -> int:
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings(FEW_DRAWS)
 def test_every_quick_command_of_the_pages_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with runs_of_few_walkers():
@@ -111,6 +114,7 @@ def test_every_quick_command_of_the_pages_runs(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings(FEW_DRAWS)
 def test_every_command_of_the_pages_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run_pages(tmp_path, slow=True) >= 25
