@@ -18,7 +18,9 @@ from biaxbayes import read_specimen
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError
 from biaxbayes.machines import FORMATS, Format
-from biaxbayes.machines.conversion import Choice, Recording, convert, shear_angle_deg
+from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.conversion import convert
+from biaxbayes.machines.recording import Recording, shear_angle_deg
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.tables.table import read_tables
 from biaxbayes.tables.units import stem_of, unit_of_column

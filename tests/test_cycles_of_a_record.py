@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.conversion import Choice, convert
+from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.conversion import convert
 from virtual_biotester import biotester_export
 
 T = np.linspace(0.0, 1.0, 31)

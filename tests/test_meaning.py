@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.conversion import Choice, Conversion, convert
+from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.conversion import Conversion, convert
 
 WAYS = 200
 EDGE, THICKNESS = 10.0, 1.2
@@ -147,6 +149,8 @@ def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.nda
     if pair != "force" and rng.random() < 0.1:
         words = {"piola": "Cauchy stress", "cauchy": "First Piola stress"}[pair]
         way.refusals.append("speaks of a")
+    if pair == "cauchy" and way.options.get("edges only"):
+        way.refusals.append("without a gauge length, and the loads are Cauchy stresses")
     negative = rng.random() < 0.2
     if negative and rng.random() < 0.5:
         way.options["tension_negative"] = "xy"
@@ -282,3 +286,25 @@ def test_one_specimen_written_in_many_ways(tmp_path):
             wrong.append(f"{number}: read to another, {way.mapped} {way.options} {way.refusals}")
     assert wrong == []
     assert outcomes["read"] > WAYS // 3 and outcomes["refused"] > WAYS // 6
+
+
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_displacements_with_cauchy_stresses_need_the_gauge_length(tmp_path, geometry):
+    """Nominal stress is Cauchy stress over stretch: an assumed length would spoil both."""
+    stretch, force = next(iter(TRUE.values()))
+    moved = (stretch - 1.0) * GAUGE
+    stress = force / (EDGE * THICKNESS) * 1e3 * stretch
+    path = tmp_path / "a.csv"
+    table = np.column_stack([moved, stress])
+    np.savetxt(path, table, delimiter=",", header="ux_mm,uy_mm,sx_kPa,sy_kPa", comments="")
+    columns = (
+        "stretch_x=ux_mm:displacement_mm,stretch_y=uy_mm:displacement_mm,"
+        "cauchy_x_kPa=sx_kPa,cauchy_y_kPa=sy_kPa"
+    )
+    header = {**HEADER, "geometry": geometry}
+    with pytest.raises(InputError, match=r"would both rest on an assumed length.*--gauge-x-mm"):
+        convert([path], Choice("generic", (columns,)), header=header)
+    choice = Choice("generic", (columns,), gauge_x_mm=GAUGE[0], gauge_y_mm=GAUGE[1])
+    specimen = convert([path], choice, header=header).specimen
+    nominal = specimen.load(specimen.protocols[0]) * EDGE * THICKNESS * 1e-3
+    np.testing.assert_allclose(nominal, force, rtol=1e-9)

@@ -5,6 +5,7 @@ has to find, so that a wrong reference shows as a wrong parameter.
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -318,3 +319,31 @@ def test_check_prints_plain_values_of_a_common_reference():
     assert about["reference"] == "common"
     assert about["protocols"][1]["mounting_force_x"] is None
     json.dumps(about, allow_nan=False)
+
+
+def test_a_cauchy_record_whose_nominal_stress_is_zero_at_rest_is_tared():
+    """Rows at rest whose stretches scatter: the mean of the stresses as written is not zero."""
+    rng = np.random.default_rng(5)
+    rows = {
+        name: (s + 1e-3 * rng.standard_normal(s.shape), f)
+        for name, (s, f) in record([(1.0, 1.0)] * 3, pair="cauchy").items()
+    }
+    specimen = in_memory(rows, "cauchy", header("cauchy", "unloaded"))
+    protocols = tuple(replace(p, rest_rows=3) for p in specimen.protocols)
+    specimen = replace(specimen, protocols=protocols)
+    assert specimen.zeroed().is_tared and not specimen.is_tared
+
+
+def test_the_free_direction_of_a_strip_is_not_called_tared():
+    """A pair of strips with the transverse stretches measured is taken as two protocols."""
+    along = np.linspace(1.0, 1.2, 30)
+    zero, load = np.zeros(30), 0.02 + 0.3 * (along - 1.0) ** 2
+    strips = (
+        Protocol("strip x", along, along**-0.6, load, zero),
+        Protocol("strip y", along**-0.6, along, zero, load),
+    )
+    pair = Specimen("strips", strips, "force", "unloaded", 10.0, 10.0, 1.0, load_noise=0.001)
+    assert not pair.is_tared
+    assert "tared" not in {f.code for f in check_specimen(pair)}
+    per_strip = Posterior(pair, mounting_stretch="per-protocol", noise="independent")
+    assert {"mounting_force_x[strip x]", "mounting_force_y[strip x]"} <= set(per_strip.free)

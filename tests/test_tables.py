@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines.conversion import Choice, convert
+from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.conversion import convert
 from biaxbayes.specimens.specimen_file import read_specimen
 from biaxbayes.tables.table import read_tables
 

@@ -20,7 +20,7 @@ _EXPORTS = {
     "check": "biaxbayes.jobs.specimen_files",
     "convert": "biaxbayes.jobs.specimen_files",
     "simulate": "biaxbayes.jobs.simulate",
-    "Choice": "biaxbayes.machines.conversion",
+    "Choice": "biaxbayes.machines.choice",
     "virtual_specimen": "biaxbayes.specimens.virtual_specimen",
     "Dimensions": "biaxbayes.specimens.virtual_specimen",
     "Machine": "biaxbayes.specimens.virtual_specimen",

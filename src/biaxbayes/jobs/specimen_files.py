@@ -189,7 +189,7 @@ def convert(
         Replace a file of that name.
     **taken
         ``machine``, ``columns``, ``cycle``, ``branch``, ``stretch_from``, ``sets`` and ``sheets``,
-        as in :class:`~biaxbayes.machines.conversion.Choice`. Texts may stand for a list of one.
+        as in :class:`~biaxbayes.machines.choice.Choice`. Texts may stand for a list of one.
 
     Returns
     -------

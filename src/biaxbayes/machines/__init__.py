@@ -6,7 +6,7 @@ The module ``machines/NAME.py`` of a format holds its reader,
     is_other_table(table: Table, choice: Choice) -> bool
 
 The first takes from a table of text what was chosen
-(:class:`~biaxbayes.machines.conversion.Choice`): one recording per protocol, in N or kPa and with
+(:class:`~biaxbayes.machines.choice.Choice`): one recording per protocol, in N or kPa and with
 stretches as measured. The second says whether a sheet beside others is another table altogether.
 """
 

@@ -178,7 +178,7 @@ def _unit(table: Table, index: int, target: str, quantity: str, stated: Unit | N
             file=table.path,
             column=name,
             remedy=f"write {shlex.quote(f'{target}={name}:UNIT')} with the unit it is in, one of "
-            f"{units_of(quantity)}; or choose another column; {table.found}",
+            f"{units_of(quantity)}; or choose another column; {table.listing}",
         )
     return unit
 
@@ -277,14 +277,14 @@ def _check_complete(table: Table, columns: Mapping[str, Column]) -> None:
         if not problem and target not in columns:
             problem = f"no column for {target}"
     if problem:
-        raise InputError(problem, file=table.path, remedy=f"{table.found}; {_example(table)}")
+        raise InputError(problem, file=table.path, remedy=f"{table.listing}; {_example(table)}")
     used: dict[int, str] = {}
     for target, column in columns.items():
         if column.index in used:
             raise InputError(
                 f"{column.name!r} is used for both {used[column.index]} and {target}",
                 file=table.path,
-                remedy=table.found,
+                remedy=table.listing,
             )
         used[column.index] = target
 

@@ -39,56 +39,30 @@ def recorded_cycles(
 ) -> list[RecordedCycle]:
     """Cycles by the labels of a column where there is one, else by the curves themselves.
 
-    Parameters
-    ----------
-    stretch, load : ndarray, shape (n, 2)
-    labels : sequence of str, optional
-        Cycle that each row belongs to; the last rise of a cycle counts.
-    table : Table
-        For messages.
-
-    Raises
-    ------
-    InputError
-        If the record, or its last cycle, never rises.
+    The last rise of a labelled cycle counts. A record whose last cycle never rises is refused.
     """
     if labels is None:
-        found = [
-            RecordedCycle(str(i + 1), _rows(cycle.loading), _rows(cycle.unloading))
-            for i, cycle in enumerate(cycles(progress(stretch, load)))
-        ]
-        complete = bool(found)
+        groups = {"": np.arange(len(stretch))}
     else:
-        found = []
-        numbers = np.array(labels)
-        for label in dict.fromkeys(labels):
-            rows = np.flatnonzero(numbers == label)
-            rises = cycles(progress(stretch[rows], load[rows]))
-            complete = bool(rises)
-            if rises:
-                up, down = _rows(rises[-1].loading), _rows(rises[-1].unloading)
-                found.append(RecordedCycle(label, rows[up], rows[down]))
-    if not complete:
-        raise InputError(
-            "the record never rises: no loading branch",
-            file=table.path,
-            remedy=f"check the columns; {table.found}",
-        )
-    return found
-
-
-def _rows(part: slice) -> np.ndarray:
-    return np.arange(part.start, part.stop)
+        groups = {k: np.flatnonzero(np.array(labels) == k) for k in dict.fromkeys(labels)}
+    recorded = []
+    for label, rows in groups.items():
+        rises = cycles(progress(stretch[rows], load[rows]))
+        if not rises and label == list(groups)[-1]:
+            raise InputError(
+                "the record never rises: no loading branch",
+                file=table.path,
+                remedy=f"check the columns; {table.listing}",
+            )
+        first = len(rises) if labels is None else 1
+        for number, cycle in enumerate(rises[-first:], start=1):
+            branches = rows[cycle.loading], rows[cycle.unloading]
+            recorded.append(RecordedCycle(label or str(number), *branches))
+    return recorded
 
 
 def chosen_number(which: str, labels: Sequence[str], table: Table) -> int:
-    """Index of the cycle that was asked for.
-
-    Raises
-    ------
-    InputError
-        If there is no such cycle; the message lists those that there are.
-    """
+    """Index of the wanted cycle, ``last`` or a label; the refusal of another lists the labels."""
     if which == "last":
         return len(labels) - 1
     if which not in labels:
@@ -111,7 +85,7 @@ def cycle_label(labels: Sequence[str], number: int) -> str | None:
 
 
 def by_ratio(
-    stretch: np.ndarray, load: np.ndarray, found: Sequence[RecordedCycle]
+    stretch: np.ndarray, load: np.ndarray, recorded: Sequence[RecordedCycle]
 ) -> dict[str, list[int]]:
     """Numbers of the cycles of each ratio x:y, in the order in which they first appear.
 
@@ -120,39 +94,32 @@ def by_ratio(
     """
     ways = []
     for curves in (stretch, load):
-        peaks = np.array([curves[c.loading[-1]] - curves[c.loading[0]] for c in found])
+        peaks = np.array([curves[c.loading[-1]] - curves[c.loading[0]] for c in recorded])
         angles = np.degrees(np.arctan2(peaks[:, 1], peaks[:, 0]))
-        groups = _grouped(angles.tolist())
+        groups: list[list[int]] = []
+        for i, angle in enumerate(angles):
+            near = (g for g in groups if abs(angles[g[-1]] - angle) < SAME_RATIO_DEG)
+            group = next(near, None)
+            if group is None:
+                groups.append([i])
+            else:
+                group.append(i)
         spread = max((float(np.ptp(angles[g])) for g in groups if len(g) > 1), default=np.inf)
         # Steady from cycle to cycle: what the machine controls. Else rather too many than lost.
         order = (0, round(4 * spread)) if spread < STEADY_DEG else (1, -len(groups))
-        shares = [peaks[g[-1]] / np.abs(peaks[g[-1]]).max() for g in groups]
-        uneven = float(np.abs(np.array(shares) * 4 - np.round(np.array(shares) * 4)).sum())
-        ways.append(((*order, uneven), groups, peaks))
-    _, groups, peaks = min(ways, key=lambda way: way[0])
+        shares = np.array([peaks[g[-1]] / np.abs(peaks[g[-1]]).max() for g in groups])
+        uneven = float(np.abs(4 * shares - np.round(4 * shares)).sum())
+        ways.append(((*order, uneven), groups, shares))
+    _, groups, shares = min(ways, key=lambda way: way[0])
     if len(groups) == 1:
         return {"": groups[0]}
     named: dict[str, list[int]] = {}
-    for group in groups:
-        x, y = peaks[group[-1]] / np.abs(peaks[group[-1]]).max()
+    for group, (x, y) in zip(groups, shares, strict=True):
         name = f"{round(20 * x) / 20:g}:{round(20 * y) / 20:g}"
         while name in named:
             name += "'"
         named[name] = group
     return named
-
-
-def _grouped(angles: Sequence[float]) -> list[list[int]]:
-    """Numbers of the angles in groups, each near the latest of its group."""
-    groups: list[list[int]] = []
-    for i, angle in enumerate(angles):
-        for group in groups:
-            if abs(angles[group[-1]] - angle) < SAME_RATIO_DEG:
-                group.append(i)
-                break
-        else:
-            groups.append([i])
-    return groups
 
 
 # --- preconditioning ------------------------------------------------------------------------------
@@ -163,14 +130,7 @@ def settling(
 ) -> tuple[str, bool]:
     """What changed between the loading branches of two cycles, in words, and whether it repeats.
 
-    Parameters
-    ----------
-    before, last : (ndarray, ndarray), shapes (n, 2)
-        Stretches and loads.
-
-    Returns
-    -------
-    str, bool
+    Each branch is its stretches and its loads, shapes (n, 2).
     """
     peaks = np.array([branch[1][-1] - branch[1][0] for branch in (before, last)])
     largest = np.abs(peaks[1]).max()

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.columns import SHEAR, Column, column_map, numeric_columns, parse_columns
-from biaxbayes.machines.conversion import Choice, Gauge, Recording
 from biaxbayes.machines.cycles import (
     by_ratio,
     chosen_number,
@@ -16,6 +16,8 @@ from biaxbayes.machines.cycles import (
     recorded_cycles,
     settling,
 )
+from biaxbayes.machines.gauge import Gauge
+from biaxbayes.machines.recording import Recording
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.tables.table import Table
 from biaxbayes.tables.units import STRAINS, Unit
@@ -25,11 +27,7 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     """Take the branch of a cycle from each protocol of a table.
 
     The cycle is one of the mapped cycle column, else of those that the curves themselves show.
-
-    Raises
-    ------
-    InputError
-        For columns, cells, cycles or branches that are not there or not clear.
+    Columns, cells, cycles or branches that are missing or not clear are refused.
     """
     columns = column_map(table, parse_columns(choice.columns))
     table = table.without_missing(
@@ -40,13 +38,11 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     if "protocol" not in columns:
         return _protocols(table, columns, "", np.arange(table.rows), choice, gauge)
     labels = np.array(table.text(columns["protocol"].index))
-    return [
-        recording
-        for name in dict.fromkeys(labels.tolist())
-        for recording in _protocols(
-            table, columns, name, np.flatnonzero(labels == name), choice, gauge
-        )
-    ]
+    taken = []
+    for name in dict.fromkeys(labels.tolist()):
+        rows = np.flatnonzero(labels == name)
+        taken += _protocols(table, columns, name, rows, choice, gauge)
+    return taken
 
 
 def is_other_table(table: Table, choice: Choice) -> bool:
@@ -70,8 +66,9 @@ def _protocols(
     gauge: Gauge,
 ) -> list[Recording]:
     """The wanted cycle of a record, or the last one of each ratio where it has several."""
-    stretch, notes = _stretches(table, columns, rows, gauge)
     pair = next(p for p, names in STRESS_PAIRS.items() if names[0] in columns)
+    _check_gauge_of_cauchy(table, columns, pair, gauge)
+    stretch, notes = _stretches(table, columns, rows, gauge)
     load = np.column_stack([_scaled(table, columns[target], rows) for target in STRESS_PAIRS[pair]])
     labels = table.text(columns["cycle"].index, rows) if "cycle" in columns else None
     cycles = recorded_cycles(stretch, load, labels, table)
@@ -120,6 +117,28 @@ def _protocols(
     return out
 
 
+def _check_gauge_of_cauchy(
+    table: Table, columns: Mapping[str, Column], pair: str, gauge: Gauge
+) -> None:
+    """Refuse Cauchy stresses with displacements over an assumed length.
+
+    The nominal stress is the Cauchy stress over the stretch by which the lab multiplied it; over
+    another gauge length than the lab's it would be off as well as the stretch.
+    """
+    for k, axis in enumerate("xy"):
+        column = columns[f"stretch_{axis}"]
+        displaced = column.unit is not None and column.unit.quantity == "displacement"
+        if pair == "cauchy" and displaced and gauge.given_mm[k] is None:
+            raise InputError(
+                f"{column.name!r} is a displacement without a gauge length, and the loads are "
+                "Cauchy stresses: stretch and nominal stress would both rest on an assumed length",
+                file=table.path,
+                column=column.name,
+                remedy=f"give the gauge length that the stresses were computed with, "
+                f"--gauge-{axis}-mm, or the forces in place of the stresses",
+            )
+
+
 def _scaled(table: Table, column: Column, rows: np.ndarray) -> np.ndarray:
     assert column.unit is not None
     return table.numbers(column.index, rows) * column.unit.factor
@@ -141,8 +160,9 @@ def _stretches(
             stretch = stretch_from(values, unit)
         else:
             scaled, first = values * unit.factor, start * unit.factor
-            take = gauge.displaced if unit.quantity == "displacement" else gauge.stretched
-            stretch, note = take(scaled, first, k, column.name, table.path)
+            displaced = unit.quantity == "displacement"
+            convert = gauge.from_displacement if displaced else gauge.from_distance
+            stretch, note = convert(scaled, first, k, column.name, table.path)
             notes.append(note)
         bad = np.flatnonzero(~np.isfinite(stretch))
         if bad.size:

@@ -119,8 +119,11 @@ def _tared(specimen: Specimen) -> list[Finding]:
             p.name,
         )
         for p in specimen.protocols
-        for axis, value in zip("xy", specimen.mounting_reading(p), strict=True)
-        if abs(value) <= limit
+        for axis, value, curve in zip(
+            "xy", specimen.mounting_reading(p), (p.load_x, p.load_y), strict=True
+        )
+        # A direction without any load is the free one of a uniaxial strip.
+        if abs(value) <= limit and np.any(curve != 0.0)
     ]
 
 

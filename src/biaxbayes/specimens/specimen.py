@@ -198,19 +198,19 @@ class Specimen:
         whichever the tare subtracted.
         """
         return all(
-            self._is_zeroed(curve, p.rest_rows)
-            for p in self.protocols
-            if p.rest_rows
-            for curve in (p.load_x, p.load_y)
+            self._is_zeroed(p, axis) for p in self.protocols if p.rest_rows for axis in (0, 1)
         )
 
-    def _is_zeroed(self, curve: np.ndarray, resting: int) -> bool:
-        mean = abs(float(curve[:resting].mean()))
-        if curve[0] == 0.0 or mean <= 1e-9 * max(self.peak_load, 1e-300):
+    def _is_zeroed(self, p: Protocol, axis: int) -> bool:
+        written = (p.load_x, p.load_y)[axis]
+        mean = abs(float(written[: p.rest_rows].mean()))
+        # A Cauchy stress is zero at rest as it is written, or as a nominal stress.
+        smallest = min(mean, abs(float(self.mounting_reading(p)[axis])))
+        if written[0] == 0.0 or smallest <= 1e-9 * max(self.peak_load, 1e-300):
             return True
-        digit = float(np.diff(np.unique(curve)).min(initial=np.inf))
+        digit = float(np.diff(np.unique(written)).min(initial=np.inf))
         # Where digits are as coarse as the noise, a mean of zero is no tare.
-        return mean <= digit <= FINE_DIGITS * self.noise_sd / np.sqrt(resting)
+        return mean <= digit <= FINE_DIGITS * self.noise_sd / np.sqrt(p.rest_rows)
 
     @property
     def noise_sd(self) -> float:

@@ -59,7 +59,7 @@ class Table:
         return len(self.lines)
 
     @property
-    def found(self) -> str:
+    def listing(self) -> str:
         """The column names in one line, for messages."""
         shown = ", ".join(self.names[:SHOWN_COLUMNS])
         more = len(self.names) - SHOWN_COLUMNS
@@ -82,9 +82,9 @@ class Table:
                 raise InputError(
                     f"column {wanted[:60]!r} is ambiguous: columns {places} have this name",
                     file=self.path,
-                    remedy=f"rename one; {self.found}",
+                    remedy=f"rename one; {self.listing}",
                 )
-        raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.found)
+        raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.listing)
 
     def by_stem(self, stem: str) -> int | None:
         """Index of the column whose name without its unit is ``stem``; None where none is.
@@ -100,7 +100,7 @@ class Table:
             raise InputError(
                 f"{names} are ambiguous: each could be {stem}",
                 file=self.path,
-                remedy=f"rename one; {self.found}",
+                remedy=f"rename one; {self.listing}",
             )
         return matches[0] if matches else None
 

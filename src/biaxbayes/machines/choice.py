@@ -1,0 +1,71 @@
+"""What to take from the export of a machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from biaxbayes.errors import InputError
+from biaxbayes.machines import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_SOURCES
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What to take from a raw file.
+
+    Attributes
+    ----------
+    machine : str
+        One of :data:`biaxbayes.machines.FORMATS`.
+    columns : tuple of str
+        ``target=column[:unit]`` texts of the generic machine.
+    cycle : str
+        ``last`` or a number.
+    branch : {"loading", "unloading", "both"}
+    stretch_from : {"auto", "tracked", "rake"}
+        Source of the stretches of a BioTester.
+    sets : tuple of str
+        Sets of a BioTester; the last where empty.
+    sheets : tuple of str
+        Sheets of a workbook, one or more protocols each; ``all`` for every one with a table.
+    gauge_x_mm, gauge_y_mm : float, optional
+        Length between the marks or grips where their displacement is zero.
+    gauge_at : {"", "zero", "start"}
+        Whether that is where the displacement reads zero, or at the first row of the file; needed
+        where the two differ.
+    drop_missing : bool
+        Leave out rows in which a reading is missing; else they are refused.
+    tension_negative : {"", "x", "y", "xy"}
+        Directions whose load cell counts tension negative.
+    """
+
+    machine: str
+    columns: tuple[str, ...] = ()
+    cycle: str = "last"
+    branch: str = "loading"
+    stretch_from: str = "auto"
+    sets: tuple[str, ...] = ()
+    sheets: tuple[str, ...] = ()
+    gauge_x_mm: float | None = None
+    gauge_y_mm: float | None = None
+    gauge_at: str = ""
+    drop_missing: bool = False
+    tension_negative: str = ""
+
+    def __post_init__(self) -> None:
+        for name, allowed in (
+            ("machine", tuple(FORMATS)),
+            ("branch", BRANCHES),
+            ("stretch_from", STRETCH_SOURCES),
+            ("gauge_at", ("", *GAUGE_AT)),
+            ("tension_negative", ("", *DIRECTIONS)),
+        ):
+            value = getattr(self, name)
+            if value not in allowed:
+                raise InputError(f"{name} must be one of {', '.join(allowed)}, not {value!r}")
+        for axis in "xy":
+            length = getattr(self, f"gauge_{axis}_mm")
+            if length is not None and not 0.01 <= length <= 10_000.0:
+                raise InputError(
+                    f"a gauge length of {length:g} mm in {axis} cannot be",
+                    remedy=f"give --gauge-{axis}-mm in mm, between 0.01 and 10000",
+                )

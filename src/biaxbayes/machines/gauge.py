@@ -1,0 +1,92 @@
+"""Stretches from displacements or distances of marks or grips, and what they assume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Lengths in x and y between marks or grips that displacements and distances refer to.
+
+    Attributes
+    ----------
+    given_mm : (float or None, float or None)
+        Gauge lengths that the user gives.
+    edges_mm : (float, float) or None
+        What is taken in place of a gauge length that is not given.
+    geometry : str
+        State that the edges were measured in.
+    at : {"", "zero", "start"}
+        As ``gauge_at`` of :class:`biaxbayes.machines.choice.Choice`.
+    """
+
+    given_mm: tuple[float | None, float | None] = (None, None)
+    edges_mm: tuple[float, float] | None = None
+    geometry: str = "unloaded"
+    at: str = ""
+
+    def from_displacement(
+        self, moved_mm: np.ndarray, first_mm: float, k: int, column: str, file: object
+    ) -> tuple[np.ndarray, str]:
+        """Stretches of a displacement whose first reading in the file is given, and a note."""
+        axis, length = "xy"[k], self.given_mm[k]
+        if length is None and self.edges_mm is not None:
+            length = self.edges_mm[k]
+        if length is None:
+            raise InputError(
+                f"{column!r} is a displacement and needs the length between the marks or grips at "
+                "displacement zero",
+                file=file,
+                column=column,
+                remedy=f"give --gauge-{axis}-mm (or --edge-x-mm and --edge-y-mm, if the edges are "
+                "all that is known)",
+            )
+        if not self.at and abs(first_mm) > 0.01 * length:
+            raise InputError(
+                f"{column!r} starts at {first_mm:g} mm, not at zero",
+                file=file,
+                column=column,
+                remedy=f"say with --gauge-at whether the gauge length of {length:g} mm is that at "
+                "displacement zero ('zero') or that of the first row ('start')",
+            )
+        origin = first_mm if self.at == "start" else 0.0
+        # lambda = 1 + (d - d0) / L0
+        stretch = 1.0 + (moved_mm - origin) / length
+        formula = "displacement" if origin == 0.0 else f"(displacement - {origin:g} mm)"
+        note = f"stretch {axis} is 1 + {formula} / {length:g} mm"
+        if self.given_mm[k] is not None:
+            return stretch, f"{note}, the stated gauge length"
+        if self.geometry == "mounted":
+            return stretch, (
+                f"{note}: no gauge length is stated, and the mounted edge is taken for it. If "
+                f"marks or grips were another distance apart, give --gauge-{axis}-mm"
+            )
+        reached = float(stretch.max())
+        return stretch, (
+            f"{note}: no gauge length is stated, and the unloaded edge is taken for it. The length "
+            f"when the test was zeroed is longer by the mounting stretch, so that the strain in "
+            f"{axis} is too large by that factor (mounted at 1.05: {reached:.3f} is "
+            f"{1.0 + (reached - 1.0) / 1.05:.3f}). Give --gauge-{axis}-mm"
+        )
+
+    def from_distance(
+        self, length_mm: np.ndarray, first_mm: float, k: int, column: str, file: object
+    ) -> tuple[np.ndarray, str]:
+        """Stretches of a distance between marks or grips, and a note."""
+        if first_mm <= 0.0:
+            raise InputError(
+                f"{column!r} starts at {first_mm:g}, which is no length",
+                file=file,
+                column=column,
+                remedy=f"for a displacement write stretch_{'xy'[k]}={column}:displacement_mm",
+            )
+        given = self.given_mm[k]
+        reference = first_mm if given is None else given
+        origin = "its first value" if given is None else "the stated gauge length"
+        note = f"stretch {'xy'[k]} is {column} over {origin}, {reference:g} mm"
+        return length_mm / reference, note
