@@ -65,22 +65,32 @@ def page() -> str:
     return HEAD + verbs + "\n" + "\n\n".join(section(verb) for verb in VERBS) + "\n"
 
 
+COMMON = {
+    *("likelihood", "sd of its logarithm", "width", "exponent", "strain energy", "corner plot"),
+    *("trace", "sd (standard deviation)", "factor", "mean", "overlay", "ratio", "material laws"),
+    *("above zero, below zero", "no verdict, fixed", "median, 90 % interval"),
+    *("residual, misfit", "Cauchy stress, nominal stress", "sd between", "verdict"),
+}
+"""Terms that reports explain and a reader of the documentation need not look up."""
+
+
 def glossary() -> str:
-    """The page of words."""
-    terms = "".join(f"| {term} | {words} |\n" for term, words in (GLOSSARY | SEVERAL).items())
+    """The page of terms."""
+    known = (GLOSSARY | SEVERAL).items()
+    terms = "".join(f"| {term} | {words} |\n" for term, words in known if term not in COMMON)
     fits = "".join(f"| `{term}` | {words} |\n" for term, words in fit_terms().items())
     return (
-        f"# Glossary\n\n| term | what it means |\n|---|---|\n{terms}\n## The deterministic fits\n\n"
+        f"# Glossary\n\n| term | meaning |\n|---|---|\n{terms}\n## The deterministic fits\n\n"
         f"| fit | what it does |\n|---|---|\n{fits}\n{WHICH_FIT}\n"
     )
 
 
 ABOUT_SPECIMEN_FILES = """# The specimen file
 
-A CSV in UTF-8: lines `# key: value`, a line of column names, then a row a reading. Numbers have
-decimal points; columns and keys come in any order, those that are not listed here are refused, and
-a line `#` without a colon is a comment. `biaxbayes check` says what was understood of it,
-`biaxbayes convert` makes one of a machine's export.
+A CSV in UTF-8: lines `# key: value`, a line of column names, then one row per reading. Numbers
+have decimal points. Columns and keys come in any order; others than those listed here are
+refused. A line `#` without a colon is a comment. `biaxbayes check` shows how a file was
+understood, and `biaxbayes convert` makes one from a machine's export.
 
 ```text
 # specimen: sheep 7
@@ -95,24 +105,22 @@ protocol,stretch_x,stretch_y,force_x_N,force_y_N
 """
 ABOUT_REFERENCES = """## The reference of the stretches
 
-Stretches enter the model relative to the mounted state, the state in which the mounting force is
-read. There are two kinds of record:
+The model needs stretches relative to the mounted state, in which the mounting force is read.
 
-- **Each protocol starts at the mounted state** (`reference: each protocol`, also where the key is
-  missing). Its first rows are the mounted state, and its stretches are divided by their mean there.
-- **All protocols share one reference** (`reference: common`), as where one gauge length serves all
-  of them and a protocol starts at (1.03, 1), or where the off-axis direction contracts from the
-  common state. Rows at the stretch (1, 1) give the mounting force; a protocol that starts elsewhere
-  has none. Where the mounted state has another stretch in the columns, state it with
-  `mounted_state_x` and `mounted_state_y`. At least one protocol needs a row there.
+- **Each protocol starts at the mounted state** (`reference: each protocol`, the default). Its
+  stretches are divided by their mean over its first rows.
+- **All protocols share one reference** (`reference: common`), for example one gauge length; a
+  protocol may then start at (1.03, 1). Rows at stretch (1, 1) give the mounting force, and at
+  least one protocol needs such a row. If the mounted state has another stretch in the columns,
+  state it with `mounted_state_x` and `mounted_state_y`.
 
 Where the first rows of protocols differ by more than 0.002 in stretch, `check`, `sample` and the
-report say so; by more than 0.02, `sample` asks for the key `reference`.
+report say so; above 0.02, `sample` asks for the key `reference`.
 
 A row is at rest while both stretches rest and no load has begun to rise. A load that rises while
 the stretch rests (a camera that lags behind the load cell) is named.
 
-`Protocol` and `Specimen` built from NumPy arrays are checked and divided in the same way as a file.
+`Protocol` and `Specimen` built from NumPy arrays are checked and divided in the same way.
 """
 IN_NAMES = ("mm", "N", "kPa", "s", "deg")
 
@@ -121,7 +129,7 @@ def specimen_file() -> str:
     """The page of columns and header keys."""
     return (
         f"{ABOUT_SPECIMEN_FILES}\n## Columns\n\n{_meanings(COLUMNS)}\n"
-        "One pair of forces or stresses, no two of them.\n\n"
+        "One pair of forces or stresses is required, and no second one.\n\n"
         f"## Header keys\n\n{_meanings(KEYS)}\n{ABOUT_REFERENCES}"
     )
 

@@ -81,16 +81,16 @@ def latex_text(text: object, length: int = 120) -> str:
 
 NATS = "0.7 halve the volume of plausible values, 2.3 leave a tenth"
 GLOSSARY = {
-    "posterior": "what the data and the priors together leave of every parameter: many draws, each "
-    "a complete set of values that fits",
-    "prior": "what is taken to be plausible before the data are looked at",
-    "median, 90 % interval": "half of the draws lie below the median; 5 % lie on either side of "
+    "posterior": "what is known of all parameters from the data and the priors together, as a "
+    "set of draws; each draw is one possible material",
+    "prior": "the distribution of a parameter that is assumed before the data are used",
+    "median, 90 % interval": "half of the draws lie below the median, 5 % below and 5 % above "
     "the interval",
-    "likelihood": "how well a set of values fits the data; its logarithm is what is added up",
-    "sd of its logarithm": "width of a lognormal prior: 1 is a factor of 2.7 to either side, 2 a "
-    "factor of 7",
-    "mounting stretch": "stretch of the mounted specimen relative to the unloaded one, its "
-    "prestretch; what is measured starts there",
+    "likelihood": "probability density of the data for given parameters",
+    "sd of its logarithm": "width of a lognormal prior: one sd is a factor of 2.7 for 1, a "
+    "factor of 7 for 2",
+    "mounting stretch": "stretch of the mounted specimen relative to the unloaded one; "
+    "measured stretches are relative to the mounted one",
     "verdict": "what the data say of a parameter, in the words that follow",
     "identified": "the data alone say where the parameter is",
     "one-sided": "the data give a largest (or a smallest) value and leave the other end open",
@@ -102,44 +102,44 @@ GLOSSARY = {
     "plausible before",
     "no verdict, fixed": "the chains have not converged, so nothing is said; a value that was "
     "given and not inferred",
-    "credible band": "where the curve of the model lies with 90 % probability",
-    "predictive band": "where the response of the tissue lies: the model's band and the error that "
-    "the run inferred",
-    "interval of the model, of the tissue": "the same of a single stress: without and with the "
-    "error that the run inferred",
-    "width": "of the model's interval, as a share of the median: small is sharp",
-    "Cauchy stress, nominal stress": "force over the section as it is now; over that of the state "
-    "that dimensions refer to (first Piola-Kirchhoff stress)",
-    "tangent stiffness, small-strain stiffness": "slope of stress over stretch, at a stretch; in "
-    "the unloaded state",
-    "strain energy": "work stored in a volume of tissue at a stretch",
-    "structure tensor": "share of the fibres that points along an axis; a third each where they "
-    "point everywhere",
-    "exponent": "of the fibres' stiffening at the largest stretch that was tested",
-    "corner plot": "every parameter alone on the diagonal, every pair below it: a narrow slanted "
-    "cloud is a pair that trades",
-    "residual, misfit": "reading minus the curve of the median model; its root mean square is its "
-    "typical size",
-    "edge, hypothesis": "an end of a parameter's range, such as fibres that are exactly aligned; "
-    "whether it is true the data do not say",
+    "credible band": "region that contains the curve of the model with 90 % probability",
+    "predictive band": "the credible band widened by the inferred error: region that contains a "
+    "reading with 90 % probability",
+    "interval of the model, of the tissue": "of a single stress: without and with the inferred "
+    "error",
+    "width": "of the model's interval, as a share of the median",
+    "Cauchy stress, nominal stress": "force per deformed section; force per section of the "
+    "state that dimensions refer to (first Piola-Kirchhoff stress)",
+    "tangent stiffness, small-strain stiffness": "slope of the stress over the logarithm of "
+    "stretch, at a stretch; in the unloaded state",
+    "strain energy": "elastic energy per volume of tissue at a stretch",
+    "structure tensor": "share of the fibres along each axis; one third each if the fibres "
+    "point in all directions equally",
+    "exponent": "of the fibres' exponential at the largest tested stretch",
+    "corner plot": "distributions of all parameters (diagonal) and of all pairs; a narrow, "
+    "slanted cloud is a correlated pair",
+    "residual, misfit": "reading minus the curve of the median parameters; its root mean square",
+    "edge, hypothesis": "a limit of a parameter's range, such as perfectly aligned fibres; the "
+    "data cannot show whether it is exactly reached",
     "stated of the tissue": "what laws that fit the record alike agree on; an interval within the "
     "law holds only if that law is true",
     "other laws, alike": "material laws fitted to the same record; alike where they miss it "
     "by about as much as the best",
-    "runs": "stretches of residuals of one sign; far fewer than expected say that the model misses "
-    "smoothly",
-    "effective readings": "how many independent readings the correlated rows are worth",
-    "weight of the likelihood": "effective readings over readings; it keeps many rows from "
-    "pretending precision",
-    "convergence": "whether the ensembles agree, so that their draws stand for the posterior",
-    "ensembles, walkers, steps": "independent samplings that start apart; the points that move "
-    "through each; how often they moved",
-    "trace": "the values that an ensemble went through, step by step",
-    "effective draws (ESS), bulk and tail": "how many independent draws the chains are worth, in "
-    "the middle and at the ends; 400 make an interval steady",
-    "R-hat": "spread between ensembles over that within them; above 1.01 they have not agreed",
-    "converged, tentative, unusable": "the chains agree and are long enough; agree but are short; "
-    "disagree, so that the draws say nothing",
+    "runs": "sequences of residuals of one sign; far fewer than expected mean that the model "
+    "misses smoothly",
+    "effective readings": "number of independent readings that carry as much information as "
+    "the correlated rows",
+    "weight of the likelihood": "effective readings over readings; it prevents many correlated "
+    "rows from giving too narrow intervals",
+    "convergence": "agreement between the ensembles, so that their draws represent the posterior",
+    "ensembles, walkers, steps": "independent samplings from dispersed starts; the points that "
+    "each ensemble moves; the number of moves",
+    "trace": "the values of an ensemble, step by step",
+    "effective draws (ESS), bulk and tail": "number of independent draws with the same "
+    "information, for the centre and the ends; 400 suffice for an interval",
+    "R-hat": "spread between ensembles relative to that within them; above 1.01 they do not agree",
+    "converged, tentative, unusable": "the chains agree and are long enough; they agree but "
+    "are short; they disagree, and no interval is shown",
     "nats": f"unit of information: {NATS}",
 }
 """Terms of a run's report, figures and tables."""
@@ -148,40 +148,37 @@ SEVERAL = {
     "none of the tissue",
     "within the law": "as if the material law were true; what is stated of a mounting stretch of "
     "the tissue is not",
-    "contraction": "share of the prior's variance that the data take away: 0 % nothing learnt, "
-    "100 % known",
-    "sd (standard deviation)": "typical distance from the middle; about two thirds lie within one "
-    "of it",
-    "factor": "an sd of a quantity that varies in ratios: 1.2 is typically 20 % up or down",
-    "mean": "of the medians of several specimens; of stiffnesses and exponents the geometric one",
-    "sd between": "how much specimens differ beyond the width of their own posteriors",
-    "above zero, below zero": "pairs in which the 90 % interval of the difference leaves no doubt "
-    "of its sign",
-    "difference in sd": "distance of two posteriors over their common width: below 1 they "
-    "overlap, from 3 they hardly do",
-    "P(larger)": "probability that the one named first is larger; 0.5 says nothing, 0.95 is "
-    "rather sure",
-    "Kolmogorov": "how far two posteriors are apart: 0 the same, 1 no value in common",
-    "overlay": "corner plots of several runs over one another, a colour a run",
-    "population, group": "all specimens of a kind, tested or not; those of one layer, or of what "
-    "the study file names",
-    "alone, pooled": "judged by its own test only; together with the other specimens, which "
-    "narrow what it leaves open",
-    "typical donor": "the middle of the group: half of such a donor's specimens lie below the "
-    "number",
-    "sd of donors, sd of specimens": "how much donors differ; how much specimens of one donor and "
-    "group do",
-    "new specimen": "the next one, of a donor not yet seen: nine of ten lie in the interval",
-    "new donor": "the middle of the next donor's specimens: nine of ten lie in the interval",
+    "contraction": "share of the prior's variance that the data remove: 0 % nothing learnt, "
+    "100 % exactly known",
+    "sd (standard deviation)": "about two thirds of the values lie within one sd of the mean",
+    "factor": "sd of a quantity that varies in ratios: 1.2 means typically 20 % up or down",
+    "mean": "of the medians of several specimens; for stiffnesses and exponents the geometric mean",
+    "sd between": "spread of the specimens beyond the width of their own posteriors",
+    "above zero, below zero": "number of pairs whose 90 % interval of the difference lies "
+    "above, or below, zero",
+    "difference in sd": "difference of two means over the root of the sum of their variances: "
+    "below 1 the posteriors overlap, above 3 hardly",
+    "P(larger)": "probability that the quantity is larger in the first specimen",
+    "Kolmogorov": "largest difference of two distribution functions: 0 equal, 1 no overlap",
+    "overlay": "corner plots of several runs in one figure, one colour per run",
+    "population, group": "all specimens of a kind, tested or not; those of one layer, or of "
+    "the group that the study file names",
+    "alone, pooled": "from the specimen's own test; from all tests of the study together",
+    "typical donor": "the centre of the group: half of such a donor's specimens lie below the "
+    "value",
+    "sd of donors, sd of specimens": "spread between donors; spread between specimens of one "
+    "donor and group",
+    "new specimen": "a specimen of a donor that was not tested; nine of ten lie in the interval",
+    "new donor": "the median of the specimens of a donor that was not tested; nine of ten lie "
+    "in the interval",
     "ratio": "the second group over the first; 1 is no difference",
-    "predictive p": "share of specimens made by the model that lie further out than this one; "
-    "below 0.05 it is no member",
-    "donor effect": "what a donor's specimens share, whatever their layer",
-    "material laws": "formulas for the stress of tissue at any stretch; each has parameters of its "
-    "own",
-    "weight of a law": "its share in the mixture that foretells best what was left out (stacking)",
-    "density of what was left out": "how probable the parts were that a law was not shown; larger "
-    "is better",
+    "predictive p": "share of simulated specimens that lie further out than this one; below "
+    "0.05 it does not fit its group",
+    "donor effect": "the deviation that all specimens of a donor share, whatever their layer",
+    "material laws": "formulas for the stress at any stretch, each with its own parameters",
+    "weight of a law": "its share in the mixture that predicts left-out protocols best (stacking)",
+    "density of what was left out": "probability density of the left-out readings; larger is "
+    "better",
 }
 """Further terms of pages that speak of several specimens, or laws."""
 
