@@ -200,9 +200,7 @@ def test_an_outcome_weighs_as_in_the_posterior_that_holds_it(run, candidates, ap
 def test_rows_worth_less_come_with_errors_that_are_worth_less(run, candidates):
     base = candidates["1:1 to " + " × ".join(f"{v:.3g}" for v in _further(run))]
     path = 1.0 + np.linspace(0.0, 0.1, 401)[:, None] * np.ones(2)
-    tempered = FurtherProtocol(
-        "x", base.specimen, path, 0.1, base.mounting_sd, base.law, base.errors
-    )
+    tempered = FurtherProtocol("x", base.specimen, path, 0.1, base.mounting_sd, base.law)
     draws = pd.concat([run.draws.iloc[[7]]] * 400, ignore_index=True)
     load, variance = tempered._model(draws.iloc[[0]])
     noise = tempered.outcomes(draws, np.random.default_rng(6)).reshape(400, 401, 2) - load

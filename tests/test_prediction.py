@@ -8,8 +8,9 @@ from scipy.stats import norm
 from biaxbayes.errors import InputError
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.virtual_test import virtual_test
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.prediction.bands import mixture_percentiles
-from biaxbayes.prediction.draws import mounting_labels, piola_noise
+from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.inflation import (
     Tube,
     inflation_pressure,
@@ -121,16 +122,20 @@ def test_predictive_band_is_the_reading_noise_over_the_section():
 
 def test_noise_follows_geometry_growth_and_measured_dimensions():
     frame = draws(2, spread=0.0)
+
+    def piola_sd(values, tested, axis, piola, lm):
+        return ForwardModel.from_specimen(tested, GOH_LAW).piola_sd(values, axis, piola, lm)
+
     lm = np.array([[1.01, 1.02]] * 2)
-    plain = piola_noise(frame, specimen(), 1, np.ones((2, 3)), lm)
-    mounted = piola_noise(frame, specimen(geometry="mounted"), 1, np.ones((2, 3)), lm)
+    plain = piola_sd(frame, specimen(), 1, np.ones((2, 3)), lm)
+    mounted = piola_sd(frame, specimen(geometry="mounted"), 1, np.ones((2, 3)), lm)
     np.testing.assert_allclose(mounted, plain / 1.02)
     frame["edge_x"], frame["thickness"] = 1.1, 0.9
     np.testing.assert_allclose(
-        piola_noise(frame, specimen(), 1, np.ones((2, 3)), lm), plain / (1.1 * 0.9)
+        piola_sd(frame, specimen(), 1, np.ones((2, 3)), lm), plain / (1.1 * 0.9)
     )
     frame["noise_growth"] = 0.1
-    grown = piola_noise(frame, specimen(), 1, np.full((2, 3), 50.0), lm)
+    grown = piola_sd(frame, specimen(), 1, np.full((2, 3), 50.0), lm)
     np.testing.assert_allclose(grown, np.hypot(plain / (1.1 * 0.9), 5.0) * np.ones((2, 3)))
 
 

@@ -387,3 +387,16 @@ def test_a_run_of_an_earlier_version_opens_with_the_new_name_of_its_state(small_
     record.write_text(text.replace('"state": "converged"', '"state": "reliable"'))
     opened = biaxbayes.open_run(run)
     assert opened.state == "converged" and opened.provenance["convergence"]["state"] == "converged"
+
+
+def test_a_run_with_a_noise_option_that_is_gone_opens_with_its_stored_weight(small_run, copied):
+    run = copied(small_run.path)
+    record = run / "provenance.json"
+    stored = json.loads(record.read_text())
+    stored["settings"]["noise"], stored["noise"]["beta"] = "systematic", 0.25
+    record.write_text(json.dumps(stored))
+    opened = biaxbayes.open_run(run)
+    assert opened.provenance["settings"]["noise"] == "systematic"
+    posterior = opened.posterior()
+    assert posterior.beta == 0.25 and posterior.settings.noise == "effective"
+    assert biaxbayes.report(opened).is_file()

@@ -10,7 +10,7 @@ import pytest
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
-from biaxbayes.model.curves import Curves
+from biaxbayes.model.error_model import log_likelihood
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
@@ -97,9 +97,11 @@ def test_pointwise_likelihood_adds_up_to_the_compiled_one():
     posterior = prepare(long_specimen(), thin=50)
     u = np.array([posterior.coordinates(start(posterior))[0]])
     natural = posterior.natural(u)
-    curves = Curves.of(posterior)
-    pointwise = curves.log_likelihood(curves.model(natural), curves.noise(natural))
-    weight = np.array(posterior.thinned.weight)[curves.protocol][None, :, None]
+    rows = posterior.rows
+    pointwise = log_likelihood(
+        *posterior.forward.predict_rows(natural, rows), rows.load, rows.scatter
+    )
+    weight = np.array(posterior.thinned.weight)[rows.protocol][None, :, None]
     total = posterior.beta * (weight * pointwise).sum()
     assert total == pytest.approx(float(natural["log_likelihood"][0]), rel=1e-9)
 

@@ -28,7 +28,7 @@ from typing import Any
 
 import numba
 import platformdirs
-from numba.extending import overload, register_jitable
+from numba.extending import register_jitable
 
 from biaxbayes.errors import InputError
 
@@ -48,10 +48,13 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     return made
 
 
-def picked(stub: Callable[..., Any]) -> Callable[..., Any]:
-    """Let compiled code call ``stub``; what is decorated picks the function by argument types."""
-    made: Callable[..., Any] = overload(stub, jit_options=WITHIN)
-    return made
+def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
+    """What compiled code runs for a generic function, by numba's type of the first argument.
+
+    The body of an ``overload`` of a ``functools.singledispatch`` over types of ``NamedTuple``.
+    """
+    kind = getattr(numba_type, "instance_class", object)
+    return generic.dispatch(kind) if kind in generic.registry else None
 
 
 # --- where compiled code is kept ------------------------------------------------------------------

@@ -14,8 +14,6 @@ from biaxbayes.sampling.sampler import Plan
 CANDIDATES: dict[str, dict[str, Any]] = {
     "effective": {},
     "growth": {"noise_growth": True},
-    "systematic": {"noise": "systematic"},
-    "systematic-growth": {"noise": "systematic", "noise_growth": True},
     "independent": {"noise": "independent"},
 }
 DRAWS = 600

@@ -1,7 +1,7 @@
 """What intervals are worth on tissue that GOH cannot represent, by error model.
 
     python scripts/study.py model_error --workers 2
-    python scripts/study.py model_error --candidates effective growth systematic independent
+    python scripts/study.py model_error --candidates effective growth independent
 
 Each specimen has three protocols of 40 rows and one of five truths: four fibre families; two
 layers of different GOH tissue in parallel; fibres that are recruited gradually, so that the toe is

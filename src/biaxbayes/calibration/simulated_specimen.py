@@ -15,8 +15,9 @@ import numpy as np
 
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.mechanics.mounting import BRACKET, balance, load_per_stress, mounted_state, sections
-from biaxbayes.model.error_model import errors_of
+from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
+from biaxbayes.model.error_model import simulate
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Quantities, mounting_names
@@ -65,6 +66,11 @@ class Rules:
         """What each name is."""
         law = self.settings.material_law
         return Quantities(law.parameters, self.mounts, self.specimen.unit)
+
+    @property
+    def forward(self) -> ForwardModel:
+        """From true values to loads."""
+        return ForwardModel.from_specimen(self.specimen, self.settings.material_law)
 
     @property
     def shared(self) -> bool:
@@ -155,18 +161,15 @@ def simulate_specimen(
     reading = forces
     if rules.settings.mounting != "exact":
         # f0 = p0 + offset + s0 eps
-        reading = forces + _offset(truth) + sd * rng.standard_normal(sd.shape)
+        reading = forces + rules.forward.offset(truth)[0] + sd * rng.standard_normal(sd.shape)
     protocols = []
     for i, p in enumerate(specimen.protocols):
         m = 0 if rules.shared else i
-        stretch = np.array([p.stretch_x, p.stretch_y])
-        load = _load(rules, truth, stretch, _pair(truth, "stretch", rules.mounts[m]))
-        spread = errors_of(rules.settings).sd(truth, load)
-        load = load + _offset(truth)[:, None]
-        load += noise_factor * spread * rng.standard_normal(load.shape)
+        mean, spread = rules.forward.predict(truth, p.stretch, p.name)
+        load = simulate(mean[0].T, noise_factor * spread[0].T, rng)
         load[:, : p.rest_rows] = reading[m][:, None]
         if specimen.stress_pair == "cauchy":
-            load = load * stretch
+            load = load * p.stretch.T
         protocols.append(replace(p, load_x=load[0], load_y=load[1]))
     fields = {k: getattr(specimen, k) for k in Specimen.__dataclass_fields__}
     return SimulatedSpecimen(
@@ -195,40 +198,21 @@ def _pair(truth: Mapping[str, float], what: str, label: str) -> np.ndarray:
     return np.array([truth[name] for name in mounting_names(what, label)])
 
 
-def _offset(truth: Mapping[str, float]) -> np.ndarray:
-    return np.array([truth.get("load_offset_x", 0.0), truth.get("load_offset_y", 0.0)])
-
-
-def _section(rules: Rules, truth: Mapping[str, float]) -> np.ndarray:
-    """True load per kPa, (x, y): measured dimensions times their true factors."""
-    factors = (truth.get(name, 1.0) for name in ("edge_x", "edge_y", "thickness"))
-    return np.array(sections(rules.specimen.area, *factors))
-
-
 def _material(rules: Rules, truth: Mapping[str, float]) -> MaterialResponse:
     law = rules.settings.material_law
     return law.scalar(tuple(truth[name] for name in law.names))
 
 
-def _load(
-    rules: Rules, truth: Mapping[str, float], stretch: np.ndarray, mounting: np.ndarray
-) -> np.ndarray:
-    """Load without noise at measured stretches, shape (2, n)."""
-    stress = np.array(_material(rules, truth).cauchy(*(stretch * mounting[:, None])))
-    section, mounted = _section(rules, truth)[:, None], rules.specimen.geometry == "mounted"
-    return load_per_stress(section, stretch, mounting[:, None], mounted) * stress
-
-
 def _add_mounting_forces(rules: Rules, truth: dict[str, float]) -> bool:
     """Put the mounting forces in; False where the posterior has no such state."""
-    material, section = _material(rules, truth), _section(rules, truth)
+    material, section = _material(rules, truth), rules.forward.section(truth)[0, 0]
     if not (np.all(section > 0.0) and np.all(np.isfinite(list(truth.values())))):
         return False
     for label in rules.mounts:
         lm = _pair(truth, "stretch", label)
         if not np.all((lm > BRACKET[0]) & (lm < BRACKET[1])):
             return False
-        force = _load(rules, truth, np.ones((2, 1)), lm)[:, 0]
+        force = rules.forward.mounting_load(truth, label)[0]
         if rules.settings.mounting == "free":
             good = _stable(material, force / section, lm, rules.specimen.geometry == "mounted")
         else:

@@ -36,10 +36,8 @@ from biaxbayes.comparison.pooling import (
 )
 from biaxbayes.errors import NotConverged
 from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, stated_by_predictions
-from biaxbayes.mechanics.mounting import load_per_stress
-from biaxbayes.model.curves import Curves
-from biaxbayes.model.effective_readings import misses_smoothly
-from biaxbayes.model.error_model import errors_of
+from biaxbayes.model.effective_readings import effective_readings, misses_smoothly
+from biaxbayes.model.error_model import log_likelihood
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.options.model import ALL_ROWS
@@ -167,9 +165,9 @@ def judged_laws(
         )
     posteriors = {law: Posterior(specimen, law=law, beta=1.0, **options) for law in used}
     best = min(used, key=lambda law: found[law, WHOLE].rmse_kPa)
-    readings = errors_of(posteriors[best].settings).readings(found[best, WHOLE].residuals)
     share = np.ones((len(specimen.protocols), 2))
-    if readings is not None:
+    if posteriors[best].settings.noise == "effective":
+        readings = effective_readings(found[best, WHOLE].residuals)
         share = np.minimum(readings.effective / readings.count, 1.0)
     left = [_left_out(specimen, part, share, used, options, found) for part in parts]
     weight = _weights(left, range(len(left)))
@@ -220,27 +218,24 @@ def _left_out(
         # single readings are foretold, whatever the posterior averages
         each = {**options, "thin": ALL_ROWS}
         posterior = Posterior(only(specimen, part), law=law, beta=1.0, **each)
-        curves = Curves.of(posterior)
+        measured, forward = posterior.rows, posterior.forward
         table = found[law, part.name].draws
-        columns = {str(n): table[n].to_numpy(dtype=float) for n in table.columns}
+        load, spread = forward.predict_rows(table, measured)
         with np.errstate(over="ignore", invalid="ignore"):
-            load = curves.model(columns)
-            noise = curves.noise(columns)
-            spread = np.broadcast_to(curves.total_sd(load, noise), load.shape)
-            log_likelihood = curves.log_likelihood(load, noise)
-        log_likelihood = np.where(np.isfinite(log_likelihood), log_likelihood, -np.inf)
+            pointwise = log_likelihood(load, spread, measured.load, measured.scatter)
+        pointwise = np.where(np.isfinite(pointwise), pointwise, -np.inf)
         # ln p(f_i | rest) = ln mean_s p(f_i | theta_s)
-        density.append((np.logaddexp.reduce(log_likelihood, axis=0) - np.log(len(load))).ravel())
+        density.append((np.logaddexp.reduce(pointwise, axis=0) - np.log(len(load))).ravel())
         fine = np.isfinite(load).all(axis=(1, 2)) & np.isfinite(spread).all(axis=(1, 2))
         fine |= not fine.any()  # draws that overflow carry no band, unless there are no others
         model.append(load[fine].reshape(int(fine.sum()), -1))
         sd.append(spread[fine].reshape(int(fine.sum()), -1))
-        lm = np.median(curves.mounting_stretch(columns), axis=0)
-        mounted = specimen.geometry == "mounted"
-        per_kPa.append(load_per_stress(specimen.area, curves.stretch, lm, mounted).ravel())
+        medians = {n: table[n].median() for n in shared_stretches(table, specimen)}
+        (name,) = measured.names
+        per_kPa.append(forward.load_per_stress(medians, measured.stretch, name).ravel())
     rows = posterior.thinned.weight[0] * share[part.protocol]
-    worth = np.broadcast_to(rows, curves.measured.shape).ravel()
-    return _LeftOut(worth, np.array(density), model, sd, curves.measured.ravel(), per_kPa)
+    worth = np.broadcast_to(rows, measured.load.shape).ravel()
+    return _LeftOut(worth, np.array(density), model, sd, measured.load.ravel(), per_kPa)
 
 
 # --- tables --------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pandas as pd
 
 from biaxbayes.comparison.law_comparison import KEPT_DRAWS, WHOLE, Prediction
 from biaxbayes.comparison.pooling import calibrated_levels, mixed_percentiles
-from biaxbayes.model.curves import Curves
+from biaxbayes.model.forward import MeasuredRows
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import evenly_chosen, tails
@@ -103,15 +103,13 @@ def mixture_bands(
     """
     model, sd = [], []
     for law in used:
-        curves = Curves.of(posteriors[law])
         table = found[law, WHOLE].draws
         table = table.iloc[evenly_chosen(len(table), BAND_DRAWS)]
-        columns = {str(n): table[n].to_numpy(dtype=float) for n in table.columns}
-        load = curves.model(columns)
-        spread = np.broadcast_to(curves.total_sd(load, curves.noise(columns)), load.shape)
+        measured = posteriors[law].rows
+        load, spread = posteriors[law].forward.predict_rows(table, measured)
         model.append(load.reshape(len(load), -1))
         sd.append(spread.reshape(len(load), -1))
-    shape = curves.measured.shape
+    shape = measured.load.shape
     levels = (tails(probability)[0], 0.5, tails(probability)[1])
     names = [f"q{100 * q:04.1f}".removesuffix(".0") for q in levels]
     read_at = calibrated_levels(levels, sharpness)
@@ -119,15 +117,15 @@ def mixture_bands(
     predictive = mixed_percentiles(model, sd, weight, read_at)
     credible = [np.clip(c, predictive[0], predictive[-1]) for c in credible]
     # a Cauchy stress is the nominal one times the measured stretch
-    scale = curves.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
+    scale = measured.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
     tables = []
     for axis, direction in enumerate("xy"):
         cells: dict[str, Any] = {
-            "protocol": [specimen.protocols[i].name for i in curves.protocol],
+            "protocol": [measured.names[i] for i in measured.protocol],
             "direction": direction,
-            "row": _row_numbers(curves),
-            "stretch": curves.stretch[:, axis],
-            "measured": curves.measured[:, axis] * scale[:, axis],
+            "row": _row_numbers(measured),
+            "stretch": measured.stretch[:, axis],
+            "measured": measured.load[:, axis] * scale[:, axis],
         }
         for kind, values in (("credible", credible), ("predictive", predictive)):
             for name, value in zip(names, values, strict=True):
@@ -136,10 +134,10 @@ def mixture_bands(
     return pd.concat(tables, ignore_index=True)
 
 
-def _row_numbers(curves: Curves) -> np.ndarray:
+def _row_numbers(rows: MeasuredRows) -> np.ndarray:
     """Number of each row within its protocol, those at rest not counted."""
-    first = np.searchsorted(curves.protocol, curves.protocol)
-    return np.arange(curves.rows) - first
+    first = np.searchsorted(rows.protocol, rows.protocol)
+    return np.arange(len(rows.protocol)) - first
 
 
 def shared_stretches(table: pd.DataFrame, specimen: Specimen) -> list[str]:

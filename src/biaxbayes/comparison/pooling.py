@@ -26,8 +26,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.special import betaincinv, betaln, ndtr
+from scipy.special import betaincinv, betaln
 
+from biaxbayes.model.error_model import standard_cdf
 from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles
 
 __all__ = [
@@ -167,7 +168,7 @@ def mixed_probabilities(
     each, share = [], []
     with np.errstate(invalid="ignore", divide="ignore"):
         for m, s, w in zip(model, sd, weight, strict=True):
-            below = ndtr((measured - m) / s)
+            below = standard_cdf((measured - m) / s)
             known = np.isfinite(below)
             each.append(np.where(known, below, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
             share.append(w * known.any(axis=0))

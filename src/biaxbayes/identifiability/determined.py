@@ -20,13 +20,10 @@ import pandas as pd
 from biaxbayes.identifiability.marginals import INTERVAL
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import Material
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import mixture_percentiles
-from biaxbayes.prediction.draws import (
-    mounting_labels,
-    piola_noise,
-    protocol_mounting,
-)
+from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
@@ -404,5 +401,6 @@ def _piola(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nominal stress of every draw at total stretches (n, 2), and the sd of its error; kPa."""
     pair = material.piola(total[:, :1], total[:, 1:])
-    error = [piola_noise(draws, specimen, axis, p, lm) for axis, p in enumerate(pair)]
+    forward = ForwardModel.from_specimen(specimen, material.law)
+    error = [forward.piola_sd(draws, axis, p, lm) for axis, p in enumerate(pair)]
     return np.hstack(pair), np.hstack(error)

@@ -16,14 +16,13 @@ chooses the implementation by the type of the first argument, in compiled code
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import singledispatch
 from typing import Any
 
 import numpy as np
 from numba.extending import overload
 
-from biaxbayes.compilation import WITHIN, inlined
+from biaxbayes.compilation import WITHIN, implementation, inlined
 
 STEP = 1e-30
 """Imaginary step of complex-step differentiation: f'(x) = Im f(x + i h) / h, exact to rounding."""
@@ -60,25 +59,19 @@ def constants_at(coordinates, value):
     raise NotImplementedError(f"no law has the coordinates {type(coordinates).__name__}")
 
 
-def _implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
-    """The function that compiled code runs for a type of the first argument."""
-    kind = getattr(numba_type, "instance_class", object)
-    return generic.dispatch(kind) if kind in generic.registry else None
-
-
 @overload(derivatives, jit_options=WITHIN)
 def _compiled_derivatives(constants, X, Y, Z):
-    return _implementation(derivatives, constants)
+    return implementation(derivatives, constants)
 
 
 @overload(to_natural, jit_options=WITHIN)
 def _compiled_to_natural(coordinates, value):
-    return _implementation(to_natural, coordinates)
+    return implementation(to_natural, coordinates)
 
 
 @overload(constants_at, jit_options=WITHIN)
 def _compiled_constants_at(coordinates, value):
-    return _implementation(constants_at, coordinates)
+    return implementation(constants_at, coordinates)
 
 
 def exponential_energy(k: Any, x: Any) -> Any:

@@ -6,7 +6,7 @@ dimensions, then two a mounted state. They are turned into material, mounted sta
 the curves are compared with the readings. The stress is that of the law
 (:mod:`biaxbayes.laws.response`), the mounted state that of :mod:`biaxbayes.mechanics.mounting`, the
 load law that of :mod:`biaxbayes.mechanics.mounting`, the errors those of
-:mod:`biaxbayes.model.error_model`; one kernel is compiled for each law and spread of errors.
+:mod:`biaxbayes.model.error_model`; one kernel is compiled for each law and error model.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Problem(NamedTuple):
         A tied slot takes the value of another plus a log factor; -1 where free.
     coordinates : NamedTuple
         Constants of the law's sampling coordinates; its type picks the law.
-    spread : NamedTuple
-        How wide errors are; its type picks the error model.
+    errors : NamedTuple
+        The error model; its type selects the compiled functions.
     size : int
         Number of the law's slots.
     logarithmic : bool ndarray, shape (s,)
@@ -94,7 +94,7 @@ class Problem(NamedTuple):
     tie: np.ndarray
     tie_log_factor: np.ndarray
     coordinates: Any
-    spread: Any
+    errors: Any
     size: int
     logarithmic: np.ndarray
     per_unit: np.ndarray
@@ -210,11 +210,11 @@ def _curves(problem, value, constants, p, x, y, sx, sy):
         s_x, s_y = cauchy_stress(constants, mx * X[j], my * Y[j], mz * Z[j])
         qx, qy = cx * ilx[j] * s_x, cy * ily[j] * s_y
         rx, ry = fx[j] - ox - qx, fy[j] - oy - qy
-        total_x += misfit(problem.spread, w, b, qx, rx * rx + ux[j])
-        total_y += misfit(problem.spread, w, b, qy, ry * ry + uy[j])
+        total_x += misfit(problem.errors, w, b, qx, rx * rx + ux[j])
+        total_y += misfit(problem.errors, w, b, qy, ry * ry + uy[j])
     bx, by = problem.beta[p, 0], problem.beta[p, 1]
-    return bx * curve_log_likelihood(problem.spread, w, total_x, n) + by * curve_log_likelihood(
-        problem.spread, w, total_y, n
+    return bx * curve_log_likelihood(problem.errors, w, total_x, n) + by * curve_log_likelihood(
+        problem.errors, w, total_y, n
     )
 
 

@@ -6,10 +6,6 @@ is what misses. A curve of n residuals with autocorrelation rho(t) carries
     n_eff = n / (1 + 2 sum rho(t))
 
 independent pieces of information; its log likelihood is weighted by beta = n_eff / n.
-
-A fit takes the smoothest part of a misfit away, so the residuals that are left change sign sooner
-than the misfit did, and look more independent than it was. Where their signs show that the model
-misses smoothly, ``systematic`` readings take that part of them for one error a curve.
 """
 
 from __future__ import annotations
@@ -25,12 +21,10 @@ __all__ = [
     "effective_readings",
     "effective_size",
     "misses_smoothly",
-    "systematic_readings",
 ]
 
 MINIMUM = 2.0  # a curve is worth at least this many readings, or its sd would be undefined
 SMOOTH_RUNS = 3.0  # standard deviations of the sign changes of independent errors
-BLOCKS = 8  # a misfit is what is common to the readings of an eighth of a curve
 
 
 def effective_size(residual: np.ndarray) -> float:
@@ -140,45 +134,3 @@ def misses_smoothly(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) ->
         steps += 2 * max(len(part) - 1, 0)
     # Signs of independent errors change at every step with probability 1/2.
     return changes - 0.5 * steps < -sd * 0.5 * np.sqrt(steps)
-
-
-def systematic_readings(
-    residuals: Sequence[np.ndarray], scale: Sequence[np.ndarray] | None = None
-) -> EffectiveReadings:
-    """Readings that the rows are worth if a smooth misfit is one error a curve.
-
-    Parameters
-    ----------
-    residuals, scale
-        As in :func:`effective_readings`.
-
-    Returns
-    -------
-    EffectiveReadings
-        Those of :func:`effective_readings` unless the residuals are smooth.
-    """
-    found = effective_readings(residuals, scale)
-    if not misses_smoothly(residuals):
-        return found
-    scaled = residuals if scale is None else [r / w for r, w in zip(residuals, scale, strict=True)]
-    share = _smooth_share(scaled)
-    # The mean of n errors that share a part s of their variance: n_eff = n / (1 + s (n - 1))
-    worth = found.count / (1.0 + share * np.maximum(found.count - 1.0, 0.0))
-    return EffectiveReadings(found.count, np.minimum(worth, found.effective))
-
-
-def _smooth_share(residuals: Sequence[np.ndarray]) -> float:
-    """Share of the mean square, over all curves, that is common to the readings of a block."""
-    of_blocks = own = power = 0.0
-    for part in residuals:
-        blocks = min(BLOCKS, len(part) // 3)
-        if blocks < 2:
-            continue
-        square = float(np.sum(part**2))
-        means = np.array([block.mean(axis=0) for block in np.array_split(part, blocks)])
-        size = len(part) / blocks
-        # E[mean square of the means of a block] = s v + (1 - s) v / size
-        of_blocks += len(part) * float(np.sum(means**2)) / blocks
-        own += square / size
-        power += square
-    return float(np.clip((of_blocks - own) / (power - own), 0.0, 1.0)) if power > own else 0.0

@@ -17,10 +17,10 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.mechanics.mounting import load_per_stress, sections
 from biaxbayes.model import density
 from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem
-from biaxbayes.model.error_model import ErrorModel, errors_of
+from biaxbayes.model.error_model import error_model
+from biaxbayes.model.forward import ForwardModel, MeasuredRows
 from biaxbayes.model.priors import Prior, Tie, default_priors
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (
@@ -33,7 +33,7 @@ from biaxbayes.parameters import (
     Quantities,
     mounting_names,
 )
-from biaxbayes.specimens.path import ThinnedSpecimen, thinned_specimen
+from biaxbayes.specimens.path import thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [
@@ -57,7 +57,6 @@ class Assembly:
     ----------
     problem : Problem
     law : Law
-    errors : ErrorModel
     slots : tuple of str
         Natural name of every slot.
     free : tuple of str
@@ -70,7 +69,6 @@ class Assembly:
 
     problem: Problem
     law: Law
-    errors: ErrorModel
     slots: tuple[str, ...]
     free: tuple[str, ...]
     priors: dict[str, Prior | float | Tie]
@@ -129,7 +127,7 @@ def assemble(
         If the settings and the specimen do not fit.
     """
     _check(specimen, settings)
-    law, errors = settings.material_law, errors_of(settings)
+    law = settings.material_law
     data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
     thinned = thinned_specimen(data, settings.thin)
     shared = settings.mounting_stretch == "shared"
@@ -187,7 +185,7 @@ def assemble(
         tie=tie,
         tie_log_factor=factor,
         coordinates=coordinates,
-        spread=errors.spread,
+        errors=error_model(priors),
         size=len(law.names),
         logarithmic=np.array([p.logarithmic for p in of_slot]),
         per_unit=np.array([_per_unit(p) for p in of_slot]),
@@ -201,9 +199,9 @@ def assemble(
         area=specimen.area,
         # an averaged row counts as the rows that it stands for
         beta=np.asarray(beta, dtype=float) * np.array(thinned.weight)[:, None] * np.ones(2),
-        **_rows(thinned, shared),
+        **_rows(MeasuredRows.from_thinned(thinned), shared),
     )
-    return Assembly(problem, law, errors, slots, tuple(free), priors, quantities)
+    return Assembly(problem, law, slots, tuple(free), priors, quantities)
 
 
 _MODES = {
@@ -305,22 +303,15 @@ def _peak_kPa(specimen: Specimen) -> float:
     return max(float((np.max(loads, axis=0) / specimen.area).max()), 1e-9)
 
 
-def _rows(thinned: ThinnedSpecimen, shared: bool) -> dict[str, np.ndarray]:
-    """The readings after the mounted state, protocol after protocol."""
-    specimen = thinned.specimen
-    stretch, load, start, mount = [], [], [0], []
-    for i, p in enumerate(specimen.protocols):
-        kept = slice(p.rest_rows, None)
-        stretch.append(np.column_stack([p.stretch_x, p.stretch_y])[kept])
-        load.append(specimen.load(p)[kept])
-        start.append(start[-1] + p.rows - p.rest_rows)
-        mount.append(0 if shared else i)
-    lx, ly = np.concatenate(stretch).T.copy()
-    fx, fy = np.concatenate(load).T.copy()
-    vx, vy = np.concatenate(thinned.scatter).T.copy()
+def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
+    """The arrays of the kernel that hold the readings."""
+    lx, ly = rows.stretch.T.copy()
+    fx, fy = rows.load.T.copy()
+    vx, vy = rows.scatter.T.copy()
+    protocols = np.arange(len(rows.names))
     return {
-        "start": np.array(start, dtype=np.int64),
-        "mount": np.array(mount, dtype=np.int64),
+        "start": np.searchsorted(rows.protocol, np.arange(len(rows.names) + 1)),
+        "mount": np.zeros_like(protocols) if shared else protocols,
         "ilx": 1.0 / lx,
         "ily": 1.0 / ly,
         "X": lx * lx,
@@ -361,22 +352,18 @@ def natural_values(assembly: Assembly, u: np.ndarray) -> tuple[np.ndarray, dict[
 
 def _add_mounting_forces(assembly: Assembly, u: np.ndarray, out: dict[str, np.ndarray]) -> None:
     problem = assembly.problem
-    material = assembly.law.material(out)
-    section = sections(problem.area, out["edge_x"], out["edge_y"], out["thickness"])
+    forward = ForwardModel(assembly.law, problem.area, problem.mounted)
     for m, state in enumerate(assembly.mounts):
-        lm = [out[n] for n in mounting_names("stretch", state)]
-        sampled = problem.mounting_mode == FORCE
-        stress = None if sampled else material.cauchy(*(v[:, None] for v in lm))
-        for k, name in enumerate(mounting_names("force", state)):
+        names = mounting_names("force", state)
+        if problem.mounting_mode != FORCE:
+            out.update(zip(names, forward.mounting_load(out, state).T, strict=True))
+            continue
+        for k, name in enumerate(names):
+            # Sampled (or the reading): as it is, not recomputed from the root.
             place = problem.size + MOUNTING + 2 * m + k
             i = problem.slot[place]
-            if stress is None:
-                # Sampled (or the reading): as it is, not recomputed from the root.
-                reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
-                out[name] = u[:, i].copy() if i >= 0 else reading
-            else:
-                factor = load_per_stress(section[k], 1.0, lm[k], problem.mounted)
-                out[name] = factor * stress[k][:, 0]
+            reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
+            out[name] = u[:, i].copy() if i >= 0 else reading
 
 
 def sampling_coordinates(assembly: Assembly, parameters: Mapping[str, Any]) -> np.ndarray:

@@ -20,6 +20,7 @@ from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density as kernel
 from biaxbayes.model.effective_readings import EffectiveReadings
+from biaxbayes.model.forward import ForwardModel, MeasuredRows
 from biaxbayes.model.layout import (
     Assembly,
     assemble,
@@ -149,6 +150,16 @@ class Posterior:
         zeroed = self.settings.mounting == "zeroed"
         source = self.specimen.zeroed() if zeroed else self.specimen
         return thinned_specimen(source, self.settings.thin)
+
+    @property
+    def rows(self) -> MeasuredRows:
+        """The rows that enter the likelihood."""
+        return MeasuredRows.from_thinned(self.thinned)
+
+    @property
+    def forward(self) -> ForwardModel:
+        """From quantities of draws to loads."""
+        return ForwardModel.from_specimen(self.specimen, self.law)
 
     def _assemble(self, *, chart: bool, structural: bool) -> Assembly:
         return assemble(

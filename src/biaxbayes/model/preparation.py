@@ -14,9 +14,7 @@ import numpy as np
 
 from biaxbayes.fitting.fit import constrained_fit
 from biaxbayes.fitting.result import FitResult
-from biaxbayes.mechanics.mounting import load_per_stress, sections
-from biaxbayes.model.effective_readings import EffectiveReadings
-from biaxbayes.model.error_model import errors_of
+from biaxbayes.model.effective_readings import EffectiveReadings, effective_readings
 from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.posterior import Chart, Posterior
 from biaxbayes.model.priors import Prior
@@ -81,7 +79,7 @@ def deterministic_fit(posterior: Posterior, seed: int = 0) -> FitResult:
     return constrained_fit(
         posterior.specimen,
         mounting="noisy" if settings.mounting == "free" else settings.mounting,
-        weigh=errors_of(settings).weigh,
+        weigh=effective_readings if settings.noise == "effective" else None,
         mounting_stretch=settings.mounting_stretch,
         fixed={k: v for k, v in settings.fixed.items() if k != "noise_sd"},
         seed=seed,
@@ -175,17 +173,15 @@ def sampled_readings(posterior: Posterior) -> EffectiveReadings:
     posterior : Posterior
         Whatever its ``beta`` is.
     """
-    errors = errors_of(posterior.settings)
-    assert errors.weigh is not None, "independent readings are not judged"
     found = fitted(posterior)
     fit = found.fit
     assert fit is not None
-    readings = errors.weigh(fit.residuals, None)
+    readings = effective_readings(fit.residuals)
     if not posterior.settings.noise_growth and not stated_priors(posterior):
         return readings
     chart = Chart(reference_stretch=_reference_stretch(found, fit))
     provisional = found.replaced(thin=0, beta=readings.beta, chart=chart)
-    return errors.weigh(*modal_residuals(provisional))
+    return effective_readings(*modal_residuals(provisional))
 
 
 def stated_priors(posterior: Posterior) -> dict[str, Prior]:
@@ -233,23 +229,7 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
 def _residuals_at(
     posterior: Posterior, point: np.ndarray
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    at = {name: float(value[0]) for name, value in posterior.natural(point).items()}
-    data, settings = posterior.thinned.specimen, posterior.settings
-    factors = (at.get(name, 1.0) for name in ("edge_x", "edge_y", "thickness"))
-    section = np.array(sections(data.area, *factors))
-    material = posterior.law.material(at)
-    offset = np.array([at.get("load_offset_x", 0.0), at.get("load_offset_y", 0.0)])
-    residuals, sds = [], []
-    for number, protocol in enumerate(data.protocols):
-        lm = np.ones(2)
-        if settings.infers_mounting:
-            shared = len(posterior.mounts) == 1
-            label = posterior.mounts[0 if shared else number]
-            lm = np.array([at[name] for name in mounting_names("stretch", label)])
-        kept = slice(protocol.rest_rows, None)
-        stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[kept]
-        stress = np.column_stack(material.cauchy(*(stretch * lm).T))
-        load = stress * load_per_stress(section, stretch, lm, data.geometry == "mounted")
-        residuals.append(data.load(protocol)[kept] - load - offset)
-        sds.append(np.broadcast_to(errors_of(settings).sd(at, load), load.shape))
-    return residuals, sds
+    rows = posterior.rows
+    mean, sd = posterior.forward.predict_rows(posterior.natural(point), rows)
+    parts = [rows.protocol == i for i in range(len(rows.names))]
+    return [(rows.load - mean[0])[part] for part in parts], [sd[0][part] for part in parts]

@@ -14,8 +14,7 @@ import pandas as pd
 from scipy.signal import lfilter
 
 from biaxbayes.laws.law import Law
-from biaxbayes.model.curves import Curves
-from biaxbayes.model.error_model import ErrorModel, errors_of
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.options import DesignOptions
@@ -127,7 +126,6 @@ class FurtherProtocol:
     mounting_sd : float
         Of the mounting force's reading; zero where the run takes no such reading.
     law : Law
-    errors : ErrorModel
     shared : bool
         Whether all protocols have one mounted state, whose readings are then pooled.
     """
@@ -138,28 +136,13 @@ class FurtherProtocol:
     beta: float
     mounting_sd: float
     law: Law
-    errors: ErrorModel
     shared: bool = True
 
     def _model(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """Loads and variances of one reading, both (draws, rows, 2); the mounted state first."""
         columns = _one_mounted_state(draws, self.specimen)
-        mounts = ("",) if mounting_names("stretch")[0] in columns else ()
-        rows = len(self.stretch)
-        curves = Curves(
-            self.specimen,
-            self.stretch,
-            np.zeros_like(self.stretch),
-            np.zeros(rows, dtype=int),
-            mounts,
-            np.zeros((1, 2)),
-            np.zeros((1, 2)),
-            self.law,
-            self.errors,
-        )
-        with np.errstate(over="ignore", invalid="ignore"):
-            load = curves.model(columns)
-        sd = np.broadcast_to(curves.total_sd(load, curves.noise(columns)), load.shape)
+        forward = ForwardModel.from_specimen(self.specimen, self.law)
+        load, sd = forward.predict(columns, self.stretch)
         variance = np.square(sd)
         variance[:, 0] = self.mounting_sd**2 if self.mounting_sd > 0.0 else 1.0
         return load, variance
@@ -302,8 +285,8 @@ def standard_candidates(
         path = 1.0 + np.linspace(0.0, 1.0, kept + 1)[:, None] * end
         weight = min(1.0, beta * rows / kept)
         shared = settings.mounting_stretch == "shared"
-        law, errors = settings.material_law, errors_of(settings)
-        return FurtherProtocol(name, specimen, path, weight, mounting_sd, law, errors, shared)
+        law = settings.material_law
+        return FurtherProtocol(name, specimen, path, weight, mounting_sd, law, shared)
 
     out: list[Any] = []
     for x, y in dict.fromkeys((*RATIOS, *ratios)):

@@ -215,7 +215,7 @@ def documented(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Verb],
 INFERRING = ("noisy", "exact", "free")
 """Ways in which the mounting force enters where the mounting stretch is an unknown."""
 MOUNTING = (*INFERRING, "ignored", "zeroed")
-NOISE = ("effective", "systematic", "independent")
+NOISE = ("effective", "independent")
 MOUNTING_STRETCH = ("shared", "per-protocol")
 FIT_WORDS = {
     "standard": "takes the mounted state as unloaded, forces as read",
@@ -248,8 +248,8 @@ class Settings(Options):
     ----------
     mounting : {"noisy", "exact", "free", "ignored", "zeroed"}
         How the mounting force enters.
-    noise : {"effective", "systematic", "independent"}
-        Tempered by n_eff / n, by that with a smooth misfit as one error a curve, or not.
+    noise : {"effective", "independent"}
+        Tempered by n_eff / n, or not.
     mounting_stretch : {"shared", "per-protocol"}
     noise_growth : bool
         Whether the sd grows with the load.

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy.special import ndtr, ndtri
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW
-from biaxbayes.model.curves import Curves
-from biaxbayes.model.error_model import errors_of_draws
+from biaxbayes.model.error_model import standard_cdf, standard_quantile
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import CONTENT, Settings
 from biaxbayes.parameters import NOISE_SD, mounting_names
-from biaxbayes.prediction.draws import mounting_labels
+from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = [
@@ -110,9 +109,11 @@ def mixture_percentiles(
 
         def above(q: np.ndarray, j: np.ndarray, level: float = level) -> np.ndarray:
             # F(q) = mean over draws of Phi((q - m) / sd)
-            return ndtr((q[:, None] - mean[j]) / sd[j]).mean(axis=1) - level
+            return standard_cdf((q[:, None] - mean[j]) / sd[j]).mean(axis=1) - level
 
-        ends = mean + ndtri(level) * sd  # of the single draws: the mixture's lies between them
+        ends = (
+            mean + standard_quantile(level) * sd
+        )  # of the single draws: the mixture's lies between them
         low, high = ends.min(axis=1), ends.max(axis=1)
         slack = 1e-6 * sd.max(axis=1) + 1e-12 * np.maximum(abs(low), abs(high))
         found = find_root(above, (low - slack, high + slack), args=(np.arange(len(mean)),))
@@ -177,19 +178,19 @@ def bands(
     settings = settings or Settings()
     low, high = tails(probability)
     chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
-    columns = _arrays(chosen)
+    forward = ForwardModel.from_specimen(specimen, settings.material_law)
     names = [_name(kind, q) for kind in ("credible", "predictive") for q in (low, 0.5, high)]
     tables = []
-    for number, protocol in enumerate(specimen.protocols):
+    for protocol in compared_protocols(specimen, settings):
         rows = evenly_spaced(protocol.rows, max_rows)
-        whole = _curves(specimen, chosen, settings, number, rows)
-        stretch, measured, scale = whole.stretch, whole.measured, _scale(whole)
+        stretch, measured = protocol.stretch[rows], specimen.load(protocol)[rows]
+        scale = _scale(specimen, stretch)
         quantiles = np.empty((6, len(rows), 2))
         step = max(1, BLOCK // (2 * len(chosen)))
         for first in range(0, len(rows), step):
             part = slice(first, first + step)
-            curves = _curves(specimen, chosen, settings, number, rows[part])
-            quantiles[:, part] = _quantiles(curves, columns, (low, 0.5, high))
+            predicted = forward.predict(chosen, stretch[part], protocol.name)
+            quantiles[:, part] = _quantiles(*predicted, (low, 0.5, high))
         for axis, direction in enumerate("xy"):
             table = {
                 "protocol": protocol.name,
@@ -301,54 +302,36 @@ def curves_of_draws(
     list of DrawnCurves
         One a protocol.
     """
-    settings, columns = settings or Settings(), _arrays(draws)
-    out = []
-    for number, protocol in enumerate(specimen.protocols):
+    settings, out = settings or Settings(), []
+    forward = ForwardModel.from_specimen(specimen, settings.material_law)
+    for protocol in compared_protocols(specimen, settings):
         rows = evenly_spaced(protocol.rows, max_rows)
-        curves = _curves(specimen, draws, settings, number, rows)
-        with np.errstate(over="ignore", invalid="ignore"):
-            model = curves.model(columns)
-        first = curves.load_per_stress(columns)[:, 0] * curves.stretch[0]
+        stretch = protocol.stretch[rows]
+        scale = _scale(specimen, stretch)
+        load, _ = forward.predict(draws, stretch, protocol.name)
+        per_stress = forward.load_per_stress(draws, np.ones((1, 2)), protocol.name)[:, 0]
         out.append(
             DrawnCurves(
                 protocol.name,
                 rows,
-                curves.stretch,
-                curves.measured * _scale(curves),
-                model * _scale(curves),
-                1.0 / first,
-                np.broadcast_to(curves.offset(columns)[:, 0], first.shape),
+                stretch,
+                specimen.load(protocol)[rows] * scale,
+                load * scale,
+                1.0 / per_stress,
+                np.broadcast_to(forward.offset(draws)[:, 0], per_stress.shape),
             )
         )
     return out
 
 
-def _arrays(draws: pd.DataFrame) -> dict[str, np.ndarray]:
-    return {str(name): draws[name].to_numpy(dtype=float) for name in draws.columns}
+def compared_protocols(specimen: Specimen, settings: Settings) -> tuple[Protocol, ...]:
+    """Protocols with the loads that a run compares: for ``zeroed`` less their mounting reading."""
+    return (specimen.zeroed() if settings.mounting == "zeroed" else specimen).protocols
 
 
-def _curves(
-    specimen: Specimen, draws: pd.DataFrame, settings: Settings, number: int, rows: np.ndarray
-) -> Curves:
-    """Rows of a protocol, and the model of them."""
-    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
-    protocol = data.protocols[number]
-    return Curves(
-        specimen,
-        np.column_stack([protocol.stretch_x, protocol.stretch_y])[rows],
-        data.load(protocol)[rows],
-        np.full(len(rows), number),
-        mounting_labels(draws, specimen),
-        *specimen.mounting_readings(shared=settings.mounting_stretch == "shared"),
-        settings.material_law,
-        errors_of_draws(draws),
-    )
-
-
-def _scale(curves: Curves) -> np.ndarray:
-    """What a nominal load is shown times: the measured stretch, for a file of Cauchy stresses."""
-    cauchy = curves.specimen.stress_pair == "cauchy"
-    return curves.stretch if cauchy else np.ones_like(curves.stretch)
+def _scale(specimen: Specimen, stretch: np.ndarray) -> np.ndarray:
+    """Factor from a nominal load to the file's: the measured stretch for Cauchy stresses."""
+    return stretch if specimen.stress_pair == "cauchy" else np.ones_like(stretch)
 
 
 def evenly_chosen(count: int, limit: int | None) -> np.ndarray:
@@ -370,14 +353,9 @@ def _name(kind: str, level: float) -> str:
     return f"{kind}_q{100 * level:04.1f}".removesuffix(".0")
 
 
-def _quantiles(
-    curves: Curves, draws: dict[str, np.ndarray], levels: tuple[float, ...]
-) -> np.ndarray:
+def _quantiles(mean: np.ndarray, sd: np.ndarray, levels: tuple[float, ...]) -> np.ndarray:
     """Quantiles of the model and of a new reading, shape (6, rows, 2)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        model = curves.model(draws)
-    sd = np.broadcast_to(curves.total_sd(model, curves.noise(draws)), model.shape)
-    flat = model.reshape(len(model), -1)
+    flat = mean.reshape(len(mean), -1)
     predictive = mixture_percentiles(flat, sd.reshape(flat.shape), levels)
     out = np.concatenate([np.quantile(flat, levels, axis=0), predictive])
-    return out.reshape(2 * len(levels), *model.shape[1:])
+    return out.reshape(2 * len(levels), *mean.shape[1:])

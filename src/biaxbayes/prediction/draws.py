@@ -11,8 +11,6 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.mounting import sections, unloaded_section
-from biaxbayes.model.error_model import errors_of_draws
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
@@ -24,14 +22,12 @@ __all__ = [
     "most_probable_draw",
     "mounting_labels",
     "mounting_stretch",
-    "piola_noise",
     "protocol_mounting",
     "random_draws",
-    "unloaded_area",
 ]
 
 
-# --- posterior draws as arrays: materials, mounted states, and the noise of a new reading --------
+# --- mounted states of posterior draws -----------------------------------------------------------
 
 
 def mounting_labels(draws: pd.DataFrame, specimen: Specimen) -> tuple[str, ...]:
@@ -50,54 +46,6 @@ def protocol_mounting(draws: pd.DataFrame, protocol: Protocol) -> np.ndarray:
     """Mounting stretches of each draw for one protocol, shape (n, 2)."""
     own = mounting_names("stretch", protocol.name)[0] in draws
     return mounting_stretch(draws, protocol.name if own else "")
-
-
-def piola_noise(
-    draws: pd.DataFrame, specimen: Specimen, axis: int, piola: np.ndarray, mounting: np.ndarray
-) -> np.ndarray:
-    """Standard deviation of a new reading, as a first Piola-Kirchhoff stress.
-
-    Parameters
-    ----------
-    draws : DataFrame
-        With ``noise_sd`` (and ``noise_growth``, ``edge_x``, ``edge_y``, ``thickness`` where
-        they are unknowns of the run), in the unit of the specimen's loads.
-    specimen : Specimen
-    axis : int
-        0 for x, 1 for y.
-    piola : ndarray, shape (n, m)
-        Model stress, kPa, with the unloaded state as reference.
-    mounting : ndarray, shape (n, 2)
-        Mounting stretches of each draw.
-
-    Returns
-    -------
-    ndarray, shape (n, 1) or (n, m)
-        kPa.
-    """
-    area = unloaded_area(draws, specimen, axis, mounting)
-    errors = errors_of_draws(draws)
-    values = {p.name: draws[[p.name]].to_numpy(dtype=float) for p in errors.parameters}
-    return errors.sd(values, piola * area) / area
-
-
-def unloaded_area(
-    draws: pd.DataFrame, specimen: Specimen, axis: int, mounting: np.ndarray
-) -> np.ndarray:
-    """Load per first Piola-Kirchhoff stress of each draw in x (0) or y (1), shape (n, 1).
-
-    Parameters
-    ----------
-    draws, specimen, axis, mounting
-        As in :func:`piola_noise`.
-    """
-    one = np.ones((len(draws), 1))
-    edge_x, edge_y, thickness = (
-        draws[[name]].to_numpy(dtype=float) if name in draws else one
-        for name in ("edge_x", "edge_y", "thickness")
-    )
-    section = sections(specimen.area, edge_x, edge_y, thickness)[axis]
-    return unloaded_section(section, mounting[:, axis : axis + 1], specimen.geometry == "mounted")
 
 
 # --- single draws that stand for a posterior: the median draw, the most probable one, a sample ---

@@ -25,6 +25,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import Material, MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.bands import (
     BANDS,
@@ -34,7 +35,6 @@ from biaxbayes.prediction.bands import (
     known_percentiles,
     tails,
 )
-from biaxbayes.prediction.draws import piola_noise
 from biaxbayes.prediction.stress import MAX_DRAWS, prediction_mounting, prediction_range
 from biaxbayes.specimens.specimen import Specimen
 
@@ -280,7 +280,7 @@ def predict_pressure(
     lever = tube.thickness_mm / (tube.mid_radius_mm * stretch * tube.axial_stretch)
     lm = prediction_mounting(draws, specimen, None)
     axis = "xy".index(tube.circumferential)
-    noise = piola_noise(draws, specimen, axis, p / lever, lm) * lever
+    noise = ForwardModel.from_specimen(specimen, law).piola_sd(draws, axis, p / lever, lm) * lever
     tested = prediction_range(draws, specimen, None, "total")
     return pd.DataFrame(
         {
@@ -334,7 +334,8 @@ def predict_diameter(
         pressure * model * tube.mid_radius_mm * tube.axial_stretch / tube.thickness_mm
     )
     axis = "xy".index(tube.circumferential)
-    noise = piola_noise(draws, specimen, axis, piola, prediction_mounting(draws, specimen, None))
+    lm = prediction_mounting(draws, specimen, None)
+    noise = ForwardModel.from_specimen(specimen, law).piola_sd(draws, axis, piola, lm)
     unit = np.random.default_rng(seed).standard_normal((len(draws), 1))
     new = _disturbed_stretch(material, tube, pressure, noise * unit)
     columns: dict[str, np.ndarray] = {

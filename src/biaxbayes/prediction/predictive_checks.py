@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from scipy.special import ndtr
 
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.model.curves import Curves
-from biaxbayes.model.error_model import errors_of_draws
+from biaxbayes.model.error_model import standard_cdf
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import Settings
-from biaxbayes.prediction.bands import evenly_chosen
-from biaxbayes.prediction.draws import mounting_labels
+from biaxbayes.prediction.bands import compared_protocols, evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 
 __all__ = ["checks_in_words", "misfit", "misfit_in_words", "path_warnings", "predictive_checks"]
@@ -58,31 +56,24 @@ def misfit(
         band). A Cauchy file is compared as nominal stress.
     """
     settings = settings or Settings()
-    data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
     chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
-    columns = {str(name): chosen[name].to_numpy(dtype=float) for name in chosen.columns}
+    forward = ForwardModel.from_specimen(specimen, settings.material_law)
     rows = []
-    for number, protocol in enumerate(data.protocols):
-        kept = slice(protocol.rest_rows, None)
-        stretch = np.column_stack([protocol.stretch_x, protocol.stretch_y])[kept]
-        measured = data.load(protocol)[kept]
+    for protocol in compared_protocols(specimen, settings):
+        stretch = protocol.stretch[protocol.rest_rows :]
+        measured = specimen.load(protocol)[protocol.rest_rows :]
         if not len(measured):
             continue
         median, below = np.empty_like(measured), np.empty_like(measured)
         step = max(1, BLOCK // (2 * len(chosen)))
         for first in range(0, len(measured), step):
             part = slice(first, first + step)
-            curves = Curves(
-                specimen,
-                stretch[part],
-                measured[part],
-                np.full(len(stretch[part]), number),
-                mounting_labels(draws, specimen),
-                *specimen.mounting_readings(shared=settings.mounting_stretch == "shared"),
-                settings.material_law,
-                errors_of_draws(columns),
-            )
-            median[part], below[part] = _model(curves, columns)
+            mean, sd = forward.predict(chosen, stretch[part], protocol.name)
+            median[part] = np.median(mean, axis=0)
+            with np.errstate(over="ignore", invalid="ignore"):
+                # F(y) = mean over draws of Phi((y - m) / sd)
+                z = (measured[None, part] - mean) / np.maximum(sd, 1e-300)
+                below[part] = standard_cdf(z).mean(axis=0)
         for axis, direction in enumerate("xy"):
             residual = measured[:, axis] - median[:, axis]
             worst = int(np.argmax(np.abs(residual)))
@@ -102,16 +93,6 @@ def misfit(
                 }
             )
     return pd.DataFrame(rows)
-
-
-def _model(curves: Curves, draws: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Median model, and the predictive probability of a smaller reading, shape (rows, 2)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        model = curves.model(draws)
-        sd = np.maximum(curves.total_sd(model, curves.noise(draws)), 1e-300)
-        # F(y) = mean over draws of Phi((y - m) / sd)
-        below = ndtr((curves.measured[None] - model) / sd).mean(axis=0)
-    return np.median(model, axis=0), below
 
 
 def _randomness(residual: np.ndarray) -> dict[str, float]:

@@ -14,14 +14,13 @@ import pandas as pd
 
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.bands import band_columns, evenly_chosen, evenly_spaced, tails
 from biaxbayes.prediction.draws import (
     mounting_labels,
     mounting_stretch,
-    piola_noise,
     protocol_mounting,
-    unloaded_area,
 )
 from biaxbayes.specimens.specimen import Specimen
 
@@ -244,7 +243,7 @@ def predict_stress(
     draws = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
     lm = prediction_mounting(draws, specimen, protocol, needed=reference == "measured")
     factor = lm if reference == "measured" else np.ones_like(lm)
-    material = law.material(draws)
+    material, forward = law.material(draws), ForwardModel.from_specimen(specimen, law)
     blocks = []
     rows = max(1, BLOCK // max(len(draws), 1))
     for first in range(0, len(path), rows):
@@ -254,7 +253,7 @@ def predict_stress(
         _check_finite(model, path[first : first + rows])
         columns: dict[str, np.ndarray] = {}
         for axis, name in enumerate("xy"):
-            noise = piola_noise(draws, specimen, axis, model[axis], lm)
+            noise = forward.piola_sd(draws, axis, model[axis], lm)
             scale = total[:, :, axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
             columns |= band_columns(
                 f"{stress}_{name}_kPa", model[axis] * scale, noise * scale, probability
@@ -307,6 +306,7 @@ def measured_stress(
     if reference == "measured":
         own = np.median(prediction_mounting(draws, specimen, protocol), axis=0)
     covered = prediction_range(draws, specimen, protocol, reference)
+    forward = ForwardModel.from_specimen(specimen, law)
     tables = []
     for p in specimen.protocols:
         rows = evenly_spaced(p.rows, MEASURED_ROWS)
@@ -320,21 +320,17 @@ def measured_stress(
         stretch, state, rows = stretch[near], state[near], rows[near]
         total = stretch[None] * lm[:, None, :]
         model = law.material(draws).piola(total[..., 0], total[..., 1])
+        piola = specimen.load(p)[rows] - forward.offset(draws)
+        piola = piola / forward.unloaded_section(draws, lm[:, None])
         table = {"protocol": p.name, "stretch_x": state[:, 0], "stretch_y": state[:, 1]}
         for axis, name in enumerate("xy"):
-            load = specimen.load(p)[rows, axis] - _offset(draws, name)
             scale = total[..., axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
-            found = load / unloaded_area(draws, specimen, axis, lm) * scale
+            found = piola[..., axis] * scale
             table[f"{stress}_{name}_kPa"] = np.median(found, axis=0)
             missed = np.median(found - model[axis] * scale, axis=0)
             table[f"{stress}_{name}_kPa_residual"] = missed
         tables.append(pd.DataFrame(table))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-
-
-def _offset(draws: pd.DataFrame, axis: str) -> np.ndarray:
-    name = f"load_offset_{axis}"
-    return draws[[name]].to_numpy(dtype=float) if name in draws else np.zeros((len(draws), 1))
 
 
 def prediction_mounting(

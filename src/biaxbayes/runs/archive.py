@@ -20,7 +20,8 @@ import pandas as pd
 from numpy.random import Generator
 
 from biaxbayes.errors import RunError
-from biaxbayes.model.curves import Curves
+from biaxbayes.model.error_model import log_likelihood, simulate
+from biaxbayes.model.forward import MeasuredRows
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_bytes
@@ -187,16 +188,19 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "tempered_log_likelihood": (chain_draw, flat["log_likelihood"]),
     }
     pick = _spread_indices(steps * walkers, POINTWISE_DRAWS)
-    curves = Curves.of(posterior)
+    measured = posterior.rows
     natural = {name: flat[name][:, pick] for name in posterior.parameter_names}
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(99,)))
-    rows = {"row": np.arange(curves.rows), "direction": ["x", "y"]}
+    rows = {"row": np.arange(len(measured.load)), "direction": ["x", "y"]}
     plane, reading = ("row", "direction"), ("mount", "direction")
+    mounting_reading, mounting_reading_sd = posterior.specimen.mounting_readings(
+        shared=posterior.settings.mounting_stretch == "shared"
+    )
     constant = {
-        "stretch": (plane, curves.stretch, {"units": "1"}),
-        "protocol": ("row", np.asarray(curves.protocol)),
-        "mounting_reading": (reading, curves.mounting_reading, unit),
-        "mounting_reading_sd": (reading, curves.mounting_reading_sd, unit),
+        "stretch": (plane, measured.stretch, {"units": "1"}),
+        "protocol": ("row", np.asarray(measured.protocol)),
+        "mounting_reading": (reading, mounting_reading, unit),
+        "mounting_reading_sd": (reading, mounting_reading_sd, unit),
     }
     pointwise = {"chain": coords["chain"], "draw": pick} | rows
     return {
@@ -204,32 +208,32 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
         "sample_stats": xr.Dataset(stats, coords),
         **{
             name: xr.Dataset(variables, pointwise)
-            for name, variables in _pointwise(posterior, curves, natural, rng).items()
+            for name, variables in _pointwise(posterior, measured, natural, rng).items()
         },
-        "observed_data": xr.Dataset({"load": (plane, curves.measured, unit)}, rows),
+        "observed_data": xr.Dataset({"load": (plane, measured.load, unit)}, rows),
         "constant_data": xr.Dataset(constant, rows),
     }
 
 
 def _pointwise(
-    posterior: Posterior, curves: Curves, natural: Mapping[str, np.ndarray], rng: Generator
+    posterior: Posterior, rows: MeasuredRows, natural: Mapping[str, np.ndarray], rng: Generator
 ) -> dict[str, dict[str, Any]]:
     """Variables with a number for each draw and reading, in single precision."""
     chains, draws = next(iter(natural.values())).shape
     values = {name: of_draws.ravel() for name, of_draws in natural.items()}
-    model, sd = curves.model(values), curves.noise(values)
+    mean, sd = posterior.forward.predict_rows(values, rows)
 
     def variable(values: np.ndarray, unit: str = "") -> tuple[Any, ...]:
-        by_draw = values.reshape(chains, draws, curves.rows, 2).astype(np.float32)
+        by_draw = values.reshape(chains, draws, len(rows.load), 2).astype(np.float32)
         return ("chain", "draw", "row", "direction"), by_draw, _units(unit)
 
     unit = posterior.specimen.unit
-    predicted = variable(curves.with_noise(model, sd, rng), unit)
-    exact = curves.log_likelihood(model, sd)
+    predicted = variable(simulate(mean, sd, rng), unit)
+    exact = log_likelihood(mean, sd, rows.load, rows.scatter)
     return {
         "log_likelihood": {"load": variable(posterior.beta * exact)},
         "log_likelihood_unweighted": {"load": variable(exact)},
-        "posterior_predictive": {"load": predicted, "model_load": variable(model, unit)},
+        "posterior_predictive": {"load": predicted, "model_load": variable(mean, unit)},
     }
 
 

@@ -69,6 +69,9 @@ def parse_options(table: dict[str, Any]) -> dict[str, Any]:
     flags = (table.get(name, False) for name in ("noise_growth", "fibre_switch"))
     # A run of before there was thinning has all rows.
     thin = table.get("thin", 0)
+    # An earlier way to the weight, which is stored with the run: the density is the same.
+    if table.get("noise") == "systematic":
+        table = table | {"noise": "effective"}
     if not (
         set(table) <= known
         and isinstance(priors, dict)

@@ -175,6 +175,11 @@ class Protocol:
             )
 
     @property
+    def stretch(self) -> np.ndarray:
+        """Measured stretches in x and y, shape (rows, 2)."""
+        return np.column_stack([self.stretch_x, self.stretch_y])
+
+    @property
     def rows(self) -> int:
         """Number of rows."""
         return self.stretch_x.size

@@ -1,0 +1,176 @@
+r"""The forward model: from material, mounted state and dimensions to readings of the load cell.
+
+    q_k = A_k s_k(theta, l lm) / (l_k lm_k)      dimensions of the unloaded state
+    q_k = A_k s_k(theta, l lm) / l_k             dimensions of the mounted state
+    f_k ~ N(q_k + z_k, v(q_k)),  k = x, y
+
+with the Cauchy stress s at the measured stretch l times the mounting stretch lm, the section A
+(that of the file times the true factors of its dimensions), the zero z of the load cell, and the
+variance v of :mod:`.error_model`. The compiled density has the same equations, from the same
+functions.
+
+*Values* are numbers or arrays of shape (draws,) by the names of ``summary.csv``: a dictionary or a
+table of draws. What they do not name is as the file states it: lm = 1, factors of one, z = 0.
+Results have the shape (draws, rows, 2), x and y last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.mounting import load_per_stress, sections, unloaded_section
+from biaxbayes.model.error_model import error_model, error_sd
+from biaxbayes.parameters import DIMENSIONS, mounting_names
+from biaxbayes.specimens.path import ThinnedSpecimen
+from biaxbayes.specimens.specimen import Specimen
+
+EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = (p.name for p in DIMENSIONS)
+
+
+@dataclass(frozen=True)
+class MeasuredRows:
+    """The rows after the mounted state, protocol after protocol.
+
+    Attributes
+    ----------
+    stretch, load : ndarray, shape (rows, 2)
+    scatter : ndarray, shape (rows, 2)
+        Mean square scatter of the readings that a load is the mean of.
+    protocol : ndarray of int, shape (rows,)
+    names : tuple of str
+        Of the protocols.
+    """
+
+    stretch: np.ndarray
+    load: np.ndarray
+    scatter: np.ndarray
+    protocol: np.ndarray
+    names: tuple[str, ...]
+
+    @classmethod
+    def from_thinned(cls, thinned: ThinnedSpecimen) -> MeasuredRows:
+        """The rows of a specimen as they enter the likelihood."""
+        specimen = thinned.specimen
+        stretch, load, counts = [], [], []
+        for p in specimen.protocols:
+            stretch.append(p.stretch[p.rest_rows :])
+            load.append(specimen.load(p)[p.rest_rows :])
+            counts.append(p.rows - p.rest_rows)
+        return cls(
+            np.concatenate(stretch),
+            np.concatenate(load),
+            np.concatenate(thinned.scatter),
+            np.repeat(np.arange(len(counts)), counts),
+            tuple(p.name for p in specimen.protocols),
+        )
+
+
+@dataclass(frozen=True)
+class ForwardModel:
+    """Loads of a law on a specimen.
+
+    Attributes
+    ----------
+    law : Law
+    area : ndarray, shape (2,)
+        Load per kPa that the dimensions of the file give.
+    mounted : bool
+        Whether the dimensions are those of the mounted state.
+    """
+
+    law: Law
+    area: np.ndarray
+    mounted: bool
+
+    @classmethod
+    def from_specimen(cls, specimen: Specimen, law: Law) -> ForwardModel:
+        """The forward model of a specimen."""
+        return cls(law, specimen.area, specimen.geometry == "mounted")
+
+    # --- its parts, (draws, 1, 2) unless noted ---
+
+    def mounting_stretch(self, values: Any, protocol: str = "") -> np.ndarray:
+        """Mounting stretches of a protocol: its own, the shared ones, or one."""
+        own = mounting_names("stretch", protocol)
+        x, y = own if own[0] in values else mounting_names("stretch")
+        return _pair(_column(values, x, 1.0), _column(values, y, 1.0))
+
+    def section(self, values: Any) -> np.ndarray:
+        """Load per kPa in the state that the dimensions refer to."""
+        factors = (_column(values, name, 1.0) for name in (EDGE_X, EDGE_Y, THICKNESS))
+        return _pair(*sections(self.area, *factors))
+
+    def unloaded_section(self, values: Any, mounting: np.ndarray) -> np.ndarray:
+        """Load per first Piola-Kirchhoff stress at mounting stretches of that shape."""
+        return unloaded_section(self.section(values), mounting, self.mounted)
+
+    def offset(self, values: Any) -> np.ndarray:
+        """Zero of the load cell."""
+        return _pair(_column(values, OFFSET_X, 0.0), _column(values, OFFSET_Y, 0.0))
+
+    def load_per_stress(self, values: Any, stretch: Any, protocol: str = "") -> np.ndarray:
+        """Load per Cauchy stress at measured stretches (rows, 2); (draws, rows, 2)."""
+        lm = self.mounting_stretch(values, protocol)
+        return load_per_stress(self.section(values), np.asarray(stretch)[None], lm, self.mounted)
+
+    # --- loads and readings ---
+
+    def load(self, values: Any, stretch: Any, protocol: str = "") -> np.ndarray:
+        """Loads that the material carries at measured stretches (rows, 2)."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = np.asarray(stretch)[None] * self.mounting_stretch(values, protocol)
+            stress = self.law.material(values).cauchy(total[..., 0], total[..., 1])
+            factor = self.load_per_stress(values, stretch, protocol)
+            return factor * np.stack(stress, axis=-1)
+
+    def mounting_load(self, values: Any, protocol: str = "") -> np.ndarray:
+        """Loads of the mounted state, (draws, 2)."""
+        return self.load(values, np.ones((1, 2)), protocol)[:, 0]
+
+    def predict(
+        self, values: Any, stretch: Any, protocol: str = ""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation of single readings at measured stretches (rows, 2)."""
+        load = self.load(values, stretch, protocol)
+        return load + self.offset(values), np.broadcast_to(self.sd(values, load), load.shape)
+
+    def predict_rows(self, values: Any, rows: MeasuredRows) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation of readings at the rows of all protocols."""
+        parts = [
+            self.predict(values, rows.stretch[rows.protocol == i], name)
+            for i, name in enumerate(rows.names)
+        ]
+        mean, sd = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+        return mean, sd
+
+    def sd(self, values: Any, load: np.ndarray) -> np.ndarray:
+        """Standard deviation of readings about loads (draws, rows, 2); broadcasts with them."""
+        errors = error_model(values)
+        noise = {p.name: _column(values, p.name, 0.0)[:, :, None] for p in errors.parameters}
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(error_sd(errors, noise, load))
+
+    def piola_sd(
+        self, values: Any, axis: int, piola_kPa: np.ndarray, mounting: np.ndarray
+    ) -> np.ndarray:
+        """Standard deviation of a reading as a first Piola-Kirchhoff stress, in kPa.
+
+        ``piola_kPa`` has the shape (draws, rows) and is one of the unloaded state, ``mounting``
+        are the mounting stretches, (draws, 2).
+        """
+        area = self.unloaded_section(values, mounting[:, None])[:, :, axis]
+        return self.sd(values, (piola_kPa * area)[..., None])[..., 0] / area
+
+
+def _column(values: Any, name: str, default: float) -> np.ndarray:
+    """A quantity of shape (draws, 1), or (1, 1) where the values do not name it."""
+    return np.atleast_1d(np.asarray(values.get(name, default), dtype=float))[:, None]
+
+
+def _pair(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Columns (draws, 1) in x and y as one array (draws, 1, 2)."""
+    return np.stack(np.broadcast_arrays(x, y), axis=-1)
