@@ -84,7 +84,7 @@ def sampled(
 @contextlib.contextmanager
 def runs_of_few_walkers() -> Iterator[None]:
     """Run folders whose draws are only a means: half of a run's walkers do as well."""
-    from biaxbayes.jobs import sample
+    from biaxbayes.verbs import sample
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sample, "Plan", functools.partial(Plan, walkers=FEW_WALKERS))
@@ -95,10 +95,10 @@ def runs_of_few_walkers() -> Iterator[None]:
 def without_figures() -> Iterator[None]:
     """Run folders with their verdicts, without the figures, which other tests look at."""
     from biaxbayes.identifiability.identify import identify_draws
-    from biaxbayes.jobs import products as run_products
-    from biaxbayes.jobs.identified import write_identifiability
     from biaxbayes.reports import page
     from biaxbayes.runs.archive import flatten
+    from biaxbayes.verbs import products as run_products
+    from biaxbayes.verbs.identified import write_identifiability
 
     def verdicts_alone(folder, posterior, draws):
         table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})

@@ -13,14 +13,14 @@ import pytest
 import quick_posteriors
 from biaxbayes.cli import main
 from biaxbayes.errors import Interrupted, RunError
-from biaxbayes.jobs import batch as batch_module
-from biaxbayes.jobs.batch import Batch, SpecimenTask, try_specimen
 from biaxbayes.laws.goh import GOH
 from biaxbayes.parallel import InThisProcess, Outcome
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.result import Tried
 from biaxbayes.studies.study_file import read_study
+from biaxbayes.verbs import batch as batch_module
+from biaxbayes.verbs.batch import Batch, SpecimenTask, try_specimen
 
 LAYERS = ("media", "intima")
 MEDIA = GOH(C1_kPa=14.0, k1_kPa=60.0, k2=8.0, alpha_deg=38.0, kappa=0.1)

@@ -18,12 +18,12 @@ import pytest
 import quick_posteriors
 from biaxbayes.calibration.calibration import Study, run_replications
 from biaxbayes.calibration.simulated_specimen import protocol_prior
-from biaxbayes.jobs.batch import Batch
 from biaxbayes.laws.goh import GOH
 from biaxbayes.optimal_design.design import design
 from biaxbayes.parallel import Cluster, InThisProcess, Processes
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
+from biaxbayes.verbs.batch import Batch
 from goh_functions import GOH_LAW
 
 pytestmark = pytest.mark.slow

@@ -31,7 +31,6 @@ from biaxbayes.calibration.simulated_specimen import (
 )
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted, RunError
-from biaxbayes.jobs.calibrate import CalibrationStudy, read_ranks, study_of
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import virtual_test
@@ -42,6 +41,7 @@ from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
+from biaxbayes.verbs.calibrate import CalibrationStudy, read_ranks, study_of
 from goh_functions import GOH_LAW
 
 DATA = Path(__file__).resolve().parents[1] / "data"

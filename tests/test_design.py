@@ -237,7 +237,7 @@ def test_other_ratios_tell_more_than_a_repeat(run):
 
 def test_loads_beyond_what_was_tested_come_with_a_caution(run, capsys):
     """In the table, the figure and the terminal, in the same words."""
-    from biaxbayes.cli.findings import _tell_design
+    from biaxbayes.verbs.design import print_design
 
     further, repeat = (f"1:1 to {' × '.join(f'{v:.3g}' for v in _further(run))}", "repeat 1:1")
     chosen = [c for c in standard_candidates(run.posterior()) if c.name in (further, repeat, "1:0")]
@@ -256,7 +256,7 @@ def test_loads_beyond_what_was_tested_come_with_a_caution(run, capsys):
     assert " ".join(words.split()) in drawn
     for text, box in in_view(figure):
         assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1, text
-    _tell_design(found, "N")
+    print_design(found, "N")
     assert f"caution: {further} {words}" in capsys.readouterr().out
 
 
@@ -295,7 +295,7 @@ def test_an_outcome_can_be_added_to_the_specimen(run, candidates):
 
 @pytest.mark.long
 def test_command_writes_a_ranked_table(small_run, copied):
-    from biaxbayes.cli.findings import design as command
+    from biaxbayes.verbs.design import command
 
     folder = copied(small_run.path)
     arguments = [str(folder), "--ratio", "1:0.75", "--rank-by", "information"]

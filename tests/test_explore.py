@@ -13,7 +13,6 @@ import pytest
 
 import biaxbayes
 import quick_posteriors as quick
-from biaxbayes.api import report_text
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS
 from biaxbayes.model.posterior import Posterior
@@ -21,6 +20,7 @@ from biaxbayes.prediction.bands import bands
 from biaxbayes.reports.explore import explore_page, thinned_draws
 from biaxbayes.reports.parameters import parameter_rows
 from biaxbayes.runs.folder import DERIVED
+from biaxbayes.verbs.report import report_text
 
 
 def sources(page: str) -> list[dict[str, np.ndarray]]:

@@ -11,12 +11,12 @@ from biaxbayes.cards.abaqus import read_abaqus
 from biaxbayes.cards.export import biaxial_stress
 from biaxbayes.cards.febio import read_febio
 from biaxbayes.cli import main
-from biaxbayes.jobs.sample import sample
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs.run import Run
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.verbs.sample import sample
 from quick_posteriors import runs_without_figures
 
 MEDIA = MATERIALS["weisbecker-media"].material

@@ -25,13 +25,13 @@ from biaxbayes.figures.style import (
     read_style,
     save_figure,
 )
-from biaxbayes.jobs.run_figure import read_truth
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.options import Settings
 from biaxbayes.parameters import Quantities
 from biaxbayes.prediction.bands import bands
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+from biaxbayes.verbs.plot import read_truth
 from goh_functions import GOH_LAW
 from readable import assert_readable, in_view
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares, root
 
 import biaxbayes
-from biaxbayes.cli import main, runs
+from biaxbayes.cli import main
 from biaxbayes.errors import InputError, TaredSpecimen
 from biaxbayes.figures.specimen import fits_figure
 from biaxbayes.fitting.constrained import constrained_fit
@@ -574,7 +574,9 @@ def media_file(tmp_path):
 
 
 def test_command_lists_the_methods_of_the_library():
-    methods = next(p for p in runs.fit.params if p.name == "method").type.choices
+    from biaxbayes.verbs.fit import command
+
+    methods = next(p for p in command.params if p.name == "method").type.choices
     assert tuple(methods) == (*METHODS, "all")
 
 

@@ -28,17 +28,17 @@ from biaxbayes.identifiability.verdict_names import (
     ONE_SIDED,
     PRIOR,
 )
-from biaxbayes.jobs.identified import (
-    thresholds_record,
-    write_identifiability,
-    write_identifiability_products,
-)
-from biaxbayes.jobs.identified import verdicts_as_json as as_json
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import Quantity
 from biaxbayes.sampling.convergence import assess
+from biaxbayes.verbs.identified import (
+    thresholds_record,
+    write_identifiability,
+    write_identifiability_products,
+)
+from biaxbayes.verbs.identified import verdicts_as_json as as_json
 from goh_functions import GOH_LAW, PARAMETERS
 from quick_posteriors import EQUIBIAXIAL, Sampled, sampled, specimen
 

@@ -8,7 +8,6 @@ import pytest
 from click.testing import CliRunner
 
 import biaxbayes
-from biaxbayes.cli.findings import ledger as command
 from biaxbayes.comparison import mounting_bias
 from biaxbayes.comparison.mounting_bias import TREATMENTS, Treated, ledger, treat
 from biaxbayes.errors import InputError
@@ -19,6 +18,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.prediction.stress import BEYOND
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.verbs.ledger import command
 from quick_posteriors import specimen
 
 MATERIAL = GOH(15.0, 60.0, 8.0, 42.0, 0.1)

@@ -11,10 +11,10 @@ import biaxbayes
 import quick_posteriors
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted
-from biaxbayes.jobs.sample import Sampling
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import manifest
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text, write_specimen
+from biaxbayes.verbs.sample import Sampling
 
 FORCE = (0.0158, 0.0126)
 TARED = biaxbayes.simulate(material="donor2-media", noise_N=0.0006)[0].zeroed()

@@ -11,13 +11,13 @@ import biaxbayes
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
 from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
-from biaxbayes.jobs.identified import write_identifiability
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.reports.facts import closing_message
 from biaxbayes.reports.page import latex_table, report_page
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.verbs.identified import write_identifiability
 from quick_posteriors import runs_without_figures, specimen
 
 TISSUE = GOH(9.0, 20.0, 4.0, 42.0, 0.15)

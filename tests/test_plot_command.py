@@ -13,8 +13,8 @@ from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.identifiability.identify import identify
 from biaxbayes.identifiability.profile.profile import profiles
-from biaxbayes.jobs.outputs import report_text
 from biaxbayes.runs.run import open_run
+from biaxbayes.verbs.report import report_text
 from readable import assert_readable, in_view
 
 DATA = Path(__file__).parents[1] / "data"

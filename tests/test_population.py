@@ -15,13 +15,7 @@ import biaxbayes
 import quick_posteriors
 import shared
 from biaxbayes.cli import main
-from biaxbayes.cli.comparisons import _closing
 from biaxbayes.errors import InputError, Interrupted, RunError
-from biaxbayes.jobs import population as job
-from biaxbayes.jobs import population_files
-from biaxbayes.jobs.batch import Batch
-from biaxbayes.jobs.population import PopulationJob
-from biaxbayes.jobs.population_files import FIGURES, members_of_study, read_population
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations.model import PopulationPriors
@@ -31,6 +25,11 @@ from biaxbayes.populations.specimens import Source, individual_of, pooled_names
 from biaxbayes.runs.folder import POPULATION, manifest
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
+from biaxbayes.verbs import population as job
+from biaxbayes.verbs import population_files
+from biaxbayes.verbs.batch import Batch
+from biaxbayes.verbs.population import PopulationJob, closing_message
+from biaxbayes.verbs.population_files import FIGURES, members_of_study, read_population
 
 MATERIALS = {
     "a": GOH(14.0, 60.0, 8.0, 38.0, 0.1),
@@ -217,11 +216,11 @@ def test_the_terminal_qualifies_a_verdict(found):
         "identified",
         "C1: identified, but loosely, 5 to 9 kPa (90 %); sensitive to the prior",
     ]
-    lines = _closing(replace(found, groups=table)).splitlines()
+    lines = closing_message(replace(found, groups=table)).splitlines()
     first = next(line for line in lines if line.startswith("C1 "))
     assert first.endswith(" identified, but loosely; sensitive to the prior")
     table.loc[0, "in_words"] = "C1: identified, 5 to 9 kPa (90 %)"
-    lines = _closing(replace(found, groups=table)).splitlines()
+    lines = closing_message(replace(found, groups=table)).splitlines()
     assert next(line for line in lines if line.startswith("C1 ")).endswith(" identified")
 
 

@@ -16,9 +16,6 @@ import quick_posteriors
 import shared
 from biaxbayes.cli import main
 from biaxbayes.identifiability.verdict_names import NO_VERDICT, PRIOR, VERDICTS
-from biaxbayes.jobs import population as job
-from biaxbayes.jobs import population_files
-from biaxbayes.jobs.batch import Batch
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.sampler import Plan
 from biaxbayes.runs import checkpoint
@@ -26,6 +23,9 @@ from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.groups import DETERMINED
 from biaxbayes.studies.result import NOT_DETERMINED
 from biaxbayes.studies.study_file import read_study
+from biaxbayes.verbs import population as job
+from biaxbayes.verbs import population_files
+from biaxbayes.verbs.batch import Batch
 
 MATERIALS = {
     **{f"m{k}": GOH(13.0 + 0.4 * k, 60.0 - 2.0 * k, 8.0, 38.0 + k, 0.1) for k in range(5)},

@@ -11,7 +11,6 @@ import pytest
 from click.testing import CliRunner
 from scipy.optimize import least_squares
 
-from biaxbayes.cli.findings import profile as command
 from biaxbayes.errors import InputError
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.figures.style import figure_bytes
@@ -21,6 +20,7 @@ from biaxbayes.identifiability.profile.walk import Walk, axis_of
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.verbs.profile import command
 from goh_functions import GOH_LAW, PARAMETERS
 from quick_posteriors import EQUIBIAXIAL, sampled, specimen
 

@@ -221,7 +221,7 @@ def test_an_aorta_is_not_refused_nor_are_its_columns_exchanged():
 
 
 def test_one_protocol_is_told_that_it_cannot_carry_four_families():
-    from biaxbayes.jobs.sample import Sampling
+    from biaxbayes.verbs.sample import Sampling
 
     def findings(protocols: int, law: str) -> list[str]:
         made = replace(GOOD, protocols=GOOD.protocols[:protocols])

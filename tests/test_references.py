@@ -312,7 +312,7 @@ def test_a_uniaxial_strip_is_refused_as_such(tmp_path):
 
 
 def test_check_prints_plain_values_of_a_common_reference():
-    from biaxbayes.jobs.specimen_files import understood
+    from biaxbayes.verbs.check import understood
 
     rows = record(APART)
     about = understood(in_memory(rows, "force", header("force", "unloaded", reference="common")))

@@ -22,12 +22,12 @@ import pytest
 import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.errors import Interrupted, RunError
-from biaxbayes.jobs import sample as sampling
 from biaxbayes.progress_bar import StoppedAtOnce, graceful_stop, with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.checkpoint import NAME, PREVIOUS, DamagedCheckpoint
 from biaxbayes.runs.folder import PROVENANCE
 from biaxbayes.sampling.sampler import Plan, State
+from biaxbayes.verbs import sample as sampling
 from quick_posteriors import without_figures
 
 pytestmark = pytest.mark.usefixtures("usual_signals")

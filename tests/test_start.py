@@ -51,7 +51,7 @@ def test_a_command_takes_one_thread_for_its_matrices_unless_told_otherwise(state
     assert done.stdout.rsplit("threads ", 1)[1].startswith(expected)
 
 
-@pytest.mark.parametrize("room", ["biaxbayes.jobs.sample", "biaxbayes.jobs.products"])
+@pytest.mark.parametrize("room", ["biaxbayes.verbs.sample", "biaxbayes.verbs.products"])
 def test_a_run_imports_nothing_that_it_does_not_use(room):
     found = imported(f"import {room}, biaxbayes.figures.run.corner, biaxbayes.reports.page")
     assert "biaxbayes.sampling.sampler" in found

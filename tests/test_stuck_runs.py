@@ -12,11 +12,11 @@ import pandas as pd
 import pytest
 
 from biaxbayes.cli import main
-from biaxbayes.jobs import sample as sampling
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling import sampler
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.sampler import Plan
+from biaxbayes.verbs import sample as sampling
 from quick_posteriors import without_figures
 
 SPECIMEN = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"

@@ -9,10 +9,10 @@ import pytest
 
 import biaxbayes
 import quick_posteriors
-from biaxbayes.api import report_text
 from biaxbayes.reports.facts import closing_message
 from biaxbayes.runs.run import COLUMNS
 from biaxbayes.text_files import read_csv
+from biaxbayes.verbs.report import report_text
 
 
 def plain(path) -> list[list[str]]:

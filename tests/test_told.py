@@ -7,14 +7,13 @@ import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.cli.findings import _cell
-from biaxbayes.cli.runs import _calibration_closing
 from biaxbayes.figures.quantities import number, range_text
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.identifiability.identify import MOST_DRAWS
-from biaxbayes.jobs.calibrate import Outcome
 from biaxbayes.parameters import mounting_names
 from biaxbayes.progress_bar import live_bar
+from biaxbayes.verbs.calibrate import Outcome, closing_message
+from biaxbayes.verbs.ledger import cell
 
 
 def test_time_spent_is_not_called_time_left():
@@ -40,9 +39,9 @@ def test_time_spent_is_not_called_time_left():
 
 def test_intervals_of_a_ledger_are_not_rounded_to_nothing():
     row = {"inferred_q05": 1.01951, "inferred_median": 1.02004, "inferred_q95": 1.02047}
-    assert _cell(row, "inferred") == "1.02004 (1.01951, 1.02047)"
+    assert cell(row, "inferred") == "1.02004 (1.01951, 1.02047)"
     row = {"inferred_q05": 13.1, "inferred_median": 14.23, "inferred_q95": 15.52}
-    assert _cell(row, "inferred") == "14.2 (13.1, 15.5)"
+    assert cell(row, "inferred") == "14.2 (13.1, 15.5)"
 
 
 @pytest.mark.parametrize(("replications", "p"), [(4, 0.6), (200, 0.6), (200, 1e-6), (4, 1e-6)])
@@ -51,7 +50,7 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
     row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}
     outcome = Outcome(pd.DataFrame([row]), {"converged": replications}, p >= 0.05, p)
     assert f"{replications} converged" in repr(outcome) and "\n" not in repr(outcome)
-    said = _calibration_closing(tmp_path, outcome, True)
+    said = closing_message(tmp_path, outcome, True)
     assert ("nothing follows" in said) == (replications < 50 and p >= 0.05)
     assert ("are uniform" in said) == (replications >= 50 and p >= 0.05)
     assert ("NOT uniform" in said) == (p < 0.05)

@@ -21,7 +21,7 @@ import biaxbayes
 from studies.common import DATA, options_of, parser, print_table, write_table
 
 if TYPE_CHECKING:
-    from biaxbayes.jobs.calibrate import Outcome
+    from biaxbayes.verbs.calibrate import Outcome
 
 SPECIMENS = ("donor2-media", "donor2-adventitia")
 THREE_RATIOS = "three-ratios"

@@ -6,20 +6,15 @@ BiaxbayesError
 |-- RunError          a run folder that is damaged, locked or of another problem (exit 2)
 |   `-- CannotResume  what is stored there is damaged or of another problem (exit 2)
 `-- NotConverged      ran, but the result cannot be trusted (exit 3)
+
+Messages name arguments of Python functions, as ```name``` or ```name=value```; the command line
+writes them as its options.
 """
 
 from __future__ import annotations
 
-__all__ = [
-    "BiaxbayesError",
-    "CannotResume",
-    "InputError",
-    "Interrupted",
-    "NotConverged",
-    "RunError",
-    "TaredSpecimen",
-    "printable",
-]
+import re
+from collections.abc import Mapping
 
 
 class BiaxbayesError(Exception):
@@ -109,3 +104,21 @@ class Interrupted(BiaxbayesError):
 def printable(text: str) -> str:
     """Text from a file may hold line breaks and control characters; a message may not."""
     return "".join(ch if ch.isprintable() else " " for ch in text)
+
+
+def as_options(text: str, flags: Mapping[str, str] | None = None) -> str:
+    """A message in which arguments, `name` or `name=value`, are written as options.
+
+    Parameters
+    ----------
+    text : str
+    flags : mapping, optional
+        Options by their arguments, where they differ in more than hyphens.
+    """
+
+    def option(match: re.Match[str]) -> str:
+        name, value = match["name"], match["value"]
+        flag = (flags or {}).get(name, f"--{name.replace('_', '-')}")
+        return flag if value in (None, "True") else f"{flag} {value}"
+
+    return re.sub(r"`(?P<name>[a-zA-Z_]+)(=(?P<value>[^`]*))?`", option, text)

@@ -31,14 +31,14 @@ import biaxbayes
 import virtual_biotester
 from biaxbayes import read_specimen, write_specimen
 from biaxbayes.cli import main
-from biaxbayes.cli.options import open_usable_run
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.jobs.sample import Sampling
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
+from biaxbayes.verbs.options import open_usable_run
+from biaxbayes.verbs.sample import Sampling
 from hostile import priors_files, specimen_files
 from hostile.mutations import TOKENS, as_toml, mutated_bytes, mutated_table, odd_numbers
 from quick_posteriors import without_figures
@@ -89,7 +89,7 @@ def finished_run(folder: Path) -> Bases:
     specimen = Path(__file__).parents[2] / "data" / "donor2-adventitia.csv"
     with (
         without_figures(),
-        mock.patch("biaxbayes.jobs.sample.Plan", partial(Plan, walkers=32, first_block=16)),
+        mock.patch("biaxbayes.verbs.sample.Plan", partial(Plan, walkers=32, first_block=16)),
     ):
         biaxbayes.sample(specimen, out=folder / "run", ess=500)
     return Bases(folder / "run")

@@ -39,8 +39,7 @@ from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, stated_b
 from biaxbayes.model.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.model.error_model import log_likelihood
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.options import CONTENT
-from biaxbayes.options.model import ALL_ROWS
+from biaxbayes.options import ALL_ROWS, CONTENT
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import tails
 from biaxbayes.specimens.specimen import Specimen

@@ -34,13 +34,13 @@ from typing import Any
 from biaxbayes.errors import InputError
 from biaxbayes.laws import law_named
 from biaxbayes.model.priors import Prior, Tie, parse_priors
-from biaxbayes.options import ModelOptions, SamplingPlan, stated
+from biaxbayes.options import ModelOptions, SamplingPlan, options_of
 from biaxbayes.text_files import one_line, read_toml
 
 __all__ = ["DEFAULT_OPTIONS", "Study", "StudySpecimen", "read_study", "study_of_files"]
 
 DEFAULT_OPTIONS: dict[str, Any] = {
-    name: getattr(ModelOptions, name) for name in stated(ModelOptions)
+    name: getattr(ModelOptions, name) for name in options_of(ModelOptions)
 }
 NUMBERS = ("seed", "ess", "max_steps")
 """Of :class:`~biaxbayes.options.SamplingPlan`; a study may state them."""
@@ -147,7 +147,7 @@ def study_of_files(
             path,
             path.stem,
             dict(options),
-            _number("--seed", seed, "seed", None),
+            _number("`seed`", seed, "seed", None),
             anyway=anyway,
         )
         for path in files
@@ -156,8 +156,8 @@ def study_of_files(
     return Study(
         name,
         specimens,
-        float(_number("--ess", ess, "ess", None)),
-        int(_number("--max-steps", max_steps, "max_steps", None)),
+        float(_number("`ess`", ess, "ess", None)),
+        int(_number("`max_steps`", max_steps, "max_steps", None)),
     )
 
 
@@ -279,7 +279,7 @@ def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> No
 
 def _number(told: str, value: object, key: str, path: Path | None) -> Any:
     """A number that the key allows."""
-    option = stated(SamplingPlan)[key]
+    option = options_of(SamplingPlan)[key]
     whole = option.kind is int
     fits = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
     if not (fits and option.least <= value <= MOST and math.isfinite(value)):  # type: ignore

@@ -10,13 +10,13 @@ from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.trace import trace_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.jobs.identified import identified, write_tables
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.reports.explore import EXPLORE, can_be_explored, explore_page
 from biaxbayes.reports.page import NAME
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_text
+from biaxbayes.verbs.identified import identified, write_tables
 
 
 def write_products(folder: Path, posterior: Posterior, draws: Draws) -> Identifiability:

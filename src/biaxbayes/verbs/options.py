@@ -1,46 +1,26 @@
-"""What commands share: options made of the tables of :mod:`biaxbayes.options`, and usable runs."""
+"""What commands share: click's options made of the tables of :mod:`biaxbayes.options`."""
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.errors import InputError
-from biaxbayes.options import ModelOptions, Option, Options, stated
-from biaxbayes.specimens.keys import KEYS, NONE, OF_FORCES
+from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.options import ModelOptions, Option, Options, options_of
+from biaxbayes.progress_bar import graceful_stop, progress_line
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
     from biaxbayes.runs.run import Run
 
-__all__ = [
-    "HEADER_OPTIONS",
-    "MODEL",
-    "Decorator",
-    "Pair",
-    "any_record_option",
-    "anyway_option",
-    "argument",
-    "executor_options",
-    "file_option",
-    "fix_option",
-    "fixed_values",
-    "header_options",
-    "model_options",
-    "mounting_force_option",
-    "open_usable_run",
-    "options",
-    "overwrite_option",
-    "quiet_option",
-    "read_model_options",
-    "refuse_given",
-]
-
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+NOT_CONVERGED = NotConverged.exit_code
 
 
 class Pair(click.ParamType):
@@ -71,13 +51,19 @@ class Pair(click.ParamType):
         return x, y
 
 
+RATIO = Pair("ratio", ":", "1:0.5", zero=True)
+
+
+# --- options of a table --------------------------------------------------------------------------
+
+
 def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
     """Add options of a table to a command.
 
     Parameters
     ----------
     table : type
-        One of the tables of :mod:`biaxbayes.options`.
+        One of the tables of :mod:`biaxbayes.options`, or of a verb.
     *names : str
         In the order of the help; all of the table's where none is named.
     **changes
@@ -85,7 +71,7 @@ def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Dec
     """
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for name in reversed(names or tuple(stated(table))):
+        for name in reversed(names or tuple(options_of(table))):
             function = _option(table, name, changes.get(name, {}))(function)
         return function
 
@@ -93,30 +79,33 @@ def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Dec
 
 
 def _option(table: type[Options], name: str, changes: dict[str, Any]) -> Decorator:
-    option, default = stated(table)[name], getattr(table, name)
-    told: dict[str, Any] = {"help": option.words or None, "metavar": option.metavar}
+    option, default = options_of(table)[name], getattr(table, name)
+    settings: dict[str, Any] = {"help": option.words or None, "metavar": option.metavar}
     if option.kind is bool:
-        told |= {"is_flag": True, "default": default}
+        settings |= {"is_flag": True, "default": default}
     else:
         if option.choices:
-            told["type"] = click.Choice(option.choices)
-        elif option.shown:
-            told["type"] = _range(option)
+            settings["type"] = click.Choice(option.choices)
+        elif option.show_range:
+            settings["type"] = _range(option)
         elif option.kind is not None:
-            told["type"] = option.kind
+            settings["type"] = option.kind
         if default is not None:
             # A count is shown as a user would write it: 2000, not 2000.0.
             whole = isinstance(default, float) and default >= 100.0 and default.is_integer()
-            told |= {"default": int(default) if whole else default, "show_default": True}
-    return click.option(f"--{option.flag}", name, **(told | changes))
+            settings |= {"default": int(default) if whole else default, "show_default": True}
+    return click.option(f"--{option.flag}", name, **(settings | changes))
 
 
 def _range(option: Option) -> click.ParamType:
     most = None if option.most == math.inf else option.most
     if option.kind is int:
         return click.IntRange(int(option.least), None if most is None else int(most))
-    inside = option.inside
-    return click.FloatRange(option.least, most, min_open=inside, max_open=inside)
+    ends = option.open_ends
+    return click.FloatRange(option.least, most, min_open=ends, max_open=ends)
+
+
+# --- arguments and options that stand in no table ------------------------------------------------
 
 
 def argument(name: str, **more: Any) -> Decorator:
@@ -124,25 +113,39 @@ def argument(name: str, **more: Any) -> Decorator:
     return click.argument(name, type=click.Path(path_type=Path), **more)
 
 
-def file_option(name: str, words: str, metavar: str | None = None, **more: Any) -> Decorator:
-    """An option that takes a path."""
+def file_option(flag: str, words: str, metavar: str | None = None, **more: Any) -> Decorator:
+    """An option that takes a path; ``name`` where the argument has another name than the flag."""
+    names = [f"--{flag}", more.pop("name", flag)]
     kind = click.Path(path_type=Path)
-    return click.option(f"--{name}", type=kind, metavar=metavar, help=words, **more)
+    return click.option(*names, type=kind, metavar=metavar, help=words, **more)
 
 
-quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
-anyway_option = click.option("--anyway", is_flag=True, help="Even if the run has not converged.")
+def choice_option(flag: str, choices: Any, words: str = "", **more: Any) -> Decorator:
+    """An option that takes one of several words, by default the first."""
+    names = [f"--{flag}", more.pop("name", flag)]
+    settings = {"default": next(iter(choices)), "show_default": True, "help": words or None, **more}
+    return click.option(*names, type=click.Choice(list(choices)), **settings)
+
+
+def flag(name: str, words: str) -> Decorator:
+    """An option without a value."""
+    return click.option(f"--{name}", is_flag=True, help=words)
+
+
+quiet_option = flag("quiet", "Print nothing but errors.")
+anyway_option = flag("anyway", "Even if the run has not converged.")
+any_record_option = flag("anyway", "Even if the record cannot be a loading curve (see check).")
+resume_option = flag("resume", "Continue from the folder's checkpoint.")
+
+
+def json_option(words: str) -> Decorator:
+    """``--json``."""
+    return click.option("--json", "as_json", is_flag=True, help=words)
 
 
 def overwrite_option(kind: str) -> Decorator:
     """``--overwrite`` of what took long to sample."""
-    words = f"Replace a finished {kind}, with all that was made of it."
-    return click.option("--overwrite", is_flag=True, help=words)
-
-
-any_record_option = click.option(
-    "--anyway", is_flag=True, help="Even if the record cannot be a loading curve (see check)."
-)
+    return flag("overwrite", f"Replace a finished {kind}, with all that was made of it.")
 
 
 def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -200,10 +203,10 @@ def model_options(table: type[ModelOptions] = ModelOptions) -> Decorator:
     return add
 
 
-def read_model_options(
-    *, fix: tuple[str, ...], law: str, priors: Path | None = None, **model: Any
+def with_priors(
+    *, fix: tuple[str, ...], law: str, priors: Path | None = None, **others: Any
 ) -> dict[str, Any]:
-    """Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`.
+    """Options of a command as its verb takes them: ``--fix`` and ``--priors`` as one table.
 
     Raises
     ------
@@ -213,31 +216,32 @@ def read_model_options(
     from biaxbayes.laws import law_named
     from biaxbayes.model.priors import check_fixed, read_priors
 
-    material_law = law_named(law, fibre_switch=model.get("fibre_switch", False))
+    material_law = law_named(law, fibre_switch=others.get("fibre_switch", False))
     chosen: dict[str, Any] = {} if priors is None else dict(read_priors(priors, material_law))
     for name, value in chosen.items():
         if isinstance(value, float):
             _warn_of_radians(name, value)
     for name, value in fixed_values(fix, material_law).items():
         chosen[name] = check_fixed(name, value, law=material_law)
-    return {**model, "law": law, "priors": chosen}
+    return {**others, "law": law, "priors": chosen}
 
 
 def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
     """Numbers of ``--fix``, not checked against the range of their parameter."""
-    held = {}
+    fixed = {}
     for text in texts:
-        name, _, value = text.partition("=")
+        given, _, value = text.partition("=")
+        name = law.known_name(given.strip())
         try:
-            held[law.known_name(name.strip())] = float(value)
+            fixed[name] = float(value)
         except ValueError:
             raise InputError(f"--fix {text[:60]!r}", remedy="write it as --fix kappa=0.1") from None
-        _warn_of_radians(name.strip(), held[law.known_name(name.strip())])
-    return held
+        _warn_of_radians(given.strip(), fixed[name])
+    return fixed
 
 
 def _warn_of_radians(name: str, value: float) -> None:
-    """An angle is stated in degrees; one below pi / 2 may be meant in radians."""
+    """An angle is given in degrees; one below pi / 2 may be meant in radians."""
     if name.startswith("alpha") and 0.0 < value <= math.pi / 2.0:
         click.echo(
             f"warning: {name} is fixed at {value:g} degrees; if that is in radians, write "
@@ -246,64 +250,30 @@ def _warn_of_radians(name: str, value: float) -> None:
         )
 
 
+# --- what commands do ----------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def shown_work(quiet: bool) -> Iterator[dict[str, Any]]:
+    """Progress and stop of a verb, as its arguments: a live line, and a Ctrl-C that saves first."""
+    with progress_line(quiet=quiet) as progress, graceful_stop() as stop:
+        yield {"progress": progress, "stop": stop}
+
+
 def refuse_given(context: click.Context, names: tuple[str, ...], problem: str, **more: Any) -> None:
     """Refuse the first of these options that was given; ``{}`` in the problem is its name."""
     for name in names:
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            raise InputError(problem.format(f"--{name.replace('_', '-')}"), **more)
-
-
-# --- a run for what builds on it: draws that have not converged are refused, or used -------------
+            raise InputError(problem.format(f"`{name}`"), **more)
 
 
 def open_usable_run(path: Path, *, anyway: bool) -> Run:
-    """Open a run folder as :func:`~biaxbayes.jobs.opening.usable_run`, and say how good it is."""
-    from biaxbayes import api
+    """Open a run folder as :func:`~biaxbayes.verbs.inputs.usable_run`, and say how good it is."""
+    from biaxbayes.verbs.inputs import usable_run
 
-    run = api.usable_run(path, anyway=anyway)
+    run = usable_run(path, anyway=anyway)
     if run.state == "unusable":
         click.echo("warning: the chains of this run have not converged", err=True)
     elif run.state == "tentative":
         click.echo("note: this run is tentative: few effective draws", err=True)
     return run
-
-
-# --- header keys of a specimen file ---------------------------------------------------------------
-
-
-HEADER_OPTIONS = {
-    "specimen": "TEXT",
-    "layer": "TEXT",
-    "axis_x": "TEXT",
-    "axis_y": "TEXT",
-    "geometry": "unloaded|mounted",
-    "reference": "common",
-    "edge_x_mm": "MM",
-    "edge_y_mm": "MM",
-    "thickness_mm": "MM",
-    "load_noise_N": "N",
-    "load_noise_kPa": "KPA",
-    "edge_sd_mm": "MM",
-    "thickness_sd_mm": "MM",
-    "mounting_stretch_x": "'M +- SD'",
-    "mounting_stretch_y": "'M +- SD'",
-    "stress_limit_kPa": "KPA",
-}
-"""Header keys that can be stated, and what the help prints for their values."""
-
-
-def header_options() -> Decorator:
-    """An option for each header key of a specimen file."""
-
-    def add(function: Any) -> Any:
-        for key, metavar in reversed(HEADER_OPTIONS.items()):
-            words, default = KEYS[key]
-            default = "name of the first file" if key == "specimen" else default
-            without = default if default == OF_FORCES else f"default: {default}"
-            text = f"{words}." if default == NONE else f"{words} ({without})."
-            option = f"--{key.replace('_', '-')}"
-            names = [option] if option == option.lower() else [option, option.lower()]
-            function = click.option(*names, key.lower(), metavar=metavar, help=text)(function)
-        return function
-
-    return add

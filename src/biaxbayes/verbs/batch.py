@@ -1,4 +1,4 @@
-"""The verb ``batch``: many specimens sampled once each, and set side by side.
+"""``biaxbayes batch``: many specimens sampled once each, and set side by side.
 
 Everything that the task of a worker needs is in it; the run folders lie in the study's, which every
 worker must see.
@@ -14,19 +14,27 @@ import time
 import traceback
 import uuid
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
+
 import biaxbayes
 from biaxbayes.comparison.compare import Member, distances_between, judged_member
 from biaxbayes.compilation import first_alone
-from biaxbayes.errors import BiaxbayesError, CannotResume, InputError, Interrupted, RunError
-from biaxbayes.jobs.opening import PathLike, Stop, never, silent
-from biaxbayes.jobs.sample import Sampling
+from biaxbayes.errors import (
+    BiaxbayesError,
+    CannotResume,
+    InputError,
+    Interrupted,
+    RunError,
+    as_options,
+    printable,
+)
 from biaxbayes.laws import DEFAULT_LAW
-from biaxbayes.options import ModelOptions, SamplingPlan, documented
+from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parallel import Executor, InThisProcess, executor_for
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.study_page import write_study
@@ -50,17 +58,33 @@ from biaxbayes.studies.result import (
 from biaxbayes.studies.rows import rows_of_run
 from biaxbayes.studies.study_file import Study, read_study, study_of_files
 from biaxbayes.text_files import atomic_write_text
+from biaxbayes.verbs.inputs import PathLike, Stop, Tell, never, silent
+from biaxbayes.verbs.options import (
+    MODEL,
+    NOT_CONVERGED,
+    any_record_option,
+    argument,
+    executor_options,
+    file_option,
+    model_options,
+    options,
+    quiet_option,
+    refuse_given,
+    shown_work,
+    with_priors,
+)
+from biaxbayes.verbs.sample import Sampling
 
 
 @with_progress
-@documented(SamplingPlan, ModelOptions)
+@takes_options(SamplingPlan, ModelOptions)
 def batch(
     study: PathLike | Sequence[PathLike],
     *,
     out: PathLike,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Callable[[Any], None] = silent,
+    progress: Tell = silent,
     stop: Stop = never,
     **options: Any,
 ) -> StudyResult:
@@ -82,9 +106,8 @@ def batch(
     progress, stop : callable, optional
         As in :func:`biaxbayes.sample`.
     **options
-        For specimen files: seed, ess, max_steps, anyway (as in :func:`biaxbayes.sample`), and
-        those of
-        :class:`~biaxbayes.options.ModelOptions`.
+        For specimen files: seed, ess, max_steps, anyway (as in :func:`biaxbayes.sample`), and those
+        of :class:`~biaxbayes.options.ModelOptions`.
     """
     if isinstance(study, str | Path):
         if options:
@@ -93,7 +116,7 @@ def batch(
     else:
         own = ("seed", "ess", "max_steps", "anyway")
         numbers = {k: options.pop(k) for k in own if k in options}
-        model = ModelOptions.of(options).keywords()
+        model = ModelOptions.from_values(options).keywords()
         chosen = study_of_files([Path(p) for p in study], model, **numbers)
     executor = executor_for(workers, scheduler, isolated=True)
     return Batch(chosen, Path(out), executor).execute(progress=progress, stop=stop)
@@ -227,7 +250,7 @@ class Batch:
     def execute(
         self,
         *,
-        progress: Callable[[Any], None] = silent,
+        progress: Tell = silent,
         stop: Stop = never,
     ) -> StudyResult:
         """Sample what is missing, compare the layers of each donor, and write every file.
@@ -266,12 +289,12 @@ class Batch:
             names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
             if names - {RUNS} and STUDY not in names:
                 raise RunError(
-                    f"{self.folder}: is a folder that is not a study's; choose another --out"
+                    f"{self.folder}: is a folder that is not a study's; choose another `out`"
                 )
             (self.folder / RUNS).mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(
-                f"{self.folder}: cannot be made ({error.strerror}); choose another --out"
+                f"{self.folder}: cannot be made ({error.strerror}); choose another `out`"
             ) from None
 
     @contextlib.contextmanager
@@ -287,7 +310,7 @@ class Batch:
             path.unlink(missing_ok=True)
 
     def _sample(
-        self, entries: list[Entry], going: Path, progress: Callable[[Any], None], stop: Stop
+        self, entries: list[Entry], going: Path, progress: Tell, stop: Stop
     ) -> dict[str, Tried]:
         """What became of every specimen, by the name of its run folder."""
         readable = [e for e in entries if e.specimen is not None]
@@ -303,14 +326,14 @@ class Batch:
         before, clock = len(done), time.monotonic()
         finished = f", {before} of them finished before" if before else ""
         progress(Progress(f"sampling {len(entries)} specimens{finished}"))
-        asked = 0
+        signal = 0
 
         def stopped() -> int:
-            nonlocal asked
-            asked = asked or stop()
-            if asked:
+            nonlocal signal
+            signal = signal or stop()
+            if signal:
                 going.unlink(missing_ok=True)
-            return asked
+            return signal
 
         tasks = [self._task(e, e.slug in done, going) for e in readable]
         for outcome in self.executor.run(try_specimen, tasks, stop=stopped):
@@ -333,7 +356,7 @@ class Batch:
             raise Interrupted(
                 f"interrupted after {len(tried)} of {len(entries)} specimens, all saved in "
                 f"{self.folder}; the same command continues",
-                asked,
+                signal,
             )
         return tried
 
@@ -376,3 +399,106 @@ def _how_far(tried: Mapping[str, Tried], total: int, before: int, seconds: float
             time_left = f"{left:.0f} s" if left < 90.0 else f"{left / 60:.0f} min"
             text += f", about {time_left} left"
     return Progress(text, len(tried) / total)
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+IN_FILE = {
+    **dict.fromkeys(("seed", "ess", "max_steps", "anyway"), "{}"),
+    **dict.fromkeys(MODEL, "options"),
+    **dict.fromkeys(("fix", "priors"), "priors"),
+    "mounting_force": "{}",
+}
+"""Where a study file states what is an option for CSV files; {} is the option's own name."""
+
+
+@click.command("batch")
+@argument("sources", metavar="STUDY.toml|CSV...", nargs=-1, required=True)
+@executor_options
+@file_option("out", "Study folder [<stem>-study].")
+@options(SamplingPlan, "seed")
+@model_options()
+@options(SamplingPlan, "ess", "max_steps")
+@any_record_option
+@quiet_option
+@click.pass_context
+def command(
+    context: click.Context,
+    sources: tuple[Path, ...],
+    workers: int | None,
+    scheduler: str | None,
+    out: Path | None,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    r"""Sample many specimens: those of a study file, or the CSV files given.
+
+    Writes a study folder: study.csv with a row for each specimen and quantity, summaries across
+    layers and donors, study.html with the layers compared, and in runs/ a run folder of each
+    specimen. The same command again does what is missing: a finished specimen is not sampled
+    again, an interrupted one continues. A specimen that fails does not stop the others. Exit
+    code 0 when every specimen has converged, 3 when one has not or has failed, 2 when nothing
+    could be begun: a file is missing, a study file, an option or a folder cannot be used.
+
+    \b
+    biaxbayes batch study.toml --workers 4
+    biaxbayes batch study.toml --scheduler tcp://head:8786
+    biaxbayes batch *.csv --out aortas --noise independent
+    """
+    study: Any = sources
+    mounting_force = given.pop("mounting_force")
+    if _is_study(sources[0]) and len(sources) == 1:
+        study = sources[0]
+        for name, key in IN_FILE.items():
+            refuse_given(
+                context,
+                (name,),
+                "{} is for CSV files",
+                file=study,
+                remedy=f"state it in the study file, under {key.format(name)}",
+            )
+        given = {}
+    else:
+        _check_csvs(sources, mounting_force)
+        given = with_priors(**given)
+    folder = out or Path(f"{sources[0].stem}-study" if len(sources) == 1 else "study")
+    with shown_work(quiet) as work:
+        result = batch(study, out=folder, workers=workers, scheduler=scheduler, **work, **given)
+    if not quiet:
+        click.echo(closing_message(result))
+    for label, reason in result.failures.items():
+        click.echo(f"biaxbayes: {printable(label)}: {printable(as_options(reason))}", err=True)
+    return 0 if result.converged else NOT_CONVERGED
+
+
+def _is_study(path: Path) -> bool:
+    return path.suffix.lower() == ".toml"
+
+
+def _check_csvs(sources: tuple[Path, ...], mounting_force: object) -> None:
+    if mounting_force is not None:
+        raise InputError(
+            "`mounting_force` is that of one specimen",
+            remedy="state mounting_force for each in a study file",
+        )
+    for path in sources:
+        if _is_study(path):
+            raise InputError(
+                "a study file stands alone", file=path, remedy="list all specimens in it"
+            )
+
+
+def closing_message(result: StudyResult) -> str:
+    """A line for each specimen, and where the rest is."""
+    lines = [f"{'specimen':<28}{'donor':<12}{'layer':<14}state"]
+    for s in result.specimens.to_dict("records"):
+        cells = [
+            printable(str(s[k]))[: n - 2]
+            for k, n in (("specimen", 28), ("donor", 12), ("layer", 14))
+        ]
+        lines.append(f"{cells[0]:<28}{cells[1]:<12}{cells[2]:<14}{s['state']}")
+    counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
+    lines += ["", f"{len(result.specimens)} specimens: {counts}"]
+    lines.append(f"open {result.folder / 'study.html'}; all numbers are in study.csv beside it")
+    return "\n".join(lines)

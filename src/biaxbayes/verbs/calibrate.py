@@ -1,4 +1,4 @@
-"""A calibration study in a folder: resumable, with its table and figure."""
+"""``biaxbayes calibrate``: simulation-based calibration on your own protocol."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import click
 import pandas as pd
 
 import biaxbayes
@@ -27,17 +28,42 @@ from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors, prior_value
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.options import CalibrationPlan, ModelOptions
-from biaxbayes.parallel import Executor, InThisProcess
+from biaxbayes.options import (
+    CalibrationPlan,
+    InferringOptions,
+    ModelOptions,
+    takes_options,
+)
+from biaxbayes.parallel import Executor, InThisProcess, executor_for
 from biaxbayes.parameters import Quantities
+from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import EARLIER, clear_leftovers
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
-from biaxbayes.sampling.sampler import Plan, Progress
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, write_csv
-
-__all__ = ["CalibrationStudy", "Outcome", "read_ranks", "study_of"]
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    SpecimenLike,
+    Stop,
+    Tell,
+    never,
+    open_specimen,
+    silent,
+)
+from biaxbayes.verbs.options import (
+    NOT_CONVERGED,
+    argument,
+    executor_options,
+    file_option,
+    flag,
+    model_options,
+    options,
+    quiet_option,
+    shown_work,
+    with_priors,
+)
 
 SAVE_SECONDS = 5.0
 COLUMNS = (
@@ -81,8 +107,8 @@ class Outcome:
     p: float
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{n} {state}" for state, n in self.states.items())
-        return f"Outcome(replications {told}; p of uniform ranks {self.p:.3g})"
+        states = ", ".join(f"{n} {state}" for state, n in self.states.items())
+        return f"Outcome(replications {states}; p of uniform ranks {self.p:.3g})"
 
 
 def study_of(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan) -> Study:
@@ -102,7 +128,7 @@ def study_of(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPl
     """
     model = {name: value for name, value in options.items() if name != "priors"}
     stated = dict(options["priors"])
-    law = ModelOptions.of(model).material_law
+    law = ModelOptions.from_values(model).material_law
     if plan.source == "posterior":
         priors = _around_posterior(specimen, model, stated, plan.seed)
     else:
@@ -150,8 +176,8 @@ class CalibrationStudy:
         self,
         *,
         resume: bool = False,
-        progress: Callable[[Progress], None] = lambda p: None,
-        stop: Callable[[], int] = lambda: 0,
+        progress: Tell = silent,
+        stop: Stop = never,
     ) -> Outcome:
         """Run the replications that are missing, and write every file.
 
@@ -166,7 +192,7 @@ class CalibrationStudy:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RunError(
-                f"{self.folder}: cannot be made ({error.strerror}); choose another --out"
+                f"{self.folder}: cannot be made ({error.strerror}); choose another `out`"
             ) from None
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
@@ -181,7 +207,7 @@ class CalibrationStudy:
         names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
         if names and "study.json" not in names:
             raise RunError(
-                f"{self.folder}: is a folder that is not a study's; choose another --out"
+                f"{self.folder}: is a folder that is not a study's; choose another `out`"
             )
         identity = study_identity(self.study)
         rows: dict[int, list[dict[str, Any]]] = {}
@@ -189,7 +215,7 @@ class CalibrationStudy:
             if _read_identity(stored) != _digest(identity):
                 raise RunError(
                     f"{self.folder}: holds another study (specimen, options, priors, seed or "
-                    "version differ); choose another --out, or leave out --resume"
+                    "version differ); choose another `out`, or leave out `resume`"
                 )
             for row in read_ranks(ranks).to_dict("records"):
                 named = {str(key): value for key, value in row.items()}
@@ -207,8 +233,8 @@ class CalibrationStudy:
     def _run(
         self,
         rows: dict[int, list[dict[str, Any]]],
-        progress: Callable[[Progress], None],
-        stop: Callable[[], int],
+        progress: Tell,
+        stop: Stop,
     ) -> None:
         missing = [i for i in range(self.replications) if i not in rows]
         if not missing:
@@ -229,7 +255,7 @@ class CalibrationStudy:
         if done < self.replications:
             raise Interrupted(
                 f"interrupted after {done} of {self.replications} replications, all saved in "
-                f"{self.folder}; the same command with --resume continues",
+                f"{self.folder}; the same command with `resume=True` continues",
                 stop(),
             )
 
@@ -303,7 +329,7 @@ def _read_identity(path: Path) -> str:
     try:
         return str(json.loads(path.read_text(encoding="utf-8"))["identity"])
     except (OSError, ValueError, KeyError, TypeError):
-        raise RunError(f"{path}: cannot be read; leave out --resume to start again") from None
+        raise RunError(f"{path}: cannot be read; leave out `resume` to start again") from None
 
 
 def read_ranks(path: Path) -> pd.DataFrame:
@@ -326,7 +352,7 @@ def read_ranks(path: Path) -> pd.DataFrame:
         return table.astype({"replication": int, "rejected_draws": int})
     except (OSError, ValueError):
         raise RunError(
-            f"{path}: is not a whole table of ranks; leave out --resume to start again"
+            f"{path}: is not a whole table of ranks; leave out `resume` to start again"
         ) from None
 
 
@@ -337,3 +363,108 @@ def _frame(rows: dict[int, list[dict[str, Any]]]) -> pd.DataFrame:
 
 def _write_ranks(path: Path, rows: dict[int, list[dict[str, Any]]]) -> None:
     write_csv(path, _frame(rows))
+
+
+# --- the verb ------------------------------------------------------------------------------------
+
+
+@with_progress
+@takes_options(CalibrationPlan, InferringOptions)
+def calibrate(
+    specimen: SpecimenLike,
+    *,
+    out: PathLike,
+    mounting_force: Sequence[float] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = True,
+    progress: Tell = silent,
+    stop: Stop = never,
+    **options: Any,
+) -> Outcome:
+    """Simulation-based calibration on the protocols of a specimen.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+    out : path-like
+        Folder of the study.
+    mounting_force : (float, float), optional
+        For a tared specimen: the force (or stress) at the mounted state, put back on.
+    workers, scheduler, progress, stop
+        As in :func:`biaxbayes.batch`.
+    resume : bool
+        Continue the study that the folder holds.
+    **options
+        As in :class:`~biaxbayes.options.CalibrationPlan` and
+        :class:`~biaxbayes.options.InferringOptions`.
+    """
+    plan, others = CalibrationPlan.split(options)
+    model = InferringOptions.from_values(others).keywords()
+    executor = executor_for(workers, scheduler)
+    study = study_of(open_specimen(specimen, mounting_force), model, plan)
+    in_folder = CalibrationStudy(study, Path(out), plan.replications, executor)
+    return in_folder.execute(resume=resume, progress=progress, stop=stop)
+
+
+@click.command("calibrate")
+@argument("specimen")
+@options(CalibrationPlan, "replications")
+@executor_options
+@options(CalibrationPlan, "source")
+@file_option("out", "Folder [<stem>-calibration].")
+@options(CalibrationPlan, "seed", "ess")
+@flag("resume", "Continue, or add replications to, a study.")
+@quiet_option
+@options(CalibrationPlan, "broken", broken={"hidden": True})
+@model_options(InferringOptions)
+def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
+    """Simulation-based calibration on the protocols, dimensions and load noise of SPECIMEN.
+
+    True values are drawn, readings simulated and sampled as a measured specimen's are, and
+    the true values ranked among the draws. Writes ranks.csv, calibration.csv, a figure and the
+    priors used. With independent noise the ranks must be uniform; with effective noise, whose
+    weight is estimated from each record, the coverage is reported. Exit code 3 when the ranks
+    are not uniform.
+    """
+    given = with_priors(**given)
+    folder = out or Path(f"{specimen.stem}-calibration")
+    with shown_work(quiet) as work:
+        outcome = calibrate(specimen, out=folder, **work, **given)
+    tested = given["noise"] == "independent"
+    if not quiet:
+        click.echo(closing_message(folder, outcome, tested))
+    return NOT_CONVERGED if tested and not outcome.calibrated else 0
+
+
+def closing_message(folder: Path, outcome: Outcome, tested: bool) -> str:
+    """Uniformity and coverage of each quantity, and what follows from them."""
+    from biaxbayes.calibration.ranks import FEWEST
+
+    total = sum(outcome.states.values())
+    lines = [f"{'':18s} {'uniform p':>9s} {'in band':>8s}   coverage of 50, 80, 90, 95 %"]
+    for row in outcome.table.to_dict("records"):
+        shares = "  ".join(f"{100 * row[f'coverage_{level}']:5.1f}" for level in (50, 80, 90, 95))
+        lines.append(
+            f"{row['parameter']:18s} {row['uniformity_p']:9.3f} {row['inside_band']:>8s}   {shares}"
+        )
+    doubtful = {k: v for k, v in outcome.states.items() if k != "converged"}
+    lines.append(
+        f"{total} replications, "
+        + (", ".join(f"{v} {k}" for k, v in doubtful.items()) if doubtful else "all converged")
+    )
+    if total < FEWEST and (outcome.calibrated or not tested):
+        lines.append(
+            f"nothing follows from {total} replications: wrong intervals would look like this; "
+            f"run {FEWEST} or more (--replications, with --resume)"
+        )
+    elif tested:
+        verdict = "uniform" if outcome.calibrated else "NOT uniform"
+        lines.append(f"the ranks of all quantities together are {verdict} (p = {outcome.p:.3g})")
+    else:
+        lines.append(
+            "the weight of the likelihood is estimated from each record: uniform ranks are not "
+            "promised, coverage is what counts"
+        )
+    lines.append(f"written to {folder}")
+    return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""The verb that draws a figure of a run: figures by name, and known values beside them."""
+"""``biaxbayes plot``: figures of a run, sized for a paper."""
 
 from __future__ import annotations
 
@@ -8,28 +8,47 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
 import pandas as pd
 
 from biaxbayes.errors import InputError
-from biaxbayes.jobs.opening import PathLike, RunLike, opened_run, opened_style, usable_run
 from biaxbayes.laws import all_parameters
-from biaxbayes.options import PICTURES, PLOT_TAKES, PLOTS
+from biaxbayes.options import PICTURES
 from biaxbayes.parameters import mounting_names
-from biaxbayes.runs.run import Run
 from biaxbayes.text_files import read_text
+from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run, opened_style, usable_run
+from biaxbayes.verbs.options import (
+    anyway_option,
+    argument,
+    choice_option,
+    file_option,
+    open_usable_run,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "WITHOUT_JUDGEMENT",
-    "check_figure",
-    "picture",
-    "picture_name",
-    "plot",
-    "read_truth",
-    "run_figure",
-]
+    from biaxbayes.runs.run import Run
+
+PLOTS = {
+    "corner": "corner",
+    "bands": "stress-bands",
+    "identifiability": "identifiability",
+    "mounting": "mounting",
+    "trace": "trace",
+    "profile": "profile",
+}
+"""Figures of a run and the stems of their files."""
+PLOT_TAKES = {
+    "truth": ("corner", "bands", "mounting"),
+    "compare": ("corner",),
+    "parameters": ("corner", "profile", "trace"),
+}
+"""Options that go with some figures only."""
+WITHOUT_JUDGEMENT = ("trace", "profile")
+"""Traces are there to see why a run has not converged; a profile rests on no draws."""
+MOST_IN_COLUMN = 3
+"""Profiles that fit one column of a page."""
 
 
 # --- known values of a virtual specimen, read to be drawn beside what was inferred ---------------
@@ -61,23 +80,23 @@ def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
     path = Path(path)
     text = read_text(path)
     try:
-        held = json.loads(text)
+        content = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not JSON ({error})", file=path) from None
-    if not isinstance(held, dict) or not held:
+    if not isinstance(content, dict) or not content:
         raise InputError("is no JSON object of known values", file=path, remedy=_REMEDY)
-    if "material" not in held and all(isinstance(v, dict) for v in held.values()):
-        if specimen not in held:
+    if "material" not in content and all(isinstance(v, dict) for v in content.values()):
+        if specimen not in content:
             raise InputError(f"has no entry for specimen {specimen!r}", file=path)
-        held = held[specimen]
-    if isinstance(held.get("material"), dict):
-        material = held["material"]
-        stated = {p.name: p.label for p in all_parameters()}
-        found = {name: material[key] for name, key in stated.items() if key in material}
-        found |= {name: held[name] for name in MOUNTING if name in held}
+        content = content[specimen]
+    if isinstance(content.get("material"), dict):
+        material = content["material"]
+        labels = {p.name: p.label for p in all_parameters()}
+        known = {name: material[label] for name, label in labels.items() if label in material}
+        known |= {name: content[name] for name in MOUNTING if name in content}
     else:
-        found = held
-    return {str(name): _number(value, str(name), path) for name, value in found.items()}
+        known = content
+    return {str(name): _number(value, str(name), path) for name, value in known.items()}
 
 
 _REMEDY = 'write values by the names of summary.csv, such as {"C1": 2.98, "kappa": 0.0}'
@@ -90,9 +109,6 @@ def _number(value: Any, name: str, path: Path) -> float:
 
 
 # --- the figures of a run, by name ---------------------------------------------------------------
-
-
-MOST_IN_COLUMN = 3
 
 
 def run_figure(run: Run, kind: str, **how: Any) -> Figure:
@@ -158,7 +174,7 @@ def _profile(run: Run, how: dict[str, Any]) -> Figure:
     if how["width_mm"] < 120.0 and len(names) > MOST_IN_COLUMN:
         raise InputError(
             f"{len(names)} profiles do not fit one column of a page",
-            remedy=f"name up to {MOST_IN_COLUMN} with --parameter, or ask for --width-mm 180",
+            remedy=f"name up to {MOST_IN_COLUMN} with `parameters`, or choose `width_mm=180`",
         )
     return profile_figure(profiles(posterior, names), **how)
 
@@ -173,7 +189,7 @@ _FIGURES = {
 }
 
 
-# --- a figure that is asked for ------------------------------------------------------------------
+# --- a figure in the style of a paper ------------------------------------------------------------
 
 
 def plot(
@@ -196,7 +212,7 @@ def plot(
     run : Run or path-like
     figure : {"corner", "bands", "identifiability", "mounting", "trace", "profile"}
     out : path-like, optional
-        File to write; see :func:`picture`. Not one of the run's own figures.
+        File to write; see :func:`picture_file`. Not one of the run's own figures.
     suffix : {"pdf", "svg", "png"}, optional
         Kind of file; default that of ``out``, else pdf.
     style : mapping or path-like, optional
@@ -215,7 +231,7 @@ def plot(
     from biaxbayes.figures.style import save_figure
 
     check_figure(figure, truth=truth, compare=compare, parameters=parameters)
-    target = None if out is None else picture(out, suffix)
+    target = None if out is None else picture_file(out, suffix)
     how["style"] = opened_style(style)
     opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
     if target is not None:
@@ -224,21 +240,17 @@ def plot(
         key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
         how[key] = tuple(dict.fromkeys(parameters))
     if truth is not None:
-        known = isinstance(truth, str | Path)
-        how["truth"] = read_truth(truth, opened.specimen.name) if known else truth
+        in_file = isinstance(truth, str | Path)
+        how["truth"] = read_truth(truth, opened.specimen.name) if in_file else truth
     if isinstance(compare, pd.DataFrame):
         how["compare"] = compare
     elif compare is not None:
         other = opened_run(compare) if anyway else usable_run(compare)
-        how |= {"compare": other.draws, "names": _told_apart(opened, other)}
+        how |= {"compare": other.draws, "names": _labels(opened, other)}
     drawn = run_figure(opened, figure, **how)
     if target is not None:
         save_figure(drawn, target, how["style"])
     return drawn
-
-
-WITHOUT_JUDGEMENT = ("trace", "profile")
-"""Traces are there to see why a run has not converged; a profile rests on no draws."""
 
 
 def check_figure(figure: str, **given: Any) -> None:
@@ -248,12 +260,12 @@ def check_figure(figure: str, **given: Any) -> None:
         none = taken is None or (name == "parameters" and not taken)
         if not none and figure not in figures:
             raise InputError(
-                f"--{name.removesuffix('s')} does not go with --figure {figure}",
+                f"`{name}` does not go with `figure={figure}`",
                 remedy=f"it goes with {' and '.join(figures)}",
             )
 
 
-def picture(out: PathLike, suffix: str | None = None) -> Path:
+def picture_file(out: PathLike, suffix: str | None = None) -> Path:
     """The file of a figure: ``out``, with the ending of its format where it has none.
 
     Raises
@@ -268,7 +280,7 @@ def picture(out: PathLike, suffix: str | None = None) -> Path:
         return path.with_name(f"{path.name}.{suffix or PICTURES[0]}")
     if suffix not in (None, picture_suffix(path)):
         raise InputError(
-            f"--format {suffix} does not go with the file name {path.name!r}",
+            f"`suffix={suffix}` does not go with the file name {path.name!r}",
             remedy="leave one of them out",
         )
     return path
@@ -282,10 +294,10 @@ def picture_name(
     parameters: Sequence[str] = (),
     suffix: str | None = None,
 ) -> str:
-    """Name of a figure that is asked for, which no figure of the run itself has."""
-    told = [PLOTS[figure], *dict.fromkeys(parameters)]
-    told += [] if compare is None else ["with", compare.resolve().name]
-    name = "-".join([*told, f"{width_mm:g}mm"])
+    """Name of a figure, which no figure of the run itself has."""
+    parts = [PLOTS[figure], *dict.fromkeys(parameters)]
+    parts += [] if compare is None else ["with", compare.resolve().name]
+    name = "-".join([*parts, f"{width_mm:g}mm"])
     safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
     return f"{safe[:120]}.{suffix or PICTURES[0]}"
 
@@ -295,11 +307,70 @@ def _refuse_own(run: Run, target: Path) -> None:
     files = run.provenance.get("files") or {}
     if target.name in files and target.resolve().parent == run.path.resolve():
         raise InputError(
-            "is a figure of the run itself", file=target, remedy="choose another name with --out"
+            "is a figure of the run itself", file=target, remedy="choose another name with `out`"
         )
 
 
-def _told_apart(run: Run, other: Run) -> tuple[str, str]:
+def _labels(run: Run, other: Run) -> tuple[str, str]:
     """What tells two runs apart: the specimen, or else the folder."""
     names = run.specimen.name, other.specimen.name
     return names if names[0] != names[1] else (run.path.name, other.path.name)
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@click.command("plot")
+@argument("run")
+@choice_option("figure", PLOTS)
+@choice_option(
+    "format",
+    PICTURES,
+    "Kind of file  [default: that of --out, else pdf]",
+    name="suffix",
+    default=None,
+    show_default=False,
+)
+@click.option(
+    "--width-mm",
+    type=click.FloatRange(60.0, 400.0),
+    default=180.0,
+    show_default=True,
+    help="Width in print: 85 is a column, 180 a page.",
+)
+@file_option("style", "A matplotlib style (.mplstyle) for fonts and colours.", "FILE")
+@file_option("truth", "Known values to draw: corner, bands and mounting.", "JSON")
+@file_option("compare", "Another run to draw over this one: corner.", "RUN")
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    metavar="NAME",
+    help="What to show, repeatable: corner, profile and trace.",
+)
+@file_option(
+    "out", "The file to write  [default: in the run folder, named by figure and width]", "FILE"
+)
+@anyway_option
+def command(
+    run: Path, figure: str, suffix: str | None, out: Path | None, anyway: bool, **given: Any
+) -> None:
+    r"""Draw a figure of RUN for a paper: letters as text, 7 to 8 pt at print size.
+
+    \b
+    biaxbayes plot media-posterior --figure corner --width-mm 180
+    biaxbayes plot media-posterior --figure bands --width-mm 85 --format svg --out fig3.svg
+    biaxbayes plot media-posterior --compare adventitia-posterior --style journal.mplstyle
+    biaxbayes plot media-posterior --figure profile --parameter kappa
+    """
+    check_figure(figure, **{name: given[name] for name in PLOT_TAKES})
+    compare, parameters = given.pop("compare"), given["parameters"]
+    name = picture_name(
+        figure, given["width_mm"], compare=compare, parameters=parameters, suffix=suffix
+    )
+    target = picture_file(out or run / name, suffix)
+    judged = figure not in WITHOUT_JUDGEMENT
+    opened: Any = open_usable_run(run, anyway=anyway) if judged else run
+    other = None if compare is None else open_usable_run(compare, anyway=anyway)
+    plot(opened, figure, out=target, compare=other, anyway=anyway, **given)
+    click.echo(str(target))

@@ -1,7 +1,6 @@
-"""The command line: a lazy group of verbs, a module of this package for each topic.
+"""The command line: a group of verbs, their errors as one line and an exit code.
 
-Nothing heavy is imported here; a verb's module is imported when the verb is called, so that
-``biaxbayes --help`` answers at once.
+A verb's module is imported when the verb is called, so that ``biaxbayes --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -15,58 +14,38 @@ from typing import Any
 
 import click
 
-from biaxbayes.errors import BiaxbayesError, InputError, printable
-
-__all__ = ["main"]
-
-VERBS = {
-    "sample": "Joint posterior of material parameters and mounting stretches.",
-    "batch": "A whole study: many specimens, layers and donors compared.",
-    "population": "What the specimens of a study have in common, and the next one.",
-    "fit": "Deterministic fits, with and without the mounting stretch.",
-    "check": "What the tool understands of a specimen file, and its warnings.",
-    "convert": "Machine exports to a specimen file.",
-    "simulate": "A virtual biaxial test, written as a specimen file.",
-    "identify": "Which parameters the data determine.",
-    "profile": "Profile likelihood of one parameter.",
-    "compare": "Several runs side by side: layers, specimens, settings.",
-    "laws": "Material laws side by side, weighed by what they predict.",
-    "design": "What to measure next.",
-    "ledger": "What ignoring the mounting stretch costs.",
-    "calibrate": "Simulation-based calibration on your own protocol.",
-    "predict": "Stress with bands on any path; thin-walled inflation.",
-    "plot": "Figures of a run, sized for a paper.",
-    "report": "The report of a run: HTML page or LaTeX table.",
-    "export": "Material cards for Abaqus and FEBio.",
-}
-"""Verbs in the order of the help page."""
-
-MODULES = {
-    "runs": ("sample", "batch", "fit", "calibrate"),
-    "specimens": ("check", "convert", "simulate"),
-    "findings": ("identify", "profile", "design", "ledger"),
-    "comparisons": ("compare", "laws", "population"),
-    "outputs": ("predict", "plot", "report", "export"),
-}
-"""Which module of this package has the command of a verb, by the verb's name."""
+from biaxbayes.errors import BiaxbayesError, InputError, as_options, printable
+from biaxbayes.verbs import VERBS
 
 
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
+        """Verbs in the order of the help page."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the command of a verb."""
         if cmd_name not in VERBS:
             return None
-        module = next(name for name, verbs in MODULES.items() if cmd_name in verbs)
-        command: click.Command = getattr(import_module(f"biaxbayes.cli.{module}"), cmd_name)
+        command: click.Command = import_module(f"biaxbayes.verbs.{cmd_name}").command
         # Raw docstrings hold click's mark of a paragraph to leave alone as two characters.
         command.help = (command.help or "").replace("\\b\n", "\b\n")
         return command
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Call a verb; its errors name Python arguments, which become options here."""
+        try:
+            return super().invoke(ctx)
+        except BiaxbayesError as error:
+            command = self.get_command(ctx, ctx.invoked_subcommand or "")
+            flags = {p.name: p.opts[0] for p in command.params if p.name} if command else {}
+            error.args = (as_options(str(error), flags),)
+            raise
+
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
+        """Refuse an unknown verb, naming the nearest one."""
         if args and args[0] not in VERBS and not args[0].startswith("-"):
             from difflib import get_close_matches
 
@@ -76,6 +55,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the verbs with their words, none imported."""
         with formatter.section("Commands"):
             formatter.write_dl(list(VERBS.items()))
 
@@ -162,3 +142,7 @@ def _ended(problem: str, code: int) -> int:
     with contextlib.suppress(OSError):
         click.echo(f"biaxbayes: {printable(problem)}", err=True)
     return code
+
+
+if __name__ == "__main__":
+    main()

@@ -1,29 +1,25 @@
-"""The main job: a specimen sampled into a run folder, safely."""
+"""``biaxbayes sample``: the joint posterior of a specimen, sampled into a run folder."""
 
 from __future__ import annotations
 
 import json
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
+
 from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
 from biaxbayes.identifiability.mounting_stretch.toe import swapped_columns
-from biaxbayes.jobs.opening import (
-    opened_specimen,
-    readable_specimen,
-    refuse_finished,
-    removal_told,
-)
 from biaxbayes.laws import law_named
 from biaxbayes.model.conflicts import bracket_findings, prior_findings, radian_findings
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, documented
+from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs import checkpoint
@@ -51,8 +47,30 @@ from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.text_files import atomic_write_text
-
-__all__ = ["Sampling", "sample"]
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    SpecimenLike,
+    Stop,
+    Tell,
+    never,
+    open_specimen,
+    readable_specimen,
+    refuse_finished,
+    removal_note,
+)
+from biaxbayes.verbs.options import (
+    NOT_CONVERGED,
+    any_record_option,
+    argument,
+    file_option,
+    model_options,
+    options,
+    overwrite_option,
+    quiet_option,
+    resume_option,
+    shown_work,
+    with_priors,
+)
 
 
 @dataclass
@@ -72,9 +90,9 @@ class Sampling:
     @classmethod
     def prepare(
         cls,
-        specimen: Specimen | str | Path,
+        specimen: SpecimenLike,
         *,
-        out: str | Path | None,
+        out: PathLike | None,
         options: dict[str, Any],
         seed: int,
         ess: float,
@@ -91,8 +109,8 @@ class Sampling:
         else:
             file = Path(specimen)
             source, stem = Path(specimen).name, Path(specimen).stem
-        specimen = opened_specimen(specimen, mounting_force)
-        options = ModelOptions.of(options).keywords()
+        specimen = open_specimen(specimen, mounting_force)
+        options = ModelOptions.from_values(options).keywords()
         chosen = SamplingPlan(seed, ess, max_steps, workers)
         findings = refuse_no_loading_curve(specimen, None if anyway else file)
         findings = (*findings, *_too_few_protocols(specimen, options["law"]))
@@ -106,8 +124,8 @@ class Sampling:
         *,
         resume: bool = False,
         overwrite: bool = False,
-        progress: Callable[[Progress], None] | None = None,
-        stop: Callable[[], int] = lambda: False,
+        progress: Tell | None = None,
+        stop: Stop = never,
     ) -> Path:
         """Sample, write the run folder, and return its path."""
         tell = progress or _warn
@@ -155,7 +173,7 @@ class Sampling:
                 draws.seconds["fit"] += fit_seconds
             draws.seconds["before output"] = time.perf_counter() - clock
             # Every file of the run, in place of those of a run before.
-            with staged(self.folder, removal_told(tell, PROVENANCE)) as folder:
+            with staged(self.folder, removal_note(tell, PROVENANCE)) as folder:
                 self._write_files(folder, posterior, draws, clock)
         return self.folder
 
@@ -164,7 +182,7 @@ class Sampling:
         done = f"after {steps} kept steps" if steps else "after the warm-up"
         return Interrupted(
             f"interrupted {done}, all saved in {self.folder}; "
-            "the same command with --resume continues",
+            "the same command with `resume=True` continues",
             signal,
         )
 
@@ -173,11 +191,9 @@ class Sampling:
         names = names_in(self.folder)
         ours = not names or names & {*checkpoint.NAMES} or is_run(self.folder)
         if not ours:
-            raise RunError(f"{self.folder}: is a folder that is not a run's; choose another --out")
+            raise RunError(f"{self.folder}: is a folder that is not a run's; choose another `out`")
 
-    def _resumed(
-        self, posterior: Posterior, resume: bool, tell: Callable[[Progress], None]
-    ) -> State | None:
+    def _resumed(self, posterior: Posterior, resume: bool, tell: Tell) -> State | None:
         if not resume:
             return None  # a checkpoint that is there stays until the first one of this run
         state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
@@ -186,9 +202,9 @@ class Sampling:
         return state
 
     def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
-        from biaxbayes.jobs.identified import thresholds_record
-        from biaxbayes.jobs.products import write_products
         from biaxbayes.reports.page import write_report
+        from biaxbayes.verbs.identified import thresholds_record
+        from biaxbayes.verbs.products import write_products
 
         specimen = self.specimen
         record = provenance(posterior, self.plan, draws, self.source)
@@ -229,8 +245,8 @@ def _json(value: Any) -> str:
 
 
 def _safe_stem(name: str) -> str:
-    kept = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".-")
-    return kept[:60] or "specimen"
+    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".-")
+    return safe[:60] or "specimen"
 
 
 def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
@@ -257,8 +273,8 @@ def _fitting_options(
             "the force at the mounted state is zero: the load cell was tared after mounting, and "
             "prestretch cannot be inferred from this file",
             file=file,
-            remedy="state the force before taring with --mounting-force X Y, or take the mounted "
-            "state as unloaded with --mounting zeroed",
+            remedy="state the force before taring with `mounting_force`, or take the mounted state "
+            "as unloaded with `mounting=zeroed`",
         )
     if options["mounting"] in ("noisy", "free"):
         shared = options["mounting_stretch"] == "shared"
@@ -275,17 +291,17 @@ def _fitting_options(
 
 
 @with_progress
-@documented(SamplingPlan, ModelOptions)
+@takes_options(SamplingPlan, ModelOptions)
 def sample(
-    specimen: Specimen | str | Path,
+    specimen: SpecimenLike,
     *,
-    out: str | Path | None = None,
+    out: PathLike | None = None,
     mounting_force: Sequence[float] | None = None,
     anyway: bool = False,
     resume: bool = False,
     overwrite: bool = False,
-    progress: Callable[[Any], None] | None = None,
-    stop: Callable[[], int] = lambda: False,
+    progress: Tell | None = None,
+    stop: Stop = never,
     **options: Any,
 ) -> Run:
     """Sample the posterior of a specimen into a run folder.
@@ -328,7 +344,7 @@ def sample(
         If the folder is in use, cannot be written, or holds a finished run or a checkpoint of
         something else.
     """
-    plan, model = SamplingPlan.taken(options)
+    plan, model = SamplingPlan.split(options)
     sampling = Sampling.prepare(
         specimen,
         out=out,
@@ -340,3 +356,34 @@ def sample(
     return open_run(
         sampling.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
     )
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@click.command("sample")
+@argument("specimen")
+@file_option("out", "Run folder [<stem>-posterior].")
+@options(SamplingPlan, "seed")
+@model_options()
+@options(SamplingPlan, "ess", "max_steps", "workers")
+@any_record_option
+@resume_option
+@overwrite_option("run")
+@quiet_option
+def command(specimen: Path, quiet: bool, **given: Any) -> int:
+    """Joint posterior of material parameters and mounting stretches of SPECIMEN (a CSV).
+
+    Writes a run folder with the draws, tables, figures and verdicts. Exit code 0 when the
+    posterior has converged, 3 when the chains did not converge, 2 when the input cannot be used.
+    """
+    from biaxbayes.reports.facts import closing_message
+
+    given = with_priors(**given)
+    with shown_work(quiet) as work:
+        run = sample(specimen, **work, **given)
+    if not quiet:
+        click.echo(closing_message(run))
+    elif run.state != "converged":
+        click.echo(f"biaxbayes: {run.provenance['convergence']['reason']}", err=True)
+    return 0 if run.state == "converged" else NOT_CONVERGED

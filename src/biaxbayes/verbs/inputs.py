@@ -22,28 +22,6 @@ if TYPE_CHECKING:
     from biaxbayes.runs.run import Run
     from biaxbayes.sampling.sampler import Progress
 
-__all__ = [
-    "PathLike",
-    "RunLike",
-    "SpecimenLike",
-    "Stop",
-    "Tell",
-    "check_new",
-    "is_run",
-    "made_folder",
-    "never",
-    "opened_run",
-    "opened_specimen",
-    "opened_style",
-    "readable_specimen",
-    "refuse_finished",
-    "refuse_model",
-    "removal_told",
-    "silent",
-    "usable_run",
-    "write_table",
-]
-
 PathLike = str | Path
 RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
@@ -53,15 +31,15 @@ Stop = Callable[[], int]
 
 
 def silent(progress: Progress) -> None:
-    """Where nobody watches."""
+    """No progress is shown."""
 
 
 def never() -> int:
-    """Where nobody stops anything."""
+    """Nothing stops the work."""
     return 0
 
 
-def opened_specimen(
+def open_specimen(
     specimen: SpecimenLike, mounting_force: Sequence[float] | None = None
 ) -> Specimen:
     """A specimen, or the CSV to read it from, with a stated mounting force put back on.
@@ -89,7 +67,7 @@ def opened_specimen(
         raise InputError(
             "has a mounting force of its own",
             file=file or specimen.name,
-            remedy="--mounting-force is for files whose force was zeroed after mounting",
+            remedy="`mounting_force` is for files whose force was zeroed after mounting",
         )
     try:
         x, y = (float(v) for v in mounting_force)
@@ -97,13 +75,13 @@ def opened_specimen(
         x = y = math.nan
     if not math.isfinite(x + y) or (x, y) == (0.0, 0.0):
         raise InputError(
-            "--mounting-force must be two finite numbers, not both zero",
+            "`mounting_force` must be two finite numbers, not both zero",
             remedy=f"give the force before taring, in {specimen.unit}",
         )
     largest = specimen.peak_load
     if max(abs(x), abs(y)) > FORCE_LIMIT * largest:
         raise InputError(
-            f"--mounting-force {x:g} {y:g} is more than {FORCE_LIMIT:g} times the largest load "
+            f"`mounting_force` {x:g} {y:g} is more than {FORCE_LIMIT:g} times the largest load "
             f"recorded, {largest:.3g} {specimen.unit}",
             file=file or specimen.name,
             remedy=f"give it in {specimen.unit}",
@@ -111,7 +89,7 @@ def opened_specimen(
     rescued = specimen.with_mounting_force(x, y)
     if rescued.is_tared:
         raise InputError(
-            f"--mounting-force {x:g} {y:g} is nothing beside the largest load recorded, "
+            f"`mounting_force` {x:g} {y:g} is nothing beside the largest load recorded, "
             f"{largest:.3g} {specimen.unit}",
             file=file or specimen.name,
             remedy=f"give it in {specimen.unit}",
@@ -167,7 +145,7 @@ def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
     if opened.state == "unusable" and not anyway:
         raise NotConverged(
             f"{opened.path}: the chains of this run have not converged, so its draws say nothing; "
-            "sample longer, or add --anyway to use them all the same"
+            "sample longer, or add `anyway=True` to use them all the same"
         )
     return opened
 
@@ -180,23 +158,21 @@ def _check_draws(run: Run) -> None:
     for name, p in known.items():
         values = run.draws[name].to_numpy(dtype=float) if name in run.draws else np.empty(0)
         if not (values.size and np.isfinite(values).all() and p.holds(values)):
-            told = "missing or out of range" if name in needed else "out of range"
-            raise RunError(f"{run.path}: its draws of {name} are {told}")
+            problem = "missing or out of range" if name in needed else "out of range"
+            raise RunError(f"{run.path}: its draws of {name} are {problem}")
 
 
 def is_run(source: RunLike | SpecimenLike) -> bool:
     """Whether this is a run, or its folder, and no specimen."""
-    return Path(source).is_dir() if isinstance(source, str | Path) else _is_opened(source)
-
-
-def _is_opened(source: Run | Specimen) -> bool:
+    if isinstance(source, str | Path):
+        return Path(source).is_dir()
     from biaxbayes.runs.run import Run
 
     return isinstance(source, Run)
 
 
-def made_folder(path: PathLike) -> Path:
-    """A folder to write into, made where it does not exist."""
+def make_folder(path: PathLike) -> Path:
+    """Make a folder to write into, where it does not exist."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -216,7 +192,7 @@ def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
     names = [*(["mounting_force"] if mounting_force is not None else []), *given]
     if names:
         raise InputError(
-            f"--{names[0][:60].replace('_', '-')} does not go with a run, which has its own",
+            f"`{names[0][:60]}` does not go with a run, which has its own",
             remedy="give the specimen's CSV instead",
         )
 
@@ -245,16 +221,16 @@ def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool)
     from biaxbayes.runs.checkpoint import NAMES
     from biaxbayes.runs.folder import KINDS, is_finished
 
-    kept = resume and any((folder / name).exists() for name in NAMES)
-    if is_finished(folder, record) and not (kept or overwrite):
+    continued = resume and any((folder / name).exists() for name in NAMES)
+    if is_finished(folder, record) and not (continued or overwrite):
         raise RunError(
-            f"{folder}: holds a finished {KINDS[record]}; choose another --out, or replace it with "
-            "--overwrite"
+            f"{folder}: holds a finished {KINDS[record]}; choose another `out`, or replace it with "
+            "`overwrite=True`"
         )
 
 
-def removal_told(tell: Tell, record: str) -> Callable[[list[str]], None]:
-    """Tells the names of what was made of the former run or population and went with it."""
+def removal_note(tell: Tell, record: str) -> Callable[[list[str]], None]:
+    """What reports the names of what was made of the former run or population and went with it."""
     from biaxbayes.runs.folder import KINDS
     from biaxbayes.sampling.sampler import Progress
 
@@ -272,5 +248,5 @@ def check_new(path: Path, overwrite: bool) -> None:
         raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
     if path.exists() and not overwrite:
         raise InputError(
-            "exists already", file=path, remedy="choose another name, or add --overwrite"
+            "exists already", file=path, remedy="choose another name, or add `overwrite=True`"
         )

@@ -1,21 +1,22 @@
-"""A population in a folder: finished runs in, a hierarchical posterior over specimens out."""
+"""``biaxbayes population``: what the specimens of a study have in common.
+
+Finished runs in, a hierarchical posterior over specimens out.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 import biaxbayes
-from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError
-from biaxbayes.jobs.opening import refuse_finished, removal_told
-from biaxbayes.jobs.population_files import Member, PopulationFound, write_population
-from biaxbayes.options import PopulationOptions
+from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError, printable
+from biaxbayes.options import PopulationOptions, takes_options
 from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
@@ -27,16 +28,40 @@ from biaxbayes.populations.result import Population, judged
 from biaxbayes.populations.sampler import History, Plan, State, draw
 from biaxbayes.populations.specimens import Source, individual_of, pooled_names
 from biaxbayes.populations.tuning import Spreading, Tuning
+from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import POPULATION, clear_leftovers, finish_moving, names_in, staged
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.proposal import TransportedMixture
-from biaxbayes.sampling.sampler import Progress
-
-__all__ = ["PopulationJob", "pack", "unpack"]
-
+from biaxbayes.verbs.batch import batch
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    Stop,
+    Tell,
+    never,
+    refuse_finished,
+    removal_note,
+    silent,
+)
+from biaxbayes.verbs.options import (
+    NOT_CONVERGED,
+    argument,
+    file_option,
+    flag,
+    options,
+    overwrite_option,
+    quiet_option,
+    resume_option,
+    shown_work,
+)
+from biaxbayes.verbs.population_files import (
+    Member,
+    PopulationFound,
+    members_of_study,
+    write_population,
+)
 
 # --- the job -------------------------------------------------------------------------------------
 
@@ -72,8 +97,8 @@ class PopulationJob:
         *,
         resume: bool = False,
         overwrite: bool = False,
-        progress: Callable[[Progress], None] = lambda p: None,
-        stop: Callable[[], int] = lambda: 0,
+        progress: Tell = silent,
+        stop: Stop = never,
     ) -> PopulationFound:
         """Sample the population and write every file.
 
@@ -118,7 +143,11 @@ class PopulationJob:
                 stop=stop,
             )
             if sampled.interrupted:
-                raise self._interruption(stop())
+                raise Interrupted(
+                    f"interrupted, all saved in {self.folder}; the same command with "
+                    "`resume=True` continues",
+                    stop(),
+                )
             progress(Progress("writing"))
             population = Population(
                 self.name,
@@ -131,7 +160,7 @@ class PopulationJob:
                 left_out,
                 notes,
             )
-            gone = removal_told(progress, POPULATION)
+            gone = removal_note(progress, POPULATION)
             with staged(self.folder, gone, POPULATION) as aside:
                 written = write_population(aside, population, identity)
             return replace(written, folder=self.folder)
@@ -142,8 +171,8 @@ class PopulationJob:
         sources, left_out = [], {}
         for member in self.members:
             if member.state not in usable:
-                told = {"tentative": "tentative, not converged", "unusable": "did not converge"}
-                reason = told.get(member.state, member.state)
+                words = {"tentative": "tentative, not converged", "unusable": "did not converge"}
+                reason = words.get(member.state, member.state)
                 left_out[member.label] = f"{reason}: {member.reason}" if member.reason else reason
                 continue
             try:
@@ -166,18 +195,18 @@ class PopulationJob:
     def _grouped(self, sources: list[Source]) -> tuple[Grouping, list[str]]:
         """Groups and donors, and what is to be said of them."""
         by_label = {m.label: m for m in self.members}
-        kept = [by_label[s.label] for s in sources]
-        donors = [m.donor or f"donor of {m.label}" for m in kept]
+        pooled = [by_label[s.label] for s in sources]
+        donors = [m.donor or f"donor of {m.label}" for m in pooled]
         grouping = Grouping(
-            tuple(m.label for m in kept), tuple(m.group for m in kept), tuple(donors)
+            tuple(m.label for m in pooled), tuple(m.group for m in pooled), tuple(donors)
         )
-        return grouping, _notes(kept, grouping, sources)
+        return grouping, _notes(pooled, grouping, sources)
 
     def _make_folder(self) -> None:
         names = names_in(self.folder)
         if names and not names & {POPULATION, *checkpoint.NAMES}:
             raise RunError(
-                f"{self.folder}: is a folder that is not a population's; choose another --out"
+                f"{self.folder}: is a folder that is not a population's; choose another `out`"
             )
 
     def _identity(
@@ -206,21 +235,13 @@ class PopulationJob:
             "runs": runs,
         }
 
-    def _resumed(
-        self, identity: dict[str, Any], resume: bool, tell: Callable[[Progress], None]
-    ) -> State | None:
+    def _resumed(self, identity: dict[str, Any], resume: bool, tell: Tell) -> State | None:
         if not resume:
             return None
         state, note = checkpoint.load(self.folder, identity, unpack)
         if note:
             tell(Progress("resuming", note=note))
         return state
-
-    def _interruption(self, signal: int) -> Interrupted:
-        return Interrupted(
-            f"interrupted, all saved in {self.folder}; the same command with --resume continues",
-            signal,
-        )
 
 
 def _stated(value: PooledValue) -> dict[str, float]:
@@ -278,8 +299,8 @@ def _apart(grouping: Grouping) -> list[str]:
     pairs = [(a, b) for k, a in enumerate(names) for b in names[k + 1 :] if not of[a] & of[b]]
     if not pairs:
         return []
-    told = "; ".join(f"{a} and {b}" for a, b in pairs[:3])
-    return [f"no donor in common: {told}: their contrasts hold the differences of the donors"]
+    groups = "; ".join(f"{a} and {b}" for a, b in pairs[:3])
+    return [f"no donor in common: {groups}: their contrasts hold the differences of the donors"]
 
 
 def _unlike(sources: list[Source]) -> list[str]:
@@ -311,6 +332,164 @@ def _unlike(sources: list[Source]) -> list[str]:
 def _listed(names: list[str]) -> str:
     more = f" and {len(names) - 4} more" if len(names) > 4 else ""
     return ", ".join(names[:4]) + more
+
+
+# --- the verb ------------------------------------------------------------------------------------
+
+
+@with_progress
+@takes_options(PopulationOptions)
+def population(
+    study: PathLike,
+    *,
+    out: PathLike,
+    runs: PathLike | None = None,
+    priors: PathLike | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    anyway: bool = False,
+    progress: Tell = silent,
+    stop: Stop = never,
+    **options: Any,
+) -> PopulationFound:
+    """What the specimens of a study have in common: a hierarchical posterior over them.
+
+    Parameters
+    ----------
+    study : path-like
+        The folder of a finished study, or a study file, whose specimens are sampled first where
+        that has not been done.
+    out : path-like
+        Folder of population.csv, specimens.csv, contrasts.csv and population.nc.
+    runs : path-like, optional
+        For a study file: the study folder; default as of ``biaxbayes batch``, ``<stem>-study``.
+    priors : path-like, optional
+        Population priors, a TOML file.
+    scheduler : str, optional
+        Address of a Dask scheduler, for specimens that have to be sampled first.
+    resume : bool
+        Continue from the folder's checkpoint where there is one.
+    overwrite : bool
+        Replace a finished population, with all that was made of it.
+    anyway : bool
+        Take specimens whose runs are tentative, too.
+    progress, stop : callable, optional
+        As in :func:`biaxbayes.sample`.
+    **options
+        As in :class:`~biaxbayes.options.PopulationOptions`.
+    """
+    chosen = PopulationOptions.from_values(options)
+    population_priors = (
+        PopulationPriors() if priors is None else PopulationPriors.read(Path(priors))
+    )
+    refuse_finished(Path(out), POPULATION, resume=resume, overwrite=overwrite)
+    source = Path(study)
+    if not source.is_dir():
+        folder = Path(runs) if runs is not None else Path(f"{source.stem}-study")
+        executor: dict[str, Any] = {"workers": chosen.workers, "scheduler": scheduler}
+        batch(source, out=folder, progress=progress, stop=stop, **executor)
+        source = folder
+    elif runs is not None:
+        raise InputError("`runs` goes with a study file", file=source)
+    name, members = members_of_study(source)
+    job = PopulationJob(name, members, Path(out), chosen, population_priors, anyway)
+    return job.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+MARK = "*"
+QUALIFIED = (", but loosely", "; sensitive to the prior")
+"""What the sentence on a verdict may add to it."""
+
+
+@click.command("population")
+@argument("study", metavar="STUDY.toml|FOLDER")
+@file_option("out", "Folder [<stem>-population].", "DIR")
+@file_option("runs", "For a study file: the study folder [<stem>-study].", "DIR")
+@file_option("priors", "Priors of means, sds and correlations.", "FILE.toml")
+@options(PopulationOptions, "pool_mounting", "spread", "correlations")
+@options(PopulationOptions, "seed", "ess", "max_steps", "workers")
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Dask scheduler for specimens that have to be sampled first, as tcp://host:8786.",
+)
+@resume_option
+@overwrite_option("population")
+@flag("anyway", "Take specimens whose runs are tentative, too.")
+@quiet_option
+def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
+    r"""What the specimens of STUDY have in common: a hierarchical posterior over them.
+
+    STUDY is the folder of a finished batch, or a study file, whose specimens are sampled first
+    where that has not been done. Groups are the layers, or what the study file names in columns.
+    Writes population.csv (means and spreads of donors and of specimens with verdicts, new specimens
+    and donors), specimens.csv (each specimen before and after pooling), contrasts.csv and
+    population.nc. Exit code 0 when the posterior has converged, 3 when the chains did not converge,
+    2 when the input cannot be used.
+
+    \b
+    biaxbayes population study.toml --out aortas-population
+    biaxbayes population study-study --out population --priors population-priors.toml
+    """
+    folder = out or Path(f"{study.stem}-population")
+    with shown_work(quiet) as work:
+        result = population(study, out=folder, **work, **given)
+    for label, reason in result.left_out.items():
+        click.echo(f"biaxbayes: left out: {printable(label)}: {printable(reason)}", err=True)
+    if not quiet:
+        click.echo(closing_message(result))
+    elif result.state != "converged":
+        click.echo(f"biaxbayes: {result.reason}", err=True)
+    return 0 if result.state == "converged" else NOT_CONVERGED
+
+
+def closing_message(result: PopulationFound) -> str:
+    """One screen that says what was result."""
+    from biaxbayes.identifiability.verdict_names import PRIOR
+    from biaxbayes.populations.result import SDS
+    from biaxbayes.reports.population import three_digits
+    from biaxbayes.reports.words import counted
+
+    def sd(row: dict[Any, Any], side: str) -> str:
+        mark = MARK if row[f"{side}_verdict"] == PRIOR else " "
+        return f"{three_digits(row[f'{side}_q50']) + mark:>11}"
+
+    state = (
+        result.state if result.state == "converged" else f"{result.state.upper()}: {result.reason}"
+    )
+    lines = [f"{printable(result.name)}: {state}"]
+    for group, part in result.groups.groupby("group", sort=False):
+        first = part.iloc[0]
+        lines += [
+            "",
+            f"{printable(str(group))}: {counted(first['specimens'], 'specimen')} of "
+            f"{counted(first['donors'], 'donor')}",
+            f"{'quantity':<22}{'unit':<6}{'median':>9}{'5 %':>9}{'95 %':>9}"
+            f"{'sd donors':>10}{'sd spec.':>11}    {'new specimen':<19}verdict on the median",
+        ]
+        for r in part.to_dict("records"):
+            mean = "".join(f"{three_digits(r[f'mean_{q}']):>9}" for q in ("q50", "q05", "q95"))
+            sds = "".join(sd(r, side) for side in SDS)
+            new = f"{three_digits(r['new_specimen_q05'])} to {three_digits(r['new_specimen_q95'])}"
+            unit = "" if r["unit"] == "1" else str(r["unit"])
+            head = f"{str(r['quantity'])[:21]:<22}{unit:<6}"
+            lines.append(f"{head}{mean}{sds}   {new:<19}{_qualified(r)}")
+    lines += ["", "sds of logs where the scale is log (population.csv)"]
+    if any((result.groups[f"{side}_verdict"] == PRIOR).any() for side in SDS):
+        lines.append(f"{MARK} {PRIOR}: the specimens say little of this sd")
+    lines += [f"note: {printable(note)}" for note in result.notes]
+    lines += ["", f"all tables and draws are in {result.folder}"]
+    return "\n".join(lines)
+
+
+def _qualified(row: dict[Any, Any]) -> str:
+    """A verdict with what its sentence adds to it."""
+    sentence = str(row["in_words"])
+    return "".join((str(row["verdict"]), *(words for words in QUALIFIED if words in sentence)))
 
 
 # --- its state between two blocks, as the bytes of a checkpoint ----------------------------------

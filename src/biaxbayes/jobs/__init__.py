@@ -1,1 +1,0 @@
-"""The main jobs, each in a folder: a specimen sampled, a study, a calibration."""

@@ -1,0 +1,468 @@
+"""What the user chooses: name, default, allowed values and words of every option, once.
+
+The command line makes its options of these tables, the Python verbs their keyword arguments, study
+files their ``[options]``, and a run folder its record. A table is a frozen dataclass that checks
+itself; an option's words and range stand in the metadata of its field. Tables that one verb alone
+takes stand in its file in :mod:`biaxbayes.verbs`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import numbers
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple, Self, TypeVar
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
+from biaxbayes.laws.law import Law
+
+# --- an option, its words and its check ----------------------------------------------------------
+
+MOST_WHOLE = 2**63 - 1
+MOST = 9e18
+
+
+class Option(NamedTuple):
+    """Words and allowed values of an option; ``least`` and ``most`` are the range of a number."""
+
+    words: str
+    choices: tuple[str, ...]
+    kind: type | None
+    least: float
+    most: float
+    open_ends: bool
+    """The ends of the range themselves are not allowed."""
+    show_range: bool
+    reason: str
+    """Why the range ends where it does."""
+    metavar: str | None
+    flag: str
+
+    @property
+    def allowed(self) -> str:
+        """The numbers that are allowed, in words."""
+        if self.least == -math.inf:
+            return "a number"
+        if self.most == math.inf:
+            return f"at least {self.least:g}" + (f": {self.reason}" if self.reason else "")
+        whole = isinstance(self.most, int)
+        if self.open_ends:
+            return f"a number between {self.least:g} and {self.most:g}"
+        low, high = (f"{v}" if whole else f"{v:g}" for v in (self.least, self.most))
+        return f"a {'whole ' * whole}number from {low} to {high.replace('e+', 'e')}"
+
+    def allows(self, value: Any) -> bool:
+        """Whether a number is of the kind and in the range."""
+        kind = numbers.Integral if self.kind is int else numbers.Real
+        if isinstance(value, bool) or not isinstance(value, kind):
+            return False
+        number: Any = value
+        if self.least == -math.inf:
+            return True  # the code that uses it checks it
+        if self.open_ends:
+            return bool(self.least < number < self.most)
+        return bool(self.least <= number <= self.most) and abs(number) != math.inf
+
+
+def option(
+    default: Any,
+    words: str = "",
+    *,
+    choices: tuple[str, ...] = (),
+    kind: type | None = None,
+    least: float = -math.inf,
+    most: float = math.inf,
+    open_ends: bool = False,
+    show_range: bool = False,
+    reason: str = "",
+    metavar: str | None = None,
+    flag: str = "",
+) -> Any:
+    """A field of a table with its default, its words and what it may be."""
+    if kind is None and isinstance(default, bool | int | float):
+        kind = type(default)
+    entry = Option(words, choices, kind, least, most, open_ends, show_range, reason, metavar, flag)
+    return field(default=default, metadata={"option": entry})
+
+
+def options_of(table: type) -> dict[str, Option]:
+    """The options of a table by their names, in their order."""
+    return {
+        f.name: f.metadata["option"]._replace(
+            flag=f.metadata["option"].flag or f.name.replace("_", "-")
+        )
+        for f in fields(table)
+        if "option" in f.metadata
+    }
+
+
+class Options:
+    """A table of options that checks itself; its subclasses are frozen dataclasses."""
+
+    def __post_init__(self) -> None:
+        for name in options_of(type(self)):
+            self.check(name, getattr(self, name))
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Self:
+        """The table with the given values; refuses a name that is no option."""
+        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        for name in values:
+            if name not in known:
+                raise InputError(
+                    f"no option {str(name)[:60]!r}", remedy=f"options are {', '.join(known)}"
+                )
+        return cls(**values)
+
+    @classmethod
+    def split(cls, values: Mapping[str, Any]) -> tuple[Self, dict[str, Any]]:
+        """The table made of the values that belong to it, and the other values."""
+        known = {f.name for f in fields(cls)}  # type: ignore[arg-type]
+        others = {name: value for name, value in values.items() if name not in known}
+        return cls(**{k: v for k, v in values.items() if k in known}), others
+
+    @classmethod
+    def check(cls, name: str, value: Any, where: str = "", file: object = None) -> None:
+        """Refuse a value that an option does not allow.
+
+        Parameters
+        ----------
+        name : str
+        value : object
+        where : str
+            What the message begins with, such as ``options: ``, for values of a file.
+        file : path-like, optional
+            Where the value stands.
+
+        Raises
+        ------
+        InputError
+        """
+        option = options_of(cls)[name]
+        shown = f"{where}{name}" if file is not None else f"{where}`{name}`"
+        if value is None and getattr(cls, name) is None:
+            return
+        if option.choices:
+            if not (isinstance(value, str) and value in option.choices):
+                allowed = ", ".join(option.choices)
+                raise InputError(
+                    f"{shown} must be one of {allowed}, not {str(value)[:40]!r}", file=file
+                )
+        elif option.kind is bool:
+            if not isinstance(value, bool):
+                raise InputError(f"{shown} must be true or false", file=file)
+        elif option.kind is not None and not option.allows(value):
+            raise InputError(f"{shown} must be {option.allowed}", file=file)
+
+
+Verb = TypeVar("Verb", bound=Callable[..., Any])
+
+
+def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Verb], Verb]:
+    """Show the options of tables in signature and docstring of a verb that takes ``**options``."""
+
+    def with_signature(verb: Verb) -> Verb:
+        own = inspect.signature(verb)
+        parameters = [p for p in own.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        names = {p.name for p in parameters} | set(without)
+        lines = []
+        for table in tables:
+            described = options_of(table)
+            for f in (f for f in fields(table) if f.name not in names):
+                default = getattr(table, f.name, None)
+                parameters.append(
+                    inspect.Parameter(
+                        f.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=f.type
+                    )
+                )
+                names.add(f.name)
+                lines += _described(f.name, str(f.type), default, described.get(f.name))
+        verb.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+        verb.__doc__ = _with_lines(inspect.getdoc(verb) or "", lines)
+        return verb
+
+    return with_signature
+
+
+def _described(name: str, kind: str, default: Any, option: Option | None) -> list[str]:
+    """An entry of a docstring in NumPy style."""
+    if option is not None and option.choices:
+        kind = "{" + ", ".join(repr(c) for c in option.choices) + "}"
+    words = [f"    {option.words}"] if option is not None and option.words else []
+    return [f"{name} : {kind}, default {default!r}", *words]
+
+
+def _with_lines(doc: str, entries: list[str]) -> str:
+    """A docstring whose entry ``**options`` is replaced by one for each option."""
+    lines = doc.split("\n")
+    start = next((i for i, line in enumerate(lines) if line.startswith("**options")), len(lines))
+    end = start + 1
+    while end < len(lines) and lines[end].startswith(" "):
+        end += 1
+    return "\n".join([*lines[:start], *entries, *lines[end:]])
+
+
+# --- words that options may take -----------------------------------------------------------------
+
+INFERRING = ("noisy", "exact", "free")
+"""Ways in which the mounting force enters where the mounting stretch is an unknown."""
+MOUNTING = (*INFERRING, "ignored", "zeroed")
+NOISE = ("effective", "independent")
+"""Tempered by n_eff / n, or not tempered."""
+MOUNTING_STRETCH = ("shared", "per-protocol")
+FIT_WORDS = {
+    "standard": "takes the mounted state as unloaded, forces as read",
+    "zeroed": "the same with the mounting force subtracted, as after a tare",
+    "fip": "finds the mounting stretch by the force balance, refits, and repeats (method paper)",
+    "linden": "takes the mounting stretches as two more parameters of the stress fit",
+    "constrained": "fits the forces in one go, the mounting stretch from the force balance, the "
+    "mounting force one reading with the load cell's noise",
+}
+"""Deterministic fits, and what each does."""
+FIT_METHODS = tuple(FIT_WORDS)
+WHICH_FIT = (
+    "Report constrained: it fits what was measured, as 'sample' does. Give fip to compare with the "
+    "method paper, linden with work that used it; standard or zeroed only where the mounting force "
+    "is lost, and say so. No fit has an interval: 'biaxbayes sample' gives it."
+)
+"""Which fit to report when."""
+ALL_FITS = "all"
+ALL_ROWS, AUTOMATIC = "none", "auto"
+CONTENT = 0.9
+"""Content of every interval and band, where no other is asked for."""
+CARD_PROGRAMS = ("abaqus", "febio")
+CARD_UNITS = ("kPa-mm", "MPa-mm", "Pa-m")
+PICTURES = ("pdf", "svg", "png")
+REPORTS = {"html": "report.html", "latex": "report.tex", "explore": "explore.html"}
+"""Kinds of report and their files in a run."""
+
+
+# --- the statistical model -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Settings(Options):
+    """Options of the statistical model."""
+
+    mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING)
+    noise: str = option(
+        "effective",
+        "Weigh the rows by the independent readings they are worth, or not.",
+        choices=NOISE,
+    )
+    mounting_stretch: str = option(
+        "shared", "One mounted state for all protocols, or one each.", choices=MOUNTING_STRETCH
+    )
+    noise_growth: bool = option(False, "Let the noise sd grow with the load.")
+    law: str = option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
+    fibre_switch: bool = option(
+        False, "Fibres carry no compression (Abaqus, FEBio); for laws that leave it open."
+    )
+    mounting_sd: float = option(
+        0.1,
+        "Sd of the prior of the mounting stretches, about 1.",
+        least=0.0,
+        most=10.0,
+        open_ends=True,
+    )
+    thin: int = 0
+    """Rows of a protocol that longer records are averaged to; 0 keeps all."""
+    priors: Mapping[str, Any] = field(default_factory=dict)
+    """Overrides of the default priors by parameter: a Prior, a number (fixed) or a Tie."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.priors is None:
+            object.__setattr__(self, "priors", {})
+        if not isinstance(self.priors, Mapping):
+            raise InputError("priors must be a table", remedy="one key a parameter")
+
+    @property
+    def material_law(self) -> Law:
+        """The material law."""
+        return law_named(self.law, fibre_switch=self.fibre_switch)
+
+    @property
+    def infers_mounting(self) -> bool:
+        """Whether the mounting stretch is an unknown."""
+        return self.mounting in INFERRING
+
+    @property
+    def fixed(self) -> dict[str, float]:
+        """Fixed parameters, natural units."""
+        return {k: float(v) for k, v in self.priors.items() if isinstance(v, int | float)}
+
+    def keywords(self) -> dict[str, Any]:
+        """As keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
+@dataclass(frozen=True)
+class ModelOptions(Settings):
+    """The same as the user gives it, before a specimen has settled the thinning."""
+
+    thin: int | str = option(  # type: ignore[assignment]
+        AUTOMATIC,
+        "Average longer protocols to N rows; auto: above 200 rows to 100, for effective "
+        "noise alone.",
+        metavar=f"N|{ALL_ROWS}|{AUTOMATIC}",
+    )
+
+    @classmethod
+    def check(cls, name: str, value: Any, where: str = "", file: object = None) -> None:
+        """As :meth:`Options.check`; a number of rows may be text, as the command line has it."""
+        super().check(name, value, where, file)
+        if name == "thin" and value not in (ALL_ROWS, AUTOMATIC):
+            text = str(value) if isinstance(value, str | numbers.Integral) else ""
+            digits = text.lstrip("0")  # none of zero
+            if isinstance(value, bool) or not digits.isdecimal() or len(digits) > 15:
+                raise InputError(
+                    f"{where}thin must be a number of rows, {ALL_ROWS} or {AUTOMATIC}",
+                    file=file,
+                    remedy=f"{ALL_ROWS} keeps all rows",
+                )
+
+
+@dataclass(frozen=True)
+class InferringOptions(ModelOptions):
+    """The same where the mounting stretches must be unknowns."""
+
+    mounting: str = option("noisy", "How the mounting force enters.", choices=INFERRING)
+
+
+# --- fits and sampling ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FitOptions(Options):
+    """Deterministic fits."""
+
+    starts: int = option(8, least=1, most=512, show_range=True)
+    seed: int = option(0, least=0, show_range=True)
+    fixed: Mapping[str, float] | None = None
+    """Fixed values by the law's parameters, in their own units."""
+    mounting_stretch: str = option(
+        Settings.mounting_stretch,
+        options_of(Settings)["mounting_stretch"].words,
+        choices=MOUNTING_STRETCH,
+    )
+    law: str = option(Settings.law, options_of(Settings)["law"].words, choices=tuple(LAWS))
+    fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].words)
+    initial: Any = None
+    """A Material as a further starting point; with it ``starts`` may be 0."""
+
+    def __post_init__(self) -> None:
+        for name in options_of(type(self)):
+            if not (name == "starts" and self.initial is not None and self.starts == 0):
+                self.check(name, getattr(self, name))
+
+
+SAME_SEED = "Same seed, same bytes."
+WANTED = "Effective draws wanted."
+WORKERS = "Processors to use [all, at most 4]."
+
+
+@dataclass(frozen=True)
+class SamplingPlan(Options):
+    """How much is sampled, and by how many processors; draws do not depend on ``workers``."""
+
+    seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
+    ess: float = option(2000.0, WANTED, least=50, most=MOST)
+    max_steps: int = option(20_000, "When to give up.", least=128, most=MOST)
+    workers: int | None = option(None, WORKERS, kind=int, least=1)
+
+    @property
+    def processors(self) -> int:
+        """Processors to use."""
+        return min(os.cpu_count() or 1, 4) if self.workers is None else int(self.workers)
+
+
+@dataclass(frozen=True)
+class PopulationOptions(Options):
+    """A hierarchical posterior over specimens."""
+
+    pool_mounting: bool = option(False, "Pool the mounting stretches, too.")
+    spread: str = option(
+        "common",
+        "One sd between the specimens of a donor for all groups, or one each.",
+        choices=("common", "by-group"),
+    )
+    correlations: str = option(
+        "auto",
+        "Correlations of donors and of specimens; auto: where there are four for each parameter.",
+        choices=("auto", "always", "never"),
+    )
+    seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
+    ess: float = option(1000.0, WANTED, least=50, most=MOST)
+    max_steps: int = option(6000, "When to give up.", least=128, most=MOST)
+    workers: int | None = option(None, WORKERS, kind=int, least=1)
+
+    @property
+    def processors(self) -> int:
+        """Processors to use."""
+        return SamplingPlan(workers=self.workers).processors
+
+
+@dataclass(frozen=True)
+class CalibrationPlan(Options):
+    """A calibration study."""
+
+    replications: int = option(200, least=1)
+    source: str = option(
+        "prior",
+        "True values from a prior scaled to the protocol, or around the specimen's posterior.",
+        choices=("prior", "posterior"),
+        flag="from",
+    )
+    seed: int = option(1, least=0, most=MOST_WHOLE)
+    ess: float = option(
+        600.0, "Effective draws of each.", least=200, reason="127 draws are ranked against"
+    )
+    broken: str = option("", "determinant, or noise.", flag="break")
+
+
+# --- what is computed from a posterior -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DesignOptions(Options):
+    """Which further measurements are tried, and how they are ranked."""
+
+    ratios: Sequence[tuple[float, float]] = option(
+        (), "A further stretch ratio to try, as 1:0.75. Repeatable.", metavar="X:Y", flag="ratio"
+    )
+    further: float = option(
+        1.25,
+        "How far the protocol goes that goes further, relative to the tested range.",
+        least=1.0,
+        most=3.0,
+        show_range=True,
+    )
+    alpha_sd_deg: float = option(
+        5.0, "Histology, degrees.", least=0.0, most=1e3, open_ends=True, flag="alpha-sd"
+    )
+    kappa_sd: float = option(0.03, "Histology.", least=0.0, most=1e3, open_ends=True)
+    image_sd: float = option(
+        0.005, "Mounting stretch by image.", least=0.0, most=1e3, open_ends=True
+    )
+    rank_by: str = option(
+        "parameters",
+        "The mean over the parameters, 'information', or one quantity, such as kappa.",
+    )
+    seed: int = option(1, SAME_SEED, least=0)
+
+
+@dataclass(frozen=True)
+class PredictionOptions(Options):
+    """Bands of stress on a path, or of the inflation of a tube."""
+
+    points: int = option(61, least=2, most=100_000, show_range=True)
+    """States of a path that is not given one by one."""
+    probability: float = option(
+        CONTENT, "Content of the bands.", least=0.0, most=1.0, open_ends=True, show_range=True
+    )
+    seed: int = option(0, least=0, show_range=True)

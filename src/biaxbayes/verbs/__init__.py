@@ -1,0 +1,27 @@
+"""The verbs, one file each: the options, the function for Python, the command, its closing words.
+
+:mod:`biaxbayes.verbs.options` has the options that commands share, :mod:`biaxbayes.verbs.inputs`
+opens and checks what verbs are given.
+"""
+
+VERBS = {
+    "sample": "Joint posterior of material parameters and mounting stretches.",
+    "batch": "A whole study: many specimens, layers and donors compared.",
+    "population": "What the specimens of a study have in common, and the next one.",
+    "fit": "Deterministic fits, with and without the mounting stretch.",
+    "check": "What the tool understands of a specimen file, and its warnings.",
+    "convert": "Machine exports to a specimen file.",
+    "simulate": "A virtual biaxial test, written as a specimen file.",
+    "identify": "Which parameters the data determine.",
+    "profile": "Profile likelihood of one parameter.",
+    "compare": "Several runs side by side: layers, specimens, settings.",
+    "laws": "Material laws side by side, weighed by what they predict.",
+    "design": "What to measure next.",
+    "ledger": "What ignoring the mounting stretch costs.",
+    "calibrate": "Simulation-based calibration on your own protocol.",
+    "predict": "Stress with bands on any path; thin-walled inflation.",
+    "plot": "Figures of a run, sized for a paper.",
+    "report": "The report of a run: HTML page or LaTeX table.",
+    "export": "Material cards for Abaqus and FEBio.",
+}
+"""Verbs in the order of the help page; each is a module of this package with its ``command``."""

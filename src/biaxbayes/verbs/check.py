@@ -1,0 +1,257 @@
+"""``biaxbayes check``: what the tool understands of a specimen file, and its warnings."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.specimen import REFERENCES, Specimen
+from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
+from biaxbayes.verbs.options import argument, file_option, json_option
+
+if TYPE_CHECKING:
+    from biaxbayes.specimens.findings import Finding
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What is understood of a specimen, and what is odd about it.
+
+    Attributes
+    ----------
+    specimen : Specimen
+    findings : tuple of Finding
+        The most severe first.
+    """
+
+    specimen: Specimen
+    findings: tuple[Finding, ...]
+
+    def __repr__(self) -> str:
+        count = sum(f.severity != "note" for f in self.findings)
+        return f"Checked({self.specimen.name!r}, {count} of {len(self.findings)} findings serious)"
+
+    def record(self) -> dict[str, Any]:
+        """Everything as plain values, as ``biaxbayes check --json`` prints it."""
+        return {
+            **understood(self.specimen),
+            "findings": [finding.record() for finding in self.findings],
+        }
+
+    def _repr_html_(self) -> str:
+        """The findings, for notebooks."""
+        rows = "".join(
+            f"<tr><td>{escape(f.severity)}</td><td>{escape(f.protocol or '')}</td>"
+            f"<td>{escape(f.message)}</td></tr>"
+            for f in self.findings
+        )
+        return f"<p>{escape(self.specimen.name)}</p><table>{rows}</table>"
+
+
+def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None = None) -> Checked:
+    """What the tool understands of a specimen, and warnings of what may go wrong.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+    fit : bool
+        Whether to try if GOH can follow the record.
+    figure : path-like, optional
+        Draw the record into this file (.pdf, .png or .svg).
+    """
+    from biaxbayes.specimens.check import check_specimen
+    from biaxbayes.specimens.findings import Finding, sorted_findings
+
+    data = open_specimen(specimen)
+    findings = list(check_specimen(data))
+    if fit:
+        from biaxbayes.identifiability.mounting_stretch.law_range import better_law
+        from biaxbayes.identifiability.mounting_stretch.toe import (
+            described,
+            goh_description,
+            swapped_columns,
+        )
+
+        best = described(data)
+        swapped = swapped_columns(data, best.residuals)
+        findings += [goh_description(data, best), *([swapped] if swapped else [])]
+        better = better_law(data)
+        findings += [Finding("other-law", "note", better)] if better else []
+    if figure is not None:
+        from biaxbayes.figures.specimen import specimen_figure
+        from biaxbayes.figures.style import save_figure
+
+        save_figure(specimen_figure(data), Path(figure))
+    return Checked(data, sorted_findings(findings))
+
+
+FORCE_KEYS = tuple(f"mounting_force{sd}_{axis}" for sd in ("", "_sd") for axis in "xy")
+
+
+def understood(specimen: Specimen) -> dict[str, Any]:
+    """What is understood of a specimen, as plain values."""
+    readings, sds = specimen.mounting_readings(shared=False)
+    area = specimen.area * 1e3 if specimen.stress_pair == "force" else [None, None]
+    return {
+        "specimen": specimen.name,
+        "layer": specimen.layer,
+        "axis_x": specimen.axis_x,
+        "axis_y": specimen.axis_y,
+        "geometry": specimen.geometry,
+        "edge_x_mm": specimen.edge_x_mm,
+        "edge_y_mm": specimen.edge_y_mm,
+        "thickness_mm": specimen.thickness_mm,
+        "section_x_mm2": None if area[0] is None else float(area[0]),
+        "section_y_mm2": None if area[1] is None else float(area[1]),
+        "stress_pair": specimen.stress_pair,
+        "unit": specimen.unit,
+        "reference": specimen.reference or REFERENCES[0],
+        "load_noise": specimen.noise_sd,
+        "load_noise_stated": specimen.load_noise is not None,
+        "tared": specimen.is_tared,
+        "metadata": dict(specimen.metadata),
+        "notes": list(specimen.notes),
+        "protocols": [
+            {
+                "name": p.name,
+                "rows": p.rows,
+                "rest_rows": p.rest_rows,
+                "stretch_x": [float(p.stretch_x.min()), float(p.stretch_x.max())],
+                "stretch_y": [float(p.stretch_y.min()), float(p.stretch_y.max())],
+                "largest_load_x": float(load[:, 0].max()),
+                "largest_load_y": float(load[:, 1].max()),
+                **{
+                    key: float(value) if p.rest_rows else None
+                    for key, value in zip(FORCE_KEYS, (*reading, *sd), strict=True)
+                },
+                "reference_x": p.reference[0],
+                "reference_y": p.reference[1],
+            }
+            for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True)
+            for load in [specimen.load(p)]
+        ],
+    }
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@click.command("check")
+@argument("specimen")
+@file_option("figure", "Draw the record (.pdf, .png or .svg).")
+@json_option("One object instead of the text.")
+@click.option(
+    "--fit/--no-fit",
+    "with_fit",
+    default=True,
+    show_default=True,
+    help="Whether to try if GOH can follow the record.",
+)
+def command(specimen: Path, figure: Path | None, as_json: bool, with_fit: bool) -> int:
+    """Print what is understood of a specimen file, and warn of what may go wrong.
+
+    Exit code 0 for a record that 'sample' takes, with or without warnings; 2 for one with an error,
+    which 'sample' refuses without --anyway.
+    """
+    result = check(specimen, fit=with_fit, figure=figure)
+    if as_json:
+        click.echo(json.dumps(result.record(), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        _print_checked(result)
+        if figure is not None:
+            click.echo(f"figure: {figure}")
+    refused = any(finding.severity == "error" for finding in result.findings)
+    return InputError.exit_code if refused else 0
+
+
+def _print_checked(result: Checked) -> None:
+    specimen, findings, about = result.specimen, result.findings, result.record()
+    layer = f", {specimen.layer}" if specimen.layer else ""
+    click.echo(f"specimen {specimen.name}{layer}")
+    axes = [f"{k} {getattr(specimen, f'axis_{k}')}" for k in "xy" if getattr(specimen, f"axis_{k}")]
+    if axes:
+        click.echo(f"  axes       {', '.join(axes)}")
+    click.echo(f"  dimensions {_dimensions(specimen)}")
+    if about["section_x_mm2"] is not None:
+        click.echo(
+            f"  sections   {about['section_x_mm2']:.4g} mm2 under the force in x, "
+            f"{about['section_y_mm2']:.4g} mm2 in y"
+        )
+    kind = {"force": "force", "piola": "first Piola-Kirchhoff stress", "cauchy": "Cauchy stress"}
+    rows = sum(p["rows"] for p in about["protocols"])
+    count = len(about["protocols"])
+    click.echo(
+        f"  readings   {kind[specimen.stress_pair]} in {specimen.unit}, {rows} rows in {count} "
+        f"{'protocol' if count == 1 else 'protocols'}"
+    )
+    origin = "stated" if specimen.load_noise is not None else "from the scatter of the rows"
+    click.echo(f"  load noise {specimen.noise_sd:.3g} {specimen.unit}, {origin}")
+    for key, value in specimen.metadata.items():
+        click.echo(f"  {key}: {value}")
+    click.echo("")
+    for line in _protocol_table(about):
+        click.echo(line)
+    click.echo("")
+    for finding in findings:
+        click.echo(_wrapped(str(finding)))
+    errors, count = (sum(f.severity == s for f in findings) for s in ("error", "warning"))
+    if errors:
+        click.echo("'sample' refuses it without --anyway")
+    if count or not errors:
+        click.echo(f"{count or 'no'} {'warning' if count == 1 else 'warnings'}")
+
+
+def _dimensions(specimen: Specimen) -> str:
+    if specimen.edge_x_mm is None or specimen.edge_y_mm is None:
+        text = "not stated"
+    else:
+        text = f"{specimen.edge_x_mm:g} x {specimen.edge_y_mm:g} mm"
+    if specimen.thickness_mm is not None:
+        text += f", {specimen.thickness_mm:g} mm thick"
+    return f"{text} (stresses and dimensions refer to the {specimen.geometry} state)"
+
+
+def _protocol_table(about: dict[str, Any]) -> list[str]:
+    unit = about["unit"]
+    heads = (
+        "protocol",
+        "rows",
+        "at rest",
+        "stretch x",
+        "stretch y",
+        f"mounting force x, y ({unit})",
+    )
+    lines = [heads]
+    for p in about["protocols"]:
+        forces = (
+            [f"{p[f'mounting_force_{k}']:.3g} +- {p[f'mounting_force_sd_{k}']:.2g}" for k in "xy"]
+            if p["rest_rows"]
+            else ["of the others"]
+        )
+        name = p["name"] if len(p["name"]) <= 30 else p["name"][:29] + "…"
+        lines.append(
+            (
+                name,
+                str(p["rows"]),
+                str(p["rest_rows"]),
+                "{:.4f}-{:.4f}".format(*p["stretch_x"]),
+                "{:.4f}-{:.4f}".format(*p["stretch_y"]),
+                ", ".join(forces),
+            )
+        )
+    widths = [max(len(line[i]) for line in lines) for i in range(len(heads))]
+    return [
+        "  " + "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    ]
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, width=96, subsequent_indent="    ", break_long_words=False)

@@ -1,0 +1,205 @@
+"""``biaxbayes compare``: several runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from biaxbayes.errors import InputError
+from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
+from biaxbayes.progress_bar import with_progress
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    RunLike,
+    SpecimenLike,
+    Stop,
+    Tell,
+    is_run,
+    never,
+    usable_run,
+)
+from biaxbayes.verbs.options import (
+    NOT_CONVERGED,
+    argument,
+    file_option,
+    flag,
+    model_options,
+    open_usable_run,
+    options,
+    overwrite_option,
+    quiet_option,
+    shown_work,
+    with_priors,
+)
+
+if TYPE_CHECKING:
+    from biaxbayes.comparison.compare import Comparison
+
+
+@with_progress
+@takes_options(SamplingPlan, ModelOptions)
+def compare(
+    runs: Sequence[RunLike | SpecimenLike],
+    *,
+    labels: Sequence[str] | None = None,
+    out: PathLike | None = None,
+    mounting_force: Sequence[float] | None = None,
+    anyway: bool = False,
+    overwrite: bool = False,
+    progress: Tell | None = None,
+    stop: Stop = never,
+    **options: Any,
+) -> Comparison:
+    """Runs side by side: verdicts, and how far apart they are in what both determine.
+
+    Parameters
+    ----------
+    runs : sequence of Run, Specimen or path-like
+        Two or more. A specimen is sampled first, into a run folder inside of ``out``.
+    labels : sequence of str, optional
+        Default: the layers if they differ, else the specimens, else the folders.
+    out : path-like, optional
+        Folder of the tables, figures and the page, compare.html.
+    mounting_force : (float, float), optional
+        Of tared specimens to sample.
+    anyway : bool
+        Take runs whose chains have not converged, which get no verdict, and specimens that
+        cannot be loading curves.
+    overwrite : bool
+        Replace finished runs of specimens in ``out``.
+    progress, stop : callable, optional
+        As in :func:`biaxbayes.sample`.
+    **options
+        For specimens to sample, as in :func:`biaxbayes.sample`.
+    """
+    from biaxbayes.comparison.compare import Member, labels_of
+    from biaxbayes.comparison.compare import compare as lay_out
+    from biaxbayes.reports.comparison import write_comparison
+    from biaxbayes.verbs.sample import sample
+
+    ModelOptions.from_values(SamplingPlan.split(options)[1])
+    _check(runs, labels)
+    opened = []
+    for source in runs:
+        if is_run(source):
+            run = source
+        elif out is None:
+            raise InputError("a specimen is sampled into a folder", remedy="give it with `out`")
+        else:
+            stem = source.name if isinstance(source, Specimen) else Path(source).stem  # type: ignore
+            run = sample(
+                source,  # type: ignore[arg-type]
+                out=Path(out) / f"{stem}-posterior",
+                mounting_force=mounting_force,
+                anyway=anyway,
+                overwrite=overwrite,
+                progress=progress,
+                stop=stop,
+                **options,
+            )
+        opened.append(usable_run(run, anyway=anyway))  # type: ignore[arg-type]
+    names = labels or labels_of([r.specimen for r in opened], [r.path.name for r in opened])
+    # Draws taken anyway still get no verdict.
+    states = ["tentative" if r.state == "unusable" else r.state for r in opened]
+    result = lay_out(
+        [
+            Member(name, run.posterior(), run.draws, state, run.stated)
+            for name, run, state in zip(names, opened, states, strict=True)
+        ]
+    )
+    if out is not None:
+        write_comparison(result, Path(out))
+    return result
+
+
+def _check(runs: Sequence[Any], labels: Sequence[str] | None) -> None:
+    """Refuse fewer than two runs, or labels that are not one each."""
+    if len(runs) < 2:
+        raise InputError("a comparison needs two runs or more")
+    if labels is not None and (len(labels) != len(runs) or not all(labels)):
+        raise InputError(
+            f"`labels` names {len(labels)} runs of {len(runs)}", remedy="one each, between commas"
+        )
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@click.command("compare")
+@argument("sources", metavar="RUN|CSV...", nargs=-1, required=True)
+@click.option("--labels", metavar="A,B,...", help="Names of the runs, in their order.")
+@file_option(
+    "out",
+    "Folder of the tables, figures and the page.",
+    default=Path("comparison"),
+    show_default=True,
+)
+@options(SamplingPlan, "seed", seed={"help": "For specimens to sample."})
+@model_options()
+@options(SamplingPlan, "ess", "workers")
+@flag(
+    "anyway",
+    "Take runs whose chains have not converged, and records that cannot be loading curves.",
+)
+@overwrite_option("run")
+@quiet_option
+def command(
+    sources: tuple[Path, ...],
+    labels: str | None,
+    out: Path,
+    anyway: bool,
+    quiet: bool,
+    **given: Any,
+) -> int:
+    r"""Compare runs of different layers, specimens or settings.
+
+    Writes the matrix of verdicts, the overlaid posteriors, the forest of intervals, the distances
+    between the runs and a page, compare.html. A specimen CSV is sampled first, with the model
+    options given here, into a run folder inside of --out.
+
+    \b
+    biaxbayes compare intima.run media.run adventitia.run --out layers
+    biaxbayes compare media.run media.csv --fix alpha=41 --labels "free,alpha from histology"
+    """
+    given = with_priors(**given)
+    names = None if labels is None else [name.strip() for name in labels.split(",")]
+    _check(sources, names)
+    runs = [open_usable_run(s, anyway=anyway) if s.is_dir() else s for s in sources]
+    with shown_work(quiet) as work:
+        result = compare(runs, labels=names, out=out, anyway=anyway, **work, **given)
+    if not quiet:
+        _print_comparison(result, out)
+    if not result.converged:
+        click.echo("biaxbayes: not every run has converged, see compare.html", err=True)
+    return 0 if result.converged else NOT_CONVERGED
+
+
+def _print_comparison(result: Comparison, out: Path) -> None:
+    from biaxbayes.comparison.compare import WARNING
+
+    for label, verdicts in zip(result.labels, result.verdicts, strict=True):
+        click.echo(f"{label}:")
+        for parameter in verdicts.parameters:
+            share = ""
+            if parameter.evidence is not None:
+                share = f"{min(100.0 * max(parameter.evidence.contraction, 0.0), 99.9):.1f} %"
+            click.echo(f"  {parameter.name:<22}{parameter.verdict:<22}{share:>8}")
+    apart = result.distances[result.distances["determined_in_both"]]
+    click.echo("\ndetermined in both, largest distances (in sd):")
+    for (a, b), rows in apart.groupby(["run_a", "run_b"], sort=False):
+        most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
+        cells = [f"{_name(r)} {r['standardised']:+.1f}" for r in most.to_dict("records")]
+        click.echo(f"  {b} minus {a}: {', '.join(cells)}")
+    for note in result.notes:
+        click.echo(f"note: {note}")
+    click.echo(f"note: {WARNING}")
+    click.echo(f"\n{out / 'compare.html'}")
+
+
+def _name(row: dict[Any, Any]) -> str:
+    at = row["total_stretch"]
+    return str(row["quantity"]) if at != at or at is None else f"{row['quantity']} at {at:.4g}"

@@ -1,0 +1,139 @@
+"""``biaxbayes design``: what to measure next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from biaxbayes.options import DesignOptions, takes_options
+from biaxbayes.progress_bar import progress_line, with_progress
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    RunLike,
+    Tell,
+    make_folder,
+    silent,
+    usable_run,
+    write_table,
+)
+from biaxbayes.verbs.options import (
+    NOT_CONVERGED,
+    RATIO,
+    argument,
+    executor_options,
+    file_option,
+    flag,
+    open_usable_run,
+    options,
+)
+
+if TYPE_CHECKING:
+    from biaxbayes.optimal_design.design import Design
+
+
+@with_progress
+@takes_options(DesignOptions)
+def design(
+    run: RunLike,
+    *,
+    out: PathLike | None = None,
+    workers: int | None = 1,
+    scheduler: str | None = None,
+    progress: Tell = silent,
+    **options: Any,
+) -> Design:
+    """Which further measurement would narrow the posterior of a run most.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    out : path-like, optional
+        Folder for design.csv, design.pdf and design.png.
+    workers : int, optional
+        Processes; None for the number of processors, at most four.
+    scheduler : str, optional
+        Address of a Dask scheduler to use instead.
+    progress : callable or bool, optional
+        Called with each step; True or False shows a line or none, by default on a terminal and
+        in a notebook.
+    **options
+        As in :class:`~biaxbayes.options.DesignOptions`.
+    """
+    from biaxbayes.optimal_design.candidates import standard_candidates
+    from biaxbayes.optimal_design.design import design as rank
+    from biaxbayes.parallel import executor_for
+
+    candidates = dict(vars(DesignOptions.from_values(options)))
+    ranking = {name: candidates.pop(name) for name in ("rank_by", "seed")}
+    executor = executor_for(workers, scheduler)
+    opened = usable_run(run)
+    posterior = opened.posterior()
+    tried = standard_candidates(posterior, **candidates)
+    result = rank(posterior, opened.draws, tried, executor=executor, progress=progress, **ranking)
+    if out is not None:
+        from biaxbayes.figures.design import design_figure
+        from biaxbayes.figures.style import save_pictures
+
+        folder = make_folder(out)
+        write_table(folder, "design", result.to_frame(), "%.5g")
+        save_pictures(design_figure(result), folder, "design")
+    return result
+
+
+@click.command("design")
+@argument("run")
+@options(DesignOptions, ratios={"multiple": True, "type": RATIO, "show_default": False})
+@executor_options
+@flag("quiet", "No progress.")
+@file_option("out", "Folder of the files [the run's].")
+def command(run: Path, quiet: bool, out: Path | None, **given: Any) -> int:
+    """Say which further measurement would narrow the posterior of RUN most.
+
+    Outcomes of each candidate are simulated from the draws of the run, which are then reweighted;
+    where an outcome leaves too few of them, new ones are drawn.
+    Writes design.csv, design.pdf and design.png. Exit code 3 where the run has not converged.
+    """
+    opened = open_usable_run(run, anyway=False)
+    folder = out or run
+    with progress_line(quiet=quiet) as progress:
+        result = design(opened, out=folder, progress=progress, **given)
+    print_design(result, opened.specimen.unit)
+    click.echo(f"\n{folder / 'design.csv'}, {folder / 'design.pdf'}")
+    return 0 if opened.state == "converged" else NOT_CONVERGED
+
+
+def print_design(result: Design, unit: str) -> None:
+    """A row for each candidate, and what limits the result."""
+    from biaxbayes.reports.words import NATS
+
+    names = [p.name for p in result.known.material if p.name in result.quantities]
+    columns = [result.quantities.index(name) for name in names]
+    click.echo(
+        f"expected reduction of the standard deviation, per cent; information in nats:\n{NATS}\n"
+    )
+    head = "".join(f" {n:>8}" for n in names)
+    click.echo(f"{'':<24} {'information':>13}{head} {'draws':>7} {f'peak load ({unit})':>17}")
+    for expected, load in zip(result.expected, result.peaks, strict=True):
+        name = expected.name + ("" if expected.trusted else "*")
+        gain = f"{expected.gain:.1f} ± {expected.gain_error:.1f}"
+        line = f"{name:<24} {gain:>13}"
+        for i in columns:
+            percent = f"{100 * expected.reduction[i]:.0f}±{100 * expected.error[i]:.0f}"
+            line += f" {percent:>8}"
+        peak = "" if load is None else f"{load.low:.3g} to {load.high:.3g}"
+        click.echo(f"{line} {expected.effective:>7.0f} {peak:>17}")
+    if not all(e.trusted for e in result.expected):
+        click.echo(
+            "\n* too few draws could be had for these outcomes: the true reduction "
+            "is at least the column at_least of design.csv"
+        )
+    for name, words in result.cautions().items():
+        click.echo(f"caution: {name} {words}")
+    for name in result.skipped:
+        click.echo(f"note: {name} left out, its loads are beyond any number for some draws")
+    click.echo(
+        "note: new protocols are taken to have errors of their own, of the size and correlation "
+        "of the run's;\na misfit that comes back in every repeat is not averaged away"
+    )

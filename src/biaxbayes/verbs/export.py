@@ -1,0 +1,251 @@
+"""``biaxbayes export``: material cards for Abaqus and FEBio, of a run or of a population."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from biaxbayes.errors import InputError, NotConverged, RunError
+from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Options, option, takes_options
+from biaxbayes.verbs.inputs import PathLike, RunLike, usable_run
+from biaxbayes.verbs.options import anyway_option, argument, file_option, open_usable_run, options
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from biaxbayes.laws.law import Law
+    from biaxbayes.specimens.specimen import Specimen
+
+DRAW_AT = ("median", "map")
+NEW_SPECIMENS = 20
+"""Cards of new specimens of a population where no number is given."""
+MEAN_CURVE = "mean-curve"
+
+
+@dataclass(frozen=True)
+class CardOptions(Options):
+    """Material cards of posterior draws."""
+
+    draws: int | None = option(
+        None, "N random posterior draws.", kind=int, least=1, show_range=True, metavar="N"
+    )
+    at: str | None = option(
+        None,
+        "One draw: that with the curves nearest the median curves, or the most probable one  "
+        "[default: median]",
+        choices=DRAW_AT,
+    )
+    units: str = option("kPa-mm", "Unit system of the numbers.", choices=CARD_UNITS)
+    bulk_ratio: float | None = option(
+        None,
+        "Bulk modulus over stiffness, for nearly incompressible cards  "
+        "[default: incompressible for Abaqus, 1000 for FEBio]",
+        kind=float,
+        metavar="R",
+    )
+    seed: int = option(0, least=0, show_range=True)
+    overwrite: bool = option(False, "Replace the cards of an earlier export.")
+
+
+@takes_options(CardOptions)
+def export(
+    run: RunLike,
+    to: str,
+    *,
+    population: str | None = None,
+    out: PathLike | None = None,
+    anyway: bool = False,
+    **options: Any,
+) -> pd.DataFrame:
+    """Material cards of posterior draws, each checked against its draw; the manifest.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    to : {"abaqus", "febio"}
+    population : str, optional
+        A group of a population, whose folder ``run`` is then: cards of its new specimens, and in a
+        folder of its own that of the mean curve.
+    out : path-like, optional
+        Folder; default in the run.
+    anyway : bool
+        Take draws that the run itself calls unusable.
+    **options
+        As in :class:`CardOptions`.
+    """
+    from biaxbayes.cards.export import export_cards
+    from biaxbayes.prediction.draws import chosen_draws
+    from biaxbayes.runs.run import Run
+
+    if to not in CARD_PROGRAMS:
+        raise InputError(f"no program {to[:40]!r}", remedy=f"choose {', '.join(CARD_PROGRAMS)}")
+    chosen = CardOptions.from_values(options)
+    if chosen.draws is not None and chosen.at is not None:
+        raise InputError("`draws` and `at` exclude each other", remedy="give one of them")
+    if population is not None:
+        if chosen.at is not None or isinstance(run, Run):
+            raise InputError("`population` takes a population's folder, and no `at`")
+        folder = _folder(Path(run), to, chosen.units, out)
+        return _export_population(Path(run), population, to, chosen, folder, anyway)
+    opened = usable_run(run, anyway=anyway)
+    rows, origin = chosen_draws(
+        opened.draws,
+        opened.specimen,
+        opened.law,
+        count=chosen.draws,
+        at=chosen.at or DRAW_AT[0],
+        seed=chosen.seed,
+    )
+    return export_cards(
+        opened.draws,
+        opened.specimen,
+        opened.law,
+        rows,
+        _folder(opened.path, to, chosen.units, out),
+        program=to,
+        units=chosen.units,
+        bulk_ratio=chosen.bulk_ratio,
+        origin=origin,
+        overwrite=chosen.overwrite,
+    )
+
+
+def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
+    from biaxbayes.runs.folder import CARDS
+
+    return run / f"{CARDS}-{to}-{units}" if out is None else Path(out)
+
+
+# --- cards of a population: new specimens of a group, and its mean curve -------------------------
+
+
+def _export_population(
+    folder: Path, group: str, program: str, chosen: CardOptions, out: Path, anyway: bool
+) -> pd.DataFrame:
+    """Cards of new specimens of a group, and in a folder of its own that of the mean curve.
+
+    The mean curve is that of the new specimen whose curves are nearest the median curves: means
+    of parameters one by one are no material of the group.
+    """
+    from biaxbayes.cards.export import export_cards
+    from biaxbayes.laws import law_named
+    from biaxbayes.parameters import mounting_names
+    from biaxbayes.prediction.draws import chosen_draws
+    from biaxbayes.verbs.population_files import read_population
+
+    if read_population(folder).state == "unusable" and not anyway:
+        raise NotConverged(
+            f"{folder}: the chains of this population have not converged; sample longer, or add "
+            "`anyway=True` to use them all the same"
+        )
+    table, attributes = _new_materials(folder, group)
+    law = law_named(str(attributes["law"]), fibre_switch=bool(attributes["fibre_switch"]))
+    specimen = _equibiaxial(group, law, table, float(attributes["largest_stretch"]))
+    # Stretches are total ones: the unloaded state is the reference.
+    table = table.assign(**dict.fromkeys(mounting_names("stretch"), 1.0))
+    mean, _ = chosen_draws(table, specimen, law, at="median")
+    count = min(chosen.draws or NEW_SPECIMENS, len(table))
+    rows, _ = chosen_draws(table, specimen, law, count=count, seed=chosen.seed)
+    how: dict[str, Any] = {
+        "program": program,
+        "units": chosen.units,
+        "bulk_ratio": chosen.bulk_ratio,
+        "overwrite": chosen.overwrite,
+    }
+    origin = f"new specimen of {group}"
+    manifest = export_cards(table, specimen, law, rows, out, origin=origin, **how)
+    origin += " with the curves nearest the median curves"
+    export_cards(table, specimen, law, mean, out / MEAN_CURVE, origin=origin, **how)
+    return manifest
+
+
+def _new_materials(folder: Path, group: str) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Materials of new specimens of a group, and the attributes of the archive."""
+    import pandas as pd
+    import xarray as xr
+
+    from biaxbayes.runs.archive import SuspiciousArchive, check_archive
+
+    path = folder / "population.nc"
+    try:
+        check_archive(path)
+        with xr.open_datatree(path, engine="h5netcdf") as tree:
+            materials = tree["new_specimens"]["material"].load()
+            attributes = {str(k): v for k, v in tree.attrs.items()}
+        groups = [str(g) for g in materials["group"].to_numpy()]
+        names = [str(n) for n in materials["parameter"].to_numpy()]
+        values = materials.to_numpy()
+    except (OSError, KeyError, ValueError, SuspiciousArchive) as error:
+        raise RunError(f"{path}: cannot be read as a population ({type(error).__name__})") from None
+    if group not in groups:
+        raise InputError(
+            f"no group {group[:60]!r} in this population", remedy=f"groups are {', '.join(groups)}"
+        )
+    return pd.DataFrame(values[groups.index(group)], columns=names), attributes
+
+
+def _equibiaxial(group: str, law: Law, table: pd.DataFrame, top: float) -> Specimen:
+    """A record of the group's median curves, whose states the cards are checked at."""
+    from biaxbayes.specimens.protocol import Protocol
+    from biaxbayes.specimens.specimen import Specimen
+
+    stretch = np.linspace(1.0, top, 61)
+    with np.errstate(over="ignore", invalid="ignore"):
+        stress = law.material(table).cauchy(stretch[None], stretch[None])
+    x, y = (np.median(np.nan_to_num(s, nan=np.inf), axis=0) for s in stress)
+    return Specimen(group, (Protocol("equibiaxial", stretch, stretch, x, y),), "cauchy", "unloaded")
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@click.command("export")
+@argument("run")
+@click.option(
+    "--to",
+    type=click.Choice(CARD_PROGRAMS),
+    required=True,
+    help="Abaqus *ANISOTROPIC HYPERELASTIC, HOLZAPFEL or FEBio Holzapfel-Gasser-Ogden.",
+)
+@click.option(
+    "--population",
+    metavar="GROUP",
+    help="RUN is a population's folder: cards of new specimens of the group, and the mean curve.",
+)
+@options(CardOptions, "draws", "at", "units", "bulk_ratio", "seed")
+@file_option("out", "Folder  [default: in the run]", "DIR")
+@options(CardOptions, "overwrite")
+@anyway_option
+def command(run: Path, out: Path | None, **given: Any) -> None:
+    r"""Material cards of posterior draws, each checked against the draw.
+
+    \b
+    biaxbayes export media-posterior --to abaqus --units MPa-mm
+    biaxbayes export media-posterior --to febio --draws 50
+    biaxbayes export aortas-population --to abaqus --population media --draws 20
+    """
+    from biaxbayes.cards.export import MANIFEST
+
+    opened: Any = run
+    if given["population"] is None:
+        opened = open_usable_run(run, anyway=given["anyway"])
+    folder = _folder(run, given["to"], given["units"], out)
+    manifest = export(opened, out=folder, **given)
+    number = len(manifest)
+    click.echo(f"{number} card{'s' if number > 1 else ''}; {folder / MANIFEST} maps cards to draws")
+    click.echo(
+        "stress of the written cards agrees with the draws to "
+        f"{manifest['check_relative_deviation'].max():.1e}"
+    )
+    changed = manifest[manifest["switch_changes_stress_kPa"] > 0.0]
+    if len(changed):
+        click.echo(
+            f"warning: the fibre strain is negative in tested states of {len(changed)} of {number} "
+            "draws; there the program drops the fibres, which the fit did not (up to "
+            f"{changed['switch_changes_stress_kPa'].max():.3g} kPa); sample with --fibre-switch",
+            err=True,
+        )

@@ -1,0 +1,266 @@
+"""``biaxbayes fit``: deterministic fits, with and without the mounting stretch."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from biaxbayes.laws import law_named
+from biaxbayes.options import (
+    ALL_FITS,
+    FIT_METHODS,
+    FIT_WORDS,
+    WHICH_FIT,
+    FitOptions,
+    takes_options,
+)
+from biaxbayes.text_files import write_csv
+from biaxbayes.verbs.inputs import PathLike, SpecimenLike, make_folder, open_specimen
+from biaxbayes.verbs.options import (
+    NOT_CONVERGED,
+    argument,
+    file_option,
+    fix_option,
+    fixed_values,
+    json_option,
+    mounting_force_option,
+    options,
+)
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from biaxbayes.fitting.result import FitResult
+    from biaxbayes.laws.law import Law
+    from biaxbayes.parameters import Parameter
+    from biaxbayes.specimens.specimen import Specimen
+
+
+@takes_options(FitOptions)
+def fit(
+    specimen: SpecimenLike,
+    method: str = "constrained",
+    *,
+    mounting_force: Sequence[float] | None = None,
+    out: PathLike | None = None,
+    **options: Any,
+) -> FitResult | list[FitResult]:
+    """Fit the material by least squares, and the mounting stretch where the method has one.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+    method : {"standard", "zeroed", "fip", "linden", "constrained", "all"}
+        As in :func:`biaxbayes.fitting.fit.fit`; ``all`` gives a list, as :func:`fit_all`.
+    mounting_force : (float, float), optional
+        For a tared specimen: the force (or stress) at the mounted state, put back on.
+    out : path-like, optional
+        Folder for fits.csv, fits.pdf and fits.png.
+    **options
+        As in :class:`~biaxbayes.options.FitOptions`.
+
+    Raises
+    ------
+    TaredSpecimen
+        If the method infers prestretch and the file's mounting force is zero.
+    InputError
+        For an unknown method, option or fixed parameter.
+    """
+    from biaxbayes.fitting.fit import fit as fitted
+
+    if method == ALL_FITS:
+        return fit_all(specimen, mounting_force=mounting_force, out=out, **options)
+    chosen = FitOptions.from_values(options)
+    data = open_specimen(specimen, mounting_force)
+    result = fitted(data, method, **vars(chosen))
+    if out is not None:
+        _write_fits(data, [result], out)
+    return result
+
+
+@takes_options(FitOptions, without=("initial",))
+def fit_all(
+    specimen: SpecimenLike,
+    *,
+    mounting_force: Sequence[float] | None = None,
+    out: PathLike | None = None,
+    **options: Any,
+) -> list[FitResult]:
+    """Every method that the specimen allows; arguments as in :func:`fit`."""
+    from biaxbayes.fitting.fit import fit_all as fitted
+
+    chosen = dict(vars(FitOptions.from_values(options)))
+    del chosen["initial"]
+    data = open_specimen(specimen, mounting_force)
+    results = fitted(data, **chosen)
+    if out is not None:
+        _write_fits(data, results, out)
+    return results
+
+
+def _write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: PathLike) -> None:
+    """Write fits.csv, one row a fit, and the fits over the data as fits.pdf and fits.png."""
+    import pandas as pd
+
+    from biaxbayes.figures.specimen import fits_figure
+    from biaxbayes.figures.style import save_pictures
+
+    target = make_folder(folder)
+    rows = []
+    for result in fits:
+        row = result.record()
+        for name in ("mounting_stretch_x", "mounting_stretch_y"):
+            value = row.pop(name)
+            if isinstance(value, list):
+                row |= {
+                    f"{name} {p.name}": v for p, v in zip(specimen.protocols, value, strict=True)
+                }
+            else:
+                row[name] = value
+        at_bound = row.pop("at_bound")
+        assert isinstance(at_bound, list)
+        rows.append(
+            {**row, "at_bound": " ".join(at_bound), "what_it_does": FIT_WORDS[result.method]}
+        )
+    write_csv(target / "fits.csv", pd.DataFrame(rows), digits=8)
+    save_pictures(fits_figure(specimen, fits), target, "fits")
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@click.command("fit")
+@argument("specimen")
+@click.option(
+    "--method",
+    type=click.Choice([*FIT_METHODS, ALL_FITS]),
+    default=ALL_FITS,
+    show_default=True,
+    help="; ".join(f"{name} {words}" for name, words in FIT_WORDS.items()) + ".",
+)
+@json_option("A list of objects instead of the table.")
+@fix_option("Hold a parameter, e.g. kappa=0.")
+@options(FitOptions, "mounting_stretch")
+@mounting_force_option(
+    "Force (N, or stress in kPa) at the mounted state of a tared file, known from elsewhere."
+)
+@options(FitOptions, "starts", "seed", "law", "fibre_switch")
+@file_option("out", "Folder for fits.csv and a figure of the fits over the data.", "DIR")
+def command(
+    specimen: Path,
+    method: str,
+    as_json: bool,
+    fix: tuple[str, ...],
+    mounting_force: tuple[float, float] | None,
+    out: Path | None,
+    **given: Any,
+) -> int:
+    """Fit the material by least squares, with and without the mounting stretch.
+
+    With --out the table goes into fits.csv, the fits over the data into fits.pdf and fits.png.
+    """
+    from biaxbayes.identifiability.mounting_stretch.toe import poor_fit
+
+    fixed = fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
+    data = open_specimen(specimen, mounting_force)
+    results = fit(data, method, fixed=fixed, out=out, **given)
+    fits = results if isinstance(results, list) else [results]
+    if as_json:
+        records = [result.record() for result in fits]
+        click.echo(json.dumps(records, indent=2, allow_nan=False))
+    else:
+        _print_fits(data, fits, fixed)
+        if out is not None:
+            click.echo(f"{out / 'fits.csv'}, {out / 'fits.pdf'}")
+    if method == ALL_FITS and data.is_tared:
+        click.echo(
+            "note: the force at the mounted state is zero (a tared load cell), so fip, linden and "
+            "constrained cannot infer prestretch; give it with --mounting-force X Y",
+            err=True,
+        )
+    if poor := poor_fit(data, fits):
+        click.echo(f"warning: {poor}", err=True)
+    missed = [result.method for result in fits if not result.converged]
+    if missed:
+        click.echo(f"not converged: {', '.join(missed)}", err=True)
+    return NOT_CONVERGED if missed else 0
+
+
+STRETCHES = ("mounting_stretch_x", "mounting_stretch_y")
+COARSE = {"deg": "{:.2f}", "1": "{:.4f}"}
+"""Formats of what is no scale: of angles, and of shares and stretches."""
+AFTER = (
+    *((name.replace("_", " "), "", name, "{:.4f}") for name in STRETCHES),
+    ("R2", "", "r2", "{:.5f}"),
+    ("RMSE", "kPa", "rmse_kPa", "{:.4g}"),
+    ("iterations", "", "iterations", "{:d}"),
+)
+
+
+def _fit_rows(law: Law) -> list[tuple[str, str, str, str]]:
+    """Label, unit, key of the record and format of each row of the table of fits."""
+    of_law = [
+        (p.name, "" if p.unit == "1" else p.unit, p.label, _format(p)) for p in law.parameters
+    ]
+    return [*of_law, *AFTER]
+
+
+def _format(parameter: Parameter) -> str:
+    return "{:.4g}" if parameter.logarithmic else COARSE[parameter.unit]
+
+
+def _print_fits(specimen: Specimen, fits: list[FitResult], fixed: dict[str, float]) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    for note in specimen.notes:
+        console.print(f"note: {note}", markup=False)
+    console.print(_table(specimen, fits, fixed))
+    if any(result.at_bound for result in fits):
+        console.print("* ended on a bound", markup=False)
+    if fixed:
+        console.print("= fixed", markup=False)
+    for result in fits:
+        console.print(f"{result.method}: {FIT_WORDS[result.method]}", markup=False)
+    console.print(WHICH_FIT, markup=False)
+    if any(result.method in ("standard", "zeroed") for result in fits):
+        console.print(
+            "standard and zeroed fit their own data; R2 does not tell how far they are from the "
+            "tissue.",
+            markup=False,
+        )
+
+
+def _table(specimen: Specimen, fits: list[FitResult], fixed: dict[str, float]) -> Table:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(
+        title=Text(specimen.name), box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
+    )
+    table.add_column("", no_wrap=True)
+    for result in fits:
+        table.add_column(result.method, justify="right", no_wrap=True)
+    records = [result.record() for result in fits]
+    for label, unit, key, form in _fit_rows(fits[0].material.law):
+        cells = []
+        for result, record in zip(fits, records, strict=True):
+            value = record[key]
+            values = value if isinstance(value, list) else [value]
+            shown = [_shown(value, form) for value in values]
+            mark = "*" if label in result.at_bound else "=" if label in fixed else ""
+            if key in STRETCHES and result.method in ("standard", "zeroed"):
+                shown = ["-"]
+            cells.append("\n".join(shown) + mark)
+        table.add_row(f"{label} {unit}".rstrip(), *cells)
+    table.add_row("converged", *("yes" if result.converged else "NO" for result in fits))
+    return table
+
+
+def _shown(value: object, form: str) -> str:
+    return "-" if value is None else form.format(value)

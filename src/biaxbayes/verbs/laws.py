@@ -1,0 +1,363 @@
+"""``biaxbayes laws``: material laws side by side, weighed by what they predict."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+
+import biaxbayes
+from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, Task, parts_of, sample_part
+from biaxbayes.comparison.law_weights import LawComparison, judged_laws
+from biaxbayes.errors import InputError, Interrupted, RunError
+from biaxbayes.laws import LAWS, law_named
+from biaxbayes.options import (
+    MOST,
+    MOST_WHOLE,
+    SAME_SEED,
+    ModelOptions,
+    Options,
+    option,
+    takes_options,
+)
+from biaxbayes.parallel import Executor, executor_for
+from biaxbayes.progress_bar import Progress, with_progress
+from biaxbayes.runs.folder import clear_leftovers
+from biaxbayes.runs.lock import folder_lock
+from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.text_files import atomic_write_text, write_csv
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    SpecimenLike,
+    Stop,
+    Tell,
+    make_folder,
+    never,
+    open_specimen,
+    silent,
+)
+from biaxbayes.verbs.options import (
+    NOT_CONVERGED,
+    argument,
+    executor_options,
+    file_option,
+    flag,
+    mounting_force_option,
+    options,
+    quiet_option,
+    shown_work,
+)
+
+RECORD, PARTS, PAGE = "laws.json", "parts", "laws.html"
+OF_ONE_LAW = ("law", "fibre_switch", "priors")
+
+
+@dataclass(frozen=True)
+class LawsPlan(Options):
+    """How much is sampled to weigh laws; their names in a sequence, or in a text with commas."""
+
+    laws: Sequence[str] | str | None = option(
+        None, "Laws, separated by commas  [all]", metavar="NAME,NAME"
+    )
+    seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
+    ess: float = option(500.0, "Effective draws of each posterior.", least=50, most=MOST)
+    max_steps: int = option(20_000, "When to give up.", least=128, most=MOST)
+
+
+def chosen_laws(named: Sequence[str] | str | None) -> tuple[str, ...]:
+    """The laws that are named, also in a text with commas; all of them where none is."""
+    parts = named.split(",") if isinstance(named, str) else list(named or ())
+    names = [name.strip() for name in parts if name.strip()]
+    if named is not None and not names:
+        raise InputError(
+            "`laws` names no law", remedy=f"laws are {', '.join(LAWS)}; leave it out for all"
+        )
+    for name in names:
+        law_named(name)
+    return tuple(name for name in LAWS if not names or name in names)
+
+
+def _read(path: Path) -> Prediction | None:
+    """A stored prediction; None where there is none, or a damaged one, which is made again."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            about = json.loads(str(data["about"]))
+            residuals = tuple(data[f"residual_{i}"] for i in range(about["protocols"]))
+            draws = pd.DataFrame(data["draws"], columns=about["columns"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return Prediction(about["state"], about["reason"], about["rmse_kPa"], residuals, draws)
+
+
+def _store(path: Path, prediction: Prediction) -> None:
+    about = {
+        "state": prediction.state,
+        "reason": prediction.reason,
+        "rmse_kPa": prediction.rmse_kPa,
+        "protocols": len(prediction.residuals),
+        "columns": [str(c) for c in prediction.draws.columns],
+    }
+    residuals = {f"residual_{i}": r for i, r in enumerate(prediction.residuals)}
+    path.parent.mkdir(exist_ok=True)
+    partial = path.with_suffix(".partial")
+    with partial.open("wb") as stream:
+        arrays: dict[str, Any] = {"draws": prediction.draws.to_numpy(), **residuals}
+        np.savez(stream, about=json.dumps(about), **arrays)
+    partial.replace(path)
+
+
+@with_progress
+@takes_options(LawsPlan, ModelOptions, without=OF_ONE_LAW)
+def compare_laws(
+    specimen: SpecimenLike,
+    *,
+    out: PathLike | None = None,
+    mounting_force: Sequence[float] | None = None,
+    resume: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Tell = silent,
+    stop: Stop = never,
+    **options: Any,
+) -> LawComparison:
+    """Fit and sample every law on a specimen, and weigh them by what they predict.
+
+    Each protocol is left out in turn, or each quarter of the only one.
+
+    Parameters
+    ----------
+    specimen : Specimen or path-like
+    out : path-like, optional
+        Folder for laws.csv, stated.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, the
+        figures and laws.html.
+    mounting_force : (float, float), optional
+        For a tared specimen: the force (or stress) at the mounted state, put back on.
+    resume : bool
+        Go on with what the folder holds.
+    workers : int, optional
+        Local processes; the result does not depend on them.
+    scheduler : str, optional
+        Address of a Dask scheduler to use instead.
+    progress, stop : callable
+    **options
+        As in :class:`LawsPlan` and :class:`~biaxbayes.options.ModelOptions`,
+        without what belongs to one law.
+
+    Returns
+    -------
+    LawComparison
+    """
+    plan, others = LawsPlan.split(options)
+    for name in OF_ONE_LAW:
+        if others.get(name):
+            raise InputError(f"`{name}` belongs to one law", remedy="use sample for that")
+    model = ModelOptions.from_values(others).keywords()
+    common = {k: v for k, v in model.items() if k not in OF_ONE_LAW}
+    laws = chosen_laws(plan.laws)
+    specimen = open_specimen(specimen, mounting_force)
+    executor = executor_for(workers, scheduler)
+    folder = None if out is None else make_folder(out)
+    if common["mounting_stretch"] == "per-protocol":
+        raise InputError(
+            "a protocol with a mounted state of its own cannot be predicted from the others",
+            remedy="leave out `mounting_stretch=per-protocol`",
+        )
+    if len(laws) < 2:
+        raise InputError(
+            f"{', '.join(laws)} alone is no comparison",
+            remedy="name two laws or more, or sample one with `law`",
+        )
+    tasks = [
+        Task(law, specimen, part, common, _seed(plan.seed, law, part), plan.ess, plan.max_steps)
+        for law in laws
+        for part in (None, *parts_of(specimen))
+    ]
+    if folder is None:
+        predictions = _sampled(tasks, None, executor, progress, stop)
+        return judged_laws(specimen, common, predictions, laws)
+    with folder_lock(folder):
+        clear_leftovers(folder)
+        _start(folder, specimen, common, laws, plan, resume)
+        predictions = _sampled(tasks, folder / PARTS, executor, progress, stop)
+        progress(Progress("weighing"))
+        result = judged_laws(specimen, common, predictions, laws)
+        _write(result, specimen, folder)
+    return result
+
+
+def _seed(seed: int, law: str, part: Part | None) -> int:
+    """A seed of its own for each law and part, whichever others are asked for."""
+    text = f"{law}/{part.name if part else WHOLE}"
+    own = int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
+    return int(np.random.default_rng([seed, own]).integers(2**62))
+
+
+def _start(
+    folder: Path,
+    specimen: Specimen,
+    options: Mapping[str, Any],
+    laws: Sequence[str],
+    plan: LawsPlan,
+    resume: bool,
+) -> None:
+    identity = {
+        "specimen_sha256": specimen_digest(specimen),
+        "options": {k: str(v) for k, v in options.items()},
+        "laws": list(laws),
+        "seed": plan.seed,
+        "ess": plan.ess,
+        "max_steps": plan.max_steps,
+        "biaxbayes": biaxbayes.__version__,
+    }
+    record = folder / RECORD
+    names = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
+    if names and RECORD not in names:
+        raise RunError(
+            f"{folder}: is a folder that is not a comparison of laws; choose another `out`"
+        )
+    if RECORD in names:
+        try:
+            same = json.loads(record.read_text(encoding="utf-8"))["identity"] == identity
+        except (OSError, ValueError, KeyError, TypeError):
+            same = False
+        if resume and not same:
+            raise RunError(
+                f"{folder}: holds another comparison (specimen, options, laws, seed or version "
+                "differ); choose another `out`"
+            )
+        if not resume:
+            raise InputError(
+                "holds a comparison of laws already",
+                file=folder,
+                remedy="choose another `out`, or go on with it by `resume=True`",
+            )
+    text = json.dumps({"specimen": specimen.name, "identity": identity}, indent=2)
+    atomic_write_text(record, text + "\n")
+
+
+def _sampled(
+    tasks: Sequence[Task], folder: Path | None, executor: Executor, progress: Tell, stop: Stop
+) -> dict[tuple[str, str], Prediction]:
+    """Predictions by law and part; those in the folder are read, the others stored there."""
+    files = [None if folder is None else folder / f"{i:03d}.npz" for i in range(len(tasks))]
+    results = [None if file is None else _read(file) for file in files]
+    missing = [i for i, result in enumerate(results) if result is None]
+    done = len(tasks) - len(missing)
+    if missing:
+        progress(Progress("compiling (once; cached for later runs)"))
+    for outcome in executor.run(sample_part, [tasks[i] for i in missing], stop=stop):
+        index = missing[outcome.index]
+        if outcome.lost:
+            raise RunError(f"{tasks[index].name}: {outcome.lost}")
+        results[index], file = outcome.value, files[index]
+        if file is not None:
+            _store(file, outcome.value)
+        done += 1
+        progress(Progress(f"{done} of {len(tasks)}: {tasks[index].name}", done / len(tasks)))
+    if done < len(tasks):
+        saved = ""
+        if folder is not None:
+            saved = f", all saved in {folder.parent}; the same command with `resume=True` continues"
+        raise Interrupted(f"interrupted after {done} of {len(tasks)} posteriors{saved}", stop())
+    return {
+        (task.law, task.part.name if task.part else WHOLE): result
+        for task, result in zip(tasks, results, strict=True)
+        if result is not None
+    }
+
+
+def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
+    """Tables, draws and bands of the mixture, figures and the page."""
+    from biaxbayes.figures.laws import law_bands_figure, law_misfit_figure, law_mounting_figure
+    from biaxbayes.figures.style import save_pictures
+    from biaxbayes.reports.comparison import laws_page
+
+    write_csv(folder / "laws.csv", compared.table, digits=8)
+    write_csv(folder / "stated.csv", compared.stated, digits=8)
+    write_csv(folder / "left-out.csv", compared.parts, digits=8)
+    write_csv(folder / "stacked-draws.csv", compared.draws, digits=8)
+    write_csv(folder / "stacked-bands.csv", compared.bands, digits=8)
+    drawn = {
+        "law-misfit": law_misfit_figure(compared),
+        "law-mounting": law_mounting_figure(compared),
+        "stacked-bands": law_bands_figure(compared, specimen),
+    }
+    figures = {stem: figure for stem, figure in drawn.items() if figure is not None}
+    for stem, figure in figures.items():
+        save_pictures(figure, folder, stem)
+    atomic_write_text(folder / PAGE, laws_page(compared, figures))
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@click.command("laws")
+@argument("specimen")
+@options(LawsPlan, "laws")
+@file_option("out", "Folder [<stem>-laws].")
+@options(ModelOptions, "mounting", "mounting_sd", "noise", "noise_growth", "thin")
+@mounting_force_option()
+@options(LawsPlan, "seed", "ess", "max_steps")
+@executor_options
+@flag("resume", "Go on with what the folder holds.")
+@quiet_option
+def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
+    r"""Fit and sample every material law on SPECIMEN, and weigh them by what they predict.
+
+    Each protocol is left out in turn, or each quarter of the only one, and predicted from the rest.
+    Writes laws.csv, stated.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, three figures
+    and laws.html. Exit code 3 when a law has not converged on some part of the record.
+
+    \b
+    biaxbayes laws media.csv --laws goh,fung
+    """
+    folder = out or Path(f"{specimen.stem}-laws")
+    with shown_work(quiet) as work:
+        result = compare_laws(specimen, out=folder, **work, **given)
+    if not quiet:
+        _print_laws(result, folder)
+    for law, reason in result.left_out.items():
+        click.echo(f"biaxbayes: {law} is left out: {reason}", err=True)
+    return 0 if result.converged else NOT_CONVERGED
+
+
+def _print_laws(result: LawComparison, folder: Path) -> None:
+    """The table, the heaviest law first, and what is stated of the mounting stretches."""
+    from biaxbayes.reports.comparison import stated_rows
+
+    stretches = [c for c in result.table if str(c).startswith("mounting_stretch_x")]
+    head = f"{'':<18}{'rms':>9}{'left out':>10}{'density':>10}{'weight':>8}{'(range)':>14}"
+    click.echo(head + ("   mounting stretch x, 90 %" if stretches else ""))
+    click.echo(f"{'':<18}{'kPa':>9}{'kPa':>10}{'nats':>10}")
+    table = result.table.sort_values("weight", ascending=False, kind="stable", na_position="last")
+    for row in (*table.iloc[1:].to_dict("records"), table.iloc[0].to_dict()):
+        if row["left_out_rms"] != row["left_out_rms"]:
+            click.echo(f"{row['law']:<18}{row['state']}")
+            continue
+        rms = f"{row['rms']:.3g}" if row["rms"] == row["rms"] else ""
+        spread = ""
+        if row["weight_low"] == row["weight_low"]:
+            spread = f"({row['weight_low']:.2f}-{row['weight_high']:.2f})"
+        line = f"{row['law']:<18}{rms:>9}{row['left_out_rms']:>10.3g}"
+        line += f"{row['left_out_density']:>10.1f}{row['weight']:>8.2f}{spread:>14}"
+        if stretches:
+            low, high = row["mounting_stretch_x_q05"], row["mounting_stretch_x_q95"]
+            line += f"   {low:.4f} to {high:.4f}"
+        click.echo(line)
+    click.echo(
+        "\nrms (typical miss) of the fit to all, and of parts left out; density: how well these\n"
+        "were predicted, larger is better, 2.3 nats more are ten times as probable; weights by\n"
+        "stacking, the shares of the mixture that predicts best. The mixture is a prediction\n"
+        "of stresses, no posterior of the mounting stretch."
+    )
+    for entry in stated_rows(result.stated):
+        click.echo(f"{entry['quantity'].name} of the tissue: {entry['words']}; {entry['reason']}")
+    click.echo(f"\nopen {folder / 'laws.html'}; tables and figures are beside it")

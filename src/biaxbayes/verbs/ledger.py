@@ -1,0 +1,214 @@
+"""``biaxbayes ledger``: what ignoring the mounting stretch costs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from biaxbayes.errors import InputError
+from biaxbayes.options import (
+    ALL_ROWS,
+    INFERRING,
+    MOST,
+    WANTED,
+    InferringOptions,
+    SamplingPlan,
+    option,
+    takes_options,
+)
+from biaxbayes.progress_bar import Progress, progress_line, with_progress
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    RunLike,
+    SpecimenLike,
+    Tell,
+    is_run,
+    make_folder,
+    open_specimen,
+    refuse_model,
+    silent,
+    usable_run,
+    write_table,
+)
+from biaxbayes.verbs.options import (
+    MODEL,
+    NOT_CONVERGED,
+    any_record_option,
+    argument,
+    file_option,
+    model_options,
+    open_usable_run,
+    options,
+    quiet_option,
+    refuse_given,
+    with_priors,
+)
+
+if TYPE_CHECKING:
+    from biaxbayes.comparison.mounting_bias import Ledger
+
+
+@dataclass(frozen=True)
+class LedgerPlan(SamplingPlan):
+    """As for ``sample``; the medians of a ledger need fewer draws."""
+
+    ess: float = option(1000.0, WANTED, least=50, most=MOST)
+
+
+@with_progress
+@takes_options(LedgerPlan, InferringOptions)
+def ledger(
+    source: RunLike | SpecimenLike,
+    *,
+    stretches: Sequence[float] = (),
+    out: PathLike | None = None,
+    mounting_force: Sequence[float] | None = None,
+    anyway: bool = False,
+    progress: Tell = silent,
+    **options: Any,
+) -> Ledger:
+    """What ignoring the mounting stretch costs: inferred, ignored and zeroed, side by side.
+
+    Parameters
+    ----------
+    source : Run, Specimen or path-like
+        A run serves as the inferred posterior, with its own model; a specimen is sampled.
+    stretches : sequence of float
+        Total equibiaxial stretches of the stresses; five up to the largest tested one where none
+        is given.
+    out : path-like, optional
+        Folder for ledger.csv, ledger.pdf and ledger.png.
+    mounting_force : (float, float), optional
+        For a tared specimen: the force (or stress) at the mounted state, put back on.
+    anyway : bool
+        Sample a specimen that cannot be a loading curve, too.
+    progress : callable or bool, optional
+        Called with each step; True or False shows a line or none, by default on a terminal and
+        in a notebook.
+    **options
+        As in :class:`LedgerPlan`, and for a specimen
+        :class:`~biaxbayes.options.InferringOptions`.
+    """
+    from biaxbayes.comparison.mounting_bias import Treated, treated_three_ways
+    from biaxbayes.comparison.mounting_bias import ledger as lay_out
+    from biaxbayes.verbs.sample import Sampling
+
+    plan, model = LedgerPlan.split(options)
+    if is_run(source):
+        refuse_model(model, mounting_force)
+        run = usable_run(source)  # type: ignore[arg-type]
+        posterior, specimen = run.posterior(), run.specimen
+        model = posterior.options()
+        model["thin"] = model["thin"] or ALL_ROWS
+        if model["mounting"] not in INFERRING:
+            raise InputError(
+                f"this run's mounting stretch is {model['mounting']}, not inferred",
+                file=run.path,
+                remedy="give a run whose mounting is noisy, exact or free, or the specimen's CSV",
+            )
+        inferred = Treated(posterior, run.draws, run.state)
+    else:
+        model, inferred = InferringOptions.from_values(model).keywords(), None
+        specimen = open_specimen(source, mounting_force)  # type: ignore[arg-type]
+    prepared = Sampling.prepare(
+        specimen, out=None, options=model, anyway=anyway or inferred is not None, **vars(plan)
+    )
+    for finding in prepared.findings if inferred is None else ():
+        progress(Progress("fitting", note=str(finding)))
+    treated = treated_three_ways(
+        prepared.specimen, prepared.options, prepared.plan, inferred, progress
+    )
+    result = lay_out(treated, stretches or None)
+    if out is not None:
+        from biaxbayes.figures.run.mounting import ledger_figure
+        from biaxbayes.figures.style import save_pictures
+
+        folder = make_folder(out)
+        write_table(folder, "ledger", result.table, "%.6g")
+        save_pictures(ledger_figure(result), folder, "ledger")
+    return result
+
+
+@click.command("ledger")
+@argument("source", metavar="SPECIMEN|RUN")
+@click.option(
+    "--stretch",
+    "stretches",
+    type=float,
+    multiple=True,
+    help="Total equibiaxial stretch of the stresses. Repeatable  [five up to the largest tested]",
+)
+@file_option("out", "Folder [<stem>-ledger].")
+@options(LedgerPlan, "seed")
+@model_options(InferringOptions)
+@options(LedgerPlan, "ess", "workers")
+@any_record_option
+@quiet_option
+@click.pass_context
+def command(
+    context: click.Context, source: Path, out: Path | None, quiet: bool, **given: Any
+) -> int:
+    """Sample a specimen with its mounting stretch inferred, ignored and zeroed, side by side.
+
+    Writes ledger.csv, ledger.pdf and ledger.png. A RUN folder serves as the inferred posterior,
+    with its own model options; a specimen CSV is sampled. Exit code 3 when one of the three is
+    not converged.
+    """
+    data: Any = source
+    if source.is_dir():
+        own = (*MODEL, "fix", "priors")
+        refuse_given(
+            context,
+            ("mounting_force", *own),
+            "{} does not go with a run, which has its own",
+            remedy="give the specimen's CSV instead",
+        )
+        data = open_usable_run(source, anyway=False)
+        given = {name: value for name, value in given.items() if name not in own}
+    else:
+        given = with_priors(**given)
+    folder = out or Path(f"{source.name if source.is_dir() else source.stem}-ledger")
+    with progress_line(quiet=quiet) as progress:
+        result = ledger(data, out=folder, progress=progress, **given)
+    if not quiet:
+        _print_ledger(result, folder)
+    doubtful = [name for name, state in result.states.items() if state != "converged"]
+    if doubtful:
+        click.echo(f"biaxbayes: not converged: {', '.join(doubtful)}; ask for more", err=True)
+    return NOT_CONVERGED if doubtful else 0
+
+
+def _print_ledger(result: Ledger, folder: Path) -> None:
+    from biaxbayes.prediction.stress import INSIDE
+
+    click.echo(f"{result.specimen}: median (5 %, 95 %); shift in sd of the inferred posterior\n")
+    click.echo(f"{'':<27}{'inferred':>24}{'ignored':>24}{'shift':>8}{'zeroed':>24}{'shift':>8}")
+    for _, row in result.table.iterrows():
+        name = str(row["quantity"])
+        if row["total_stretch"] == row["total_stretch"]:
+            mark = "" if row["extrapolation"] == INSIDE else "*"
+            name = f"{name} at {row['total_stretch']:.4g}{mark}"
+        unit = f" ({row['unit']})" if row["unit"] else ""
+        line = f"{name + unit:<26} {cell(row, 'inferred'):>23}"
+        for treatment in ("ignored", "zeroed"):
+            line += f" {cell(row, treatment):>23} {row[f'shift_{treatment}_sd']:>+7.1f}"
+        click.echo(line)
+    outside = result.stresses["extrapolation"] != INSIDE
+    if outside.any():
+        click.echo("\n* outside of what the test covered, or below the mounted state")
+    click.echo(f"\n{folder / 'ledger.csv'}, {folder / 'ledger.pdf'}")
+
+
+def cell(row: Any, name: str) -> str:
+    """Median and interval of a treatment, with the digits that tell its ends apart."""
+    from biaxbayes.figures.quantities import number
+
+    low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))
+    if low == high:
+        return f"{median:.4g} (taken)"
+    shown = [number(v, low, high) for v in (median, low, high)]
+    return f"{shown[0]} ({shown[1]}, {shown[2]})"

@@ -1,0 +1,359 @@
+"""``biaxbayes predict``: stress with bands on any path; thin-walled inflation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.options import PICTURES, Options, PredictionOptions, option, takes_options
+from biaxbayes.specimens.protocol import STRETCH_REMEDY
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    RunLike,
+    make_folder,
+    opened_style,
+    usable_run,
+    write_table,
+)
+from biaxbayes.verbs.options import (
+    RATIO,
+    Pair,
+    anyway_option,
+    argument,
+    choice_option,
+    file_option,
+    flag,
+    open_usable_run,
+    options,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from biaxbayes.runs.run import Run
+
+REFERENCES = ("total", "measured")
+STRESSES = ("cauchy", "piola")
+AXES = ("x", "y")
+TESTED = "tested"
+"""The largest stretch that was tested."""
+
+
+@dataclass(frozen=True)
+class FigureOptions(Options):
+    """How a figure is printed; ``style`` is a matplotlib style file, or its settings."""
+
+    suffix: str = option("pdf", choices=PICTURES, flag="format")
+    width_mm: float = option(85.0, least=50.0, most=400.0, show_range=True)
+    style: object = option(None, "A matplotlib style file.", metavar="FILE")
+
+
+# --- stress on a path ----------------------------------------------------------------------------
+
+
+@takes_options(PredictionOptions, FigureOptions, without=("seed",))
+def predict(
+    run: RunLike,
+    path: Any = None,
+    *,
+    stretch: float | str | None = None,
+    ratio: tuple[float, float] | None = None,
+    reference: str = REFERENCES[0],
+    protocol: str | None = None,
+    stress: str = STRESSES[0],
+    out: PathLike | None = None,
+    anyway: bool = False,
+    **options: Any,
+) -> pd.DataFrame:
+    """Stress with credible and predictive bands on any path.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    path : array_like, shape (m, 2), or path-like, optional
+        Stretches in x and y, or the CSV to read them from; or a straight path to ``stretch``.
+    stretch : float or "tested", optional
+        Largest stretch of a straight path; "tested" for the largest tested one.
+    ratio : (float, float), optional
+        Share of the stretch beyond 1 that each direction takes; equal by default.
+    reference : {"total", "measured"}
+        Stretches from the unloaded or from the mounted state.
+    protocol : str, optional
+        Whose mounted state, if each has its own.
+    stress : {"cauchy", "piola"}
+    out : path-like, optional
+        Folder for prediction.csv and a figure.
+    anyway : bool
+        Take draws that the run itself calls unusable.
+    **options
+        As in :class:`~biaxbayes.options.PredictionOptions` and :class:`FigureOptions`.
+    """
+    from biaxbayes.figures.prediction import stress_figure
+    from biaxbayes.prediction.stress import measured_stress, predict_stress
+
+    bands, rest = PredictionOptions.split(options)
+    picture = FigureOptions.from_values(rest)
+    style = opened_style(picture.style)
+    if (path is None) == (stretch is None):
+        raise InputError("give either a path or the largest stretch of one")
+    if path is not None and ratio is not None:
+        raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
+    opened = usable_run(run, anyway=anyway)
+    specimen = opened.specimen
+    names = [p.name for p in specimen.protocols]
+    if protocol is not None and protocol not in names:
+        raise InputError(
+            f"no protocol {protocol[:60]!r} in this run", remedy=f"it has {', '.join(names)}"
+        )
+    if path is None:
+        states = _straight_path(opened, stretch, ratio, bands.points, protocol, reference)
+    else:
+        states = _stated_path(path)
+    where: dict[str, Any] = {"reference": reference, "protocol": protocol, "stress": stress}
+    table = predict_stress(
+        opened.draws, specimen, opened.law, states, **where, probability=bands.probability
+    )
+    if out is not None:
+        zeroed = opened.posterior().settings.mounting == "zeroed"
+        recorded = specimen.zeroed() if zeroed else specimen
+        measured = measured_stress(opened.draws, recorded, opened.law, states, **where)
+        figure = stress_figure(
+            table,
+            reference=reference,
+            probability=bands.probability,
+            directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
+            measured=measured,
+            width_mm=picture.width_mm,
+            style=style,
+        )
+        _write(make_folder(out) / "prediction", table, figure, picture.suffix, style)
+    return table
+
+
+def _stated_path(path: Any) -> np.ndarray:
+    """States of stretch from a file or an array."""
+    from biaxbayes.specimens.table import read_stretches
+
+    return read_stretches(Path(path)) if isinstance(path, str | Path) else np.asarray(path, float)
+
+
+def _straight_path(
+    run: Run,
+    stretch: Any,
+    ratio: tuple[float, float] | None,
+    points: int,
+    protocol: str | None,
+    reference: str,
+) -> np.ndarray:
+    """States of stretch on a straight path from 1."""
+    from biaxbayes.prediction.stress import prediction_range, stretch_path
+
+    if np.ndim(stretch) > 0:
+        raise InputError(
+            "`stretch` is one number, the largest stretch of a straight path",
+            remedy="for stretches of your own give `path`, an array of two columns (x, y)",
+        )
+    if stretch == TESTED:
+        stretch = float(prediction_range(run.draws, run.specimen, protocol, reference).high.max())
+    elif isinstance(stretch, str) or not 0.5 <= stretch <= 5.0 or stretch == 1.0:
+        remedy = STRETCH_REMEDY
+        if not isinstance(stretch, str) and 0.0 < stretch < 0.5:
+            remedy = f"for a strain of {stretch:g} write {1.0 + stretch:g}"
+        shown = stretch if isinstance(stretch, str) else f"{stretch:g}"
+        raise InputError(f"`stretch` {shown} is no largest stretch", remedy=remedy)
+    return stretch_path(stretch, ratio=ratio or (1.0, 1.0), points=points)
+
+
+def _write(stem: Path, table: pd.DataFrame, figure: Figure, suffix: str, style: Any) -> None:
+    from biaxbayes.figures.style import save_figure
+
+    write_table(stem.parent, stem.name, table, None)
+    save_figure(figure, stem.with_suffix(f".{suffix}"), style)
+
+
+# --- inflation of a tube -------------------------------------------------------------------------
+
+
+@takes_options(PredictionOptions, FigureOptions)
+def inflate(
+    run: RunLike,
+    pressure_kPa: Any = None,
+    *,
+    radius_mm: float,
+    wall_mm: float,
+    axial_stretch: float = 1.0,
+    around: str = AXES[0],
+    circumferential_stretch: Any = None,
+    out: PathLike | None = None,
+    anyway: bool = False,
+    **options: Any,
+) -> pd.DataFrame:
+    """Inflation of a thin-walled tube of this tissue, with bands.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    pressure_kPa : array_like, shape (m,), optional
+        The diameter at these pressures; 0 to 16 kPa by default.
+    radius_mm, wall_mm : float
+        Unloaded radius of the mid wall, and thickness.
+    axial_stretch : float
+        Total.
+    around : {"x", "y"}
+        The axis of the test that runs around the tube.
+    circumferential_stretch : array_like, shape (m,), optional
+        The pressure at these stretches of the mid wall instead.
+    out : path-like, optional
+        Folder for inflation.csv and a figure.
+    anyway : bool
+        Take draws that the run itself calls unusable.
+    **options
+        As in :class:`~biaxbayes.options.PredictionOptions` and :class:`FigureOptions`.
+    """
+    from biaxbayes.figures.prediction import inflation_figure
+    from biaxbayes.prediction.inflation import Tube, predict_diameter, predict_pressure
+
+    bands, rest = PredictionOptions.split(options)
+    picture = FigureOptions.from_values(rest)
+    style = opened_style(picture.style)
+    if pressure_kPa is not None and circumferential_stretch is not None:
+        raise InputError(
+            "`pressure_kPa` and `circumferential_stretch` exclude each other",
+            remedy="give one of them",
+        )
+    opened = usable_run(run, anyway=anyway)
+    try:
+        tube = Tube(radius_mm, wall_mm, axial_stretch, around)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    data = (opened.draws, opened.specimen, opened.law, tube)
+    if circumferential_stretch is not None:
+        states = np.asarray(circumferential_stretch, dtype=float)
+        table = predict_pressure(*data, states, probability=bands.probability)
+    else:
+        pressure = np.linspace(0.0, 16.0, bands.points) if pressure_kPa is None else pressure_kPa
+        pressure = np.asarray(pressure, dtype=float)
+        table = predict_diameter(*data, pressure, probability=bands.probability, seed=bands.seed)
+    if out is not None:
+        figure = inflation_figure(
+            table, probability=bands.probability, width_mm=picture.width_mm, style=style
+        )
+        _write(make_folder(out) / "inflation", table, figure, picture.suffix, style)
+    return table
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+PATH = ("path", "stretch", "ratio", "protocol")
+TUBE = ("radius_mm", "wall_mm", "axial_stretch", "pressure_kPa", "circumferential_stretch")
+
+
+@click.command("predict")
+@argument("run")
+@click.option(
+    "--stretch", type=float, metavar="L", help="Largest stretch  [default: the largest tested]"
+)
+@click.option(
+    "--ratio",
+    type=RATIO,
+    metavar="X:Y",
+    help="Share of the stretch that x and y take  [default: 1:1]",
+)
+@file_option("stretches", "Any path instead: columns stretch_x, stretch_y.", "CSV", name="path")
+@choice_option("reference", REFERENCES, "Stretches from the unloaded or from the mounted state.")
+@click.option("--protocol", metavar="NAME", help="Whose mounted state, if each has its own.")
+@choice_option("stress", STRESSES, "Cauchy or first Piola-Kirchhoff stress.")
+@flag("inflate", "A thin-walled tube of this tissue instead.")
+@click.option(
+    "--radius", "radius_mm", type=float, metavar="MM", help="Unloaded radius of the mid wall."
+)
+@click.option("--wall", "wall_mm", type=float, metavar="MM", help="Unloaded wall thickness.")
+@click.option("--axial-stretch", type=float, metavar="L", help="Total axial stretch  [default: 1]")
+@choice_option("around", AXES, "The axis of the test that runs around the tube.")
+@click.option(
+    "--pressure",
+    "pressure_kPa",
+    type=Pair("pressure", ":", "0:16", zero=True),
+    metavar="A:B",
+    help="Pressures, kPa  [default: 0:16]",
+)
+@click.option(
+    "--circumferential-stretch",
+    type=Pair("stretch", ":", "1:1.2"),
+    metavar="A:B",
+    help="Stretches of the mid wall instead of pressures.",
+)
+@options(PredictionOptions)
+@options(FigureOptions, style={"type": click.Path(path_type=Path)})
+@file_option("out", "Folder  [default: the run]", "DIR")
+@anyway_option
+def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
+    r"""Stress with credible and predictive bands on any path, or the inflation of a tube.
+
+    Writes a CSV and a figure. States outside what was tested are marked row by row.
+
+    \b
+    biaxbayes predict media-posterior --stretch 1.25 --ratio 1:0.5
+    biaxbayes predict media-posterior --stretches path.csv --reference measured
+    biaxbayes predict media-posterior --inflate --radius 10 --wall 1.2 --axial-stretch 1.1
+    """
+    inflated = given.pop("inflate")
+    _check_given(inflated, given)
+    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    for name in ("reference", "stress") if inflated else ("around", "seed"):
+        del chosen[name]
+    opened = open_usable_run(run, anyway=anyway)
+    folder = out or opened.path
+    if inflated:
+        for name in ("pressure_kPa", "circumferential_stretch"):
+            if name in chosen:
+                low, high = chosen[name]
+                chosen[name] = np.linspace(low, high, chosen["points"])
+        table = inflate(opened, out=folder, anyway=anyway, **chosen)
+    else:
+        if "path" not in chosen:
+            chosen.setdefault("stretch", TESTED)
+        table = predict(opened, out=folder, anyway=anyway, **chosen)
+    stem = folder / ("inflation" if inflated else "prediction")
+    _print_prediction(table, stem.with_suffix(".csv"), stem.with_suffix(f".{given['suffix']}"))
+
+
+def _check_given(inflated: bool, given: dict[str, Any]) -> None:
+    """Options of the one kind of prediction do not go with the other."""
+    if inflated and (given["radius_mm"] is None or given["wall_mm"] is None):
+        raise InputError("a tube needs `radius_mm` and `wall_mm`", remedy="unloaded, in mm")
+    for name in PATH if inflated else TUBE:
+        if given[name] is not None:
+            raise InputError(f"`{name}` does not go {'with' if inflated else 'without'} `inflate`")
+    if given["path"] is not None and given["stretch"] is not None:
+        raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
+
+
+def _print_prediction(table: pd.DataFrame, *files: Path) -> None:
+    from biaxbayes.prediction.stress import INSIDE
+
+    lost = table.get("share_without_equilibrium", np.zeros(1)).max()
+    if lost > 0.0:
+        click.echo(
+            f"warning: up to {100 * lost:.2g} % of the draws have no state of equilibrium "
+            "between stretches of 0.3 and 4; they are left out of the bands",
+            err=True,
+        )
+    click.echo(", ".join(map(str, files)))
+    click.echo(
+        "the predictive band is the interval of the tissue's response: it holds the error that "
+        "the run inferred; the credible band is that of the model"
+    )
+    outside = int((table["extrapolation"] != INSIDE).sum())
+    if outside:
+        click.echo(
+            f"note: {outside} of {len(table)} rows are extrapolations, marked in the table and "
+            "dashed in the figure: there the bands rest on the model alone"
+        )

@@ -1,0 +1,139 @@
+"""``biaxbayes profile``: the likelihood along one parameter, everything else re-optimised."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from biaxbayes.errors import InputError
+from biaxbayes.options import MOUNTING, ModelOptions, option, takes_options
+from biaxbayes.verbs.inputs import (
+    PathLike,
+    RunLike,
+    SpecimenLike,
+    is_run,
+    make_folder,
+    open_specimen,
+    opened_run,
+    refuse_model,
+)
+from biaxbayes.verbs.options import (
+    argument,
+    file_option,
+    fix_option,
+    json_option,
+    mounting_force_option,
+    options,
+    with_priors,
+)
+
+if TYPE_CHECKING:
+    from biaxbayes.identifiability.profile.profile import Profile
+
+
+@dataclass(frozen=True)
+class ProfileOptions(ModelOptions):
+    """The statistical model of a profile likelihood; its mounting stretches cannot be free."""
+
+    mounting: str = option(
+        "noisy",
+        "How the mounting force enters.",
+        choices=tuple(m for m in MOUNTING if m != "free"),
+    )
+
+
+@takes_options(ProfileOptions)
+def profile(
+    source: RunLike | SpecimenLike,
+    parameters: Sequence[str] = (),
+    *,
+    out: PathLike | None = None,
+    mounting_force: Sequence[float] | None = None,
+    workers: int = 1,
+    **options: Any,
+) -> list[Profile]:
+    """Profile likelihoods: what the data alone say of each parameter.
+
+    Parameters
+    ----------
+    source : Run, Specimen or path-like
+        A run, with its own model, or a specimen.
+    parameters : sequence of str
+        C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; the free ones of the first five where
+        none is named.
+    out : path-like, optional
+        Folder for profile.csv, profile-intervals.csv and profile.pdf.
+    mounting_force : (float, float), optional
+        For a tared specimen: the force (or stress) at the mounted state, put back on.
+    workers : int
+        Processes.
+    **options
+        For a specimen, as in :class:`ProfileOptions`.
+    """
+    from biaxbayes.figures.run.profile import profile_figure
+    from biaxbayes.figures.style import save_figure
+    from biaxbayes.identifiability.profile.profile import profiles
+    from biaxbayes.model.preparation import prepare
+    from biaxbayes.verbs.identified import write_profiles
+
+    if is_run(source):
+        refuse_model(options, mounting_force)
+        posterior = opened_run(source).posterior()  # type: ignore[arg-type]
+    else:
+        model = ProfileOptions.from_values(options)
+        if "noise_sd" in model.priors:
+            raise InputError("noise_sd is profiled out and cannot be fixed here")
+        data = open_specimen(source, mounting_force)  # type: ignore[arg-type]
+        posterior = prepare(data, **model.keywords())
+    settings = posterior.settings
+    free = (n for n in posterior.law.names if n not in settings.priors or n in posterior.free)
+    result = profiles(posterior, tuple(dict.fromkeys(parameters or free)), workers=workers)
+    if out is not None:
+        folder = make_folder(out)
+        about = f"profile likelihood of {posterior.specimen.name}: mounting {settings.mounting}, "
+        about += f"noise {settings.noise}"
+        about += "".join(f", {name}={value:g}" for name, value in settings.fixed.items())
+        write_profiles(result, folder, about)
+        save_figure(profile_figure(result), folder / "profile.pdf")
+    return result
+
+
+@click.command("profile")
+@argument("source", metavar="SPECIMEN")
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    metavar="NAME",
+    help="C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; repeatable [the first five].",
+)
+@options(ProfileOptions, "law", "mounting", "noise", "mounting_stretch")
+@fix_option("Hold a parameter; repeatable.")
+@options(ProfileOptions, "fibre_switch")
+@mounting_force_option()
+@click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
+@file_option("out", "Folder [<stem>-profile].")
+@json_option("Intervals and curves as JSON.")
+def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None:
+    r"""Profile likelihood of parameters of SPECIMEN (a CSV): what the data alone say.
+
+    At every value of the parameter all others and the mounting stretches are fitted again. Writes
+    profile.csv, profile-intervals.csv and profile.pdf.
+
+    \b
+    biaxbayes profile media.csv --parameter kappa
+    """
+    from biaxbayes.verbs.identified import profiles_as_json
+
+    folder = out or Path(f"{source.stem}-profile")
+    result = profile(source, out=folder, **with_priors(**given))
+    if as_json:
+        click.echo(profiles_as_json(result))
+        return
+    for one in result:
+        click.echo(one.in_words())
+    click.echo(f"curves in {folder / 'profile.csv'}, figure {folder / 'profile.pdf'}")

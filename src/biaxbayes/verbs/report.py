@@ -1,0 +1,92 @@
+"""``biaxbayes report``: the page of a run again, or its table for a paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from biaxbayes.errors import InputError
+from biaxbayes.options import REPORTS
+from biaxbayes.text_files import atomic_write_text
+from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run
+from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file_option
+
+
+def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> Path:
+    """Write the report of a run again; the path of the file.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    kind : {"html", "latex", "explore"}
+        ``html`` in the run itself renews the page to explore beside it, too.
+    out : path-like, optional
+        Default report.html, report.tex or explore.html in the run.
+    """
+    from biaxbayes.reports.explore import can_be_explored, write_explore
+    from biaxbayes.reports.page import write_report
+
+    opened = opened_run(run)
+    if kind == "html" and out is None:
+        # The two pages in a run point to each other.
+        if opened.state != "unusable" and can_be_explored(opened.quantities, opened.draws):
+            write_explore(opened.path, opened.posterior(), opened.draws, opened.state)
+        return write_report(opened.path, opened)
+    if kind == "explore" and out is None:
+        return write_explore(opened.path, opened.posterior(), opened.draws, opened.state)
+    text = report_text(opened, kind)
+    path = opened.path / REPORTS[kind] if out is None else Path(out)
+    if path.is_dir():
+        raise InputError("is a folder", file=path, remedy="give a file name with `out`")
+    atomic_write_text(path, text)
+    return path
+
+
+def report_text(run: RunLike, kind: str = "html") -> str:
+    """The report of a run: a page that holds everything, tables for a paper, or a page to explore.
+
+    Parameters
+    ----------
+    run : Run or path-like
+    kind : {"html", "latex", "explore"}
+    """
+    from biaxbayes.reports.explore import explore_page
+    from biaxbayes.reports.page import latex_table, report_page
+
+    if kind not in REPORTS:
+        raise InputError(f"no report {str(kind)[:40]!r}", remedy=f"choose {', '.join(REPORTS)}")
+    opened = opened_run(run)
+    if kind == "explore":
+        return explore_page(opened.posterior(), opened.draws, opened.state)
+    return latex_table(opened) if kind == "latex" else report_page(opened)
+
+
+@click.command("report")
+@argument("run")
+@choice_option(
+    "format", REPORTS, "A page, the table as LaTeX, or the page to explore.", name="kind"
+)
+@file_option(
+    "out",
+    "The file to write; - prints  [default: report.html, report.tex or explore.html in RUN]",
+    "FILE",
+)
+def command(run: Path, kind: str, out: Path | None) -> int:
+    r"""Report RUN: one self-contained HTML page, tables for a paper, or a page to explore.
+
+    explore.html, beside the report, holds draws to brush in any pair of parameters, with their
+    curves, and sliders for other priors; it needs no network.
+
+    \b
+    biaxbayes report media-run
+    biaxbayes report media-run --format latex --out table2.tex
+
+    Exit code 3 where the chains did not converge: the report says so, too.
+    """
+    opened = opened_run(run)
+    if out is not None and str(out) == "-":
+        click.echo(report_text(opened, kind), nl=False)
+    else:
+        click.echo(str(report(opened, kind, out=out)))
+    return 0 if opened.state == "converged" else NOT_CONVERGED

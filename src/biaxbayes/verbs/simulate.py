@@ -1,0 +1,393 @@
+"""``biaxbayes simulate``: a virtual biaxial test, written as a specimen file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.laws import LAWS, law_named
+from biaxbayes.options import Options, Settings, option, options_of, takes_options
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.verbs.inputs import check_new, readable_specimen
+from biaxbayes.verbs.options import RATIO, Pair, file_option, flag, options
+
+if TYPE_CHECKING:
+    from biaxbayes.laws.materials import MaterialResponse
+    from biaxbayes.specimens.virtual_specimen import Dimensions, Truth
+
+
+STRESS_PAIRS = ("force", "piola", "cauchy")
+GEOMETRIES = ("unloaded", "mounted")
+DEFAULT_HOOKS = 5
+
+
+@dataclass(frozen=True)
+class VirtualTest(Options):
+    """A virtual biaxial test.
+
+    ``material`` is the name of a published one, or one of your own: ``biaxbayes.law("fung", ...)``.
+    """
+
+    material: object = option(None, "A published material; 'list' prints them.", metavar="NAME")
+    fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].words)
+    prestretch: Sequence[float] | None = option(
+        None, "Mounting stretches; the published ones by default.", metavar="X Y"
+    )
+    total_stretch: float | None = option(
+        None, "Largest stretch from unloaded.", kind=float, metavar="L"
+    )
+    measured_stretch: float | None = option(
+        None, "Largest stretch from mounted.", kind=float, metavar="L"
+    )
+    ratios: Sequence[tuple[float, float]] = option(
+        (),
+        "Stretch ratio, one protocol each time it is given  [default: 1:1]",
+        metavar="X:Y",
+        flag="ratio",
+    )
+    increments: int = option(100, least=1, most=100_000, show_range=True)
+    edge: tuple[float, float] = option(
+        (20.0, 20.0), "Unloaded edge, 20 or 20x15 (x, y)  [default: 20]", metavar="MM"
+    )
+    thickness: float | None = option(
+        None, "Unloaded thickness  [default: 1]", kind=float, metavar="MM"
+    )
+    noise_N: float = option(0.0, "Sd of a force reading.", metavar="N")
+    misfit: float = option(0.0, "Sd of a smooth error, share of force.", metavar="R")
+    stress_pair: str = option(
+        "force", "What the file holds: N, or kPa as a lab computes it.", choices=STRESS_PAIRS
+    )
+    geometry: str = option(
+        "unloaded", "State whose dimensions the file states.", choices=GEOMETRIES
+    )
+    hooks: int | None = option(
+        None,
+        "Finite elements with N hooks an edge (5 if not said).",
+        kind=int,
+        least=1,
+        most=50,
+        show_range=True,
+        metavar="[N]",
+    )
+    seed: int = option(0, least=0, show_range=True)
+    name: str | None = option(None, "Name of the specimen  [default: that of the file]")
+
+
+@takes_options(VirtualTest)
+def simulate(
+    out: str | Path | None = None, *, overwrite: bool = False, **options: Any
+) -> tuple[Specimen, Truth]:
+    """A virtual biaxial test, written as a specimen file where asked to.
+
+    Parameters
+    ----------
+    out : path-like, optional
+        The CSV; the truth goes into ``<stem>.truth.json`` beside it, which no fit reads.
+    overwrite : bool
+        Replace files of the same name.
+    **options
+        As in :class:`VirtualTest`.
+
+    Raises
+    ------
+    InputError
+        For a test that cannot be, or a file that is there already.
+    """
+    from biaxbayes.specimens.virtual_specimen import write_truth
+
+    test = VirtualTest.from_values(options)
+    if out is not None:
+        _check_files(Path(out), overwrite)
+    specimen, truth = _simulated(test, test.name or ("virtual" if out is None else Path(out).stem))
+    if out is not None:
+        # The truth first: a specimen without its truth would be worth nothing.
+        write_truth([truth], truth_file(Path(out)))
+        write_specimen(specimen, Path(out))
+    return specimen, truth
+
+
+def truth_file(out: Path) -> Path:
+    """Where the truth of a virtual specimen goes."""
+    return out.with_name(f"{out.stem}.truth.json")
+
+
+def _check_files(out: Path, overwrite: bool) -> None:
+    if not out.parent.is_dir():
+        raise InputError("no such folder", file=out.parent, remedy="make it first")
+    for path in (out, truth_file(out)):
+        check_new(path, overwrite)
+
+
+def _simulated(test: VirtualTest, name: str) -> tuple[Specimen, Truth]:
+    """The specimen that the options ask for."""
+    from biaxbayes.fem.sheet_tester import Hooks
+    from biaxbayes.laws.goh import GOH
+    from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen
+
+    material, conditions, dimensions = _conditions(test)
+    if test.hooks and not isinstance(material, GOH):
+        raise InputError(
+            f"`hooks` computes a sheet with shear, which the law {material.law.name} does not "
+            "define here",
+            remedy="leave `hooks` out, or give a material of goh",
+        )
+    for key, value in (("noise_N", test.noise_N), ("misfit", test.misfit)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise InputError(f"`{key}` is {value:g}", remedy="give zero or more")
+    machine = Machine(
+        noise_N=test.noise_N,
+        misfit=test.misfit,
+        stress_pair=test.stress_pair,
+        geometry=test.geometry,
+    )
+    common: dict[str, Any] = {
+        "name": name,
+        **conditions,
+        "ratios": test.ratios or ((1.0, 1.0),),
+        "increments": test.increments,
+        "dimensions": dimensions,
+        "machine": machine,
+        "seed": test.seed,
+    }
+    try:
+        with np.errstate(all="ignore"):  # an overflow is seen in the result
+            if isinstance(material, GOH) and test.hooks:
+                made = hooked_specimen(material, **common, hooks=Hooks(count=test.hooks))
+            else:
+                made = virtual_specimen(material, **common)
+    except ValueError as error:
+        raise InputError(str(error), remedy="see 'biaxbayes simulate --help'") from None
+    try:
+        readable_specimen(made[0], name)
+    except InputError as error:
+        raise InputError(
+            f"this test gives a record that cannot be used: {error.problem}",
+            remedy="choose another stretch, ratio or material",
+        ) from None
+    return made
+
+
+def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Dimensions]:
+    """Material, stretches and dimensions: the options, else what is published with a material."""
+    from biaxbayes.laws.materials import MaterialResponse
+    from biaxbayes.laws.published import MATERIALS, PublishedMaterial
+    from biaxbayes.specimens.virtual_specimen import Dimensions
+
+    if isinstance(test.material, MaterialResponse):
+        published = PublishedMaterial(test.material, "command line")
+    elif test.material in MATERIALS:
+        published = MATERIALS[test.material]
+    elif test.material is None:
+        raise InputError(
+            "no `material`", remedy="name a published one, or make one with biaxbayes.law(...)"
+        )
+    else:
+        raise InputError(
+            f"no material {str(test.material)[:60]!r}", remedy=f"known are {', '.join(MATERIALS)}"
+        )
+    material = published.material
+    if test.fibre_switch:
+        material = _switched(material)
+    thickness = test.thickness
+    if thickness is None:
+        thickness = published.thickness_mm or 1.0
+    if not (math.isfinite(thickness) and thickness > 0.0):
+        raise InputError(f"a thickness of {thickness:g} mm", remedy="give a positive number")
+    edge_x, edge_y = test.edge
+    conditions = {**_stretches(test, published), "source": published.source}
+    return material, conditions, Dimensions(edge_x, edge_y, thickness)
+
+
+def _switched(material: MaterialResponse) -> MaterialResponse:
+    """The same material whose fibres carry no compression."""
+    from biaxbayes.laws.goh import GOH
+    from biaxbayes.laws.materials import StatedMaterial
+
+    if isinstance(material, GOH):
+        return replace(material, fibre_switch=True)
+    return StatedMaterial(law_named(material.law.name, fibre_switch=True), material.theta)
+
+
+def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
+    top: list[Any]
+    mounting = test.prestretch or published.mounting_stretch
+    if not test.prestretch and published.mounting_stretch == (1.0, 1.0):
+        raise InputError(
+            "no mounting stretch is published with this material",
+            remedy="give `prestretch` X Y (1 1 for none)",
+        )
+    total, measured = test.total_stretch, test.measured_stretch
+    if total is not None and measured is not None:
+        raise InputError("`total_stretch` and `measured_stretch` are given", remedy="give one")
+    if total is None and measured is None:
+        measured = published.measured_stretch
+    if total is None and measured is None:
+        raise InputError(
+            "no stretch range is published with this material",
+            remedy="give `total_stretch` or `measured_stretch`",
+        )
+    top = [measured, measured] if total is None else [total / lm if lm else 0.0 for lm in mounting]
+    for label, values in (("`prestretch`", mounting), ("largest measured stretch", top)):
+        for value in values:
+            if not 0.5 <= value <= 3.0:
+                raise InputError(
+                    f"{label} of {value:g}", remedy="stretches are ratios near 1, such as 1.02"
+                )
+    if 1.0 in top:
+        raise InputError("the test ends where it starts", remedy="ask for a larger stretch")
+    return {
+        "mounting_stretch": tuple(mounting),
+        "total_stretch": total,
+        "measured_stretch": measured,
+    }
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@click.command("simulate")
+@options(VirtualTest, "material")
+@click.option(
+    "--goh",
+    nargs=5,
+    type=float,
+    metavar="C1 k1 k2 ALPHA KAPPA",
+    help="Five numbers instead: kPa, kPa, 1, degrees, 1.",
+)
+@click.option("--law", type=click.Choice(list(LAWS)), help="Another law, with --values.")
+@click.option(
+    "--values",
+    metavar="NAME=VALUE,...",
+    help="All parameters of --law, as c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2.",
+)
+@options(
+    VirtualTest,
+    "fibre_switch",
+    "prestretch",
+    "total_stretch",
+    "measured_stretch",
+    "ratios",
+    "increments",
+    "edge",
+    "thickness",
+    "noise_N",
+    "misfit",
+    "stress_pair",
+    "geometry",
+    "hooks",
+    "seed",
+    "name",
+    prestretch={"nargs": 2, "type": float},
+    ratios={"multiple": True, "type": RATIO, "show_default": False},
+    edge={"type": Pair("edge", "x", "20 or 20x15", single=True), "show_default": False},
+    noise_N={"show_default": False},
+    misfit={"show_default": False},
+    hooks={"is_flag": False, "flag_value": DEFAULT_HOOKS},
+)
+@file_option("out", "CSV to write  [required]", "FILE")
+@flag("overwrite", "Replace files of the same name.")
+def command(
+    out: Path | None,
+    overwrite: bool,
+    material: str | None,
+    goh: tuple[float, float, float, float, float] | None,
+    law: str | None,
+    values: str | None,
+    **test: Any,
+) -> None:
+    r"""A virtual biaxial test, written as a specimen file.
+
+    The truth goes into a second file beside it, `<stem>.truth.json`, which no fit reads.
+
+    \b
+    biaxbayes simulate --material donor2-media --noise-N 0.0006 --out media.csv
+    biaxbayes simulate --goh 14 140 11.9 38.4 0.21 --prestretch 1.02 1.02 \
+        --total-stretch 1.2 --ratio 1:1 --ratio 1:0.5 --out test.csv
+    biaxbayes simulate --law fung --values c0_kPa=10,c_kPa=5,b_x=8,b_y=5,b_xy=2 \
+        --prestretch 1.02 1.02 --total-stretch 1.2 --out fung.csv
+    """
+    if material == "list":
+        _print_materials()
+        return
+    if out is None:
+        raise InputError("no file to write", remedy="give --out FILE")
+    chosen: Any = material
+    if sum(x is not None for x in (material, goh, law or values)) != 1:
+        raise InputError(
+            "give one of --material NAME and --goh C1 k1 k2 ALPHA KAPPA, or --law with --values",
+            remedy="'--material list' prints the names",
+        )
+    if goh:
+        chosen = _given_goh(goh)
+    elif law or values:
+        chosen = _given_material(law, values)
+    specimen, truth = simulate(out, overwrite=overwrite, material=chosen, **test)
+    _print_test(specimen, truth, out)
+
+
+def _given_goh(goh: tuple[float, float, float, float, float]) -> Any:
+    from biaxbayes.laws.goh import GOH
+
+    try:
+        return GOH(*goh)
+    except ValueError as error:
+        raise InputError(f"--goh: {error}", remedy="C1 and k1 in kPa, alpha in degrees") from None
+
+
+def _given_material(law: str | None, values: str | None) -> Any:
+    """The material of --law and --values."""
+    if law is None:
+        raise InputError("--values without a law", remedy=f"give --law, one of {', '.join(LAWS)}")
+    chosen = law_named(law)
+    labels = [p.label for p in chosen.parameters]
+    if values is None:
+        raise InputError(
+            f"--law {law} without values",
+            remedy=f"give --values {','.join(f'{label}=...' for label in labels)}",
+        )
+    numbers: dict[str, float] = {}
+    for text in values.split(","):
+        name, _, value = (part.strip() for part in text.partition("="))
+        if name in numbers:
+            raise InputError(f"--values: {name[:40]} is given twice", remedy="give it once")
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise InputError(
+                f"--values: {text[:60]!r} is no NAME=VALUE",
+                remedy=f"parameters of {law} are {', '.join(labels)}",
+            ) from None
+    try:
+        return chosen.stated(numbers)
+    except InputError as error:
+        raise InputError(f"--values: {error.problem}", remedy=error.remedy) from None
+
+
+def _print_materials() -> None:
+    from biaxbayes.laws.published import MATERIALS
+
+    for name, published in MATERIALS.items():
+        m = published.material
+        click.echo(
+            f"{name:18s} {m.C1_kPa:6g} {m.k1_kPa:6g} {m.k2:6g} {m.alpha_deg:6g} {m.kappa:6g}"
+            f"  {published.source}"
+        )
+
+
+def _print_test(specimen: Specimen, truth: Truth, out: Path) -> None:
+    rows, unit = sum(p.rows for p in specimen.protocols), specimen.unit
+    paths = f"{len(specimen.protocols)} protocol{'s' if len(specimen.protocols) > 1 else ''}"
+    click.echo(f"{out}: {rows} rows, {paths}, largest load {specimen.peak_load:.4g} {unit}")
+    first = next(iter(truth.disturbed_mounting_force.values()))
+    truths = truth_file(out)
+    click.echo(f"mounting load {first[0]:.4g}, {first[1]:.4g} {unit}; truth in {truths}")
+    if specimen.is_tared:
+        click.echo("no mounting load: 'sample' will treat the file as tared", err=True)
