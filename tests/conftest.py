@@ -101,8 +101,13 @@ def hostile_run(session_folder):
 
 
 @pytest.fixture(scope="session")
-def bases(session_folder):
-    """A small run to damage; see ``hostile.readers``."""
-    from hostile.readers import Bases, finished_run
+def adventitia_run(session_folder):
+    """A finished run, to damage copies of."""
+    import biaxbayes
 
-    return Bases(shared.made_once("bases", finished_run) / "run")
+    def finished_run(folder: Path) -> None:
+        specimen = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"
+        with quick_posteriors.without_figures():
+            biaxbayes.sample(specimen, out=folder / "run", ess=500)
+
+    return shared.made_once("adventitia", finished_run) / "run"

@@ -20,7 +20,7 @@ from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.specimens.specimen_file import specimen_text
 from biaxbayes.specimens.table import read_stretches
-from hostile.specimen_files import GOOD, body, protocols
+from test_hostile_inputs import BODY, GOOD, protocols
 
 
 def write(path: Path, text: str) -> Path:
@@ -220,7 +220,7 @@ def test_numbers_against_the_text(tmp_path):
 
 
 def test_several_protocols_keep_their_order(tmp_path):
-    specimen = read_specimen(write(tmp_path / "a.csv", protocols(["b", "a", "1:1"])))
+    specimen = read_specimen(write(tmp_path / "a.csv", protocols("b", "a", "1:1")))
     assert [p.name for p in specimen.protocols] == ["b", "a", "1:1"]
     assert specimen.only("a").protocols == (specimen.protocols[1],)
     assert len(specimen.without("a").protocols) == 2
@@ -270,11 +270,11 @@ BASES = [
     text.encode()
     for text in (
         GOOD,
-        protocols(["1:1, slow", "1:0.5"], quote=True),
+        protocols('"1:1, slow"', '"1:0.5"'),
         "# mounting_stretch_x: 1.03 +- 0.01\n# rest_rows: 2\nstretch_x,stretch_y,cauchy_x_kPa,"
-        "cauchy_y_kPa\n" + body(),
+        "cauchy_y_kPa\n" + BODY,
         "time_s,stretch_x,stretch_y,piola_x_kPa,piola_y_kPa\n"
-        + "".join(f"{0.1 * i},{line}\n" for i, line in enumerate(body().splitlines())),
+        + "".join(f"{0.1 * i},{line}\n" for i, line in enumerate(BODY.splitlines())),
     )
 ]
 TOKENS = [

@@ -21,7 +21,7 @@ from studies.common import ROOT, options_of, parser
 PARTS: dict[str, tuple[str, str]] = {
     "density": (
         "laws/*.py mechanics/mounting.py model/priors.py model/error_model.py model/density.py",
-        "laws law_statements goh priors error_model posterior hostile_priors",
+        "laws law_statements goh priors error_model posterior hostile_inputs",
     ),
     "verdicts": (
         "identifiability/*.py identifiability/mounting_stretch/*.py",

@@ -137,6 +137,8 @@ def read_summary(path: Path) -> pd.DataFrame:
     """
     try:
         table = pd.read_csv(path, dtype=dict.fromkeys(TEXT, str), keep_default_na=True)
+        if "parameter" not in table:
+            raise KeyError("parameter")
         numbers = [name for name in COLUMNS if name not in TEXT]
         table[numbers] = table[numbers].astype(float)
         if "verdict" not in table:  # of before verdicts stood here

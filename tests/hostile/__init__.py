@@ -1,1 +1,0 @@
-"""Files that a reader meets in the wild, made by code, each with what must come of it."""
