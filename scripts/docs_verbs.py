@@ -70,6 +70,7 @@ COMMON = {
     *("trace", "sd (standard deviation)", "factor", "mean", "overlay", "ratio", "material laws"),
     *("above zero, below zero", "no verdict, fixed", "median, 90 % interval"),
     *("residual, misfit", "Cauchy stress, nominal stress", "sd between", "verdict"),
+    *("convergence", "donor effect", "density of what was left out", "population, group"),
 }
 """Terms that reports explain and a reader of the documentation need not look up."""
 
