@@ -30,9 +30,6 @@ from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["BREAKS", "Replication", "Study", "replicate", "run_replications"]
-
-
 # --- simulation-based calibration: whether the intervals are right on this protocol and noise ----
 
 
@@ -54,7 +51,6 @@ class Study:
         Keyword arguments of :class:`Posterior`, without its priors.
     priors : mapping
         Of every parameter, drawn from and sampled with.
-    seed : int
     ess : float
         Effective draws of the worst quantity asked for.
     max_steps, ensembles, walkers, population, first_block : int
@@ -127,7 +123,6 @@ class Replication:
 
     Attributes
     ----------
-    index : int
     state : str
         Of the draws; ``failed`` when there are none.
     reason : str
@@ -142,7 +137,6 @@ class Replication:
         Of the posterior.
     rejected : int
         Draws from the prior rejected for want of a stable mounted state.
-    worst_ess, worst_rhat, beta, seconds : float
     """
 
     index: int
@@ -165,7 +159,6 @@ def replicate(study: Study, index: int) -> Replication:
 
     Parameters
     ----------
-    study : Study
     index : int
         Of the replication. Study and index determine the result.
 
@@ -255,8 +248,6 @@ def run_replications(
 
     Parameters
     ----------
-    study : Study
-    indices : sequence of int
     executor : Executor, optional
         Default: this process.
     stop : callable

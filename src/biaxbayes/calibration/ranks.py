@@ -21,22 +21,6 @@ import pandas as pd
 from scipy.special import gammaln
 from scipy.stats import beta, binom
 
-__all__ = [
-    "FEWEST",
-    "LEVELS",
-    "SIGNIFICANT",
-    "Coverage",
-    "band_level",
-    "calibration_table",
-    "count_band",
-    "coverage",
-    "probability_inside",
-    "rank_counts",
-    "uniformity_p_value",
-    "verdict",
-]
-
-
 # --- simultaneous bands of the distribution function of uniform ranks, exactly -------------------
 
 
@@ -80,10 +64,6 @@ def probability_inside(replications: int, draws: int, level: float) -> float:
         N and L.
     level : float
         Between 0 and 1.
-
-    Returns
-    -------
-    float
     """
     allowed = _allowed(replications, draws, level)
     if not allowed:
@@ -114,11 +94,6 @@ def probability_inside(replications: int, draws: int, level: float) -> float:
 def band_level(replications: int, draws: int, coverage: float = 0.95) -> float:
     """Pointwise level at which the bands hold all ranks at once with at least a coverage.
 
-    Parameters
-    ----------
-    replications, draws : int
-    coverage : float
-
     Returns
     -------
     float
@@ -148,7 +123,6 @@ def uniformity_p_value(ranks: np.ndarray, draws: int) -> float:
     ----------
     ranks : ndarray of int, shape (replications,)
         Between 0 and ``draws``.
-    draws : int
 
     Returns
     -------

@@ -23,17 +23,6 @@ from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Quantities, mounting_names
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "Rules",
-    "SimulatedSpecimen",
-    "draw_truth",
-    "local_prior",
-    "priors_toml",
-    "protocol_prior",
-    "simulate_specimen",
-]
-
-
 # --- A specimen drawn from the statistical model: true values from the prior ----------------------
 
 
@@ -49,7 +38,6 @@ class Rules:
     ----------
     specimen : Specimen
         Whose protocols, dimensions and load noise are used.
-    settings : Settings
     priors : mapping
         Of every unknown, by the names that the posterior uses.
     mounts : tuple of str
@@ -112,11 +100,6 @@ def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float]
     state. Such draws are rejected whole, so that the true values follow the prior times that
     indicator, which is the prior that the posterior uses.
 
-    Parameters
-    ----------
-    rules : Rules
-    rng : numpy.random.Generator
-
     Returns
     -------
     truth : dict
@@ -143,10 +126,8 @@ def simulate_specimen(
 
     Parameters
     ----------
-    rules : Rules
     truth : mapping
         From :func:`draw_truth`.
-    rng : numpy.random.Generator
     noise_factor : float
         Times the true noise sd: other than one only to show that a wrong sd is noticed.
 
@@ -246,11 +227,6 @@ def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Ti
     :meth:`~biaxbayes.laws.law.Law.scaled_prior`. The noise sd is around 0.5 % of the peak load of
     *this* specimen, whatever a simulated one's peak is.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    law : Law
-
     Returns
     -------
     dict
@@ -289,10 +265,6 @@ def local_prior(
         distribution.
     known : Quantities
         What each name of the draws is.
-
-    Returns
-    -------
-    dict
     """
     out: dict[str, Prior | float | Tie] = {}
     for name, prior in wide.items():

@@ -21,16 +21,6 @@ from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "WHOLE",
-    "Part",
-    "Prediction",
-    "Task",
-    "only",
-    "parts_of",
-    "sample_part",
-]
-
 WHOLE = "whole record"
 QUARTERS = 4
 KEPT_DRAWS, KEPT_OF_PART = 2000, 500
@@ -48,7 +38,6 @@ class Part:
     ----------
     name : str
         Of the protocol, with the quarter where it has only one.
-    protocol : int
     rows : slice
         Of the protocol, those at rest included in the count and never left out.
     """
@@ -59,12 +48,7 @@ class Part:
 
 
 def parts_of(specimen: Specimen) -> tuple[Part, ...]:
-    """Each protocol, or each quarter of the only one.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    """
+    """Each protocol, or each quarter of the only one."""
     if len(specimen.protocols) > 1:
         return tuple(
             Part(p.name, i, slice(p.rest_rows, p.rows)) for i, p in enumerate(specimen.protocols)
@@ -109,7 +93,6 @@ class Task:
 
     Attributes
     ----------
-    law : str
     specimen : Specimen
         Of the whole record.
     part : Part or None
@@ -117,10 +100,8 @@ class Task:
     options : mapping
         Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior` but the law, its priors
         and its switch.
-    seed : int
     ess : float
         Effective draws wanted.
-    max_steps : int
     """
 
     law: str
@@ -145,7 +126,6 @@ class Prediction:
     ----------
     state : str
         Of the chains; ``failed`` where nothing could be drawn.
-    reason : str
     rmse_kPa : float
         Of the deterministic fit to the record.
     residuals : tuple of ndarray, shape (n_p, 2)
@@ -163,10 +143,6 @@ class Prediction:
 
 def sample_part(task: Task) -> Prediction:
     """Fit and sample a law on a record without the part.
-
-    Parameters
-    ----------
-    task : Task
 
     Returns
     -------

@@ -44,8 +44,6 @@ from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import tails
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["STACKED", "STATED_COLUMNS", "LawComparison", "judged_laws"]
-
 STACKED = "stacked"
 UNUSABLE = ("unusable", "failed")
 QUANTILES = (0.05, 0.5, 0.95)
@@ -59,7 +57,6 @@ class LawComparison:
 
     Attributes
     ----------
-    specimen : str
     table : DataFrame
         ``laws.csv``: one row a law, the last one ``stacked``, which has the levels that its bands
         are read at.
@@ -133,7 +130,6 @@ def judged_laws(
 
     Parameters
     ----------
-    specimen : Specimen
     options : mapping
         As of the tasks.
     found : mapping

@@ -17,8 +17,6 @@ from biaxbayes.prediction.bands import evenly_chosen, tails
 from biaxbayes.prediction.draws import protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["mixture_bands", "mixture_draws", "shared_stretches"]
-
 BAND_DRAWS = 500
 
 
@@ -82,7 +80,6 @@ def mixture_bands(
 
     Parameters
     ----------
-    specimen : Specimen
     used : sequence of str
         Laws of the mixture.
     weight : ndarray, shape (laws,)
@@ -149,10 +146,6 @@ def shared_stretches(table: pd.DataFrame, specimen: Specimen) -> list[str]:
         Columns as in ``summary.csv``.
     specimen : Specimen
         Names the mounted states.
-
-    Returns
-    -------
-    list of str
     """
     states = ("", *(p.name for p in specimen.protocols))
     return [n for s in states for n in mounting_names("stretch", s) if n in table]

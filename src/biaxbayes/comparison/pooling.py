@@ -31,16 +31,6 @@ from scipy.special import betaincinv, betaln
 from biaxbayes.model.error_model import standard_cdf
 from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles
 
-__all__ = [
-    "PRIOR_READINGS",
-    "calibrated_levels",
-    "mixed_percentiles",
-    "mixed_probabilities",
-    "sharpness",
-    "stacking_weights",
-    "weighted_density",
-]
-
 PRIOR_READINGS = 1.0
 """Readings that the Dirichlet prior is worth in all, a = 1 + 1 / models: further models do not make
 it stronger."""
@@ -217,9 +207,5 @@ def calibrated_levels(levels: tuple[float, ...], sharpness: float) -> tuple[floa
         Between 0 and 1.
     sharpness : float
         Of :func:`sharpness`; 1 leaves the levels as they are.
-
-    Returns
-    -------
-    tuple of float
     """
     return tuple(float(betaincinv(sharpness, sharpness, level)) for level in levels)

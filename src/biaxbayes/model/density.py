@@ -29,9 +29,6 @@ from biaxbayes.mechanics.mounting import (
 )
 from biaxbayes.model.error_model import HALF_LOG_2PI, curve_log_likelihood, misfit
 
-__all__ = ["Problem", "evaluate", "log_density"]
-
-
 # Slots behind those of the law; natural values are kept in the same order.
 NOISE, GROWTH, EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(7)
 MOUNTING = 7  # then two a mounted state
@@ -70,7 +67,6 @@ class Problem(NamedTuple):
     prior_kind : int64 ndarray, shape (s,); prior : ndarray, shape (s, 5)
         Kind, and location, scale, lower, upper, log normaliser of each slot's prior. For
         mounting slots the prior is on the mounting stretch.
-    mounting_mode, mounted : int, bool
     determinant : bool
         Whether the change of variables from mounting force to mounting stretch counts (always,
         but for the tests that show why).
@@ -279,7 +275,6 @@ def log_density(problem: Problem, u: np.ndarray, rejected: np.ndarray) -> np.nda
 
     Parameters
     ----------
-    problem : Problem
     u : ndarray, shape (walkers, d)
     rejected : int64 ndarray, shape (4,)
         Counters, added to: walkers inside, out of range, without a root, overflowed.

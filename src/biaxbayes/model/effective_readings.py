@@ -15,14 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = [
-    "SMOOTH_RUNS",
-    "EffectiveReadings",
-    "effective_readings",
-    "effective_size",
-    "misses_smoothly",
-]
-
 MINIMUM = 2.0  # a curve is worth at least this many readings, or its sd would be undefined
 SMOOTH_RUNS = 3.0  # standard deviations of the sign changes of independent errors
 
@@ -100,10 +92,6 @@ def effective_readings(
         One array a protocol, measured minus model.
     scale : sequence of ndarray, shape (n_p, 2), optional
         Standard deviation of each reading up to a factor, where it is not constant.
-
-    Returns
-    -------
-    EffectiveReadings
     """
     count = np.array([[len(r), len(r)] for r in residuals], dtype=float)
     effective = np.array(
@@ -123,7 +111,6 @@ def misses_smoothly(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) ->
     Parameters
     ----------
     residuals : sequence of ndarray, shape (n_p, 2)
-    sd : float
     """
     changes = steps = 0
     for part in residuals:

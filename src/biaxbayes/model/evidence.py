@@ -14,8 +14,6 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.bridge import log_integral
 from biaxbayes.sampling.sampler import Draws
 
-__all__ = ["Evidence", "evidence", "evidence_record"]
-
 
 @dataclass(frozen=True)
 class Evidence:
@@ -47,7 +45,6 @@ def evidence(posterior: Posterior, draws: Draws, *, seed: int = 0) -> Evidence:
     ----------
     posterior : Posterior
         The one that was drawn from; independent noise and all rows.
-    draws : Draws
     seed : int
         For the draws of the proposal.
 

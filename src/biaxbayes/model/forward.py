@@ -75,7 +75,6 @@ class ForwardModel:
 
     Attributes
     ----------
-    law : Law
     area : ndarray, shape (2,)
         Load per kPa that the dimensions of the file give.
     mounted : bool

@@ -36,15 +36,6 @@ from biaxbayes.parameters import (
 from biaxbayes.specimens.path import thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "Assembly",
-    "assemble",
-    "mounting_names",
-    "natural_values",
-    "sampling_coordinates",
-    "to_slot",
-]
-
 _BEHIND = (NOISE_SD, NOISE_GROWTH, *DIMENSIONS)
 """Parameters of the slots between those of the law and those of the mounted states."""
 
@@ -55,8 +46,6 @@ class Assembly:
 
     Attributes
     ----------
-    problem : Problem
-    law : Law
     slots : tuple of str
         Natural name of every slot.
     free : tuple of str
@@ -107,8 +96,6 @@ def assemble(
 
     Parameters
     ----------
-    specimen : Specimen
-    settings : Settings
     beta : float or array_like, shape (p, 2)
         Weight of the log likelihood, n_eff / n.
     reference_stretch : (float, float), optional
@@ -332,7 +319,6 @@ def natural_values(assembly: Assembly, u: np.ndarray) -> tuple[np.ndarray, dict[
 
     Parameters
     ----------
-    assembly : Assembly
     u : ndarray, shape (n, d)
 
     Returns

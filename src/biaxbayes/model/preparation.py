@@ -15,10 +15,9 @@ import numpy as np
 from biaxbayes.fitting.fit import constrained_fit
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.model.effective_readings import EffectiveReadings, effective_readings
-from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.posterior import Chart, Posterior
 from biaxbayes.model.priors import Prior
-from biaxbayes.parameters import FORCE, STRETCH
+from biaxbayes.parameters import FORCE, STRETCH, mounting_names
 from biaxbayes.sampling.modes import find_modes
 from biaxbayes.specimens.specimen import Specimen
 

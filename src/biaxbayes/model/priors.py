@@ -41,18 +41,6 @@ if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
     from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "FAMILIES",
-    "DrawnPrior",
-    "Prior",
-    "Tie",
-    "check_fixed",
-    "default_priors",
-    "parse_priors",
-    "prior_value",
-    "read_priors",
-]
-
 
 # --- priors --------------------------------------------------------------------------------------
 

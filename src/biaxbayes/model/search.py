@@ -28,8 +28,6 @@ from biaxbayes.sampling.proposal import fit_mixture_proposal
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
 from biaxbayes.sampling.target import Target
 
-__all__ = ["draw_posterior", "search"]
-
 SCOUTS = 16
 """Materials, far from one another, from which other modes of the posterior are looked for."""
 SCOUT_NOISE = 10.0
@@ -52,7 +50,6 @@ def draw_posterior(
     posterior : Posterior
         It is laid out around its deterministic fit, which is made if it holds none; the draws'
         ``target`` is the density in the chart that was drawn in.
-    plan : Plan
     state : State, optional
         Continue from here rather than from the start.
     on_block, progress, stop
@@ -101,7 +98,6 @@ def search(
     ----------
     posterior : Posterior
         Laid out around its deterministic fit (:func:`.preparation.charted`).
-    rng : numpy.random.Generator
     population : int
         Points of a generation.
 

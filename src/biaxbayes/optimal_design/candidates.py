@@ -23,20 +23,13 @@ from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.specimens.protocol import Protocol as Record
 from biaxbayes.specimens.specimen import Specimen, pooled_reading
 
-__all__ = ["Candidate", "FurtherProtocol", "Reading", "standard_candidates"]
-
 RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0), (1.0, 0.0), (0.0, 1.0))
 MOST_ROWS = 200
 HISTOLOGY = {"alpha": "fibre angle", "kappa": "dispersion"}
 
 
 class Candidate(Protocol):
-    """Something that could be measured.
-
-    Attributes
-    ----------
-    name : str
-    """
+    """Something that could be measured."""
 
     name: str
 
@@ -64,7 +57,6 @@ class Reading:
 
     Attributes
     ----------
-    name : str
     quantities : tuple of str
         Columns of the draws.
     sd : float
@@ -118,14 +110,10 @@ class FurtherProtocol:
 
     Attributes
     ----------
-    name : str
-    specimen : Specimen
     stretch : ndarray, shape (n + 1, 2)
         Measured stretches; the first is the mounted state.
-    beta : float
     mounting_sd : float
         Of the mounting force's reading; zero where the run takes no such reading.
-    law : Law
     shared : bool
         Whether all protocols have one mounted state, whose readings are then pooled.
     """
@@ -257,7 +245,6 @@ def standard_candidates(
 
     Parameters
     ----------
-    posterior : Posterior
     ratios : tuple of (float, float)
         Further ratios of the stretch beyond the mounted state, besides 1:1, 1:0.5, 0.5:1, 1:0
         and 0:1.

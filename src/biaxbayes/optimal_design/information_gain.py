@@ -36,18 +36,6 @@ from biaxbayes.optimal_design.candidates import Candidate
 from biaxbayes.sampling.population_monte_carlo import explore, resample, tempering
 from biaxbayes.sampling.proposal import MixtureProposal, fit_mixture_proposal
 
-__all__ = [
-    "OUTCOMES",
-    "Expected",
-    "OutcomePosterior",
-    "Sharpened",
-    "expect",
-    "log_mean",
-    "targets",
-    "weighted_spread",
-]
-
-
 # --- quantities whose spread a further measurement is to shrink ----------------------------------
 
 
@@ -106,7 +94,6 @@ class OutcomePosterior:
     ----------
     posterior : Posterior
         With its chart in use; mounted states, if any, shared by all protocols.
-    candidate : Candidate
     draws : DataFrame
         Of the run.
     quantities : tuple of str
@@ -137,7 +124,6 @@ class OutcomePosterior:
         outcome : ndarray, shape (readings,)
         log_weight : ndarray, shape (draws,)
             Log likelihood of the outcome for each draw of the run.
-        rng : numpy.random.Generator
         """
 
         def log_density(x: np.ndarray) -> np.ndarray:
@@ -223,7 +209,6 @@ class Expected:
 
     Attributes
     ----------
-    name : str
     gain, gain_error : float
         Expected information gain, nats, and its Monte Carlo error.
     reduction, error : ndarray, shape (quantities,)
@@ -265,11 +250,7 @@ def expect(
 
     Parameters
     ----------
-    candidate : Candidate
-    draws : DataFrame
     quantities : dict of ndarray, shape (draws,)
-    rng : numpy.random.Generator
-    outcomes : int
     posterior : Posterior, optional
         Of the draws, with its chart in use. Draws new ones for outcomes that leave too few, where
         these are many.

@@ -15,18 +15,6 @@ from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "chosen_draws",
-    "common_states",
-    "median_draw",
-    "most_probable_draw",
-    "mounting_labels",
-    "mounting_stretch",
-    "protocol_mounting",
-    "random_draws",
-]
-
-
 # --- mounted states of posterior draws -----------------------------------------------------------
 
 
@@ -75,8 +63,6 @@ def median_draw(draws: pd.DataFrame, specimen: Specimen, law: Law) -> int:
     ----------
     draws : DataFrame
         Posterior draws.
-    specimen : Specimen
-    law : Law
 
     Returns
     -------
@@ -141,14 +127,10 @@ def chosen_draws(
 
     Parameters
     ----------
-    draws : DataFrame
-    specimen : Specimen
-    law : Law
     count : int, optional
         So many random draws; else one.
     at : {"median", "map"}
         Which one.
-    seed : int
     """
     if count is not None:
         return random_draws(draws, count, seed=seed), f"random posterior draw, seed {seed}"

@@ -28,9 +28,8 @@ from biaxbayes.figures.style import (
     settle,
 )
 from biaxbayes.identifiability.bounded_density import span
-from biaxbayes.model.layout import mounting_names
 from biaxbayes.options import CONTENT
-from biaxbayes.parameters import Quantities, Quantity
+from biaxbayes.parameters import Quantities, Quantity, mounting_names
 from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.specimens.specimen import Specimen

@@ -23,12 +23,11 @@ import pandas as pd
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.identifiability.profile.conditional_fit import HeldFit, Target
 from biaxbayes.identifiability.profile.walk import THRESHOLD, Walk, axis_of
-from biaxbayes.model.layout import mounting_names
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, fitted
 from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
-from biaxbayes.parameters import Quantities, Quantity, unit_words
+from biaxbayes.parameters import Quantities, Quantity, mounting_names, unit_words
 
 __all__ = ["FLAT", "THRESHOLD", "Profile", "profile_likelihood", "profiles"]
 
