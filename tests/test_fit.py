@@ -344,13 +344,13 @@ def test_what_is_called_converged_is_stationary():
 # --- the start of the sampler ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("weigh", [None, effective_readings])
-def test_fit_minimises_the_objective_of_the_posterior(weigh):
+@pytest.mark.parametrize("weighted", [False, True])
+def test_fit_minimises_the_objective_of_the_posterior(weighted):
     specimen = with_misfit(specimen_of(MEDIA, (1.012, 1.02)))
-    found = constrained_fit(specimen, weigh=weigh)
+    found = constrained_fit(specimen, weighted=weighted)
     assert found.converged
-    beta = 1.0 if weigh is None else effective_readings(found.residuals).beta
-    assert (beta < 0.3) == (weigh is not None)
+    beta = effective_readings(found.residuals).beta if weighted else 1.0
+    assert (beta < 0.3) == weighted
     w = np.sqrt(np.mean(np.concatenate(found.residuals) ** 2))
     reading, sd = specimen.mounting_readings(shared=True)
     data = readings(specimen, shared=True).stretched()

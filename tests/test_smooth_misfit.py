@@ -65,7 +65,7 @@ def test_posteriors_are_widened_where_the_law_misses_and_hardly_elsewhere():
     assert np.median(widest) > 1.3 > np.median(least) >= 1.0
     assert all(np.all(f.mounting_widening >= 1.0) for f in (*missed, *clean))
     # rows that all count make the posterior narrower still
-    counted = fit_law(specimen(0.03, 0.001 * peak, 0), "goh", weigh=None)
+    counted = fit_law(specimen(0.03, 0.001 * peak, 0), "goh", weighted=False)
     assert min(counted.widening.values()) > 1.5 * max(1.0, min(missed[0].widening.values()))
 
 

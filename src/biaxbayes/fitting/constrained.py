@@ -11,7 +11,7 @@ Its minimum is what is reported as a fit, where a sampler starts, and how other 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,7 +30,7 @@ from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.model.effective_readings import EffectiveReadings, effective_readings
+from biaxbayes.model.effective_readings import effective_readings
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
@@ -39,16 +39,12 @@ MAX_REWEIGHTINGS = 50
 MAX_WEIGHTS = 10  # beta moves in steps: after so many it stays as it is
 MIN_SD = 1e-6  # of the peak load: below, a reading counts as exact
 
-Weigh = Callable[[Sequence[np.ndarray], Sequence[np.ndarray] | None], EffectiveReadings]
-"""From residuals, one array (n_p, 2) a protocol, and their sd where it is not constant, to the
-independent readings they are worth."""
-
 
 def constrained_fit(
     specimen: Specimen,
     *,
     mounting: str = "noisy",
-    weigh: Weigh | None = effective_readings,
+    weighted: bool = True,
     mounting_stretch: str = "shared",
     fixed: Mapping[str, float] | None = None,
     starts: int = 8,
@@ -68,9 +64,9 @@ def constrained_fit(
         ``exact``: it is what was read; so it is too in a file without load noise. ``ignored`` and
         ``zeroed``: the mounted state is taken as unloaded, loads as they are or less their
         reading.
-    weigh : callable, optional
-        What the rows are worth against the reading of the mounting force; None where every row
-        counts.
+    weighted : bool
+        Whether the rows count as the independent readings they are worth, beside the reading of the
+        mounting force.
     mounting_stretch : {"shared", "per-protocol"}
     fixed : mapping, optional
         Values held, by the law's parameters in their own units.
@@ -101,7 +97,7 @@ def constrained_fit(
         For an unknown option or fixed parameter.
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
-    setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weigh)
+    setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weighted)
     setup = replace(setup, compiled=compiled)
     problem, found = minimum(setup, starting_points(setup, starts, seed, initial))
     return result_of(setup, specimen, problem, found)
@@ -118,7 +114,7 @@ class FitSetup:
     mounting: str
     sd: np.ndarray | None  # of the mounting readings; None where they are exact
     law: Law
-    weigh: Weigh | None = None
+    weighted: bool = False
     compiled: bool = True
 
     @property
@@ -160,7 +156,7 @@ def fit_setup(
     mounting_stretch: str,
     fixed: Mapping[str, float] | None,
     law: Law,
-    weigh: Weigh | None,
+    weighted: bool,
 ) -> FitSetup:
     """What stays the same while a specimen is fitted; options and fixed values are checked."""
     if mounting not in MOUNTING:
@@ -177,7 +173,7 @@ def fit_setup(
     sd = None
     if mounting == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
         sd = np.maximum(data.mounting_sd, MIN_SD * data.peak)
-    return FitSetup(data, data.stretched(), point, free, mounting, sd, law, weigh)
+    return FitSetup(data, data.stretched(), point, free, mounting, sd, law, weighted)
 
 
 def starting_points(
@@ -234,8 +230,8 @@ def _reweighted(
         misfit = problem.residual(unknowns)[:rows] * scale
         new_rms = max(float(np.sqrt(misfit @ misfit / rows)), floor)
         new_beta = beta
-        if setup.weigh is not None and turn < MAX_WEIGHTS:
-            new_beta = setup.weigh(setup.by_protocol(misfit), None).beta
+        if setup.weighted and turn < MAX_WEIGHTS:
+            new_beta = effective_readings(setup.by_protocol(misfit)).beta
         settled = abs(new_rms - rms) <= 1e-4 * rms and abs(new_beta - beta) <= 0.01 * beta
         rms, beta = new_rms, new_beta
         if settled:

@@ -17,7 +17,6 @@ import numpy as np
 
 from biaxbayes.fitting.constrained import (
     FitSetup,
-    Weigh,
     fit_setup,
     minimum,
     result_of,
@@ -90,7 +89,7 @@ def fit_law(
     seed: int = 0,
     fixed: Mapping[str, float] | None = None,
     fibre_switch: bool = False,
-    weigh: Weigh | None = effective_readings,
+    weighted: bool = True,
 ) -> LawFit:
     """Least squares of a law on the measured load, with its errors.
 
@@ -98,7 +97,7 @@ def fit_law(
     ----------
     specimen : Specimen
     law : str
-    mounting, mounting_stretch, starts, seed, fixed, fibre_switch, weigh
+    mounting, mounting_stretch, starts, seed, fixed, fibre_switch, weighted
         As in :func:`~biaxbayes.fitting.constrained.constrained_fit`.
 
     Returns
@@ -106,7 +105,7 @@ def fit_law(
     LawFit
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
-    setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weigh)
+    setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weighted)
     setup = replace(setup, compiled=False)
     problem, found = minimum(setup, starting_points(setup, starts, seed, None), **AMONG_LAWS)
     fitted = result_of(setup, specimen, problem, found)
@@ -177,8 +176,8 @@ def _posterior_covariance(
 ) -> np.ndarray:
     """Inverse curvature of the posterior's misfit, w with the degrees of freedom that are left."""
     worth, beta = float(rows), 1.0
-    if setup.weigh is not None:
-        readings = setup.weigh(setup.by_protocol(r), None)
+    if setup.weighted:
+        readings = effective_readings(setup.by_protocol(r))
         worth, beta = readings.total, readings.beta
     left = max(worth - setup.free.size, 1.0)
     unit = max(float(np.sqrt(r[:rows] @ r[:rows] / rows * worth / left / beta)), 1e-12)

@@ -33,7 +33,6 @@ from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, in_w
 from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT, NOT_IDENTIFIED
 from biaxbayes.laws import LAWS
 from biaxbayes.laws.law import Law
-from biaxbayes.model.effective_readings import effective_readings
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import MATERIAL, STRETCH
@@ -261,7 +260,7 @@ def fits_of_laws(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> Law
     run = {
         "fixed": {k: v for k, v in settings.fixed.items() if k in posterior.law.names},
         "fibre_switch": settings.fibre_switch,
-        "weigh": effective_readings if settings.noise == "effective" else None,
+        "weighted": settings.noise == "effective",
     }
     return law_fits(
         posterior.specimen,

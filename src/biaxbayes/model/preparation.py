@@ -78,7 +78,7 @@ def deterministic_fit(posterior: Posterior, seed: int = 0) -> FitResult:
     return constrained_fit(
         posterior.specimen,
         mounting="noisy" if settings.mounting == "free" else settings.mounting,
-        weigh=effective_readings if settings.noise == "effective" else None,
+        weighted=settings.noise == "effective",
         mounting_stretch=settings.mounting_stretch,
         fixed={k: v for k, v in settings.fixed.items() if k != "noise_sd"},
         seed=seed,

@@ -13,7 +13,7 @@ from biaxbayes.laws import DEFAULT_LAW
 from biaxbayes.model.error_model import standard_cdf, standard_quantile
 from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import CONTENT, Settings
-from biaxbayes.parameters import NOISE_SD, mounting_names
+from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
@@ -247,13 +247,16 @@ def true_loads(
             f"the truth names no {', '.join(missing)[:200]}",
             remedy="bands need the whole material and its mounting stretches",
         )
-    row = pd.DataFrame([{name: float(truth[name]) for name in needed} | {NOISE_SD.name: 1.0}])
-    table = bands(specimen, row, settings=settings, max_rows=max_rows)
-    loads = table[_name("credible", 0.5)].to_numpy()
-    if settings.mounting == "zeroed":
-        groups = table.assign(load=loads).groupby(["protocol", "direction"], sort=False)["load"]
-        loads = loads - groups.transform("first").to_numpy()
-    return loads
+    forward = ForwardModel.from_specimen(specimen, settings.material_law)
+    values = {name: float(truth[name]) for name in needed}
+    loads = []
+    for protocol in specimen.protocols:
+        stretch = protocol.stretch[evenly_spaced(protocol.rows, max_rows)]
+        load = forward.load(values, stretch, protocol.name)[0] * _scale(specimen, stretch)
+        if settings.mounting == "zeroed":
+            load = load - load[0]
+        loads.append(load.T.ravel())
+    return np.concatenate(loads)
 
 
 @dataclass(frozen=True)
