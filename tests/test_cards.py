@@ -554,7 +554,7 @@ def test_median_draw_is_a_draw_near_the_median_curves_where_the_median_vector_is
 def test_most_probable_draw_needs_a_density():
     frame = draws(50)
     assert most_probable_draw(frame) == int(frame["lp"].idxmax())
-    with pytest.raises(InputError, match="--at median"):
+    with pytest.raises(InputError, match="`at=median`"):
         most_probable_draw(frame.drop(columns="lp"))
 
 

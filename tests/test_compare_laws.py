@@ -597,7 +597,7 @@ def test_what_cannot_be_compared_is_said():
     with pytest.raises(InputError, match="did you mean fung"):
         biaxbayes.compare_laws(small_specimen(), laws="goh,fong")
     for nothing in ("", " , ", ()):
-        with pytest.raises(InputError, match="--laws names no law; laws are goh"):
+        with pytest.raises(InputError, match="`laws` names no law; laws are goh"):
             biaxbayes.compare_laws(small_specimen(), laws=nothing)
     with pytest.raises(InputError, match="goh alone is no comparison"):
         biaxbayes.compare_laws(small_specimen(), laws="goh")

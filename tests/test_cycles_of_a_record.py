@@ -107,7 +107,7 @@ def test_preconditioning_of_a_biotester(tmp_path):
 def test_tension_that_counts_negative(axes, wrong, tmp_path):
     stretch, load = record([(0.2, 0.15)])
     signs = [-1.0 if axis in axes else 1.0 for axis in "xy"]
-    with pytest.raises(InputError, match=f"--tension-negative {wrong}"):
+    with pytest.raises(InputError, match=f"`tension_negative={wrong}`"):
         read(tmp_path, stretch, load * signs)
     found = read(tmp_path, stretch, load * signs, tension_negative=axes)
     np.testing.assert_allclose(found.specimen.protocols[0].load_y, load[:31, 1], rtol=1e-9)

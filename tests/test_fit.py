@@ -539,7 +539,7 @@ def test_strongly_stiffening_tissue():
 def test_tared_specimen_allows_two_methods():
     tared = specimen_of(MEDIA, (1.01, 1.01)).zeroed()
     for method in PRESTRETCH_METHODS:
-        with pytest.raises(TaredSpecimen, match="--mounting-force"):
+        with pytest.raises(TaredSpecimen, match="`mounting_force`"):
             fit(tared, method)
     assert [found.method for found in fit_all(tared)] == ["standard", "zeroed"]
 

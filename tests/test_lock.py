@@ -196,7 +196,7 @@ def test_a_link_in_place_of_the_lock_is_not_followed(tmp_path):
 
 def test_a_folder_that_may_not_be_written(tmp_path):
     tmp_path.chmod(0o555)
-    refused = pytest.raises(RunError, match=r"cannot be written .*; choose another --out")
+    refused = pytest.raises(RunError, match=r"cannot be written .*; choose another `out`")
     with nobody(), refused, folder_lock(tmp_path):
         pass
 

@@ -302,7 +302,7 @@ def test_displacements_with_cauchy_stresses_need_the_gauge_length(tmp_path, geom
         "cauchy_x_kPa=sx_kPa,cauchy_y_kPa=sy_kPa"
     )
     header = {**HEADER, "geometry": geometry}
-    with pytest.raises(InputError, match=r"would both rest on an assumed length.*--gauge-x-mm"):
+    with pytest.raises(InputError, match=r"would both rest on an assumed length.*`gauge_x_mm`"):
         convert([path], Choice("generic", (columns,)), header=header)
     choice = Choice("generic", (columns,), gauge_x_mm=GAUGE[0], gauge_y_mm=GAUGE[1])
     specimen = convert([path], choice, header=header).specimen

@@ -233,7 +233,7 @@ def test_stopped_and_resumed_writes_the_same_bytes(study, found, tmp_path, quick
         return 2 if len(asked) > 1 else 0
 
     whole = quick_job(study, tmp_path / "out")
-    with pytest.raises(Interrupted, match="--resume continues") as error:
+    with pytest.raises(Interrupted, match="`resume=True` continues") as error:
         whole.execute(stop=stop)
     assert error.value.exit_code == 130
     whole.execute(resume=True)

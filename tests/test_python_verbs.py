@@ -17,7 +17,7 @@ from click import Context
 
 import biaxbayes
 from biaxbayes.cli import VERBS, group, main
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, as_options
 from biaxbayes.options import (
     CalibrationPlan,
     DesignOptions,
@@ -350,6 +350,29 @@ def test_bad_values_are_refused_both_ways(run, tmp_path, capsys, verb, name):
         assert message.format(f"--{name.replace('_', '-')}") in told
         assert message.format(f"`{name}`") in str(refused.value)
         assert told.count("\n") == 1
+
+
+def test_a_message_names_arguments_in_python_and_options_on_the_command_line(run, capsys):
+    with pytest.raises(InputError, match="`draws` and `at` exclude each other"):
+        biaxbayes.export(run, "febio", draws=2, at="map")
+    assert command("export", run.path, "--to", "febio", "--draws", "2", "--at", "map") == 2
+    assert "--draws and --at exclude each other" in capsys.readouterr().err
+    assert command("predict", run.path, "--inflate") == 2
+    assert "needs --radius and --wall" in capsys.readouterr().err
+    text = "add `anyway=True`, or `mounting=zeroed` with `max_steps`"
+    assert as_options(text) == "add --anyway, or --mounting zeroed with --max-steps"
+    with pytest.raises(InputError, match=r"`stretch` is one number.*give `path`"):
+        biaxbayes.predict(run, stretch=[1.1, 1.2])
+
+
+@pytest.mark.parametrize("verb", ["sample", "batch", "compare_laws", "population", "simulate"])
+def test_the_help_of_a_verb_lists_its_options(verb):
+    function = getattr(biaxbayes, verb)
+    words = inspect.getdoc(function)
+    assert "**options" not in words
+    for name, parameter in inspect.signature(function).parameters.items():
+        assert re.search(rf"^(?:\w+, )*{name}(?:, \w+)* : ", words, re.MULTILINE), name
+        assert parameter.kind is not parameter.VAR_KEYWORD
 
 
 def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):

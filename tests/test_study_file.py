@@ -139,5 +139,5 @@ def test_files_make_a_study_of_their_own(folder):
         study_of_files([folder / "none.csv"], {})
     with pytest.raises(InputError, match="label 'a'"):
         study_of_files([files[0], files[0]], {})
-    with pytest.raises(InputError, match="--ess must be a number, at least 50"):
+    with pytest.raises(InputError, match="`ess` must be a number, at least 50"):
         study_of_files(files, {}, ess=3.0)

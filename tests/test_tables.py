@@ -126,7 +126,7 @@ def test_lost_markers_are_named_at_once_and_dropped_if_asked(gap, tmp_path):
     path.write_text("\n".join(lines))
     with pytest.raises(InputError, match="5 of 31 rows lack a reading") as refusal:
         read(path)
-    assert "rows 5-7, 11, 22" in str(refusal.value) and "--drop-missing" in str(refusal.value)
+    assert "rows 5-7, 11, 22" in str(refusal.value) and "`drop_missing=True`" in str(refusal.value)
     kept = np.delete(np.arange(31), lost)
     assert holds(path, rows=kept, drop_missing=True)
     notes = " ".join(read(path, drop_missing=True).recordings[0].notes)

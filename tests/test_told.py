@@ -11,7 +11,7 @@ from biaxbayes.figures.quantities import number, range_text
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.identifiability.identify import MOST_DRAWS
 from biaxbayes.parameters import mounting_names
-from biaxbayes.progress_bar import live_bar
+from biaxbayes.progress_bar import Progress, live_bar, minute_lines
 from biaxbayes.verbs.calibrate import Outcome, closing_message
 from biaxbayes.verbs.ledger import cell
 
@@ -35,6 +35,15 @@ def test_time_spent_is_not_called_time_left():
     halfway = shown(0.5)
     assert halfway.index("elapsed") < halfway.index("50 %")
     assert "100 %" in shown(1.0) and "left" not in shown(1.0)
+
+
+def test_a_terminal_without_a_live_line_gets_a_line_each_minute(capsys):
+    seconds = iter([0.0, 10.0, 59.0, 61.0, 61.0, 100.0])
+    show = minute_lines(lambda: next(seconds))
+    for done in (1, 2, 3, 4):
+        show(Progress(f"{done} of 9 specimens", done / 9, note="sampled anew" if done == 1 else ""))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["biaxbayes: sampled anew", "biaxbayes: 3 of 9 specimens, 33 %"]
 
 
 def test_intervals_of_a_ledger_are_not_rounded_to_nothing():

@@ -180,20 +180,18 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
                     )
                 )
                 names.add(f.name)
-                lines += _described(f.name, str(f.type), default, described.get(f.name))
+                option = described.get(f.name)
+                kind = str(f.type)
+                if option is not None and option.choices:
+                    kind = "{" + ", ".join(repr(c) for c in option.choices) + "}"
+                lines.append(f"{f.name} : {kind}, default {default!r}")
+                words = f.metadata.get("words", "") if option is None else option.words
+                lines += [f"    {words}"] if words else []
         verb.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
         verb.__doc__ = _with_lines(inspect.getdoc(verb) or "", lines)
         return verb
 
     return with_signature
-
-
-def _described(name: str, kind: str, default: Any, option: Option | None) -> list[str]:
-    """An entry of a docstring in NumPy style."""
-    if option is not None and option.choices:
-        kind = "{" + ", ".join(repr(c) for c in option.choices) + "}"
-    words = [f"    {option.words}"] if option is not None and option.words else []
-    return [f"{name} : {kind}, default {default!r}", *words]
 
 
 def _with_lines(doc: str, entries: list[str]) -> str:
@@ -271,8 +269,10 @@ class Settings(Options):
     )
     thin: int = 0
     """Rows of a protocol that longer records are averaged to; 0 keeps all."""
-    priors: Mapping[str, Any] = field(default_factory=dict)
-    """Overrides of the default priors by parameter: a Prior, a number (fixed) or a Tie."""
+    priors: Mapping[str, Any] = field(
+        default_factory=dict,
+        metadata={"words": "In place of default priors: a Prior, a number (fixed) or a Tie."},
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -343,8 +343,9 @@ class FitOptions(Options):
 
     starts: int = option(8, least=1, most=512, show_range=True)
     seed: int = option(0, least=0, show_range=True)
-    fixed: Mapping[str, float] | None = None
-    """Fixed values by the law's parameters, in their own units."""
+    fixed: Mapping[str, float] | None = field(
+        default=None, metadata={"words": "Values of fixed parameters, in their own units."}
+    )
     mounting_stretch: str = option(
         Settings.mounting_stretch,
         options_of(Settings)["mounting_stretch"].words,
@@ -352,8 +353,10 @@ class FitOptions(Options):
     )
     law: str = option(Settings.law, options_of(Settings)["law"].words, choices=tuple(LAWS))
     fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].words)
-    initial: Any = None
-    """A Material as a further starting point; with it ``starts`` may be 0."""
+    initial: Any = field(
+        default=None,
+        metadata={"words": "A Material as a further start; with it ``starts`` may be 0."},
+    )
 
     def __post_init__(self) -> None:
         for name in options_of(type(self)):

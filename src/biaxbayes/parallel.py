@@ -103,7 +103,7 @@ def executor_for(
     if scheduler is not None:
         if workers is not None:
             raise InputError(
-                "--workers and --scheduler are given both",
+                "`workers` and `scheduler` are given both",
                 remedy="a cluster has the workers that were started for it",
             )
         return Cluster(scheduler)
@@ -111,7 +111,7 @@ def executor_for(
     available = min(os.cpu_count() or 1, MOST_LOCAL) if may_start else 1
     count = available if workers is None else workers
     if count < 1:
-        raise InputError("--workers must be at least 1")
+        raise InputError("`workers` must be at least 1")
     if count > 1 and not may_start:
         raise InputError(
             "a worker of multiprocessing.Pool (a daemonic process) cannot start processes",
@@ -262,7 +262,7 @@ class Processes:
         if not worker.has_started:
             raise RunError(
                 "worker processes die as they start; in a script of your own the call must stand "
-                'below if __name__ == "__main__":, and on the command line use --workers 1'
+                'below if __name__ == "__main__":, or use `workers=1`'
             )
 
     def _end(self) -> None:
@@ -337,7 +337,7 @@ class Cluster:
     def __init__(self, address: str) -> None:
         if importlib.util.find_spec("distributed") is None:
             raise InputError(
-                "--scheduler needs the package distributed, which is not installed",
+                "`scheduler` needs the package distributed, which is not installed",
                 remedy="pip install 'biaxbayes[cluster]'",
             )
         self.address = address
@@ -423,7 +423,7 @@ def _connected(address: str) -> Iterator[Client]:
             client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
-            f"--scheduler {address[:80]}: no Dask scheduler answers there ({type(error).__name__})",
+            f"`scheduler` {address[:80]}: no Dask scheduler answers there ({type(error).__name__})",
             remedy="start one with 'dask scheduler' and give the address that it prints",
         ) from None
     with contextlib.closing(client):
@@ -436,7 +436,7 @@ def _check_workers(client: Client, address: str) -> None:
         client.wait_for_workers(1, timeout=WORKER_SECONDS)
     except TimeoutError:
         raise InputError(
-            f"--scheduler {address}: the cluster has no workers",
+            f"`scheduler` {address}: the cluster has no workers",
             remedy=f"start some with 'dask worker {address} --nthreads 1'",
         ) from None
     here = _versions()

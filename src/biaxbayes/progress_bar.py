@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import FrameType
@@ -17,16 +18,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress as Bar
-
-__all__ = [
-    "Progress",
-    "StoppedAtOnce",
-    "graceful_stop",
-    "live_bar",
-    "progress_line",
-    "shown_progress",
-    "with_progress",
-]
 
 
 @dataclass(frozen=True)
@@ -39,7 +30,7 @@ class Progress:
     share : float or None
         Of the target; None where unknown.
     note : str
-        What the user must be told, wherever the progress is shown.
+        Printed wherever the progress is shown.
     """
 
     phase: str
@@ -74,8 +65,8 @@ def live_bar(console: Console) -> Bar:
             if task.total is None:
                 return Text("")
             left = self.remaining.render(task).plain
-            told = f", {left} left" if "-" not in left and not task.finished else ""
-            return Text(f"{task.percentage:.0f} %{told}")
+            more = f", {left} left" if "-" not in left and not task.finished else ""
+            return Text(f"{task.percentage:.0f} %{more}")
 
     return Bar(
         SpinnerColumn(),
@@ -199,10 +190,14 @@ class StoppedAtOnce(KeyboardInterrupt):
 def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
     """A live line with phase, share and times; yields what to call with each Progress.
 
-    Notes are printed whether the line is shown or not.
+    Where the line cannot be live (a file, a dumb terminal), there is a line of text each minute.
+    Notes are printed in any case.
     """
-    if quiet or not sys.stderr.isatty():
-        yield _tell_note
+    if quiet:
+        yield _print_note
+        return
+    if not sys.stderr.isatty() or os.environ.get("TERM", "") in ("dumb", "unknown"):
+        yield minute_lines()
         return
     from rich.console import Console
 
@@ -210,9 +205,27 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         yield tell
 
 
-def _tell_note(progress: Any) -> None:
+def _print_note(progress: Any) -> None:
     if progress.note:
         print(f"biaxbayes: {progress.note}", file=sys.stderr, flush=True)
+
+
+MINUTE = 60.0
+
+
+def minute_lines(clock: Callable[[], float] = time.monotonic) -> Callable[[Progress], None]:
+    """Print notes at once, and where the work stands a minute after the last line."""
+    last = clock()
+
+    def show(progress: Any) -> None:
+        nonlocal last
+        _print_note(progress)
+        if clock() - last >= MINUTE:
+            last = clock()
+            share = "" if progress.share is None else f", {100 * progress.share:.0f} %"
+            print(f"biaxbayes: {progress.phase}{share}", file=sys.stderr, flush=True)
+
+    return show
 
 
 @contextlib.contextmanager
@@ -225,18 +238,18 @@ def graceful_stop() -> Iterator[Callable[[], int]]:
     Yields
     ------
     callable
-        The number of the signal once a stop was asked for, else 0.
+        The number of the signal that asked for a stop, else 0.
     """
-    asked = 0
+    signal_number = 0
     if threading.current_thread() is not threading.main_thread():
-        yield lambda: asked
+        yield lambda: signal_number
         return
 
     def handle(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked:
+        nonlocal signal_number
+        if signal_number:
             raise StoppedAtOnce(number)
-        asked = number
+        signal_number = number
         with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
             os.write(2, b"stopping after this block; once more to stop at once\n")
 
@@ -246,7 +259,7 @@ def graceful_stop() -> Iterator[Callable[[], int]]:
             signal.signal(number, handle)
     try:
         with _plain_interruption():
-            yield lambda: asked
+            yield lambda: signal_number
     finally:
         for number, handler in previous.items():
             if handler is not None:

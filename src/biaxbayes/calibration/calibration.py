@@ -91,12 +91,12 @@ class Study:
         if self.options.get("mounting", ModelOptions.mounting) not in INFERRING:
             raise InputError(
                 "a study needs the mounting stretch as an unknown",
-                remedy="use --mounting noisy, exact or free",
+                remedy="use `mounting` noisy, exact or free",
             )
         if self.broken not in ("", *BREAKS):
-            raise InputError(f"--break must be one of {', '.join(BREAKS)}")
+            raise InputError(f"`broken` must be one of {', '.join(BREAKS)}")
         if self.broken == "determinant" and self.options.get("mounting") == "free":
-            raise InputError("--mounting free has no determinant to leave out")
+            raise InputError("`mounting=free` has no determinant to leave out")
 
     def posterior(self, specimen: Specimen, seed: int = 0) -> Posterior:
         """The posterior of a simulated specimen."""
@@ -268,7 +268,7 @@ def run_replications(
     for outcome in chosen.run(partial(replicate, study), left, stop=stop):
         if outcome.lost:
             raise RunError(
-                f"replication {left[outcome.index]}: {outcome.lost}; --resume continues, with "
-                "fewer --workers"
+                f"replication {left[outcome.index]}: {outcome.lost}; `resume=True` continues, with "
+                "fewer `workers`"
             )
         yield outcome.value

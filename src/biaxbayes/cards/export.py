@@ -242,7 +242,7 @@ def _check_law(law: Law, program: str) -> None:
     message = f"there is no card of the law {law.name} for {program}"
     if (law.name, program) in NO_CARD:
         message += f": {NO_CARD[law.name, program]}"
-    elsewhere = "export it to febio" if law.name in MIXTURES else "export a run of --law goh or hgo"
+    elsewhere = "export it to febio" if law.name in MIXTURES else "export a run of `law` goh or hgo"
     raise InputError(message, remedy=elsewhere)
 
 
@@ -328,7 +328,7 @@ def _prepare(out: Path, *, overwrite: bool) -> None:
             raise InputError(
                 "holds the cards of an earlier export",
                 file=out,
-                remedy="name another folder with --out, or remove them with --overwrite",
+                remedy="name another folder with `out`, or remove them with `overwrite=True`",
             )
         for path in (*old, out / MANIFEST):
             path.unlink(missing_ok=True)

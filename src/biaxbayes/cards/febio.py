@@ -158,7 +158,7 @@ def write_febio(card: Card, version: str) -> str:
         If the card has no bulk modulus, which every uncoupled material needs.
     """
     if card.bulk_kPa is None:
-        raise InputError("FEBio needs a bulk modulus", remedy="give --bulk-ratio, for example 1000")
+        raise InputError("FEBio needs a bulk modulus", remedy="give `bulk_ratio`, for example 1000")
     bulk = float(card.stress(card.bulk_kPa))
     root = ElementTree.Element("febio_spec", version="4.0")
     ElementTree.SubElement(root, "Module", type="solid")

@@ -332,7 +332,7 @@ def _check(members: Sequence[Member]) -> None:
         raise InputError("a comparison needs two runs or more")
     labels = [m.label for m in members]
     if len(set(labels)) < len(labels):
-        raise InputError("two runs have the same label", remedy="give --labels A,B,...")
+        raise InputError("two runs have the same label", remedy="give `labels`, one for each")
     for member in members:
         if member.state == "unusable":
             raise InputError(

@@ -145,7 +145,7 @@ def refuse_tared(specimen: Specimen) -> None:
         raise TaredSpecimen(
             f"{specimen.name}: the force at the mounted state is zero (a tared load cell), so "
             "prestretch cannot be inferred",
-            remedy="give the force before taring with --mounting-force X Y, or fit without "
+            remedy="give the force before taring with `mounting_force` X Y, or fit without "
             "prestretch (zeroed)",
         )
 

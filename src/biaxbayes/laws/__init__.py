@@ -56,7 +56,7 @@ def law_named(name: str, *, fibre_switch: bool = False) -> Law:
         switched = [n for n, (m, k) in LAWS.items() if getattr(import_module(m), k).has_switch]
         raise InputError(
             f"the law {name} leaves no choice of what its fibres do in compression",
-            remedy=f"--fibre-switch belongs to {' and '.join(switched)}",
+            remedy=f"`fibre_switch` belongs to {' and '.join(switched)}",
         )
     return known(fibre_switch)
 

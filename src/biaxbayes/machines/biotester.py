@@ -88,7 +88,7 @@ def _phases(table: Table) -> np.ndarray:
         raise InputError(
             "no column 'Cycle', so no BioTester export",
             file=table.path,
-            remedy=f"use --machine generic --columns ...; {table.listing}",
+            remedy=f"use `machine=generic` with `columns`; {table.listing}",
         )
     phases = []
     for cell, line in zip(table.text(index), table.lines, strict=True):
@@ -154,7 +154,7 @@ def _branch(table: Table, cycle: RecordedCycle, branch: str) -> np.ndarray:
         raise InputError(
             f"{rows.size} rows in the {branch} branch of cycle {cycle.label}",
             file=table.path,
-            remedy="choose another --cycle or --branch",
+            remedy="choose another `cycle` or `branch`",
         )
     return rows
 
@@ -211,7 +211,7 @@ def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.nda
         raise InputError(
             "no tracked points X1, Y1, X2, Y2, X3, Y3 ... in these rows",
             file=table.path,
-            remedy=f"use --stretch-from rake; {table.listing}",
+            remedy=f"use `stretch_from=rake`; {table.listing}",
         )
     return None
 
@@ -231,7 +231,7 @@ def _deformation_gradient(points: np.ndarray, table: Table, rows: np.ndarray) ->
                 "the tracked points lie on one line",
                 file=table.path,
                 row=int(table.lines[rows[0]]),
-                remedy="use --stretch-from rake",
+                remedy="use `stretch_from=rake`",
             )
         x = points - points.mean(axis=1, keepdims=True)
         # x = F X for every point, in the least-squares sense: F = (sum x X^T) (sum X X^T)^-1

@@ -67,5 +67,5 @@ class Choice:
             if length is not None and not 0.01 <= length <= 10_000.0:
                 raise InputError(
                     f"a gauge length of {length:g} mm in {axis} cannot be",
-                    remedy=f"give --gauge-{axis}-mm in mm, between 0.01 and 10000",
+                    remedy=f"give `gauge_{axis}_mm` in mm, between 0.01 and 10000",
                 )

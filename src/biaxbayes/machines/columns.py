@@ -78,7 +78,7 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
         target, sign, column = (piece.strip() for piece in part.partition("="))
         if not sign or not column:
             raise InputError(
-                f"--columns: {part[:60]!r} does not read like stretch_x=F11",
+                f"`columns`: {part[:60]!r} does not read like stretch_x=F11",
                 remedy="give target=column pairs, separated by commas",
             )
         if target not in TARGETS:
@@ -87,11 +87,11 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
             if likely and unit is not None and unit != unit_of_column(likely):
                 hint = f"write {likely}={column}:{unit.name}; "
             raise InputError(
-                f"--columns: unknown target {target[:60]!r}",
+                f"`columns`: unknown target {target[:60]!r}",
                 remedy=f"{hint}targets are {', '.join(TARGETS)}",
             )
         if target in wanted:
-            raise InputError(f"--columns: {target} is given twice", remedy="keep one")
+            raise InputError(f"`columns`: {target} is given twice", remedy="keep one")
         wanted[target] = column
     return wanted
 
@@ -148,7 +148,7 @@ def _named(table: Table, text: str) -> tuple[int, Unit | None]:
         return table.column(name), unit
     if name.strip() in map(str.strip, table.names):
         raise InputError(
-            f"--columns: {ending[:40]!r} behind {name[:40]!r} is no unit or kind of strain",
+            f"`columns`: {ending[:40]!r} behind {name[:40]!r} is no unit or kind of strain",
             file=table.path,
             column=name.strip(),
             remedy=f"choose one of {', '.join(UNITS)}",

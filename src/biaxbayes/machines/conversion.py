@@ -87,8 +87,8 @@ def convert(
     unit, other = ("N", "kPa") if pairs == {"force"} else ("kPa", "N")
     if f"load_noise_{other}" in header:
         raise InputError(
-            f"--load-noise-{other} does not fit: the columns are in {unit}",
-            remedy=f"give --load-noise-{unit}",
+            f"`load_noise_{other}` does not fit: the columns are in {unit}",
+            remedy=f"give `load_noise_{unit}`",
         )
     noise = header.get(f"load_noise_{unit}")
     specimen = Specimen(
@@ -153,7 +153,7 @@ def _check_signs(recordings: Sequence[Recording], file: object) -> None:
                 f"its largest value: the load cell may count tension negative",
                 file=file,
                 column=recording.columns[2 + k],
-                remedy=f"turn its sign round with --tension-negative {axis} (or xy for both)",
+                remedy=f"turn its sign round with `tension_negative={axis}` (or xy for both)",
             )
 
 
@@ -183,7 +183,7 @@ def _named(recordings: list[Recording], names: Sequence[str]) -> list[Recording]
         if not name.strip() or chosen.count(name) > 1:
             raise InputError(
                 f"protocol name {name[:40]!r} is empty or there twice",
-                remedy="give --protocol-names NAME,NAME,...",
+                remedy="give `protocol_names`, one for each protocol",
             )
     return [replace(r, name=name) for r, name in zip(recordings, chosen, strict=True)]
 

@@ -68,7 +68,7 @@ def chosen_number(which: str, labels: Sequence[str], table: Table) -> int:
     if which not in labels:
         shown = ", ".join(labels) if len(labels) < 12 else f"{labels[0]} to {labels[-1]}"
         raise InputError(
-            f"no cycle {which}", file=table.path, remedy=f"found {shown or 'none'}; or --cycle last"
+            f"no cycle {which}", file=table.path, remedy=f"found {shown or 'none'}; or `cycle=last`"
         )
     return list(labels).index(which)
 

@@ -43,7 +43,7 @@ class Gauge:
                 "displacement zero",
                 file=file,
                 column=column,
-                remedy=f"give --gauge-{axis}-mm (or --edge-x-mm and --edge-y-mm, if the edges are "
+                remedy=f"give `gauge_{axis}_mm` (or `edge_x_mm` and `edge_y_mm`, if the edges are "
                 "all that is known)",
             )
         if not self.at and abs(first_mm) > 0.01 * length:
@@ -51,7 +51,7 @@ class Gauge:
                 f"{column!r} starts at {first_mm:g} mm, not at zero",
                 file=file,
                 column=column,
-                remedy=f"say with --gauge-at whether the gauge length of {length:g} mm is that at "
+                remedy=f"say with `gauge_at` whether the gauge length of {length:g} mm is that at "
                 "displacement zero ('zero') or that of the first row ('start')",
             )
         origin = first_mm if self.at == "start" else 0.0

@@ -33,7 +33,7 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     table = table.without_missing(
         numeric_columns(columns),
         drop=choice.drop_missing,
-        remedy="leave such rows out with --drop-missing",
+        remedy="leave such rows out with `drop_missing=True`",
     )
     if "protocol" not in columns:
         return _protocols(table, columns, "", np.arange(table.rows), choice, gauge)
@@ -135,7 +135,7 @@ def _check_gauge_of_cauchy(
                 file=table.path,
                 column=column.name,
                 remedy=f"give the gauge length that the stresses were computed with, "
-                f"--gauge-{axis}-mm, or the forces in place of the stresses",
+                f"`gauge_{axis}_mm`, or the forces in place of the stresses",
             )
 
 

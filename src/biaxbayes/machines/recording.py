@@ -66,7 +66,7 @@ class Recording:
             raise InputError(
                 f"{len(self.lines)} row left of the {self.branch} branch",
                 file=file,
-                remedy="choose another --cycle or --branch",
+                remedy="choose another `cycle` or `branch`",
             )
         columns = dict(zip(("stretch_x", "stretch_y", *LOAD_ROWS), self.columns, strict=True))
         try:

@@ -205,7 +205,7 @@ def _check(specimen: Specimen, settings: Settings) -> None:
     if ties and settings.mounting != "free":
         raise InputError(
             "tied mounting stretches need the mounting stretches as unknowns",
-            remedy="add --mounting free",
+            remedy="use `mounting=free`",
         )
     away = [p.name for p in specimen.protocols if p.rest_rows == 0]
     if away and settings.mounting_stretch != "shared":
@@ -213,7 +213,7 @@ def _check(specimen: Specimen, settings: Settings) -> None:
             f"protocol {away[0][:40]!r} does not start at the mounted state, so it has no mounting "
             "stretch of its own",
             file=specimen.name,
-            remedy="use --mounting-stretch shared",
+            remedy="use `mounting_stretch=shared`",
         )
     for key in ("edge_sd_mm", "thickness_sd_mm"):
         of = ("thickness_mm",) if key.startswith("thick") else ("edge_x_mm", "edge_y_mm")

@@ -187,7 +187,7 @@ class Posterior:
             raise InputError(
                 "the file has no load noise, so the mounting force cannot be noisy",
                 file=self.specimen.name,
-                remedy="use --mounting exact, or state load_noise_N (or load_noise_kPa)",
+                remedy="use `mounting=exact`, or state load_noise_N (or load_noise_kPa)",
             )
 
     @property

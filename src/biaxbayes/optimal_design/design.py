@@ -171,7 +171,7 @@ def design(
     quantities = targets(posterior, draws)
     if rank_by not in ("parameters", "information", *quantities):
         raise InputError(
-            f"--rank-by {rank_by[:60]!r} is no quantity of this run",
+            f"`rank_by` {rank_by[:60]!r} is no quantity of this run",
             remedy=f"choose parameters, information, {', '.join(quantities)}",
         )
     posterior = charted(posterior)

@@ -134,7 +134,7 @@ def individual_of(source: Source, values: Sequence[PooledValue], ensembles: int)
         ):
             raise InputError(
                 f"{source.label} has no mounting stretch that all of its protocols share",
-                remedy="leave out --pool-mounting",
+                remedy="leave out `pool_mounting`",
             )
     at = np.array([slots.index(v.name) for v in values])
     problem = _without_priors(whole, at, values)

@@ -93,7 +93,7 @@ def most_probable_draw(draws: pd.DataFrame) -> int:
     """
     if "lp" not in draws:
         raise InputError(
-            "this run stores no posterior density of its draws", remedy="use --at median"
+            "this run stores no posterior density of its draws", remedy="use `at=median`"
         )
     return int(np.argmax(draws["lp"].to_numpy(dtype=float)))
 

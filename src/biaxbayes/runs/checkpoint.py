@@ -81,7 +81,7 @@ def save(
     except (InputError, OSError) as error:
         raise RunError(
             f"the checkpoint could not be saved: {error}; the one before it is kept, "
-            "and the same command with --resume continues from there"
+            "and the same command with `resume=True` continues from there"
         ) from None
     sync_folder(folder)
 
@@ -135,11 +135,11 @@ def load(
         if differing:
             raise CannotResume(
                 f"{path}: belongs to another run, which differs in {', '.join(differing)}; use "
-                "the same file and options, or another --out, or start again without --resume"
+                "the same file and options, or another `out`, or start again without `resume`"
             )
         return state, f"{damaged[0]}; continuing from {name}" if damaged else ""
     if damaged:
-        raise CannotResume(f"{folder}: {' and '.join(damaged)}; start again without --resume")
+        raise CannotResume(f"{folder}: {' and '.join(damaged)}; start again without `resume`")
     return None, ""
 
 

@@ -101,7 +101,7 @@ def staged(
     RunError
         If anything cannot be written; what was there before is untouched.
     """
-    kept = "what was there before is untouched, and --resume continues"
+    kept = "what was there before is untouched, and `resume=True` continues"
     try:
         aside = Path(tempfile.mkdtemp(prefix=WRITING, dir=folder))
         try:
@@ -331,12 +331,14 @@ def read_json(folder: Path, name: str) -> Any:
     """
     path = _inside(folder, name)
     if not path.exists():
-        raise RunError(f"{path}: no such file; the run is not finished, continue it with --resume")
+        raise RunError(
+            f"{path}: no such file; the run is not finished, continue it with `resume=True`"
+        )
     try:
         return json.loads(_content(path), parse_int=_whole)
     except (ValueError, RecursionError):
         raise RunError(
-            f"{path}: is damaged (not JSON); sample again, or continue with --resume"
+            f"{path}: is damaged (not JSON); sample again, or continue with `resume=True`"
         ) from None
 
 
@@ -401,7 +403,7 @@ def other_kind(folder: Path) -> str:
     if (folder / POPULATION).is_file():
         return (
             "is a population's folder, not a run's; give one of the runs of its study, or export "
-            "its cards with --population GROUP"
+            "its cards with `population`, a group of it"
         )
     if (folder / STUDY).is_file() and (folder / RUNS).is_dir():
         return f"is a study's folder, not a run's; give one of the runs in {folder / RUNS}"
@@ -421,5 +423,5 @@ def names_in(folder: Path) -> set[str]:
         return {p.name for p in folder.iterdir() if not p.name.startswith(".")}
     except OSError as error:
         raise RunError(
-            f"{folder}: cannot be used ({error.strerror}); choose another --out"
+            f"{folder}: cannot be used ({error.strerror}); choose another `out`"
         ) from None

@@ -45,7 +45,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
         held = _acquired(path)
     except OSError as error:
         raise RunError(
-            f"{folder}: cannot be written ({error.strerror}); choose another --out"
+            f"{folder}: cannot be written ({error.strerror}); choose another `out`"
         ) from None
     try:
         yield
@@ -92,7 +92,7 @@ def _acquired(path: Path) -> BaseFileLock | None:
 def _in_use(folder: Path, host: str, pid: int) -> RunError:
     who = f"process {pid} on {host[:60]}" if host else "another process"
     return RunError(
-        f"{folder}: {who} is writing there; wait for it, choose another --out, or delete "
+        f"{folder}: {who} is writing there; wait for it, choose another `out`, or delete "
         f"{NAME} in that folder if the process is gone"
     )
 

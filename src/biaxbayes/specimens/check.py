@@ -338,7 +338,7 @@ def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, 
         raise InputError(
             f"{message}{more}",
             file=file,
-            remedy="or add --anyway to go on all the same",
+            remedy="or add `anyway=True` to go on all the same",
         )
     return findings
 

@@ -248,7 +248,7 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
     found = read_sheets(path)
     wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
     if sheets and "" in found:
-        raise InputError("is text and has no sheets", file=path, remedy="leave out --sheet")
+        raise InputError("is text and has no sheets", file=path, remedy="leave out `sheets`")
     for name in wanted:
         if name not in found:
             raise InputError(
@@ -272,7 +272,7 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
         raise InputError(
             f"{'more than one sheet holds' if tables else 'no sheet holds'} a table",
             file=path,
-            remedy=f"choose with --sheet, once for each protocol, or --sheet {ALL_SHEETS}; found "
+            remedy=f"choose with `sheets`, once for each protocol, or `sheets={ALL_SHEETS}`; found "
             f"{', '.join(found)[:300]}",
         )
     return tables, others

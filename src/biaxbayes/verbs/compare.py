@@ -187,7 +187,7 @@ def _print_comparison(result: Comparison, out: Path) -> None:
             share = ""
             if parameter.evidence is not None:
                 share = f"{min(100.0 * max(parameter.evidence.contraction, 0.0), 99.9):.1f} %"
-            click.echo(f"  {parameter.name:<22}{parameter.verdict:<22}{share:>8}")
+            click.echo(f"  {parameter.name:<21} {parameter.verdict:<21} {share:>8}")
     apart = result.distances[result.distances["determined_in_both"]]
     click.echo("\ndetermined in both, largest distances (in sd):")
     for (a, b), rows in apart.groupby(["run_a", "run_b"], sort=False):

@@ -346,8 +346,8 @@ def _print_laws(result: LawComparison, folder: Path) -> None:
         spread = ""
         if row["weight_low"] == row["weight_low"]:
             spread = f"({row['weight_low']:.2f}-{row['weight_high']:.2f})"
-        line = f"{row['law']:<18}{rms:>9}{row['left_out_rms']:>10.3g}"
-        line += f"{row['left_out_density']:>10.1f}{row['weight']:>8.2f}{spread:>14}"
+        line = f"{row['law']:<17} {rms:>9} {row['left_out_rms']:>9.3g}"
+        line += f" {row['left_out_density']:>9.1f}{row['weight']:>8.2f}{spread:>14}"
         if stretches:
             low, high = row["mounting_stretch_x_q05"], row["mounting_stretch_x_q95"]
             line += f"   {low:.4f} to {high:.4f}"

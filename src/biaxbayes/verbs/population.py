@@ -456,7 +456,7 @@ def closing_message(result: PopulationFound) -> str:
 
     def sd(row: dict[Any, Any], side: str) -> str:
         mark = MARK if row[f"{side}_verdict"] == PRIOR else " "
-        return f"{three_digits(row[f'{side}_q50']) + mark:>11}"
+        return f" {three_digits(row[f'{side}_q50']) + mark:>10}"
 
     state = (
         result.state if result.state == "converged" else f"{result.state.upper()}: {result.reason}"
@@ -472,11 +472,11 @@ def closing_message(result: PopulationFound) -> str:
             f"{'sd donors':>10}{'sd spec.':>11}    {'new specimen':<19}verdict on the median",
         ]
         for r in part.to_dict("records"):
-            mean = "".join(f"{three_digits(r[f'mean_{q}']):>9}" for q in ("q50", "q05", "q95"))
+            mean = "".join(f" {three_digits(r[f'mean_{q}']):>8}" for q in ("q50", "q05", "q95"))
             sds = "".join(sd(r, side) for side in SDS)
             new = f"{three_digits(r['new_specimen_q05'])} to {three_digits(r['new_specimen_q95'])}"
             unit = "" if r["unit"] == "1" else str(r["unit"])
-            head = f"{str(r['quantity'])[:21]:<22}{unit:<6}"
+            head = f"{str(r['quantity'])[:21]:<21} {unit:<5} "
             lines.append(f"{head}{mean}{sds}   {new:<19}{_qualified(r)}")
     lines += ["", "sds of logs where the scale is log (population.csv)"]
     if any((result.groups[f"{side}_verdict"] == PRIOR).any() for side in SDS):

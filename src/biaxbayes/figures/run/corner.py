@@ -310,7 +310,7 @@ def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]
     if (width_mm - MARGIN_MM) / count < LEAST_PANEL_MM:
         raise InputError(
             f"{count} quantities do not fit a width of {width_mm:g} mm",
-            remedy="name fewer with --parameter, or ask for --width-mm 180",
+            remedy="name fewer with `parameters`, or choose `width_mm=180`",
         )
     height = min(width_mm, count * PANEL_MM + MARGIN_MM)
     figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=0.5, down_mm=0.5))

@@ -102,7 +102,7 @@ def mounting_figure(
     if not mounting_labels(draws, specimen):
         raise InputError(
             "this run does not infer the mounting stretch, so there is no mounted state to draw",
-            remedy="sample with --mounting noisy, exact or free",
+            remedy="sample with `mounting` noisy, exact or free",
         )
     with print_style(style):
         states = _states(specimen, draws.iloc[evenly_chosen(len(draws), VISIBLE)])

@@ -181,7 +181,7 @@ def _index(posterior: Posterior, parameter: str) -> int:
     if posterior.settings.mounting == "exact":
         raise InputError(
             "with an exact mounting force the mounting stretch follows from the material",
-            remedy="use --mounting noisy to profile it",
+            remedy="use `mounting=noisy` to profile it",
         )
     return len(of_law) + flat.index(parameter)
 
