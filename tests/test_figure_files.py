@@ -9,8 +9,8 @@ from biaxbayes.figures.style import blank_figure, figure_bytes, print_style
 
 def drawn(text):
     with print_style():
-        figure = blank_figure(2.0, 1.0)
-        figure.text(0.1, 0.5, text)
+        figure = blank_figure(50.0, 25.0)
+        figure.subplots().text(0.1, 0.5, text)
     return [hashlib.sha256(figure_bytes(figure, kind)).hexdigest() for kind in ("pdf", "png")]
 """
 

@@ -358,16 +358,6 @@ def test_every_reading_is_drawn_or_it_is_said():
             assert not said or said in texts
 
 
-def test_the_legend_of_bands_fills_a_free_place():
-    figure = bands_figure(specimen_of(RATIOS[:3]), draws_of(50), width_mm=85.0)
-    assert_readable(figure, 85.0)
-    figure.draw_without_rendering()
-    box = figure.legends[0].get_window_extent()
-    alone, above = figure.axes[6].get_window_extent(), figure.axes[3].get_window_extent()
-    assert box.x0 > alone.x1 and box.x0 == pytest.approx(above.x0, abs=2.0)
-    assert box.y1 == pytest.approx(alone.y1, abs=2.0) and box.x1 < figure.bbox.x1
-
-
 def test_true_loads_stand_on_the_bands():
     media = MATERIALS["donor2-media"].material
     truth = {"C1": media.C1_kPa, "k1": media.k1_kPa, "k2": media.k2, "alpha": media.alpha_deg}

@@ -396,7 +396,7 @@ def test_the_figure_is_drawn_at_print_size():
     found = identify(case("aligned"))
     figure = identifiability_figure(found)
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
-    boxes = [t.get_text() for t in figure.texts]
+    boxes = [t.get_text() for ax in figure.axes for t in ax.texts]
     assert [b for b in boxes if b in VERDICT_COLOURS] == [p.verdict for p in found.parameters]
     assert figure_bytes(figure, "pdf").startswith(b"%PDF")
 

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import browser
-from biaxbayes.figures.compare import study_figure
+from biaxbayes.figures.study import study_figure
 from biaxbayes.reports.study_page import write_study
 from biaxbayes.studies.result import COLUMNS, StudyResult, donor_groups
 

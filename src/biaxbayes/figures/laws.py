@@ -9,10 +9,9 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
-from biaxbayes.figures.labels import few_ticks
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.run.bands import drawn_bands, shown_protocols
-from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, colour, layout, print_style, settle
+from biaxbayes.figures.run.bands import figure_from_bands, shown_protocols
+from biaxbayes.figures.style import PAGE_MM, blank_figure, colour, few_ticks, print_style
 from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.specimens.specimen import Specimen
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 ROW_MM, HEAD_MM = 5.5, 14.0
 
 
-def _rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
+def _judged_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
     """Laws that were judged, the heaviest on top, the mixture below; and their heights."""
     table = compared.table[compared.table["left_out_rms"].notna()]
     laws = table[table["law"] != STACKED].sort_values("weight", ascending=False, kind="stable")
@@ -31,7 +30,7 @@ def _rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
     return rows, -np.arange(len(rows), dtype=float)
 
 
-def _names(ax: Axes, rows: pd.DataFrame, places: np.ndarray) -> None:
+def _label_rows(ax: Axes, rows: pd.DataFrame, places: np.ndarray) -> None:
     ax.set_yticks(places, rows["law"])
     ax.set_ylim(places[-1] - 0.7, 0.7)
     ax.tick_params(axis="y", length=0)
@@ -44,22 +43,11 @@ def law_misfit_figure(
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
-    """Misfit of the record beside that of left-out parts, and the weights.
-
-    Parameters
-    ----------
-    compared : LawComparison
-    width_mm : float
-    style : mapping, optional
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    rows, places = _rows(compared)
+    """Misfit of the record beside that of left-out parts, and the weights."""
+    rows, places = _judged_rows(compared)
     with print_style(style):
         height = HEAD_MM + 6.0 + ROW_MM * (len(rows) + 0.4)
-        figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=1.2))
+        figure = blank_figure(width_mm, height)
         misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
         misfit.hlines(places, rows["rms"], rows["left_out_rms"], color="0.75", linewidth=0.8)
         for column, face, label in (
@@ -78,7 +66,7 @@ def law_misfit_figure(
             )
         misfit.set_xlim(left=0.0)
         misfit.set_xlabel("rms misfit (kPa)")
-        _names(misfit, rows, places)
+        _label_rows(misfit, rows, places)
         laws = rows["law"] != STACKED
         weights.barh(places[laws], rows["weight"][laws], height=0.5, color=colour("run"), alpha=0.5)
         weights.hlines(
@@ -87,9 +75,8 @@ def law_misfit_figure(
         weights.set_xlim(0.0, 1.0)
         weights.set_xlabel("weight, and range with a part dropped")
         for ax in (misfit, weights):
-            few_ticks(ax.xaxis, most=5)
-        figure.legend(loc="outside upper left", ncols=2, borderaxespad=0.2)
-        settle(figure)
+            few_ticks(ax.xaxis)
+        figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
@@ -101,24 +88,18 @@ def law_mounting_figure(
 ) -> Figure | None:
     """Mounting stretches, law by law: median and 90 % interval; None where none is inferred.
 
-    Grey is what is stated of the tissue.
-
-    Parameters
-    ----------
-    compared : LawComparison
-    width_mm : float
-    style : mapping, optional
+    Grey is the interval reported for the tissue, whatever its law.
     """
-    rows, places = _rows(compared)
+    rows, places = _judged_rows(compared)
     known = Quantities(())
     names = [q.name for q in known.of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
     with print_style(style):
         height = HEAD_MM + ROW_MM * (len(rows) + 0.4)
-        figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=1.2))
+        figure = blank_figure(width_mm, height)
         panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
-        stated = compared.stated.set_index("quantity")
+        reported = compared.stated.set_index("quantity")
         for ax, name in zip(panels, names, strict=True):
             low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
             # a law that hardly predicts is drawn lightly
@@ -127,7 +108,7 @@ def law_mounting_figure(
                 ax.hlines(place, a, b, color=hue, linewidth=1.6)
                 ax.plot([m], [place], marker="o", markersize=3.5, color=hue)
             ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
-            ends = stated.loc[name, ["stated_low", "stated_high"]].to_numpy(dtype=float)
+            ends = reported.loc[name, ["stated_low", "stated_high"]].to_numpy(dtype=float)
             if np.isfinite(ends[0]):
                 # an open end reaches as far as the panel does
                 left, right = ax.get_xlim()
@@ -135,9 +116,8 @@ def law_mounting_figure(
                 ax.axvspan(ends[0], last, color="0.9", linewidth=0.0, zorder=-5)
                 ax.set_xlim(min(left, ends[0]), max(right, ends[1] if np.isfinite(ends[1]) else 0))
             ax.set_xlabel(quantity(name, known=known).label)
-            few_ticks(ax.xaxis, most=5)
-        _names(panels[0], rows, places)
-        settle(figure)
+            few_ticks(ax.xaxis)
+        _label_rows(panels[0], rows, places)
     return figure
 
 
@@ -148,15 +128,7 @@ def law_bands_figure(
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
-    """Bands of the mixture over the record.
-
-    Parameters
-    ----------
-    compared : LawComparison
-    specimen : Specimen
-    width_mm : float
-    style : mapping, optional
-    """
+    """Bands of the mixture over the record."""
     names = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]
     table = compared.bands[compared.bands["protocol"].isin(names)]
-    return drawn_bands(specimen, table, width_mm=width_mm, style=style)
+    return figure_from_bands(specimen, table, width_mm=width_mm, style=style)

@@ -7,21 +7,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from scipy.ndimage import gaussian_filter
 
-from biaxbayes.figures.compare import FOREST_COLUMNS, LABEL_LENGTH, MARKERS, panel_rows
-from biaxbayes.figures.labels import few_ticks
-from biaxbayes.figures.quantities import AxisText, axis_text
+from biaxbayes.figures.forest import (
+    LABEL_LENGTH,
+    LEAST_LABEL_MM,
+    LOG_SPREAD,
+    group_colour,
+    group_handle,
+    group_marker,
+    panel_rows,
+)
+from biaxbayes.figures.quantities import axis_text
 from biaxbayes.figures.style import (
-    MM,
     PAGE_MM,
-    RUNS,
+    add_note,
     blank_figure,
-    colour,
-    font_points,
-    layout,
+    few_ticks,
     plain,
     print_style,
-    settle,
 )
 from biaxbayes.parameters import Parameter, Quantity
 
@@ -29,19 +33,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ROW_MM, TALLEST_MM, LEAST_LABEL_MM = 4.4, 110.0, 2.6
-GREY = "0.62"
-WIDE_LOG = 8.0
-LEVELS = (0.9, 0.5)
-BINS, ROOM = 40, 0.25
-
-
-def _axis(parameter: Parameter) -> AxisText:
-    return axis_text(Quantity(parameter))
-
-
-def _hue(k: int) -> str:
-    return colour(RUNS[k % len(RUNS)])
+ROW_MM, TALLEST_MM = 4.4, 110.0
+ALONE = "0.62"
+"""Grey of a specimen alone."""
+CONTENTS = (0.9, 0.5)
+"""Shares of new specimens that the contours hold."""
+BINS = 40
+NOTE = "grey: alone; coloured: pooled; diamond: group's median; thin: a new specimen; 90 %"
+BAND_NOTE = "band: 90 % of new specimens; thin lines: equibiaxial records"
 
 
 def forest_figure(
@@ -59,73 +58,61 @@ def forest_figure(
     specimens, groups : DataFrame
         specimens.csv and population.csv.
     parameters : sequence of Parameter
-        A panel each.
+        One panel each.
     width_mm : float
     style : mapping, optional
         From :func:`biaxbayes.figures.style.read_style`.
     """
-    order = list(dict.fromkeys(groups["group"]))
     rows: list[tuple[str, str, int]] = []
-    for k, group in enumerate(order):
-        members = dict.fromkeys(specimens.loc[specimens["group"] == group, "specimen"])
+    for k, group in enumerate(groups["group"].unique()):
+        members = specimens.loc[specimens["group"] == group, "specimen"].unique()
         rows += [("specimen", str(m), k) for m in members] + [("group", str(group), k)]
     row_mm = min(ROW_MM, TALLEST_MM / len(rows))
-    note = "grey: alone; coloured: pooled; diamond: group's median; thin: a new specimen; 90 %"
+    labelled = [
+        (i, plain(name, LABEL_LENGTH))
+        for i, (kind, name, _) in enumerate(rows)
+        if kind == "group" or row_mm >= LEAST_LABEL_MM
+    ]
+    places, labels = [i for i, _ in labelled], [name for _, name in labelled]
     with print_style(style):
-        figure, axes = panel_rows(len(parameters), row_mm * len(rows) + 1.0, width_mm, note)
-        for k, (ax, p) in enumerate(zip(axes, parameters, strict=True)):
-            _forest_panel(ax, specimens, groups, p, rows)
-            labelled = [] if k % FOREST_COLUMNS else list(enumerate(rows))
-            if row_mm < LEAST_LABEL_MM:
-                labelled = [(i, row) for i, row in labelled if row[0] == "group"]
-            names = [plain(row[1], LABEL_LENGTH) for _, row in labelled]
-            ax.set_yticks([i for i, _ in labelled], names)
-        settle(figure)
+        tall = row_mm * len(rows) + 1.0
+        figure, axes = panel_rows(len(parameters), tall, places, labels, width_mm, NOTE)
+        for ax, p in zip(axes, parameters, strict=True):
+            alone = specimens[specimens["quantity"] == p.name].to_dict("records")
+            pooled = groups[groups["quantity"] == p.name].to_dict("records")
+            records = {str(r["specimen"]): r for r in alone}
+            common = {str(r["group"]): r for r in pooled}
+            for i, (kind, name, k) in enumerate(rows):
+                if kind == "group":
+                    _draw_group(ax, common[name], i, group_colour(k))
+                else:
+                    _draw_specimen(ax, records[name], i, k)
+            ax.set(ylim=(len(rows) - 0.4, -0.6), xlabel=axis_text(Quantity(p)).label)
+            low, high = ax.dataLim.intervalx
+            if p.logarithmic and low > 0.0 and high > LOG_SPREAD * low:
+                ax.set_xscale("log")
+            few_ticks(ax.xaxis)
     return figure
 
 
-def _forest_panel(
-    ax: Axes,
-    specimens: pd.DataFrame,
-    groups: pd.DataFrame,
-    p: Parameter,
-    rows: list[tuple[str, str, int]],
-) -> None:
-    own = {r["specimen"]: r for r in specimens[specimens["quantity"] == p.name].to_dict("records")}
-    of = {r["group"]: r for r in groups[groups["quantity"] == p.name].to_dict("records")}
-    ends: list[float] = []
-    for i, (kind, name, k) in enumerate(rows):
-        hue = _hue(k)
-        if kind == "group":
-            r = of[name]
-            _line(ax, r, "new_specimen", i, hue, 0.6, ends)
-            _line(ax, r, "mean", i, hue, 2.0, ends)
-            ax.plot(r["mean_q50"], i, "D", color=hue, markersize=3.6)
-            continue
-        r = own[name]
-        _line(ax, r, "single", i - 0.17, GREY, 1.0, ends)
-        ax.plot(r["single_q50"], i - 0.17, "o", color=GREY, markersize=2.0)
-        _line(ax, r, "pooled", i + 0.17, hue, 1.4, ends)
-        ax.plot(r["pooled_q50"], i + 0.17, MARKERS[k % len(MARKERS)], color=hue, markersize=2.8)
-    ax.set_ylim(len(rows) - 0.4, -0.6)
-    known = np.array([e for e in ends if np.isfinite(e)])
-    if (
-        p.logarithmic
-        and known.size
-        and known.min() > 0.0
-        and np.ptp(np.log(known)) > np.log(WIDE_LOG)
-    ):
-        ax.set_xscale("log")
-    few_ticks(ax.xaxis, most=4, overhang=2.0)
-    ax.set_xlabel(_axis(p).label, labelpad=2.0)
+def _draw_specimen(ax: Axes, record: Mapping[Any, Any], row: int, k: int) -> None:
+    _draw_interval(ax, record, "single", row - 0.17, ALONE, 1.0)
+    ax.plot(record["single_q50"], row - 0.17, "o", color=ALONE, markersize=2.0)
+    _draw_interval(ax, record, "pooled", row + 0.17, group_colour(k), 1.4)
+    ax.plot(record["pooled_q50"], row + 0.17, group_marker(k), color=group_colour(k), ms=2.8)
 
 
-def _line(
-    ax: Axes, r: dict[Any, Any], what: str, at: float, hue: str, width: float, ends: list[float]
+def _draw_group(ax: Axes, record: Mapping[Any, Any], row: int, hue: str) -> None:
+    _draw_interval(ax, record, "new_specimen", row, hue, 0.6)
+    _draw_interval(ax, record, "mean", row, hue, 2.0)
+    ax.plot(record["mean_q50"], row, "D", color=hue, markersize=3.6)
+
+
+def _draw_interval(
+    ax: Axes, record: Mapping[Any, Any], name: str, y: float, hue: str, width: float
 ) -> None:
-    low, high = float(r[f"{what}_q05"]), float(r[f"{what}_q95"])
-    ends += [low, high]
-    ax.plot([low, high], [at, at], color=hue, linewidth=width, solid_capstyle="butt")
+    ends = [float(record[f"{name}_{q}"]) for q in ("q05", "q95")]
+    ax.plot(ends, [y, y], color=hue, linewidth=width, solid_capstyle="butt")
 
 
 def pairs_figure(
@@ -141,99 +128,92 @@ def pairs_figure(
     Parameters
     ----------
     draws : mapping of str to DataFrame
-        New specimens by group, a column a parameter.
+        New specimens by group, one column per parameter.
     specimens : DataFrame
         specimens.csv.
     parameters : sequence of Parameter
     width_mm : float
     style : mapping, optional
+        From :func:`biaxbayes.figures.style.read_style`.
     """
-    p = len(parameters)
+    count = len(parameters)
+    medians = specimens.pivot_table(
+        index=["group", "specimen"], columns="quantity", values="pooled_q50"
+    )
+    ranges = {p.name: _axis_range(draws, medians[p.name], p) for p in parameters}
     with print_style(style):
-        figure = blank_figure(width_mm * MM, width_mm * MM, layout())
-        axes = figure.subplots(p, p, squeeze=False)
-        for i, row in enumerate(parameters):
-            for j, column in enumerate(parameters):
-                ax = axes[i, j]
-                if j > i:
-                    ax.set_visible(False)
-                    continue
-                _pair(ax, draws, specimens, column, None if i == j else row)
-                few_ticks(ax.xaxis, most=3, overhang=1.0)
-                if i == p - 1:
-                    ax.set_xlabel(_axis(column).label)
-                else:
-                    ax.set_xticklabels([])
+        figure = blank_figure(width_mm, width_mm)
+        axes = figure.subplots(count, count, squeeze=False, sharex="col")
+        for (i, j), ax in np.ndenumerate(axes):
+            x, y = parameters[j], parameters[i]
+            if j > i:
+                ax.remove()
+                continue
+            for k, (group, table) in enumerate(draws.items()):
                 if i == j:
-                    ax.set_yticks([])
-                elif j == 0:
-                    ax.set_ylabel(_axis(row).label)
-                    few_ticks(ax.yaxis, most=3)
+                    _draw_density(ax, table[x.name], ranges[x.name], group_colour(k))
                 else:
-                    few_ticks(ax.yaxis, most=3)
-                    ax.set_yticklabels([])
-        _legend(figure, list(draws))
-        settle(figure)
+                    _draw_contours(ax, table, (x, y), ranges, group_colour(k))
+                    tested = medians.loc[group]
+                    ax.plot(
+                        tested[x.name],
+                        tested[y.name],
+                        group_marker(k),
+                        color=group_colour(k),
+                        ms=2.6,
+                    )
+            ax.set_xlim(ranges[x.name])
+            ax.set_ylim((0.0, None) if i == j else ranges[y.name])
+            few_ticks(ax.xaxis, 3)
+            few_ticks(ax.yaxis, 3)
+            ax.tick_params(labelbottom=i == count - 1, labelleft=j == 0)
+            if i == j:
+                ax.set_yticks([])
+            elif j == 0:
+                ax.set_ylabel(axis_text(Quantity(y)).label)
+            if i == count - 1:
+                ax.set_xlabel(axis_text(Quantity(x)).label)
+        figure.align_labels()
+        note = ": new specimens (50, 90 %), tested ones as points"
+        handles = [group_handle(k, group, note) for k, group in enumerate(draws)]
+        figure.legend(handles=handles, loc="upper right").set_in_layout(False)
     return figure
 
 
-def _pair(
+def _axis_range(
+    draws: Mapping[str, pd.DataFrame], tested: pd.Series, p: Parameter
+) -> tuple[float, float]:
+    """All tested specimens and all but the farthest draws, with space for a contour to close."""
+    ends = np.array([np.quantile(table[p.name], [0.01, 0.98]) for table in draws.values()])
+    margin = 0.25 * (ends[:, 1] - ends[:, 0])
+    low = min((ends[:, 0] - margin).min(), tested.min())
+    high = max((ends[:, 1] + margin).max(), tested.max())
+    return max(float(low), p.low), min(float(high), p.high)
+
+
+def _draw_density(ax: Axes, values: pd.Series, ends: tuple[float, float], hue: str) -> None:
+    density, edges = np.histogram(values, BINS, range=ends, density=True)
+    ax.plot(0.5 * (edges[1:] + edges[:-1]), gaussian_filter(density, 1.2), color=hue)
+
+
+def _draw_contours(
     ax: Axes,
-    draws: Mapping[str, pd.DataFrame],
-    specimens: pd.DataFrame,
-    x: Parameter,
-    y: Parameter | None,
+    table: pd.DataFrame,
+    pair: tuple[Parameter, Parameter],
+    ranges: Mapping[str, tuple[float, float]],
+    hue: str,
 ) -> None:
-    from scipy.ndimage import gaussian_filter
-
-    for k, (group, table) in enumerate(draws.items()):
-        hue = _hue(k)
-        of = specimens[specimens["group"] == group]
-        columns = [_range(table[q.name], q) for q in ([x] if y is None else [x, y])]
-        if y is None:
-            counts, edges = np.histogram(table[x.name], BINS, range=columns[0], density=True)
-            ax.plot(0.5 * (edges[1:] + edges[:-1]), gaussian_filter(counts, 1.2), color=hue)
-            continue
-        counts, ex, ey = np.histogram2d(table[x.name], table[y.name], BINS, range=columns)
-        smooth = gaussian_filter(counts.T, 1.5)
-        heights = np.sort(smooth.ravel())[::-1]
-        share = np.cumsum(heights) / heights.sum()
-        last = len(heights) - 1
-        levels = [heights[min(int(np.searchsorted(share, x)), last)] for x in LEVELS]
-        if levels[0] < levels[1]:
-            middle = [0.5 * (e[1:] + e[:-1]) for e in (ex, ey)]
-            ax.contour(*middle, smooth, levels=levels, colors=[hue], linewidths=[0.6, 1.0])
-        points = [of[of["quantity"] == q.name].set_index("specimen")["pooled_q50"] for q in (x, y)]
-        ax.plot(*points, MARKERS[k % len(MARKERS)], color=hue, markersize=2.6, linestyle="none")
-    ranges = np.array([_range(table[x.name], x) for table in draws.values()])
-    ax.set_xlim(ranges[:, 0].min(), ranges[:, 1].max())
-    if y is None:
-        ax.set_ylim(bottom=0.0)
-
-
-def _range(values: pd.Series, p: Parameter) -> tuple[float, float]:
-    """Of a panel: all but the farthest draws, with room for a contour to close."""
-    low, high = np.quantile(values, [0.01, 0.98])
-    room = ROOM * (high - low)
-    return max(float(low - room), p.low), min(float(high + room), p.high)
-
-
-def _legend(figure: Figure, groups: list[str]) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=_hue(k),
-            marker=MARKERS[k % len(MARKERS)],
-            markersize=3.0,
-            linewidth=1.0,
-            label=f"{plain(group, LABEL_LENGTH)}: new specimens (50, 90 %), tested ones as points",
-        )
-        for k, group in enumerate(groups)
-    ]
-    figure.legend(handles=handles, loc="upper right", fontsize=font_points("legend.fontsize"))
+    """Contours of the smoothed density that hold 90 and 50 % of the draws."""
+    across, up = (p.name for p in pair)
+    ends = [ranges[across], ranges[up]]
+    counts, x, y = np.histogram2d(table[across], table[up], BINS, range=ends)
+    density = gaussian_filter(counts.T, 1.5)
+    heights = np.sort(density.ravel())[::-1]
+    share = np.cumsum(heights) / heights.sum()
+    levels = [heights[min(int(np.searchsorted(share, c)), heights.size - 1)] for c in CONTENTS]
+    if levels[0] < levels[1]:
+        centres = [0.5 * (edges[1:] + edges[:-1]) for edges in (x, y)]
+        ax.contour(*centres, density, levels=levels, colors=[hue], linewidths=[0.6, 1.0])
 
 
 def band_figure(
@@ -255,33 +235,31 @@ def band_figure(
     directions : (str, str)
     width_mm : float
     style : mapping, optional
+        From :func:`biaxbayes.figures.style.read_style`.
     """
-    groups = list(dict.fromkeys(bands["group"]))
+    groups = list(bands["group"].unique())
     with print_style(style):
-        height = (48.0 * len(groups) + 6.0) * MM
-        figure = blank_figure(width_mm * MM, height, layout())
+        figure = blank_figure(width_mm, 48.0 * len(groups) + 6.0)
         axes = figure.subplots(len(groups), 2, squeeze=False, sharex=True)
         for k, group in enumerate(groups):
-            part = bands[bands["group"] == group]
-            hue = _hue(k)
+            part, hue = bands[bands["group"] == group], group_colour(k)
+            stretch = part["total_stretch"]
             for axis, ax in enumerate(axes[k]):
-                name = f"cauchy_{'xy'[axis]}"
-                ends = (part[f"{name}_q05"], part[f"{name}_q95"])
-                ax.fill_between(part["total_stretch"], *ends, color=hue, alpha=0.2, linewidth=0)
-                ax.plot(part["total_stretch"], part[f"{name}_q50"], color=hue)
-                for of, stretch, stress in records:
-                    if of == group:
-                        ax.plot(stretch[:, axis], stress[:, axis], color="0.25", linewidth=0.5)
-                ax.set_xlim(part["total_stretch"].min(), part["total_stretch"].max())
+                low, median, high = (
+                    part[f"cauchy_{'xy'[axis]}_{q}"] for q in ("q05", "q50", "q95")
+                )
+                ax.fill_between(stretch, low, high, color=hue, alpha=0.2, linewidth=0.0)
+                ax.plot(stretch, median, color=hue)
+                for name, measured, stress in records:
+                    if name == group:
+                        ax.plot(measured[:, axis], stress[:, axis], color="0.25", linewidth=0.5)
+                ax.set_xlim(stretch.min(), stretch.max())
                 ax.set_ylim(bottom=0.0)
-                few_ticks(ax.xaxis, most=4)
-                few_ticks(ax.yaxis, most=4)
+                few_ticks(ax.xaxis)
+                few_ticks(ax.yaxis)
                 ax.set_title(f"{plain(group, LABEL_LENGTH)}, {plain(directions[axis], 20)}")
-                if k == len(groups) - 1:
-                    ax.set_xlabel("total equibiaxial stretch")
             axes[k, 0].set_ylabel("Cauchy stress (kPa)")
-        size = font_points("legend.fontsize")
-        told = "band: 90 % of new specimens; thin lines: equibiaxial records"
-        figure.supxlabel(told, x=0.995, ha="right", color="0.35", fontsize=size)
-        settle(figure)
+        for ax in axes[-1]:
+            ax.set_xlabel("total equibiaxial stretch")
+        add_note(figure, BAND_NOTE)
     return figure

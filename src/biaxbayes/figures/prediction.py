@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.figures.labels import few_ticks
 from biaxbayes.figures.style import (
     COLUMN_MM,
     CREDIBLE,
-    MM,
     PREDICTIVE,
+    SIDE_BY_SIDE_MM,
     blank_figure,
     colour,
-    layout,
+    few_ticks,
     plain,
     print_style,
-    settle,
 )
 from biaxbayes.options import CONTENT
 from biaxbayes.prediction.inflation import MMHG_PER_KPA
@@ -31,8 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STRESS_NAMES = {"cauchy": "Cauchy stress", "piola": "first Piola-Kirchhoff stress"}
-SIDE_BY_SIDE_MM = 120.0
-"""Width from which the two directions have a panel each."""
 STRIP_MM = 11.0
 MARKERS = {"x": "o", "y": "s"}
 _SMALL: dict[str, Any] = {"markersize": 1.3, "markeredgewidth": 0.0, "linestyle": "none"}
@@ -112,8 +108,7 @@ def stress_figure(
         for ax in dict.fromkeys((strips["x"] if wide else strips["y"], strips["y"])):
             ax.set_xlabel(label)
         for strip in strips.values():
-            few_ticks(strip.yaxis, most=4, overhang=1.0)
-        settle(figure)
+            few_ticks(strip.yaxis, 3)
     return figure
 
 
@@ -124,7 +119,7 @@ def _stress_panels(
     rows = (52.0, 1.25 * STRIP_MM) if wide else (56.0, STRIP_MM, STRIP_MM)
     columns = 2 if wide else 1
     height = sum(rows) + 16.0
-    figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=1.5, down_mm=0.8))
+    figure = blank_figure(width_mm, height)
     places = figure.add_gridspec(len(rows), columns, height_ratios=rows)
     curves = {"x": figure.add_subplot(places[0, 0])}
     curves["y"] = figure.add_subplot(places[0, 1], sharey=curves["x"]) if wide else curves["x"]
@@ -184,7 +179,7 @@ def inflation_figure(
     """
     with print_style(style):
         tint = colour("run")
-        figure = blank_figure(width_mm * MM, 0.85 * width_mm * MM, "constrained")
+        figure = blank_figure(width_mm, 0.85 * width_mm)
         if "pressure_kPa_median" in table:
             ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
             across = table["outer_diameter_mm"].to_numpy()

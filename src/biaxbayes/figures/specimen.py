@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from biaxbayes.figures.style import COLUMN_MM, MM, PAGE_MM, blank_figure, colour, plain, print_style
+from biaxbayes.figures.style import COLUMN_MM, PAGE_MM, blank_figure, colour, plain, print_style
 from biaxbayes.options import FIT_METHODS
 from biaxbayes.specimens.specimen import Specimen
 
@@ -51,7 +51,7 @@ def specimen_figure(specimen: Specimen) -> Figure:
     rows = math.ceil(len(protocols) / columns)
     width, height = max(columns * PANEL_MM[0], 85.0), rows * PANEL_MM[1] + 14.0
     with print_style():
-        figure = blank_figure(width * MM, height * MM, "constrained")
+        figure = blank_figure(width, height)
         grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         for ax, protocol in zip(grid.flat, protocols, strict=False):
             _panel(ax, protocol)
@@ -139,7 +139,7 @@ def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
     blocks = -(-len(shown) // columns)
     width = COLUMN_MM if columns == 1 else PAGE_MM
     with print_style():
-        figure = blank_figure(width * MM, (78.0 * blocks + 18.0) * MM, "constrained")
+        figure = blank_figure(width, 78.0 * blocks + 18.0)
         grid = figure.subplots(
             2 * blocks, columns, squeeze=False, height_ratios=HEIGHTS * blocks, sharex="col"
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import threading
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,31 +17,6 @@ from biaxbayes.text_files import atomic_write_bytes
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-__all__ = [
-    "COLUMN_MM",
-    "CREDIBLE",
-    "MM",
-    "PAGE_MM",
-    "PREDICTIVE",
-    "PRINT_AND_SCREEN",
-    "RUNS",
-    "STYLE",
-    "blank_figure",
-    "colour",
-    "figure_bytes",
-    "font_points",
-    "keep_labels",
-    "layout",
-    "picture_suffix",
-    "plain",
-    "print_style",
-    "read_style",
-    "save_figure",
-    "save_pictures",
-    "settle",
-]
 
 MM = 1.0 / 25.4
 """Inches in a millimetre; matplotlib counts in inches."""
@@ -49,6 +24,9 @@ COLUMN_MM, PAGE_MM = 85.0, 180.0
 """Widths of one column and of a page."""
 CREDIBLE, PREDICTIVE = 0.45, 0.18
 """Opacity of the two bands."""
+SIDE_BY_SIDE_MM = 120.0
+"""Width from which panels stand side by side."""
+FINER_UNIT = {"N": "mN", "kPa": "Pa"}
 PRINT_AND_SCREEN = ("pdf", "png")
 """Formats of a figure that stands beside its tables."""
 
@@ -67,6 +45,10 @@ STYLE: dict[str, Any] = {
     "axes.titlesize": 8.0,
     "figure.titlesize": 8.0,
     "figure.labelsize": 8.0,
+    "figure.constrained_layout.w_pad": 1.2 * MM,
+    "figure.constrained_layout.h_pad": 0.8 * MM,
+    "figure.constrained_layout.wspace": 0.0,
+    "figure.constrained_layout.hspace": 0.0,
     "font.size": 8.0,
     "legend.fontsize": 7.0,
     "legend.title_fontsize": 7.0,
@@ -198,6 +180,14 @@ def colour(role: str) -> str:
     return to_hex(cycle[_ROLES[role] % len(cycle)])
 
 
+def text_colour(face: str) -> str:
+    """White on a dark ground, black on a light one."""
+    from matplotlib.colors import to_rgb
+
+    red, green, blue = to_rgb(face)
+    return "white" if 0.299 * red + 0.587 * green + 0.114 * blue < 0.5 else "black"
+
+
 def font_points(setting: str) -> float:
     """Size in points of a font setting of the active style, such as ``legend.fontsize``."""
     import matplotlib as mpl
@@ -207,69 +197,44 @@ def font_points(setting: str) -> float:
     return float(FontProperties(size=settings[setting]).get_size_in_points())
 
 
-def blank_figure(width: float, height: float, room: Any = None) -> Figure:
-    """An empty figure on an Agg canvas, which asks for no backend and no window.
-
-    Parameters
-    ----------
-    width, height : float
-        Inches.
-    room : layout engine or str, optional
-        As the ``layout`` of :class:`matplotlib.figure.Figure`.
-    """
+def blank_figure(width_mm: float, height_mm: float) -> Figure:
+    """An empty figure with constrained layout; an Agg canvas needs no backend and no window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure((width, height), layout=room)
+    figure = Figure((width_mm * MM, height_mm * MM), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def layout(*, across_mm: float = 0.7, down_mm: float = 0.7, **how: Any) -> ConstrainedLayoutEngine:
-    """Matplotlib's constrained layout with the narrow margins of a print.
+def few_ticks(axis: Axis, most: int = 4) -> None:
+    """At most so many intervals between labelled ticks at round values; no minor ticks."""
+    from matplotlib.ticker import (
+        LogFormatterMathtext,
+        LogLocator,
+        MaxNLocator,
+        NullLocator,
+        StrMethodFormatter,
+    )
 
-    Parameters
-    ----------
-    across_mm, down_mm : float
-        Half the space between neighbours.
-    **how
-        Of :class:`matplotlib.layout_engine.ConstrainedLayoutEngine`.
-    """
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    pads = {"w_pad": across_mm * MM, "h_pad": down_mm * MM, "wspace": 0.0, "hspace": 0.0}
-    return ConstrainedLayoutEngine(**(pads | how))
-
-
-def settle(figure: Figure) -> None:
-    """Let the layout find its places and keep them: the same figure gives the same bytes."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing")
-        for _ in range(2):  # ticks depend on the panels' size, and this on the ticks
-            engine: Any = figure.get_layout_engine()
-            engine.execute(figure)
-    figure.set_layout_engine(None)  # a placeholder would have every file drawn twice
-    keep_labels(figure)
+    if axis.get_scale() == "log":
+        low, high = axis.get_view_interval()
+        if high > 100.0 * low:
+            axis.set_major_locator(LogLocator(numticks=most))
+            axis.set_major_formatter(LogFormatterMathtext())
+        else:
+            axis.set_major_locator(LogLocator(subs=(1, 3) if high > 10.0 * low else (1, 2, 5)))
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    else:
+        axis.set_major_locator(MaxNLocator(most, steps=(1, 2, 5, 10)))
+    axis.set_minor_locator(NullLocator())
 
 
-def keep_labels(figure: Figure, *aligned: Sequence[Axis]) -> None:
-    """Fix the labels of axes below and at the left of their ticks, those of aligned ones in a line.
-
-    Else each drawing asks the ticks of all panels that a label is aligned with for their places.
-    """
-    outermost = {id(axis): row for row in aligned for axis in row}
-    places = {}
-    for ax in figure.axes:
-        for axis, k in ((ax.xaxis, 1), (ax.yaxis, 0)):
-            axis.get_tightbbox()  # puts the label beside the ticks
-            places[id(axis)] = axis.label.get_position()[k]
-    for ax in figure.axes:
-        inverse = ax.transAxes.inverted()
-        for axis, k in ((ax.xaxis, 1), (ax.yaxis, 0)):
-            row = outermost.get(id(axis), [axis])
-            x, y = axis.label.get_position()
-            beside = inverse.transform([min(places[id(one)] for one in row)] * 2)[k]
-            axis.set_label_coords(*((x, beside) if k else (beside, y)))
+def add_note(figure: Figure, text: str) -> None:
+    """What a reader has to know, in grey at the foot."""
+    if text:
+        size = font_points("legend.fontsize")
+        figure.supxlabel(text, x=0.995, ha="right", color="0.35", fontsize=size)
 
 
 def plain(text: object, length: int = 40) -> str:
@@ -287,6 +252,25 @@ def plain(text: object, length: int = 40) -> str:
     return line.replace("$", r"\$")
 
 
+def text_width_mm(text: str, setting: str) -> float:
+    """Width of a line of text at the size of a font setting such as ``legend.fontsize``."""
+    from matplotlib.textpath import TextPath
+
+    if not text:
+        return 0.0
+    path = TextPath((0.0, 0.0), text, size=font_points(setting))
+    return float(path.get_extents().x1) / 72.0 / MM
+
+
+def shortened(text: object, width_mm: float, setting: str) -> str:
+    """A text from a file, made safe to draw and cut to a width."""
+    for length in range(60, 2, -1):
+        line = plain(text, length)
+        if text_width_mm(line, setting) <= width_mm:
+            return line
+    return plain(text, 2)
+
+
 def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = None) -> bytes:
     """The figure as a file: letters as text, the same bytes for the same figure.
 
@@ -302,6 +286,11 @@ def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = 
     with print_style(style), warnings.catch_warnings():
         # Characters that the font lacks are drawn as boxes; that is no error.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
+        engine = figure.get_layout_engine()
+        if engine is not None:
+            # Places the panels once and for all; repeated, they would move by fractions of a dot.
+            engine.execute(figure)
+            figure.set_layout_engine(None)
         figure.savefig(out, format=suffix, metadata=undated.get(suffix))
     return out.getvalue()
 

@@ -232,7 +232,7 @@ TABLE, PAGE = "study", "study.html"
 
 def write_study(result: StudyResult) -> list[Path]:
     """Write every file of a study into its folder; ``study.parquet`` where pyarrow is installed."""
-    from biaxbayes.figures.compare import study_figure
+    from biaxbayes.figures.study import study_figure
     from biaxbayes.figures.style import save_pictures
 
     folder = result.folder

@@ -23,7 +23,7 @@ from biaxbayes.calibration.simulated_specimen import (
     protocol_prior,
 )
 from biaxbayes.errors import Interrupted, NotConverged, RunError
-from biaxbayes.figures.run.trace import rank_figure
+from biaxbayes.figures.calibration import rank_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors, prior_value

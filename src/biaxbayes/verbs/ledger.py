@@ -124,7 +124,7 @@ def ledger(
     )
     result = lay_out(treated, stretches or None)
     if out is not None:
-        from biaxbayes.figures.run.mounting import ledger_figure
+        from biaxbayes.figures.ledger import ledger_figure
         from biaxbayes.figures.style import save_pictures
 
         folder = make_folder(out)

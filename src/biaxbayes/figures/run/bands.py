@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.figures.labels import few_ticks, shortened
 from biaxbayes.figures.style import (
     CREDIBLE,
+    FINER_UNIT,
     MM,
     PAGE_MM,
     PREDICTIVE,
+    SIDE_BY_SIDE_MM,
+    add_note,
     blank_figure,
     colour,
-    font_points,
-    layout,
+    few_ticks,
     print_style,
-    settle,
+    shortened,
 )
 from biaxbayes.options import CONTENT, Settings
 from biaxbayes.prediction.bands import bands, true_loads
@@ -31,102 +32,30 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-# --- where the panels of a bands figure stand ----------------------------------------------------
-
-
-MAX_ROWS = 3
-"""Rows of panels; what does not fit is left out, with a note."""
-LEAST_MM = 32.0
-"""Least width of a panel."""
-LINE_MM = 4.0
-"""Height of a line of the legend."""
-
-
-class Panels:
-    """For each protocol a panel of the curves and below it the residuals in x and in y.
-
-    The legend, of ``lines`` entries, stands above them, or where the last row leaves a place free.
-    """
-
-    LEFT, TITLE, STRIP, GAP, BELOW = 16.0, 5.0, 10.5, 1.6, 10.0
-
-    def __init__(self, protocols: int, width_mm: float, lines: int = 4) -> None:
-        self.width_mm, self.protocols = width_mm, protocols
-        most = max(1, int((width_mm - self.LEFT) // LEAST_MM))
-        most = min(most, 3 if protocols <= 6 else 4)
-        self.count = min(protocols, most * MAX_ROWS)
-        self.down = math.ceil(self.count / most)
-        self.across = math.ceil(self.count / self.down)
-        self.panel_mm = (width_mm - self.LEFT) / self.across - 3.0
-        self.free = self.count < self.down * self.across
-        self.legend_columns = 1 if self.free else lines if width_mm >= 120.0 else 2
-        self.legend_rows = 0 if self.free else math.ceil(lines / self.legend_columns)
-        self.axes: list[dict[str, Axes]] = []
-
-    def draw(self, *, noted: bool) -> None:
-        """Make the figure and its empty panels, with room for a note above them."""
-        load = min(self.panel_mm, 66.0 if self.across == 1 else 50.0)
-        title = self.TITLE if self.protocols > 1 else 1.5
-        row = title + load + 2.0 * (self.GAP + self.STRIP) + self.BELOW
-        legend = LINE_MM * (self.legend_rows + noted) + 1.0
-        room = layout(across_mm=1.2, down_mm=0.5 * self.GAP)
-        height = (legend + self.down * row) * MM
-        self.figure: Figure = blank_figure(self.width_mm * MM, height, room)
-        ratios = [load, self.STRIP, self.STRIP] * self.down
-        places = self.figure.add_gridspec(3 * self.down, self.across, height_ratios=ratios)
-        for number in range(self.count):
-            down, across = divmod(number, self.across)
-            trio = {"load": self.figure.add_subplot(places[3 * down, across])}
-            for k, axis in enumerate("xy", start=1):
-                place = places[3 * down + k, across]
-                trio[axis] = self.figure.add_subplot(place, sharex=trio["load"])
-                trio[axis].axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
-            for name in ("load", "x"):
-                trio[name].tick_params(labelbottom=False)
-            self.axes.append(trio)
-
-    def finish(self, load: str, residual: str) -> None:
-        """Common scales, so that panels can be compared; names of the axes at the left."""
-        for group in (("load",), ("x", "y")):
-            limits = np.array([trio[name].get_ylim() for trio in self.axes for name in group])
-            for number, trio in enumerate(self.axes):
-                for name in group:
-                    trio[name].set_ylim(limits[:, 0].min(), limits[:, 1].max())
-                    few_ticks(trio[name].yaxis, most=6, overhang=0.4 * self.GAP)
-                    trio[name].tick_params(labelleft=number % self.across == 0)
-        for number, trio in enumerate(self.axes):
-            few_ticks(trio["load"].xaxis, most=6, overhang=1.4)
-            if number % self.across == 0:
-                trio["load"].set_ylabel(load, linespacing=1.1)
-                # In the middle of both strips, whose heights do not depend on it.
-                trio["y"].set_ylabel(residual, y=1.0 + 0.5 * self.GAP / self.STRIP)
-                trio["y"].yaxis.label.set_in_layout(False)
-            below = number + self.across
-            label = trio["y"].get_xlabel()
-            if below < self.count and self.axes[below]["y"].get_xlabel() == label:
-                trio["y"].set_xlabel("")
-        first = self.axes[:: self.across]  # the others have no labels
-        self.figure.align_ylabels([ax for trio in first for ax in trio.values()])
-
-
-# --- data with the credible and the predictive band of a run, protocol by protocol ---------------
-
-
 ROWS, DRAWS = 200, 500
 """Readings of a curve and draws that the bands are computed from; of longer records every n-th
 reading is drawn, as the figure then says."""
+MAX_ROWS, LEAST_MM, LEFT_MM, STRIP_MM = 3, 32.0, 16.0, 10.5
+"""Rows of panels, least width of a panel, space at their left, height of the residuals."""
 LOADS = {
     "force": "force (N)",
     "piola": "first Piola-Kirchhoff\nstress (kPa)",
     "cauchy": "Cauchy stress (kPa)",
 }
-FINER = {"N": "mN", "kPa": "Pa"}
 MARKERS = {"x": "o", "y": "s"}
 TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (3, 2))}
 """How true loads are drawn."""
 LARGEST_MARKER, LEAST_MARKER, OPEN_MARKER = 2.4, 0.9, 1.8
 """Sizes of a marker in points, and that from which it is open."""
+QUANTILES = (
+    "credible_low",
+    "median",
+    "credible_high",
+    "predictive_low",
+    "predictive_median",
+    "predictive_high",
+)
+KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
 
 
 def bands_figure(
@@ -145,7 +74,7 @@ def bands_figure(
     ----------
     specimen : Specimen
     draws : DataFrame
-        One row a draw, columns as in ``summary.csv``.
+        One row per draw, columns as in ``summary.csv``.
     settings : Settings, optional
         Those of the run.
     truth : mapping, optional
@@ -160,7 +89,7 @@ def bands_figure(
     Returns
     -------
     matplotlib.figure.Figure
-        One panel a protocol (the first 12) with its residuals below. All readings are drawn, of
+        One panel per protocol (the first 12) with its residuals below. All readings are drawn, of
         protocols of more than 200 rows every n-th.
 
     Raises
@@ -170,25 +99,15 @@ def bands_figure(
     """
     shown = replace(specimen, protocols=specimen.protocols[: shown_protocols(specimen, width_mm)])
     table = bands(
-        shown,
-        draws,
-        settings=settings,
-        probability=probability,
-        max_rows=ROWS,
-        max_draws=DRAWS,
+        shown, draws, settings=settings, probability=probability, max_rows=ROWS, max_draws=DRAWS
     )
     true = None if truth is None else true_loads(shown, truth, settings=settings, max_rows=ROWS)
-    return drawn_bands(
+    return figure_from_bands(
         specimen, table, truth=true, probability=probability, width_mm=width_mm, style=style
     )
 
 
-def shown_protocols(specimen: Specimen, width_mm: float) -> int:
-    """Protocols that a figure of this width has panels for."""
-    return Panels(len(specimen.protocols), width_mm).count
-
-
-def drawn_bands(
+def figure_from_bands(
     specimen: Specimen,
     table: pd.DataFrame,
     *,
@@ -197,60 +116,82 @@ def drawn_bands(
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
-    """The same of bands that are there already.
+    """Draw bands that have been computed.
 
     Parameters
     ----------
     specimen : Specimen
     table : DataFrame
-        As of :func:`~biaxbayes.prediction.bands.bands`; of the protocols that have panels.
+        From :func:`~biaxbayes.prediction.bands.bands`, for the protocols that have panels.
     truth : ndarray, shape (rows,), optional
         True loads at the rows of the table.
     probability, width_mm, style
         As in :func:`bands_figure`.
     """
-    panels = Panels(len(specimen.protocols), width_mm, 4 if truth is None else 5)
     # The quantiles are named after their levels; here they go by their order.
     table = table.set_axis(pd.Index([*table.columns[:5], *QUANTILES]), axis=1)
     if truth is not None:
         table["truth"] = truth
-    note = _note(panels, specimen, table)
-    tests = [
-        {str(axis): part for axis, part in one.groupby("direction")}
-        for _, one in table.groupby("protocol", sort=False)
-    ]
     scale, unit = residual_unit(table, specimen.unit)
     with print_style(style):
-        panels.draw(noted=bool(note) and not panels.free)
-        size = font_points("axes.titlesize")
-        for trio, test in zip(panels.axes, tests, strict=True):
+        figure, panels, across, panel_mm = _panels(specimen, width_mm)
+        groups = table.groupby("protocol", sort=False)
+        for k, ((load, *strips), (name, group)) in enumerate(zip(panels, groups, strict=True)):
+            test = {str(axis): part for axis, part in group.groupby("direction")}
             places, label = abscissa(test)
-            for axis, part in test.items():
-                marker = _marker(axis, len(part), panels.panel_mm)
-                _curve(trio["load"], part, places[axis], axis, marker)
-                _residuals(trio[axis], part, places[axis], axis, scale, marker)
-            trio["y"].set_xlabel(label)
+            for (axis, part), strip in zip(test.items(), strips, strict=True):
+                marker = _marker(axis, len(part), panel_mm)
+                _draw(load, places[axis], part, axis, marker)
+                columns = [*QUANTILES, "measured", *(["truth"] if truth is not None else [])]
+                missed = scale * part[columns].sub(part["median"], axis=0)
+                _draw(strip, places[axis], missed, axis, marker, residual=True)
+            strips[-1].set_xlabel(label)
+            few_ticks(load.xaxis, 5)
             if len(specimen.protocols) > 1:
-                name = shortened(test["x"]["protocol"].iloc[0], panels.panel_mm, size)
-                trio["load"].set_title(name, pad=2.0)
-        panels.finish(LOADS[specimen.stress_pair], f"residual ({unit})")
-        if not panels.free:
-            _legend(panels, specimen, probability, note, truth is not None)
-        settle(panels.figure)
-        if panels.free:
-            _legend(panels, specimen, probability, note, truth is not None)
-    return panels.figure
+                load.set_title(shortened(name, panel_mm, "axes.titlesize"), pad=2.0)
+            if k % across == 0:
+                load.set_ylabel(LOADS[specimen.stress_pair], linespacing=1.1)
+                # In the middle of both strips, whose heights do not depend on it.
+                strips[-1].set_ylabel(f"residual ({unit})", y=1.1)
+                strips[-1].yaxis.label.set_in_layout(False)
+        figure.align_ylabels()
+        _legend(figure, specimen, probability, truth is not None)
+        add_note(figure, _note(len(panels), specimen, table))
+    return figure
 
 
-QUANTILES = (
-    "credible_low",
-    "median",
-    "credible_high",
-    "predictive_low",
-    "predictive_median",
-    "predictive_high",
-)
-KINDS = (("predictive", PREDICTIVE), ("credible", CREDIBLE))
+def shown_protocols(specimen: Specimen, width_mm: float) -> int:
+    """Number of protocols that a figure of this width has panels for."""
+    return min(len(specimen.protocols), MAX_ROWS * _most_columns(specimen, width_mm))
+
+
+def _most_columns(specimen: Specimen, width_mm: float) -> int:
+    most = max(1, int((width_mm - LEFT_MM) // LEAST_MM))
+    return min(most, 3 if len(specimen.protocols) <= 6 else 4)
+
+
+def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes]], int, float]:
+    """For each protocol a panel of the loads and below it the residuals in x and in y."""
+    count = shown_protocols(specimen, width_mm)
+    down = math.ceil(count / _most_columns(specimen, width_mm))
+    across = math.ceil(count / down)
+    panel_mm = (width_mm - LEFT_MM) / across - 3.0
+    load_mm = min(panel_mm, 66.0 if across == 1 else 50.0)
+    legend_mm = 5.0 if width_mm >= SIDE_BY_SIDE_MM else 13.0
+    figure = blank_figure(width_mm, legend_mm + down * (load_mm + 2.0 * STRIP_MM + 18.0))
+    grid = figure.add_gridspec(3 * down, across, height_ratios=[load_mm, STRIP_MM, STRIP_MM] * down)
+    panels: list[list[Axes]] = []
+    for k in range(count):
+        row, column = 3 * (k // across), k % across
+        first: list[Any] = panels[0] if panels else [None] * 3
+        load = figure.add_subplot(grid[row, column], sharey=first[0])
+        x = figure.add_subplot(grid[row + 1, column], sharex=load, sharey=first[1])
+        y = figure.add_subplot(grid[row + 2, column], sharex=load, sharey=first[1] or x)
+        for ax in (load, x, y):
+            few_ticks(ax.yaxis, 5 if ax is load else 3)
+            ax.tick_params(labelbottom=ax is y, labelleft=column == 0)
+        panels.append([load, x, y])
+    return figure, panels, across, panel_mm
 
 
 def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
@@ -263,19 +204,19 @@ def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
     unit : {"N", "kPa"}
     """
     largest = float((table["measured"] - table["median"]).abs().max())
-    return (1000.0, FINER[unit]) if largest < 0.05 else (1.0, unit)
+    return (1000.0, FINER_UNIT[unit]) if largest < 0.05 else (1.0, unit)
 
 
 def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]:
     """What to draw the curves of a test against, and its name.
 
-    Each direction's own stretch, if the model is a curve over it; else (a direction that is held,
-    or a path that turns back) the stretch of the leading direction; else the number of the row.
+    Each direction's own stretch, if the model is a curve over it; else (a fixed direction, or a
+    path that turns back) the stretch of the leading direction; else the number of the row.
 
     Parameters
     ----------
     test : dict of DataFrame
-        Of ``x`` and ``y``, each with ``stretch``, ``row`` and ``median``.
+        ``x`` and ``y``, each with ``stretch``, ``row`` and ``median``.
     """
     own = {axis: part["stretch"].to_numpy() for axis, part in test.items()}
     leading = max(own, key=lambda axis: float(np.ptp(own[axis])))
@@ -301,9 +242,9 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
 
 
 def _marker(axis: str, readings: int, panel_mm: float) -> dict[str, Any]:
-    """Marker of the readings of a curve, small enough to be told apart along the panel."""
-    apart = 0.8 * panel_mm * MM * 72.0 / readings
-    size, hue = float(np.clip(apart, LEAST_MARKER, LARGEST_MARKER)), colour(axis)
+    """Marker of the readings of a curve, small enough to be distinguished along the panel."""
+    spacing = 0.8 * panel_mm * MM * 72.0 / readings
+    size, hue = float(np.clip(spacing, LEAST_MARKER, LARGEST_MARKER)), colour(axis)
     opened = size >= OPEN_MARKER
     return {
         "marker": MARKERS[axis],
@@ -314,85 +255,57 @@ def _marker(axis: str, readings: int, panel_mm: float) -> dict[str, Any]:
     }
 
 
-def _curve(
-    ax: Axes, part: pd.DataFrame, x: np.ndarray, axis: str, marker: Mapping[str, Any]
-) -> None:
-    hue = colour(axis)
-    order = np.argsort(x, kind="stable")
-    for kind, opacity in KINDS:
-        low, high = (part[f"{kind}_{end}"].to_numpy()[order] for end in ("low", "high"))
-        ax.fill_between(x[order], low, high, color=hue, alpha=opacity, linewidth=0.0)
-    ax.plot(x[order], part["median"].to_numpy()[order], color=hue, linewidth=0.8)
-    ax.plot(x, part["measured"], linestyle="none", **marker)
-    if "truth" in part:
-        ax.plot(x[order], part["truth"].to_numpy()[order], **TRUE)
-
-
-def _residuals(
+def _draw(
     ax: Axes,
-    part: pd.DataFrame,
     x: np.ndarray,
+    part: pd.DataFrame,
     axis: str,
-    scale: float,
     marker: Mapping[str, Any],
+    *,
+    residual: bool = False,
 ) -> None:
-    hue = colour(axis)
+    """Both bands, the median (zero of the residuals), the readings and the true loads."""
     order = np.argsort(x, kind="stable")
-    about = {name: scale * (part[name] - part["median"]).to_numpy() for name in QUANTILES}
+    curves = {name: part[name].to_numpy()[order] for name in part if name in (*QUANTILES, "truth")}
     for kind, opacity in KINDS:
-        low, high = (about[f"{kind}_{end}"][order] for end in ("low", "high"))
-        ax.fill_between(x[order], low, high, color=hue, alpha=opacity, linewidth=0.0)
-    ax.plot(x, scale * (part["measured"] - part["median"]).to_numpy(), linestyle="none", **marker)
-    if "truth" in part:
-        missed = scale * (part["truth"] - part["median"]).to_numpy()
-        ax.plot(x[order], missed[order], **TRUE)
+        low, high = curves[f"{kind}_low"], curves[f"{kind}_high"]
+        ax.fill_between(x[order], low, high, color=colour(axis), alpha=opacity, linewidth=0.0)
+    if residual:
+        ax.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
+    else:
+        ax.plot(x[order], curves["median"], color=colour(axis), linewidth=0.8)
+    ax.plot(x, part["measured"], linestyle="none", **marker)
+    if "truth" in curves:
+        ax.plot(x[order], curves["truth"], **TRUE)
 
 
-def _note(panels: Panels, specimen: Specimen, table: pd.DataFrame) -> str:
+def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
     """What is left out of the figure."""
-    out = []
-    if panels.count < panels.protocols:
-        out.append(f"the first {panels.count} of {panels.protocols} protocols")
+    notes = []
+    if count < len(specimen.protocols):
+        notes.append(f"the first {count} of {len(specimen.protocols)} protocols")
     rows = {p.name: p.rows for p in specimen.protocols}
     drawn = table[table["direction"] == "x"].groupby("protocol", sort=False).size()
     step = max(-(-(rows[str(name)] - 1) // max(int(n) - 1, 1)) for name, n in drawn.items())
     if step > 1:
-        out.append(f"one reading in {step} is drawn")
-    return "; ".join(out)
+        notes.append(f"one reading in {step} is drawn")
+    return "; ".join(notes)
 
 
-def _legend(panels: Panels, specimen: Specimen, probability: float, note: str, truth: bool) -> None:
+def _legend(figure: Figure, specimen: Specimen, probability: float, truth: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    size = font_points("legend.fontsize")
     handles: list[Any] = []
-    room = min(30.0, panels.panel_mm - 10.0)
     for axis, name in (("x", specimen.axis_x), ("y", specimen.axis_y)):
-        line = Line2D([], [], color=colour(axis), **_marker(axis, 1, panels.panel_mm))
-        line.set(linewidth=0.8, label=f"{axis}: {shortened(name, room, size)}" if name else axis)
-        handles.append(line)
+        label = f"{axis}: {shortened(name, 26.0, 'legend.fontsize')}" if name else axis
+        how: dict[str, Any] = {**_marker(axis, 1, LEAST_MM), "color": colour(axis), "label": label}
+        handles.append(Line2D([], [], linewidth=0.8, **how))
     for kind, opacity in reversed(KINDS):
         label = f"{kind} band, {100 * probability:g} %"
         handles.append(Patch(facecolor="0.3", alpha=opacity, linewidth=0.0, label=label))
     if truth:
         handles.append(Line2D([], [], label="truth", **TRUE))
-    if panels.free:
-        if note:
-            handles.append(Line2D([], [], linestyle="none", label=note))
-        # in the place below the last panel of the row above, beside the last panel
-        above = panels.axes[panels.count - panels.across]["load"].get_position()
-        beside = panels.axes[-1]["load"].get_position()
-        how: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (above.x0, beside.y1)}
-        how |= {"borderpad": 0.0, "handlelength": 1.3, "handletextpad": 0.6}
-    else:
-        how = {"loc": "outside upper left"}
-        if note:
-            panels.figure.suptitle(note, x=0.99, ha="right", fontsize=size)
-    panels.figure.legend(
-        handles=handles,
-        ncols=panels.legend_columns,
-        borderaxespad=0.0 if panels.free else 0.2,
-        columnspacing=1.4,
-        **how,
-    )
+    wide = figure.get_figwidth() / MM >= SIDE_BY_SIDE_MM
+    columns = len(handles) if wide else 2
+    figure.legend(handles=handles, loc="outside upper left", ncols=columns, columnspacing=1.4)

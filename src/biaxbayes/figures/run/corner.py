@@ -1,11 +1,11 @@
-"""The joint posterior at a glance: every pair of quantities, every quantity alone, of several runs.
+"""The joint posterior of every pair of quantities and the density of each, of one or more runs.
 
-Regions are drawn by the corner package (:mod:`.regions`); ranges end at physical edges. A table of
-medians and intervals stands in the corner that the panels leave free, as much of it as fits.
+Regions are drawn by the corner package (:mod:`.regions`); ranges end at physical edges.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,69 +14,63 @@ import pandas as pd
 from scipy.integrate import trapezoid
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.labels import POINT_MM, few_ticks, shortened, text_mm
 from biaxbayes.figures.quantities import MEAN, AxisText, corner_columns, number, range_text
-from biaxbayes.figures.run.regions import CONTENTS, FILL, Moved, moved, regions
+from biaxbayes.figures.run.regions import CONTENTS, FILL, project, regions
 from biaxbayes.figures.style import (
     MM,
     PAGE_MM,
     RUNS,
     blank_figure,
     colour,
+    few_ticks,
     font_points,
-    layout,
     plain,
     print_style,
-    settle,
+    shortened,
+    text_width_mm,
 )
 from biaxbayes.identifiability.bounded_density import Span, at_edges, curve, interval, span
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import Quantities, mounting_names
-from biaxbayes.prediction.bands import evenly_chosen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-VISIBLE = 40_000
-"""Draws of a quantity that are drawn; more would change nothing to the eye."""
-WIDE_SPREAD = 8.0
-"""Ratio of the 99.5 % to the 0.5 % point from which a scale gets a logarithmic axis."""
-PANEL_MM, LEAST_PANEL_MM = 46.0, 8.0
-"""Largest height of a panel, for few quantities, and the smallest width that can be read."""
+LOG_SPREAD = 8.0
+"""Ratio of the 99.5 % to the 0.5 % point above which a positive scale gets a logarithmic axis."""
+PANEL_MM, LEAST_PANEL_MM, TURNED_MM = 46.0, 8.0, 20.0
+"""Largest height and smallest width of a panel; width below which tick labels are turned."""
 MARGIN_MM, NARROW_MM = 16.0, 120.0
-"""Room for the labels; width below which symbol and unit stand one above the other."""
+"""Space for the labels; width below which symbol and unit stand one above the other."""
 DASHES = (0, (3, 2))
+SMALL = "legend.fontsize"
 
 
 class Column(NamedTuple):
-    """One quantity of the figure: its axis, and run by run its draws (None: not varied).
-
-    ``draws`` are those that are drawn, ``every`` all of them; ``own`` is the axis of one run.
-    """
+    """A quantity of the figure: its axis, and of each run the draws (None: not varied) and axis."""
 
     name: str
     quantity: AxisText
     axis: Span
     draws: list[np.ndarray | None]
-    every: list[np.ndarray | None]
     own: list[Span | None]
 
 
 class Interval(NamedTuple):
-    """Median and interval of one quantity in one run; ``piled`` at its low or high end."""
+    """Median and interval of a quantity in a run; ``piled`` at its low or high end."""
 
     median: float
     low: float
     high: float
-    piled: tuple[bool, bool]
+    piled: tuple[bool, bool] = (False, False)
 
-    def cells(self, *, log: bool) -> list[str]:
-        """As two cells of the table."""
+    def texts(self, *, log: bool) -> tuple[str, str]:
+        """Median and interval as in the table."""
         if self.low == self.high:
-            return [f"{self.median:.4g}", "fixed"]
+            return f"{self.median:.4g}", "fixed"
         median = number(self.median, self.low, self.high, log=log)
-        return [median, range_text(self.low, self.high, self.piled, log=log)]
+        return median, range_text(self.low, self.high, self.piled, log=log)
 
 
 def corner_figure(
@@ -96,7 +90,7 @@ def corner_figure(
     Parameters
     ----------
     draws : DataFrame
-        One row a draw, columns as in ``summary.csv``. Constant columns are left out.
+        One row per draw, columns as in ``summary.csv``. Constant columns are left out.
     truth : mapping, optional
         Known values by the same names, drawn as dashed lines.
     compare : DataFrame, optional
@@ -130,7 +124,7 @@ def corner_figure(
         {str(n): float(run[n].iloc[0]) for n in run.select_dtypes("number") if not np.ptp(run[n])}
         for run in runs
     ]
-    columns = _columns(runs, parameters, seen=[truth, *fixed], shared=True, known=known)
+    columns = _columns(runs, parameters, include=[truth, *fixed], known=known)
     # What the run itself does not vary is no quantity of its figure.
     columns = [c for c in columns if c.draws[0] is not None]
     if not columns:
@@ -138,21 +132,20 @@ def corner_figure(
     with print_style(style):
         figure, grid = _panels(columns, width_mm)
         for run in range(len(runs)):
-            _pairs(grid, columns, run, filled=run == 0)
+            _draw_pairs(grid, columns, run, filled=run == 0)
         intervals = [
-            _marginal(grid[i, i], column, fixed, probability) for i, column in enumerate(columns)
+            _draw_marginal(grid[i, i], column, fixed, probability)
+            for i, column in enumerate(columns)
         ]
-        true_values = [truth.get(c.name) for c in columns]
-        for i, value in enumerate(true_values):
-            if value is None:
-                continue
+        _set_ticks(grid, width_mm)
+        true = {i: truth[c.name] for i, c in enumerate(columns) if c.name in truth}
+        for i, value in true.items():
             for ax in grid[i:, i]:
                 ax.axvline(value, color="black", linewidth=0.7, linestyle=DASHES)
             for ax in grid[i, :i]:
                 ax.axhline(value, color="black", linewidth=0.7, linestyle=DASHES)
-        _settle(figure, grid)
-        labels = names if compare is not None else None
-        _table(figure, columns, intervals, true_values, labels, probability)
+        notes = _notes(columns, names if compare is not None else None, truth=bool(true))
+        _add_table(figure, columns, intervals, true, notes, probability)
     return figure
 
 
@@ -185,6 +178,8 @@ def overlay_figure(
     InputError
         If there are more than six runs, nothing varies, or the panels do not fit the width.
     """
+    from matplotlib.patches import Patch
+
     if len(runs) > len(RUNS):
         raise InputError(f"an overlay of {len(runs)} runs cannot be read; give six or fewer")
     columns = _columns(runs, known=known)
@@ -192,55 +187,57 @@ def overlay_figure(
         raise InputError("no parameter of these runs varies, so there is nothing to draw")
     with print_style(style):
         figure, grid = _panels(columns, width_mm)
-        for run in range(len(runs)):
-            _pairs(grid, columns, run, filled=None)
-        for i, column in enumerate(columns):
-            for run, (values, axis) in enumerate(zip(column.draws, column.own, strict=True)):
+        handles = []
+        for run, label in enumerate(labels):
+            hue = colour(RUNS[run])
+            _draw_pairs(grid, columns, run, filled=None)
+            for ax, column in zip(grid.diagonal(), columns, strict=True):
+                values, axis = column.draws[run], column.own[run]
                 if values is None or axis is None:
                     continue
-                # All of the same height: widths are what is compared.
-                x, height = curve(values, axis)
-                hue = colour(RUNS[run])
-                grid[i, i].plot(x, height / height.max(), color=hue, linewidth=0.9)
-                grid[i, i].fill_between(x, height / height.max(), color=hue, alpha=FILL, lw=0.0)
-            grid[i, i].set_ylim(0.0, 1.08)
-        _settle(figure, grid)
-        _legend(figure, labels)
+                # Every density has the same height, since widths are compared.
+                x, density = curve(values, axis)
+                ax.plot(x, density / density.max(), color=hue, linewidth=0.9)
+                ax.fill_between(x, density / density.max(), color=hue, alpha=FILL, lw=0.0)
+                ax.set_ylim(0.0, 1.08)
+            face = (hue, FILL)
+            handles.append(Patch(fc=face, ec=hue, linewidth=0.9, label=plain(label, 24)))
+        _set_ticks(grid, width_mm)
+        legend = figure.legend(
+            handles=handles,
+            loc="upper right",
+            title="filled 50 %, outline 90 % of the draws, within the law",
+            alignment="left",
+        )
+        legend.set_in_layout(False)
     return figure
-
-
-# --- draws into panels ---------------------------------------------------------------------------
 
 
 def _columns(
     runs: Sequence[pd.DataFrame],
     parameters: Sequence[str] | None = None,
     *,
-    seen: Sequence[Mapping[str, float]] = (),
-    shared: bool = False,
+    include: Sequence[Mapping[str, float]] = (),
     known: Quantities | None = None,
 ) -> list[Column]:
-    """The quantities in the order of the first run that has them, with the values to be seen."""
-    picked = [corner_columns(run, known) for run in runs]
-    drawn = [evenly_chosen(len(run), VISIBLE) for run in runs]
-    names = list(dict.fromkeys(name for columns in picked for name in columns))
+    """The quantities in the order of the first run that has them; values to include in view."""
+    by_run = [corner_columns(run, known) for run in runs]
+    names = list(dict.fromkeys(name for columns in by_run for name in columns))
     for name in parameters or ():
         if name not in names:
             raise InputError(
                 f"no quantity {name[:40]!r} varies in this run",
                 remedy=f"choose from {', '.join(names)}",
             )
-    out = []
+    result = []
     for name in names if parameters is None else [n for n in names if n in parameters]:
-        q = next(columns[name][0] for columns in picked if name in columns)
-        every = [columns[name][1] if name in columns else None for columns in picked]
-        draws = [None if v is None else v[at] for v, at in zip(every, drawn, strict=True)]
-        present = [d for d in draws if d is not None]
-        include = tuple(values[name] for values in seen if name in values)
-        axis = axis_span(q, *present, include=include)
+        q = next(columns[name][0] for columns in by_run if name in columns)
+        draws = [columns[name][1] if name in columns else None for columns in by_run]
+        values = tuple(v[name] for v in include if name in v)
+        axis = axis_span(q, *(d for d in draws if d is not None), include=values)
         own = [None if d is None else span(d, edges=q.edges, log=axis.log) for d in draws]
-        out.append(Column(name, q, axis, draws, every, own))
-    return out
+        result.append(Column(name, q, axis, draws, own))
+    return result
 
 
 def axis_span(q: AxisText, *draws: np.ndarray, include: tuple[float, ...] = ()) -> Span:
@@ -250,169 +247,117 @@ def axis_span(q: AxisText, *draws: np.ndarray, include: tuple[float, ...] = ()) 
     ----------
     q : AxisText
     *draws : ndarray, shape (n,)
-        Of one or more runs.
+        Draws of one or more runs.
     include : tuple of float
         Values that must be visible.
     """
     low, high = np.quantile(np.concatenate(draws), [0.005, 0.995])
-    log = bool(q.scale and low > 0.0 and high > WIDE_SPREAD * low)
+    log = bool(q.scale and low > 0.0 and high > LOG_SPREAD * low)
     return span(*draws, edges=q.edges, log=log, include=include)
 
 
-def _pairs(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | None) -> None:
-    """Regions of one run in the panels of the pairs that it has."""
-    pairs: list[Moved | None] = []
-    for i, column in enumerate(columns):
-        draws, axis = column.draws[run], column.own[run]
-        pairs.append(None if draws is None or axis is None else moved(draws, axis))
-        for j, across in enumerate(pairs[:i]):
-            up = pairs[i]
-            if across is not None and up is not None:
-                regions(grid[i, j], (across, up), colour(RUNS[run]), filled=filled)
+def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]:
+    """Panels of a lower triangle with their ranges and labels."""
+    count = len(columns)
+    panel_mm = (width_mm - MARGIN_MM) / count
+    if panel_mm < LEAST_PANEL_MM:
+        raise InputError(
+            f"{count} quantities do not fit a width of {width_mm:g} mm",
+            remedy="name fewer with `parameters`, or choose `width_mm=180`",
+        )
+    figure = blank_figure(width_mm, min(width_mm, count * PANEL_MM + MARGIN_MM))
+    figure.get_layout_engine().set(w_pad=0.5 * MM, h_pad=0.5 * MM)  # type: ignore[union-attr,call-arg]
+    places = figure.add_gridspec(count, count)
+    grid = np.full((count, count), None, dtype=object)
+    for i, j in np.argwhere(np.tri(count)).tolist():
+        grid[i, j] = ax = figure.add_subplot(places[i, j])
+        _set_axis(ax, "x", columns[j], width_mm, labelled=i == count - 1)
+        if i == j:
+            ax.set_yticks([])
+            ax.spines["left"].set_visible(False)
+        else:
+            _set_axis(ax, "y", columns[i], width_mm, labelled=j == 0)
+    figure.align_labels()
+    return figure, grid
 
 
-def _marginal(
+def _set_axis(ax: Axes, which: str, column: Column, width_mm: float, *, labelled: bool) -> None:
+    """Range and ticks of an axis; numbers and a label at the outer panels only."""
+    axis = column.axis
+    ax.set(**{f"{which}scale": "log" if axis.log else "linear"})
+    ax.set(**{f"{which}lim": (axis.low, axis.high)})
+    if labelled:
+        label = column.quantity.label
+        text = label.replace(" (", "\n(") if width_mm < NARROW_MM else label
+        ax.set(**{f"{which}label": text})
+    else:
+        ax.tick_params(axis=which, labelbottom=False, labelleft=False)  # type: ignore[arg-type]
+
+
+def _draw_pairs(grid: np.ndarray, columns: list[Column], run: int, *, filled: bool | None) -> None:
+    """Regions of a run in the panels of the pairs that it varies."""
+    varied = {
+        i: project(draws, axis)
+        for i, column in enumerate(columns)
+        if (draws := column.draws[run]) is not None and (axis := column.own[run]) is not None
+    }
+    for i, down in varied.items():
+        for j, across in varied.items():
+            if j < i:
+                regions(grid[i, j], (across, down), colour(RUNS[run]), filled=filled)
+
+
+def _set_ticks(grid: np.ndarray, width_mm: float) -> None:
+    """Few ticks, after the corner package has set its own; first and last in narrow panels."""
+    narrow = (width_mm - MARGIN_MM) / len(grid) < TURNED_MM
+    for i, j in np.argwhere(np.tri(len(grid))).tolist():
+        ax = grid[i, j]
+        for axis in (ax.xaxis,) if i == j else (ax.xaxis, ax.yaxis):
+            few_ticks(axis, 3)
+            if narrow:
+                low, high = axis.get_view_interval()
+                ticks = [t for t in axis.get_majorticklocs() if low <= t <= high]
+                axis.set_ticks([ticks[0], ticks[-1]])
+        ax.tick_params(axis="x", labelrotation=90.0 if narrow else 0.0)
+
+
+def _draw_marginal(
     ax: Axes, column: Column, fixed: Sequence[Mapping[str, float]], probability: float
 ) -> list[Interval | None]:
     """Density of every run, with the interval of the first shaded; medians and intervals."""
     intervals: list[Interval | None] = []
     top = 0.0
-    for run, (values, axis, every) in enumerate(
-        zip(column.draws, column.own, column.every, strict=True)
-    ):
+    for run, (values, axis) in enumerate(zip(column.draws, column.own, strict=True)):
         hue = colour(RUNS[run])
-        if values is None or axis is None or every is None:
-            at = fixed[run].get(column.name)
-            if at is not None:
-                ax.axvline(at, color=hue, linewidth=0.9)
-            intervals.append(None if at is None else Interval(at, at, at, (False, False)))
+        if values is None or axis is None:
+            value = fixed[run].get(column.name)
+            if value is not None:
+                ax.axvline(value, color=hue, linewidth=0.9)
+            intervals.append(None if value is None else Interval(value, value, value))
             continue
         x, density = curve(values, axis)
         piled = at_edges(density, axis)
-        low, high = interval(every, piled, probability)
+        low, high = interval(values, piled, probability)
         density = density / trapezoid(density, column.axis.forward(x))
         ax.plot(x, density, color=hue, linewidth=0.9)
         if run == 0:
             inside = list((x >= low) & (x <= high))
             ax.fill_between(x, density, where=inside, color=hue, alpha=0.3, linewidth=0.0)
         top = max(top, float(density.max()))
-        intervals.append(Interval(float(np.median(every)), low, high, piled))
+        intervals.append(Interval(float(np.median(values)), low, high, piled))
     ax.set_ylim(0.0, 1.08 * top)
     return intervals
 
 
-# --- places and labels ---------------------------------------------------------------------------
-
-
-def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]:
-    """Panels of a lower triangle with their ranges and labels."""
-    count, narrow = len(columns), width_mm < NARROW_MM
-    if (width_mm - MARGIN_MM) / count < LEAST_PANEL_MM:
-        raise InputError(
-            f"{count} quantities do not fit a width of {width_mm:g} mm",
-            remedy="name fewer with `parameters`, or choose `width_mm=180`",
-        )
-    height = min(width_mm, count * PANEL_MM + MARGIN_MM)
-    figure = blank_figure(width_mm * MM, height * MM, layout(across_mm=0.5, down_mm=0.5))
-    places = figure.add_gridspec(count, count)
-    grid = np.full((count, count), None, dtype=object)
-    labels = [c.quantity.label for c in columns]
-    if narrow:
-        labels = [label.replace(" (", "\n(") for label in labels]
-    for i, j in np.argwhere(np.tri(count)).tolist():
-        grid[i, j] = ax = figure.add_subplot(places[i, j])
-        _show(ax, columns[j].axis, "x", label=labels[j] if i == count - 1 else "")
-        if i == j:
-            ax.set_yticks([])
-            ax.spines["left"].set_visible(False)
-        else:
-            _show(ax, columns[i].axis, "y", label=labels[i] if j == 0 else "")
-    return figure, grid
-
-
-def _show(ax: Axes, shown: Span, which: str, *, label: str) -> None:
-    """Range and ticks of an axis; numbers and a label at the outer panels only."""
-    if shown.log:
-        ax.set(**{f"{which}scale": "log"})
-    ax.set(**{f"{which}lim": (shown.low, shown.high), f"{which}label": label})
-    few_ticks(getattr(ax, f"{which}axis"), overhang=0.3)
-    if not label:
-        ax.tick_params(axis=which, labelbottom=False, labelleft=False)  # type: ignore[arg-type]
-
-
-def _settle(figure: Figure, grid: np.ndarray) -> None:
-    """Lay the panels out; numbers that do not fit side by side are turned."""
-    figure.align_labels()
-    figure.draw_without_rendering()
-    if any(len(ax.get_xticks()) < 2 for ax in grid[-1]):
-        for ax in grid[-1]:
-            few_ticks(ax.xaxis, overhang=0.3, upright=True)
-    settle(figure)
-
-
-def _table(
-    figure: Figure,
-    columns: list[Column],
-    intervals: list[list[Interval | None]],
-    truth: list[float | None],
-    names: tuple[str, str] | None,
-    probability: float,
-) -> None:
-    """Medians and intervals at the upper right: as many columns and notes as have room."""
-    size = font_points("legend.fontsize")
-    line, gap, margin = 1.35 * size * POINT_MM, 2.0, 2.0
-    width, height = (side / MM for side in figure.get_size_inches())
-
-    def room(rows: float) -> float:
-        """Width at the right edge that no panel covers down to so many rows, mm."""
-        depth = margin + rows * line
-        above = [p for ax in figure.axes if (1.0 - (p := ax.get_position()).y1) * height < depth]
-        return (1.0 - max((p.x1 for p in above), default=0.0)) * width - 2.0 * margin
-
-    def write(x: float, row: float, text: str, hue: str) -> None:
-        place = 1.0 - (margin + x) / width, 1.0 - (margin + row * line) / height
-        figure.text(*place, text, fontsize=size, color=hue, ha="right", va="baseline")
-
-    # in the order in which they are left out: the last first
-    table: list[tuple[list[str], str]] = [(["", *(c.quantity.label for c in columns)], "black")]
-    for run in range(len(intervals[0])):
-        blank = ["", ""]
-        cells = [
-            blank if (v := row[run]) is None else v.cells(log=column.axis.log)
-            for row, column in zip(intervals, columns, strict=True)
-        ]
-        hue = colour(RUNS[run])
-        table.append(([f"{100 * probability:g} %", *(c[1] for c in cells)], hue))
-        table.append((["median", *(c[0] for c in cells)], hue))
-    if any(v is not None for v in truth):
-        told = ["" if v is None else f"{v:.5g}" for v in truth]
-        table.insert(3, (["truth", *told], "black"))
-    widths = [max(text_mm(t, size) for t in texts) + gap for texts, _ in table]
-    while len(table) > 1 and sum(widths[: len(table)]) > room(len(columns) + 1):
-        table.pop()
-    down = 1.0
-    if len(table) > 1:
-        right = 0.0
-        for k in reversed([0, *sorted(range(1, len(table)), key=lambda k: k - 2 * (k % 2 == 0))]):
-            for row, text in enumerate(table[k][0]):
-                write(right, row + 1.0, text, table[k][1])
-            right += widths[k]
-        down += len(columns) + 1.4
-    for note, hue in _notes(columns, names, any(v is not None for v in truth)):
-        if text_mm(note, size) <= room(down + 0.2):
-            write(0.0, down, note, hue)
-            down += 1.0
-
-
 def _notes(
-    columns: list[Column], names: tuple[str, str] | None, truth: bool
+    columns: list[Column], names: tuple[str, str] | None, *, truth: bool
 ) -> list[tuple[str, str]]:
     """What the regions and lines are, each with its colour."""
     notes = [(f"regions: {', '.join(f'{100 * c:g}' for c in CONTENTS)} % of the draws", "0.3")]
     if names is not None:
-        size = font_points("legend.fontsize")
-        notes = [(shortened(names[0], 32.0, size), colour(RUNS[0])), *notes]
-        notes.append((f"outlines, 90 %: {shortened(names[1], 24.0, size)}", colour(RUNS[1])))
+        first, second = (shortened(name, 28.0, "legend.fontsize") for name in names)
+        notes.insert(0, (first, colour(RUNS[0])))
+        notes.append((f"outlines, 90 %: {second}", colour(RUNS[1])))
     if any(c.name in mounting_names("stretch") for c in columns):
         notes.append(("all within the law", "0.3"))
     if truth:
@@ -422,14 +367,62 @@ def _notes(
     return notes
 
 
-def _legend(figure: Figure, labels: Sequence[str]) -> None:
-    from matplotlib.patches import Patch
+def _add_table(
+    figure: Figure,
+    columns: list[Column],
+    intervals: list[list[Interval | None]],
+    truth: Mapping[int, float],
+    notes: list[tuple[str, str]],
+    probability: float,
+) -> None:
+    """Medians, intervals and notes at the upper right, as many as the panels leave space for."""
+    line_mm = 1.35 * font_points(SMALL) / 72.0 / MM
+    count = len(columns)
+    width, height = (side / MM for side in figure.get_size_inches())
+    pitch = (width - MARGIN_MM) / count, (height - MARGIN_MM) / count
 
-    hues = [colour(RUNS[run]) for run in range(len(labels))]
-    figure.legend(
-        [Patch(facecolor=(hue, FILL), edgecolor=hue, linewidth=0.9) for hue in hues],
-        [plain(label, 24) for label in labels],
-        loc="upper right",
-        title="filled 50 %, outline 90 % of the draws, within the law",
-        alignment="left",
-    )
+    def free_mm(lines: float) -> float:
+        """Width that is free of panels down to so many lines."""
+        rows = math.ceil((lines * line_mm + 1.0) / pitch[1])
+        return (count - rows) * pitch[0] - 2.0
+
+    def write(x_mm: float, line: float, text: str, hue: str) -> None:
+        figure.text(
+            1.0 - (x_mm + 2.0) / width,
+            1.0 - ((line + 1.0) * line_mm - 0.5) / height,
+            text,
+            fontsize=font_points(SMALL),
+            color=hue,
+            ha="right",
+        )
+
+    # position from the left, texts and colour, in the order in which they are given space
+    candidates = [(0, ["", *(c.quantity.label for c in columns)], "black")]
+    for run in range(len(intervals[0])):
+        of_run = [row[run] for row in intervals]
+        cells = [
+            ("", "") if v is None else v.texts(log=c.axis.log)
+            for v, c in zip(of_run, columns, strict=True)
+        ]
+        hue = colour(RUNS[run])
+        candidates.append((2 * run + 2, [f"{100 * probability:g} %", *(c[1] for c in cells)], hue))
+        candidates.append((2 * run + 1, ["median", *(c[0] for c in cells)], hue))
+    if truth:
+        values = (f"{truth[i]:.5g}" if i in truth else "" for i in range(count))
+        candidates.insert(3, (9, ["truth", *values], "black"))
+    widths = [max(text_width_mm(t, SMALL) for t in texts) + 2.0 for _, texts, _ in candidates]
+    fitting = int((np.cumsum(widths) <= free_mm(count + 1)).sum())
+    line = 0.0
+    if fitting > 1:
+        x = 0.0
+        for width_of, (_, texts, hue) in sorted(
+            zip(widths[:fitting], candidates[:fitting], strict=True), key=lambda c: -c[1][0]
+        ):
+            for row, text in enumerate(texts):
+                write(x, row, text, hue)
+            x += width_of
+        line = count + 1.4
+    for text, hue in notes:
+        if text_width_mm(text, SMALL) <= free_mm(line + 1.0):
+            write(0.0, line, text, hue)
+            line += 1.0

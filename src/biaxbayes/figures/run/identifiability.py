@@ -1,16 +1,22 @@
-"""Which parameters the data determine, at a glance: prior, posterior and verdict, row by row."""
+"""Which parameters the data determine: prior, posterior and verdict, row by row."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from biaxbayes.figures.quantities import axis_text
-from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, print_style
+from biaxbayes.figures.style import (
+    PAGE_MM,
+    SIDE_BY_SIDE_MM,
+    blank_figure,
+    few_ticks,
+    font_points,
+    print_style,
+    text_colour,
+)
 from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict
 from biaxbayes.identifiability.verdict_names import (
     COMBINATION,
@@ -38,30 +44,8 @@ VERDICT_COLOURS = {
     NO_VERDICT: "#999999",
     FIXED: "#DDDDDD",
 }
-HEAD_MM, FOOT_MM = 7.0, 2.0
-SMALL = 7.0  # points
 PRIOR_GREY, POSTERIOR = "0.82", "#0072B2"
-MOST_ROWS = 16
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """Where the parts of a row stand, mm."""
-
-    row: float
-    densities: tuple[float, float]
-    contraction: tuple[float, float] | None
-    verdict: float
-    aside: float
-    stacked: bool
-
-    @classmethod
-    def of(cls, width_mm: float) -> _Columns:
-        """One line a row on a page; in one column the words stand below the verdict."""
-        if width_mm < 120.0:
-            return cls(15.0, (17.0, 0.53 * width_mm), None, 0.6 * width_mm, 0.6 * width_mm, True)
-        left, bar, words = 24.0, 0.43 * width_mm, 0.58 * width_mm
-        return cls(11.5, (left, bar - 6.0), (bar, words - 13.0), words, words + 33.0, False)
+WIDE_ROW_MM, NARROW_ROW_MM, MOST_ROWS = 11.5, 15.0, 16
 
 
 def identifiability_figure(
@@ -85,143 +69,84 @@ def identifiability_figure(
         The first 16 parameters.
     """
     rows = found.parameters[:MOST_ROWS]
-    columns = _Columns.of(width_mm)
     known = {p.name: p.scale.quantity for p in found.parameters}
+    wide = width_mm >= SIDE_BY_SIDE_MM
+    row_mm = WIDE_ROW_MM if wide else NARROW_ROW_MM
     with print_style(style):
-        height = HEAD_MM + columns.row * len(rows) + FOOT_MM
-        figure = blank_figure(width_mm * MM, height * MM)
-        _heads(figure, columns)
-        for i, row in enumerate(rows):
-            bottom = height - HEAD_MM - columns.row * (i + 1)
-            _row(figure, row, columns, bottom, known)
+        figure = blank_figure(width_mm, 7.0 + row_mm * len(rows))
+        widths = (0.34, 0.12, 0.5) if wide else (0.52, 0.0001, 0.48)
+        grid = figure.subplots(len(rows), 3, squeeze=False, width_ratios=widths)
+        for (density, contraction, words), row in zip(grid, rows, strict=True):
+            _draw_densities(density, row)
+            _draw_contraction(contraction, row, shown=wide)
+            _write_verdict(words, row, known, wide=wide)
+        heads = (
+            ("prior (grey), posterior (blue)", "contraction", "verdict, 90 % interval")
+            if wide
+            else ("prior, posterior", "", "verdict, 90 %")
+        )
+        for ax, head in zip(grid[0], heads, strict=True):
+            size = font_points("legend.fontsize")
+            ax.set_title(head, loc="left", color="0.35", fontsize=size)
     return figure
 
 
-def _text(figure: Figure, x: float, y: float, text: str, **how: Any) -> None:
-    """Text with its left end at a place in mm."""
-    width, height = (side / MM for side in figure.get_size_inches())
-    drawn: dict[str, Any] = {"va": "center", "ha": "left", "fontsize": SMALL}
-    figure.text(x / width, y / height, text, **(drawn | how))
-
-
-def _axes(figure: Figure, left: float, right: float, bottom: float, tall: float) -> Axes:
-    width, height = (side / MM for side in figure.get_size_inches())
-    return figure.add_axes((left / width, bottom / height, (right - left) / width, tall / height))
-
-
-def _heads(figure: Figure, columns: _Columns) -> None:
-    y = figure.get_size_inches()[1] / MM - 0.45 * HEAD_MM
-    short = columns.stacked
-    heads: dict[float, str] = {
-        1.0: "" if short else "parameter",
-        columns.densities[0]: "prior, posterior" if short else "prior (grey), posterior (blue)",
-        columns.verdict: "verdict, 90 %" if short else "verdict, 90 % interval",
-    }
-    if columns.contraction is not None:
-        heads[columns.contraction[0]] = "contraction"
-    for x, text in heads.items():
-        _text(figure, x, y, text, color="0.35")
-
-
-def _row(
-    figure: Figure,
-    row: ParameterVerdict,
-    columns: _Columns,
-    bottom: float,
-    known: Mapping[str, Quantity],
-) -> None:
-    tall = columns.row
-    middle = bottom + 0.55 * tall
-    _text(figure, 1.0, middle, axis_text(row.scale.quantity).label, fontsize=8.0)
-    if row.evidence is not None:
-        _densities(
-            _axes(figure, *columns.densities, bottom + 0.36 * tall, 0.58 * tall), row, columns
-        )
-        if columns.contraction is not None:
-            _contraction(figure, columns.contraction, bottom, tall, row.evidence.contraction)
-    colour = VERDICT_COLOURS[row.verdict]
-    dark = row.verdict in (IDENTIFIED, PRIOR, NO_VERDICT)
-    _text(
-        figure,
-        columns.verdict + 1.0,
-        bottom + 0.8 * tall if columns.stacked else middle,
-        row.verdict,
-        color="white" if dark else "black",
-        bbox={"boxstyle": "round,pad=0.3", "facecolor": colour, "edgecolor": "none"},
-    )
-    aside = bottom + 0.38 * tall if columns.stacked else middle
-    _text(figure, columns.aside, aside, _aside(row, known, short=columns.stacked))
-
-
-def _densities(ax: Axes, row: ParameterVerdict, columns: _Columns) -> None:
-    assert row.prior and row.posterior and isinstance(row.scale.prior, Prior)
-    low, high = _range(row)
-    for density, face, line in ((row.prior, PRIOR_GREY, "0.6"), (row.posterior, POSTERIOR, None)):
-        height = density.height / density.peak
-        ax.fill_between(density.x, height, color=face, alpha=1.0 if line else 0.75, linewidth=0.0)
-        ax.plot(density.x, height, color=line or face, linewidth=0.5)
-    ax.set_xlim(low, high)
-    ax.set_ylim(0.0, 1.08)
+def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
+    label = axis_text(row.scale.quantity).label
+    ax.set_ylabel(label, rotation=0.0, ha="right", va="center")
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
-    ticks = _ticks(row, low, high, 3 if columns.stacked else 5)
-    ax.set_xticks([t for t, _ in ticks], [text for _, text in ticks], fontsize=SMALL)
+    if row.evidence is None or row.prior is None or row.posterior is None:
+        ax.set_xticks([])
+        ax.spines["bottom"].set_visible(False)
+        return
+    if row.scale.logarithmic:
+        ax.set_xscale("log")
+    for density, face, edge in ((row.prior, PRIOR_GREY, "0.6"), (row.posterior, POSTERIOR, None)):
+        x, height = row.scale.natural(density.x), density.height / density.peak
+        ax.fill_between(x, height, color=face, alpha=1.0 if edge else 0.75, linewidth=0.0)
+        ax.plot(x, height, color=edge or face, linewidth=0.5)
+    ax.set(xlim=_axis_range(row), ylim=(0.0, 1.08))
+    few_ticks(ax.xaxis)
     ax.tick_params(axis="x", length=2.0, pad=1.0)
 
 
-def _range(row: ParameterVerdict) -> tuple[float, float]:
-    """The prior's middle 98 %, widened to hold the posterior."""
-    prior, posterior = row.scale.prior, row.posterior
+def _axis_range(row: ParameterVerdict) -> tuple[float, float]:
+    """The physical range where it is bounded, else 98 % of the prior and all of the posterior."""
+    prior, posterior, (low, high) = row.scale.prior, row.posterior, row.scale.walls
+    if np.isfinite(high) and np.isfinite(row.scale.of(np.array(low))):
+        return low, high
     assert isinstance(prior, Prior) and posterior is not None
-    ends = row.scale.of(prior.ppf(np.array([0.01, 0.99])))
-    walls = row.scale.walls
-    if np.isfinite(walls[1]):
-        low, high = (float(v) for v in row.scale.of(np.array(walls)))
-        if np.isfinite(low):
-            return low, high
-    return min(float(ends[0]), posterior.x[0]), max(float(ends[1]), posterior.x[-1])
+    first, last = (float(v) for v in prior.ppf(np.array([0.01, 0.99])))
+    ends = row.scale.natural(np.array([posterior.x[0], posterior.x[-1]]))
+    return min(first, float(ends[0])), max(last, float(ends[1]))
 
 
-def _ticks(row: ParameterVerdict, low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """Round natural values within the range, few enough to read."""
-    if row.scale.logarithmic:
-        powers = range(int(np.ceil(low / np.log(10.0))), int(np.floor(high / np.log(10.0))) + 1)
-        step = -(-len(powers) // most)
-        return [(p * np.log(10.0), f"{10.0**p:g}") for p in powers[::step]]
-    if row.scale.parameter.bounded:
-        parts = [row.scale.parameter.high * share for share in TICK_SHARES[row.scale.unit]]
-        return [(v, _fraction(v)) for v in parts if low <= v <= high]
-    from matplotlib.ticker import MaxNLocator
-
-    return [(float(v), f"{v:g}") for v in MaxNLocator(3).tick_values(low, high) if low <= v <= high]
-
-
-TICK_SHARES = {"deg": (0.0, 1 / 3, 2 / 3, 1.0), "": (0.0, 0.5, 1.0)}
-"""Where the range of an angle or a share is marked."""
-
-
-def _fraction(value: float) -> str:
-    """A sixth or a third as such."""
-    found = Fraction(value).limit_denominator(6)
-    exact = abs(found - value) < 1e-9 and found.denominator > 1
-    return str(found) if exact else f"{value:g}"
-
-
-def _contraction(
-    figure: Figure, ends: tuple[float, float], bottom: float, tall: float, contraction: float
-) -> None:
-    """A bar of the share that the data took from the prior; an axes would take longer than all."""
-    from matplotlib.patches import Rectangle
-
-    width, height = (side / MM for side in figure.get_size_inches())
-    (left, right), low, high = ends, bottom + 0.46 * tall, bottom + 0.66 * tall
-    share = max(contraction, 0.0)
-    for part, grey in ((1.0, "0.92"), (share, "0.35")):
-        place = (left / width, low / height)
-        size = (part * (right - left) / width, (high - low) / height)
-        figure.add_artist(Rectangle(place, *size, facecolor=grey, linewidth=0.0))
+def _draw_contraction(ax: Axes, row: ParameterVerdict, *, shown: bool) -> None:
+    """A bar of the share of the prior's variance that the data removed."""
+    ax.set_axis_off()
+    if row.evidence is None or not shown:
+        return
+    share = max(row.evidence.contraction, 0.0)
+    ax.barh(0.0, 1.0, height=0.4, color="0.92")
+    ax.barh(0.0, share, height=0.4, color="0.35")
+    ax.set(xlim=(0.0, 1.9), ylim=(-0.6, 0.6))
     text = f"{100.0 * min(share, 0.999):.1f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
-    _text(figure, left + 1.06 * (right - left), 0.5 * (low + high), text)
+    ax.text(1.06, 0.0, text, va="center", fontsize=font_points("legend.fontsize"))
+
+
+def _write_verdict(
+    ax: Axes, row: ParameterVerdict, known: Mapping[str, Quantity], *, wide: bool
+) -> None:
+    """The verdict in a box; beside it, or below, its interval."""
+    ax.set_axis_off()
+    ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    face = VERDICT_COLOURS[row.verdict]
+    how: dict[str, Any] = {"va": "center", "fontsize": font_points("legend.fontsize")}
+    box = {"boxstyle": "round,pad=0.3", "facecolor": face, "edgecolor": "none"}
+    ax.text(0.02, 0.5 if wide else 0.85, row.verdict, color=text_colour(face), bbox=box, **how)
+    place = (0.45, 0.5) if wide else (0.0, 0.25)
+    ax.text(*place, _aside(row, known, short=not wide), **how)
 
 
 def _aside(row: ParameterVerdict, known: Mapping[str, Quantity], *, short: bool) -> str:

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.figures.quantities import axis_text
-from biaxbayes.figures.style import MM, PAGE_MM, blank_figure, colour, plain, print_style
+from biaxbayes.figures.style import (
+    PAGE_MM,
+    SIDE_BY_SIDE_MM,
+    blank_figure,
+    colour,
+    few_ticks,
+    font_points,
+    plain,
+    print_style,
+)
 from biaxbayes.identifiability.profile.profile import THRESHOLD, Profile
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
@@ -31,13 +40,13 @@ def profile_figure(
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
-    """One row a profile.
+    """One row per profile.
 
     Parameters
     ----------
     profiles : sequence of Profile
     titles : sequence of str, optional
-        One a row, such as the layer.
+        One per row, such as the layer.
     width_mm : float
     style : mapping, optional
         From :func:`biaxbayes.figures.style.read_style`.
@@ -50,9 +59,9 @@ def profile_figure(
         below 120 mm two and two.
     """
     with print_style(style):
-        lines = 2 if width_mm < 120.0 else 1
-        height = (HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)) * MM
-        figure = blank_figure(width_mm * MM, height, "constrained")
+        lines = 1 if width_mm >= SIDE_BY_SIDE_MM else 2
+        height = HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)
+        figure = blank_figure(width_mm, height)
         panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
         grid = panels.reshape(len(profiles), 4)
         for i, (row, profile) in enumerate(zip(grid, profiles, strict=True)):
@@ -63,7 +72,7 @@ def profile_figure(
             label = axis_text(profile.quantity).label
             for ax in row:
                 ax.set_xlabel(label)
-                _scale(ax, profile)
+                _set_scale(ax, profile)
             if titles is not None:
                 row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
     return figure
@@ -94,15 +103,13 @@ def _shown(profile: Profile) -> np.ndarray:
     return shown
 
 
-def _scale(ax: Axes, profile: Profile) -> None:
+def _set_scale(ax: Axes, profile: Profile) -> None:
     value = profile.table["value"].to_numpy()[_shown(profile)]
-    logarithmic = profile.quantity.parameter.logarithmic and value.max() > 5.0 * value.min()
-    if logarithmic:
+    if profile.quantity.parameter.logarithmic and value.max() > 5.0 * value.min():
         ax.set_xscale("log")
-        return
-    margin = 0.03 * float(np.ptp(value))
-    ax.set_xlim(value.min() - margin, value.max() + margin)
-    ax.locator_params(axis="x", nbins=3)
+    else:
+        ax.margins(x=0.03)
+    few_ticks(ax.xaxis, 3)
 
 
 def _deviance(ax: Axes, profile: Profile) -> None:
@@ -132,10 +139,11 @@ def _deviance(ax: Axes, profile: Profile) -> None:
         textcoords="offset points",
         ha="center",
         va="bottom",
-        fontsize=7.0,
+        fontsize=font_points("legend.fontsize"),
         color="0.35",
     )
     ax.set_ylim(0.0, CEILING)
+    few_ticks(ax.yaxis)
     ax.set_ylabel(r"$-2\,\Delta\ln L$")
 
 
@@ -156,20 +164,8 @@ def _stiffness(ax: Axes, profile: Profile) -> None:
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, 0.5), max(high, 2.0))
     ax.set_ylabel("relative to best")
-    _plain_ticks(ax)
+    few_ticks(ax.yaxis)
     ax.legend(loc="best", handlelength=1.8)
-
-
-def _plain_ticks(ax: Axes) -> None:
-    """1, 2, 5 rather than powers of ten where the range is short."""
-    from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
-
-    low, high = ax.get_ylim()
-    subs = (1.0, 2.0, 5.0) if high < 60.0 * low else (1.0,)
-    ax.yaxis.set_major_locator(LogLocator(10.0, subs=subs))
-    ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    ax.yaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _structure(ax: Axes, profile: Profile) -> None:
@@ -187,6 +183,7 @@ def _structure(ax: Axes, profile: Profile) -> None:
         pad = max(0.08 * float(np.ptp(values)), 1.0 if angle else 0.005)
         top = q.parameter.high
         side.set_ylim(max(values.min() - pad, -0.02 * top), min(values.max() + pad, 1.02 * top))
+        few_ticks(side.yaxis)
         if k == 1:
             side.spines["right"].set_visible(True)
 
@@ -206,6 +203,7 @@ def _mounting(ax: Axes, profile: Profile) -> None:
     low, high = ax.get_ylim()
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.004)
     ax.set_ylim(middle - half, middle + half)
+    few_ticks(ax.yaxis)
     ax.set_ylabel("mounting stretch")
     if len(ax.lines) > 1:
         ax.legend(loc="best", handlelength=1.8)

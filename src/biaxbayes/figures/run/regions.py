@@ -35,7 +35,7 @@ VISIBLE_PAIR = 20_000
 """Draws of a pair that are looked at; more would change nothing to the eye."""
 
 
-class Moved(NamedTuple):
+class Projected(NamedTuple):
     """Draws of a quantity on its axis, from 0 to 1, and their spread there."""
 
     along: np.ndarray
@@ -43,19 +43,19 @@ class Moved(NamedTuple):
     sd: float
 
 
-def moved(draws: np.ndarray, axis: Span, most: int = VISIBLE_PAIR) -> Moved:
+def project(draws: np.ndarray, axis: Span, most: int = VISIBLE_PAIR) -> Projected:
     """As many draws as are looked at on their axis; those of a pair once for all its panels."""
     along = axis.forward(draws[evenly_chosen(len(draws), most)])
-    return Moved(along, axis, max(robust_sd(along), 1e-6))
+    return Projected(along, axis, max(robust_sd(along), 1e-6))
 
 
-def regions(ax: Axes, pair: Sequence[Moved], hue: str, *, filled: bool | None) -> None:
+def regions(ax: Axes, pair: Sequence[Projected], hue: str, *, filled: bool | None) -> None:
     """Draw a joint posterior as regions of stated content.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-    pair : two Moved
+    pair : two Projected
         Draws on the ranges that they are smoothed on.
     hue : str
     filled : bool or None
@@ -105,7 +105,7 @@ def _smooth(along: Sequence[np.ndarray], bins: Sequence[int]) -> tuple[np.ndarra
     return density, density[tuple(cell)]
 
 
-def cells(draws: Sequence[Moved]) -> list[int]:
+def cells(draws: Sequence[Projected]) -> list[int]:
     """Cells of each axis, such that a kernel of so many cells is as wide as it should be.
 
     Silverman's h = 0.9 sd n^(-1/5) for one quantity, Scott's h = sd n^(-1/6) for a pair, narrower
