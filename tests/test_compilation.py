@@ -21,13 +21,11 @@ DENSITY = """
 import numpy as np
 from biaxbayes import read_specimen
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.sampling.student_mixture import StudentMixture
 
 posterior = Posterior(read_specimen(r"{specimen}"), noise="independent", mounting="noisy")
 rng = np.random.default_rng(1)
 u = rng.normal(0.0, 0.3, (200, posterior.dimension))
-mixture = StudentMixture.from_factors(np.ones(1), np.zeros((1, 3)), np.eye(3)[None])
-print(posterior.log_prob(u).tobytes().hex(), mixture.log_density(rng.normal(size=(99, 3))).sum())
+print(posterior.log_prob(u).tobytes().hex())
 """
 
 
@@ -65,7 +63,7 @@ def test_a_process_that_compiles_finds_what_later_ones_find(tmp_path):
         for _ in range(2)
     )
     assert first == second
-    assert len(set(bytes.fromhex(first.split()[0]))) > 100  # not all of them -inf
+    assert len(set(bytes.fromhex(first.strip()))) > 100  # not all of them -inf
 
 
 SMALL = """

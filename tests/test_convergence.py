@@ -175,5 +175,5 @@ def test_one_still_walker_in_the_middle_is_noticed(monkeypatch):
     found = assess({"k2": draws}, target_ess=1000.0)
     assert found.state == "tentative"
     assert found.reason == "a walker stood still for 150 of 300 kept steps"
-    monkeypatch.setattr("biaxbayes.sampling.convergence.LONGEST_HOLD", 1.0)
+    monkeypatch.setattr("biaxbayes.sampling.convergence.MAX_STAND", 1.0)
     assert assess({"k2": draws}, target_ess=1000.0).state == "converged"

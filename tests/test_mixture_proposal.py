@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from analytic_targets import TARGETS, Target, largest_departures, limit, one_step
-from biaxbayes.sampling.adaptation import add_components
+from analytic_targets import TARGETS, Target, largest_departures, limit
+from biaxbayes.sampling.adaptation import warm_up
+from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
-from biaxbayes.sampling.proposal import MixtureProposal, first_proposal, fit_mixture_proposal
+from biaxbayes.sampling.proposal import MixtureProposal, first_proposal
 from biaxbayes.sampling.target import bounds_array
 
 
@@ -46,7 +47,8 @@ SIX = [t for t in TARGETS if t.dimension == 6]
 def fitted(target, parts, seed=1, points=6000):
     move = AdaptedIndependenceMove(np.random.default_rng(seed), bounds=target.bounds)
     history = target.sample(np.random.default_rng(seed + 100), points)
-    move.adapt(history, components=12, parts=parts)
+    label = (history[:, 0] > 2.0).astype(int) if parts == 2 else None
+    move.adapt(history, components=12, label=label)
     move.freeze()
     return move
 
@@ -91,26 +93,6 @@ def test_the_density_is_normalised_and_matches_its_draws():
     assert abs(halves[0].mean() - halves[1].mean()) < 4 * np.sqrt(0.85 * 0.15 * 4 / len(x))
 
 
-def test_two_maps_follow_two_ridges():
-    """More proposals are accepted than with one map and as many components."""
-    start = RIDGES.sample(np.random.default_rng(8), 4000)
-    accepted = []
-    for parts in (1, 2):
-        move = fitted(RIDGES, parts)
-        one_step(move, RIDGES, start)
-        accepted.append(move.acceptance)
-    assert accepted[1] > accepted[0] + 0.04, accepted  # its error is 0.006
-
-
-def test_groups_far_from_equal_stay_together():
-    rng = np.random.default_rng(5)
-    x = rng.standard_normal((2000, 3))
-    x[:40] += 30.0
-    assert len(fit_mixture_proposal(x, rng, parts=2).parts) == 1
-    x[:600] += 30.0
-    assert len(fit_mixture_proposal(x, rng, parts=2).parts) == 2
-
-
 def test_arrays_carry_everything():
     q = unequal(SIX[3])  # with folded bounds
     again = MixtureProposal.from_arrays(q.arrays())
@@ -119,27 +101,28 @@ def test_arrays_carry_everything():
     np.testing.assert_array_equal(again.sample(np.random.default_rng(6), 300), x)
 
 
-@pytest.mark.parametrize("parts", [1, 2])
-def test_added_components_lower_the_largest_weight_and_keeps_the_density_normalised(parts):
-    rng = np.random.default_rng(7)
-    x = RIDGES.sample(rng, 6000)
-    short = x[x[:, 0] < 4.5]  # the end of a ridge is missing
-    q = fit_mixture_proposal(short, rng, bounds=bounds_array({}, 6), parts=parts)
-    log_prob = RIDGES.log_density(x)
-    covered = add_components(q, q.located(x), log_prob, 0.0)
-    assert covered is not q
-    assert abs(covered.weights.sum() - 1.0) < 1e-12
-    for part in covered.parts:
-        assert abs(part.mixture.weights.sum() - 1.0) < 1e-12
-    before, after = (float((log_prob - p.log_density(x)).max()) for p in (q, covered))
-    assert after < before - 0.5
-    y = covered.sample(rng, 40_000)
-    ratio = np.exp(RIDGES.log_density(y) - covered.log_density(y))
-    assert abs(ratio.mean() - 1.0) < 4 * ratio.std() / np.sqrt(len(y))
+NO_BOUNDS = bounds_array({}, 2)
 
 
-def test_nothing_is_added_where_nothing_stands_out():
-    x = np.random.default_rng(9).standard_normal((2000, 2))
-    exact = first_proposal(np.zeros((1, 2)), [np.eye(2)], np.ones(1), bounds_array({}, 2))
-    q = MixtureProposal(np.ones(1), (exact,))
-    assert add_components(q, q.located(x), norm.logpdf(x).sum(axis=1), 0.0) is q
+@pytest.mark.parametrize("far", [0.0, 0.005])
+def test_a_proposal_is_kept_as_it_is_only_where_it_holds_no_walker_in_the_tails(far):
+    rng = np.random.default_rng(4)
+
+    def log_density(x):
+        with np.errstate(divide="ignore"):
+            return np.logaddexp(
+                np.log1p(-far) + norm.logpdf(x).sum(axis=1),
+                np.log(far) + norm.logpdf(x - [12.0, 0.0]).sum(axis=1),
+            )
+
+    starts = [1.3 * rng.standard_normal((24, 2)) for _ in range(4)]
+    ensembles = Ensembles(log_density, starts, np.random.SeedSequence(5))
+    part = first_proposal(np.zeros((1, 2)), [1.1 * np.eye(2)], np.ones(1), NO_BOUNDS)
+    proposal = MixtureProposal(np.ones(1), (part,))
+    spread = 1.5 * rng.standard_normal((1000, 2))
+    spread[:100, 0] += 12.0 * (far > 0.0)
+    found = warm_up(ensembles, proposal, spread, spread)
+    assert (ensembles.proposal.parts[0] is part) == (far == 0.0)
+    assert found.acceptance > 0.5 and found.rounds == 2
+    with pytest.raises(RuntimeError, match="frozen"):
+        ensembles.adapt(spread)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from biaxbayes.sampling.adaptation import NEIGHBOURS, _Neighbourhoods
 from biaxbayes.sampling.modes import (
     MOST_MODES,
     SETTLED,
@@ -154,35 +153,3 @@ def test_modes_are_of_one_ridge_where_the_density_between_them_hardly_falls():
     # below the lower of two modes of unlike height
     low = Mode(far.location, far.factor, 0.0, -12.0)
     assert len(separate_groups(bent, [first, low])) == 1
-
-
-def test_a_component_has_the_shape_of_its_neighbourhood():
-    rng = np.random.default_rng(3)
-    r = rng.multivariate_normal(np.zeros(3), COVARIANCE, 5000)
-    own = np.arange(5000) % 5 > 0
-    place = _Neighbourhoods.of(r, np.zeros(5000), own)
-    top = int(np.argmin(((r[own] - [0.8, 0.5, 0.1]) ** 2).sum(axis=1)))
-    top = int(np.flatnonzero(own)[top])
-    found = place.shape_at(top, np.zeros(5000))
-    # the nearest points by Mahalanobis distance, found one by one
-    inverse = np.linalg.inv(np.cov(r[own].T))
-    offset = r[own] - r[top]
-    distance = np.einsum("ni,ij,nj->n", offset, inverse, offset)
-    near = offset[np.argsort(distance)[: int(NEIGHBOURS * 5000)]]
-    expected = near.T @ near / len(near)
-    np.testing.assert_allclose(
-        found @ found.T, expected + 1e-3 * np.diag(np.diag(expected)), rtol=1e-3, atol=1e-6
-    )
-    # points that are short of proposal shape it alone
-    weight = np.where(r[:, 0] > r[top, 0], 0.0, -50.0)
-    weight[top] = 0.0
-    shaped = place.shape_at(top, weight)
-    kept = offset[np.argsort(distance)[: int(NEIGHBOURS * 5000)]]
-    share = np.where(kept[:, 0] >= 0.0, 1.0, np.exp(-20.0)) + 1.0 / len(kept)
-    expected = (kept * (share / share.sum())[:, None]).T @ kept
-    np.testing.assert_allclose(
-        shaped @ shaped.T, expected + 1e-3 * np.diag(np.diag(expected)), rtol=1e-3, atol=1e-6
-    )
-    few = np.zeros(5000, dtype=bool)
-    few[:390] = True
-    assert _Neighbourhoods.of(r, np.zeros(5000), few).shape_at(5, np.zeros(5000)) is None

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -24,10 +23,10 @@ from biaxbayes.model.search import draw_posterior
 from biaxbayes.reports import page
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import COLUMNS
-from biaxbayes.sampling.convergence import assess, effective_sample_size
+from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.ensembles import Ensemble, Ensembles
 from biaxbayes.sampling.proposal import MixtureProposal
-from biaxbayes.sampling.sampler import Plan, State, _judge
+from biaxbayes.sampling.sampler import Plan, State, _assess
 from biaxbayes.sampling.target import Target
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from quick_posteriors import runs_without_figures, small_specimen, without_figures
@@ -126,9 +125,8 @@ def advanced(workers, blocks=(5, 3)):
     starts = [np.abs(rng.standard_normal((16, 2))) for _ in range(4)]
     ensembles = Ensembles(log_density, starts, np.random.SeedSequence(1), workers=workers)
     made = [ensembles.run(blocks[0])]
-    ensembles.adapt(
-        np.concatenate([w * made[0][0].reshape(-1, 2) for w in (1, -1)]), parts=2, components=4
-    )
+    history = made[0][0].reshape(-1, 2)
+    ensembles.adapt(history, label=np.arange(len(history)) % 2, components=4)
     ensembles.set_share(0.7)
     made.append(ensembles.run(blocks[1]))
     return made, ensembles
@@ -147,22 +145,17 @@ def test_ensembles_do_not_depend_on_the_number_of_threads(workers):
     np.testing.assert_array_equal(found.run(4)[0], expected.run(4)[0])
 
 
-def test_an_error_in_one_thread_stops_the_other_ensembles():
-    steps = {"failing": 0, "others": 0}
+def test_an_error_in_one_thread_ends_the_block():
 
     def log_density(x):
-        who = "failing" if x[0, 0] > 5.0 else "others"
-        steps[who] += 1
-        if who == "failing" and steps[who] > 3:
+        if x[0, 0] > 5.0:
             raise RuntimeError("the density failed")
-        time.sleep(0.001)
         return np.zeros(len(x)) - 1e3 * ((x - np.round(x[0, 0], -1)) ** 2).sum(axis=1)
 
     starts = [10.0 * k + np.random.default_rng(k).uniform(-0.1, 0.1, (8, 2)) for k in (0, 1)]
     ensembles = Ensembles(log_density, starts, np.random.SeedSequence(1), workers=2)
     with pytest.raises(RuntimeError, match="the density failed"):
-        ensembles.run(5000)
-    assert steps["others"] < 5000
+        ensembles.run(5)
 
 
 def test_what_stops_an_ensemble_is_said_by_who_asked_for_it(capfd):
@@ -196,17 +189,15 @@ def test_judging_is_cut_short_where_it_can_only_say_go_on():
         rejected=target.counts,
     )
     plan = Plan(ess=200, max_steps=240)
-    assert _judge(target, state, plan)[0].state == "converged"
+    assert _assess(target, state, plan).state == "converged"
     stands = chain.copy()
     stands[2, 30:72, 5] = stands[2, 30, 5]  # 42 of 120 steps
     state = replace(state, chain=stands)
-    found, quantities, share = _judge(target, state, plan)
-    assert found is None and 0.0 < share < 1.0
-    assert assess(quantities, target_ess=plan.ess).state != "converged"
-    # with no step left, what is to be said is said
-    assert _judge(target, state, replace(plan, max_steps=120))[0].state != "converged"
+    assert _assess(target, state, plan) is None
+    # with no step left the diagnostics are computed
+    assert _assess(target, state, replace(plan, max_steps=120)).state != "converged"
     stands[2, 68:72, 5] += 1.0  # 38 of them
-    assert _judge(target, replace(state, chain=stands), plan)[0] is not None
+    assert _assess(target, replace(state, chain=stands), plan) is not None
 
 
 @pytest.fixture(scope="module")
@@ -270,7 +261,7 @@ def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
     posterior = Posterior(specimen("donor2-adventitia"), noise="independent")
     plan = Plan(ess=1e9, max_steps=300, seed=3, first_block=64, population=2048, walkers=32)
     whole = draw_posterior(posterior, plan)
-    monkeypatch.setattr(sampler, "MAX_KEPT_STEPS", 70)
+    monkeypatch.setattr(sampler, "MAX_STORED_STEPS", 70)
     thinned = draw_posterior(posterior, plan)
     assert thinned.thin == 8
     np.testing.assert_array_equal(thinned.chain, whole.chain[:, ::8])

@@ -29,7 +29,7 @@ PARTS: dict[str, tuple[str, str]] = {
     ),
     "sampling": (
         "sampling/*.py",
-        "modes population_monte_carlo mixture_weights convergence mixture_fit mixture_proposal "
+        "modes population_monte_carlo convergence mixture_fit mixture_proposal "
         "moves sampling_alone sampler",
     ),
     "comparison": ("comparison/*.py", "compare_laws ledger compare"),

@@ -60,7 +60,7 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
 # --- where compiled code is kept ------------------------------------------------------------------
 
 
-COMPILED_ROOMS = ("laws", "mechanics", "sampling", "model", "populations")
+COMPILED_ROOMS = ("laws", "mechanics", "model", "populations")
 FREE_BYTES = 100_000_000
 """Least space of a disk that compiled code is kept on; that of all laws takes some 20 MB."""
 

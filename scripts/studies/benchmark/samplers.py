@@ -11,7 +11,7 @@ from biaxbayes.model.evidence import evidence
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted
 from biaxbayes.model.search import draw_posterior, search
-from biaxbayes.sampling.sampler import Plan, State, ensembles_at, first_state
+from biaxbayes.sampling.sampler import Plan, State, restored_ensembles, warmed_up
 from biaxbayes.sampling.target import Target
 from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
 from studies.benchmark.outcome import Outcome, judged
@@ -52,7 +52,7 @@ def _beyond_criterion(posterior: Posterior, seed: int, steps: int) -> Outcome:
     plan = Plan(ess=CRITERION_ESS, workers=1, seed=seed)
     first = draw_posterior(posterior, plan, on_block=kept.append)
     warmup = sum(v for k, v in first.seconds.items() if k != "sampling")
-    ensembles = ensembles_at(first.target, plan, kept[-1])
+    ensembles = restored_ensembles(first.target, plan, kept[-1])
     before = ensembles.evaluations
     clock = time.perf_counter()
     chain, _ = ensembles.run(steps)
@@ -85,7 +85,7 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
     plan = Plan(ess=CRITERION_ESS, workers=1, seed=seed)
     clock = time.perf_counter()
     target, start = search(posterior, plan.search_rng(), plan.population)
-    ensembles = ensembles_at(target, plan, first_state(target, start, plan))
+    ensembles, _ = warmed_up(target, start, plan)
     spent = time.perf_counter() - clock
     blocks: list[dict[str, np.ndarray]] = []
     while len(blocks) < MOST_BLOCKS:

@@ -159,8 +159,6 @@ class OutcomePosterior:
             rng,
             bounds=self._bounds,
             components=COMPONENTS,
-            parts=1,
-            screen=False,
         )
 
     def _normaliser(self, rng: np.random.Generator) -> float:

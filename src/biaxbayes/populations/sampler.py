@@ -354,7 +354,7 @@ def _few(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def _fitted(bounds: np.ndarray, points: np.ndarray, seed: int) -> TransportedMixture:
     rng = np.random.default_rng(seed)
-    return fit_transported_mixture(points, rng, bounds=bounds, components=COMPONENTS, screen=False)
+    return fit_transported_mixture(points, rng, bounds=bounds, components=COMPONENTS)
 
 
 def _directions(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:

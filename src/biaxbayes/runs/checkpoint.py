@@ -36,7 +36,7 @@ __all__ = [
     "unpack",
 ]
 
-FORMAT = 4
+FORMAT = 5
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
 NAMES = (NAME, PREVIOUS)
@@ -165,10 +165,8 @@ def _pack(state: State, identity: dict[str, Any]) -> bytes:
         plain = dict(member)
         arrays[f"coordinates_{i}"] = plain.pop("coordinates")
         arrays[f"log_prob_{i}"] = plain.pop("log_prob")
-        walker = dict(plain.pop("walker_random"))
-        inner = dict(walker["state"])
-        arrays[f"walker_key_{i}"] = inner.pop("key")
-        plain["walker_random"] = walker | {"state": inner}
+        name, arrays[f"walker_key_{i}"], *rest = plain.pop("walker_random")
+        plain["walker_random"] = [name, *rest]
         members.append(plain)
     arrays |= {f"proposal_{k}": v for k, v in state.proposal.arrays().items()}
     text = json.dumps(
@@ -256,14 +254,13 @@ def _arrays(body: bytes) -> dict[str, np.ndarray]:
 def _state(stored: dict[str, Any], arrays: dict[str, np.ndarray]) -> State:
     members = []
     for i, plain in enumerate(stored["members"]):
-        walker = plain["walker_random"]
-        inner = walker["state"] | {"key": arrays[f"walker_key_{i}"]}
+        name, *rest = plain["walker_random"]
         members.append(
             plain
             | {
                 "coordinates": arrays[f"coordinates_{i}"],
                 "log_prob": arrays[f"log_prob_{i}"],
-                "walker_random": walker | {"state": inner},
+                "walker_random": (name, arrays[f"walker_key_{i}"], *rest),
             }
         )
     prefix = "proposal_"

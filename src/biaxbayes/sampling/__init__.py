@@ -1,4 +1,4 @@
-"""A log density with bounds goes in, judged draws come out; this room knows nothing of tissue.
+"""A log density with bounds goes in, draws and their convergence come out.
 
 A banana whose first coordinate ends at zero:
 
@@ -21,10 +21,10 @@ climbs from each to a mode (:mod:`.modes`), puts a Student t with the local curv
 that into a proposal that fits, with a part for each ridge that lies apart. Independent ensembles of
 walkers (:mod:`.ensembles`) then move by differential evolution and by an independence move
 (:mod:`.independence_move`) whose proposal (:mod:`.proposal`) is a mixture of Student t
-distributions (:mod:`.student_mixture`), seen through triangular transport maps
-(:mod:`.transport_map`) and reflected at bounds. The warm-up (:mod:`.adaptation`) fits it to the
-walkers' history; then it is frozen. :mod:`.sampler` runs blocks of kept steps until
-:mod:`.convergence` is satisfied, and :mod:`.bridge` integrates the density from its draws.
+distributions (:mod:`.mixture`), seen through triangular transport maps (:mod:`.transport_map`) and
+reflected at bounds. The warm-up (:mod:`.adaptation`) fits it to the walkers' history; then it is
+frozen. :mod:`.sampler` runs blocks of steps until :mod:`.convergence` is satisfied, and
+:mod:`.bridge` integrates the density from its draws.
 """
 
 from biaxbayes.sampling.bridge import log_integral

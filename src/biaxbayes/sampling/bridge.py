@@ -18,8 +18,6 @@ from biaxbayes.sampling.convergence import autocorrelation_time
 from biaxbayes.sampling.proposal import Proposal
 from biaxbayes.sampling.target import LogDensity
 
-__all__ = ["bridge", "log_integral"]
-
 LARGEST = 40_000
 """Draws of either kind that are used; more would cost time and add no digit that matters."""
 ITERATIONS, SETTLED = 200, 1e-10

@@ -11,19 +11,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import arviz
 import numpy as np
-
-__all__ = ["Convergence", "assess", "autocorrelation_time", "effective_sample_size", "split_rhat"]
 
 RHAT_LIMIT = 1.01
 TENTATIVE_RHAT = 1.05
-"""Above this the ensembles tell different stories and no interval is shown."""
+"""Above this the ensembles disagree and no interval is shown."""
 MIN_STEPS_PER_TAU = 25.0
 """A chain shorter than this many autocorrelation times cannot measure the time itself."""
 TENTATIVE_ESS = 100.0
 TENTATIVE_STEPS_PER_TAU = 2.0
 """Below these nothing is shown: walkers that never move count as many independent draws."""
-LONGEST_HOLD = 1.0 / 3.0
+MAX_STAND = 1.0 / 3.0
 """Share of the run that no walker may stand still for: one that does never left its start."""
 
 
@@ -32,8 +31,6 @@ def split_rhat(draws: np.ndarray) -> float:
 
     Infinite when the ensembles do not move, or have no two halves.
     """
-    import arviz  # takes a second or two
-
     ensembles, steps, _ = draws.shape
     if steps < 2:
         return float("inf")
@@ -48,8 +45,6 @@ def effective_sample_size(draws: np.ndarray, **method: Any) -> float:
     Never more than the number of draws; that of the mean unless ``method`` and ``prob`` are given
     as for :func:`arviz.ess`.
     """
-    import arviz
-
     ensembles, steps, walkers = draws.shape
     if steps < 4 or not np.ptp(draws) > 0.0:
         return 0.0
@@ -65,16 +60,15 @@ def autocorrelation_time(draws: np.ndarray) -> float:
     return draws.size / size if size > 0.0 else float("inf")
 
 
-def longest_hold(quantities: dict[str, np.ndarray]) -> int:
+def longest_stand(quantities: dict[str, np.ndarray]) -> int:
     """Most steps that any walker stood still for, of draws of shape (ensembles, steps, walkers)."""
     draws = list(quantities.values())
     moved = np.zeros(draws[0][:, 1:].shape, dtype=bool)
     for values in draws:
         moved |= values[:, 1:] != values[:, :-1]
     steps = np.arange(1, draws[0].shape[1])[None, :, None]
-    # The step at which the current stand began.
-    began = np.maximum.accumulate(np.where(moved, steps, 0), axis=1)
-    return int((steps - began).max(initial=0)) + 1
+    last_move = np.maximum.accumulate(np.where(moved, steps, 0), axis=1)
+    return int((steps - last_move).max(initial=0)) + 1
 
 
 @dataclass(frozen=True)
@@ -114,14 +108,14 @@ class Convergence:
 
 
 def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergence:
-    """Judge the draws.
+    """Diagnostics of draws, and whether they have converged.
 
     Parameters
     ----------
     quantities : dict of ndarray, shape (ensembles, steps, walkers)
-        Constant quantities are left out of the judgement.
+        Constant quantities are left out.
     target_ess : float
-        Effective sample size asked for, for the worst quantity.
+        Effective sample size required of the worst quantity.
 
     Returns
     -------
@@ -146,9 +140,9 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     names, rhat = list(moving), np.array([split_rhat(draws) for draws in moving.values()])
     ess_bulk, ess_tail = np.array(bulk), np.array(tail)
     state, reason = _state(names, ess_bulk, ess_tail, rhat, np.array(tau), steps, target_ess)
-    held = longest_hold(quantities) if names else 0
-    if state == "converged" and held > LONGEST_HOLD * steps:
-        state, reason = "tentative", f"a walker stood still for {held} of {steps} kept steps"
+    stand = longest_stand(quantities) if names else 0
+    if state == "converged" and stand > MAX_STAND * steps:
+        state, reason = "tentative", f"a walker stood still for {stand} of {steps} kept steps"
     return Convergence(tuple(names), ess_bulk, ess_tail, rhat, np.array(tau), steps, state, reason)
 
 

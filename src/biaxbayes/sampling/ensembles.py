@@ -1,14 +1,13 @@
-"""Independent ensembles of walkers on one density, and how they are warmed up.
+"""Independent ensembles of walkers on one density.
 
 Each ensemble has its own random numbers, so that the draws do not depend on how many threads
-advance the ensembles. Compiled densities let go of the interpreter while they are evaluated.
+advance the ensembles. Compiled densities release the interpreter's lock while they are evaluated.
 """
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import emcee
@@ -19,33 +18,9 @@ from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import Proposal
 from biaxbayes.sampling.target import LogDensity
 
-__all__ = ["Ensemble", "Ensembles"]
-
 SWEEPS = 2
 """Proposals tried in one step. At an acceptance of a half, draws two proposals apart are nearly
 independent; more in a step would be thrown away."""
-
-
-class _Sampler(emcee.EnsembleSampler):
-    """Without what emcee does at every step and nobody asks for.
-
-    A look at every value for blobs takes a quarter of the density's time; the random state, which
-    :meth:`Ensemble.snapshot` keeps at the end, is not copied.
-    """
-
-    @property
-    def random_state(self) -> None:
-        """Not copied."""
-
-    @random_state.setter
-    def random_state(self, state: object) -> None:
-        del state
-
-    def compute_log_prob(self, coords: np.ndarray) -> tuple[np.ndarray, None]:
-        log_prob = self.log_prob_fn(coords)
-        if np.isnan(log_prob).any():
-            raise ValueError("the log density is not a number")
-        return log_prob, None
 
 
 class Ensemble:
@@ -70,11 +45,13 @@ class Ensemble:
     ) -> None:
         walker_seed, proposal_seed = seed.spawn(2)
         self.log_density = log_density
-        self.random = np.random.RandomState(np.random.MT19937(walker_seed))
         self.independence = AdaptedIndependenceMove(
             np.random.default_rng(proposal_seed), sweeps=SWEEPS, bounds=bounds
         )
-        self.state = emcee.State(start, log_prob=log_density(start))
+        random = np.random.RandomState(np.random.MT19937(walker_seed))
+        self.state = emcee.State(
+            start, log_prob=log_density(start), random_state=random.get_state()
+        )
         self.evaluations = len(start)
         self.independence_share = 0.0
         # In the neck of a funnel only steps much shorter than the usual ones are accepted.
@@ -90,29 +67,15 @@ class Ensemble:
         self.evaluations += len(x)
         return self.log_density(x)
 
-    def run(
-        self, steps: int, stopped: threading.Event | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Advance; coordinates (steps, walkers, d) and log densities (steps, walkers).
-
-        Fewer steps where ``stopped`` is set by another thread.
-        """
+    def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Advance; coordinates (steps, walkers, d) and log densities (steps, walkers)."""
         walkers, d = self.state.coords.shape
         share = self.independence_share if self.independence.proposal is not None else 0.0
         moves: list[tuple[Any, float]] = [(m, w * (1.0 - share)) for m, w in self._de]
-        if share > 0.0:
-            moves.append((self.independence, share))
-        sampler = _Sampler(
-            walkers, d, self._counted, moves=[m for m in moves if m[1] > 0.0], vectorize=True
-        )
-        sampler.log_prob_fn = self._counted  # emcee's own copy prints what stops it
-        sampler._random = self.random  # one stream for the whole run, across blocks
-        start = emcee.State(self.state.coords, log_prob=self.state.log_prob, copy=True)
-        state = start
-        for state in sampler.sample(start, iterations=steps, skip_initial_state_check=True):  # noqa: B007
-            if stopped is not None and stopped.is_set():
-                break
-        self.state = emcee.State(state.coords, log_prob=state.log_prob, copy=True)
+        moves.append((self.independence, share))
+        sampler = emcee.EnsembleSampler(walkers, d, self._counted, moves=moves, vectorize=True)
+        sampler.log_prob_fn = self._counted  # emcee's wrapper prints a traceback
+        self.state = sampler.run_mcmc(self.state, steps, skip_initial_state_check=True)
         return sampler.get_chain(), sampler.get_log_prob()
 
     def snapshot(self) -> dict[str, Any]:
@@ -120,7 +83,7 @@ class Ensemble:
         return {
             "coordinates": self.state.coords.copy(),
             "log_prob": self.state.log_prob.copy(),
-            "walker_random": self.random.get_state(legacy=False),
+            "walker_random": self.state.random_state,
             "proposal_random": self.independence.rng.bit_generator.state,
             "independence_share": self.independence_share,
             "evaluations": self.evaluations,
@@ -130,8 +93,12 @@ class Ensemble:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continue from a snapshot."""
-        self.state = emcee.State(snapshot["coordinates"], log_prob=snapshot["log_prob"], copy=True)
-        self.random.set_state(snapshot["walker_random"])
+        self.state = emcee.State(
+            snapshot["coordinates"],
+            log_prob=snapshot["log_prob"],
+            random_state=snapshot["walker_random"],
+            copy=True,
+        )
         self.independence.rng.bit_generator.state = snapshot["proposal_random"]
         self.independence_share = float(snapshot["independence_share"])
         self.evaluations = int(snapshot["evaluations"])
@@ -146,7 +113,7 @@ class Ensembles:
     ----------
     log_density : callable
     starts : sequence of ndarray, shape (walkers, d)
-        One dispersed start an ensemble.
+        One dispersed start per ensemble.
     seed : numpy.random.SeedSequence
     bounds : ndarray, shape (d, 2), optional
         Bounds of the coordinates, for the independence move.
@@ -172,22 +139,9 @@ class Ensembles:
 
     def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Advance every ensemble; (ensembles, steps, walkers, d), (ensembles, steps, walkers)."""
-        with one_blas_thread():
-            if self.workers == 1:
-                out = [member.run(steps) for member in self.members]
-            else:
-                out = self._run_in_threads(steps)
-        return np.stack([c for c, _ in out]), np.stack([p for _, p in out])
-
-    def _run_in_threads(self, steps: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        stopped = threading.Event()
-        with ThreadPoolExecutor(self.workers) as pool:
-            runs = [pool.submit(member.run, steps, stopped) for member in self.members]
-            try:
-                wait(runs, return_when=FIRST_EXCEPTION)
-            finally:
-                stopped.set()
-            return [run.result() for run in runs]
+        with one_blas_thread(), ThreadPoolExecutor(self.workers) as pool:
+            runs = list(pool.map(lambda member: member.run(steps), self.members))
+        return np.stack([c for c, _ in runs]), np.stack([p for _, p in runs])
 
     @property
     def evaluations(self) -> int:
@@ -221,25 +175,14 @@ class Ensembles:
             member.independence.freeze()
             member.independence.reset_counts()
 
-    def adapt(
-        self,
-        history: np.ndarray,
-        *,
-        components: int | None = None,
-        parts: int = 1,
-        label: np.ndarray | None = None,
-        screen: bool = True,
-    ) -> None:
-        """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
+    def adapt(self, history: np.ndarray, **options: Any) -> None:
+        """Fit the shared proposal to the pooled history of all ensembles, shape (n, d).
+
+        Options as of :meth:`.AdaptedIndependenceMove.adapt`.
+        """
         lead = self.members[0].independence
         with one_blas_thread():
-            lead.adapt(
-                history,
-                components=components,
-                parts=parts,
-                label=label,
-                screen=screen,
-            )
+            lead.adapt(history, **options)
         assert lead.proposal is not None
         self.proposal = lead.proposal
 

@@ -23,10 +23,7 @@ from typing import Any
 import emcee
 import numpy as np
 
-from biaxbayes.compilation import compiled
 from biaxbayes.sampling.proposal import Proposal, fit_mixture_proposal
-
-__all__ = ["AdaptedIndependenceMove"]
 
 
 class AdaptedIndependenceMove(emcee.moves.Move):
@@ -88,30 +85,31 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         history: np.ndarray,
         *,
         components: int | None = None,
-        parts: int = 1,
         label: np.ndarray | None = None,
-        screen: bool = True,
     ) -> None:
         """Fit the proposal to a history of walkers, shape (n, d).
 
-        ``components`` overrides the limit of the constructor for this fit; ``parts``, ``label``
-        and ``screen`` as in :func:`.proposal.fit_mixture_proposal`.
+        Parameters
+        ----------
+        history : ndarray, shape (n, d)
+        components : int, optional
+            In place of the limit of the constructor, for this fit.
+        label : int64 ndarray, shape (n,), optional
+            Groups of points, as in :func:`.proposal.fit_mixture_proposal`.
 
         Raises
         ------
         RuntimeError
-            After :meth:`freeze`: adapting then would make the kept draws wrong.
+            After :meth:`freeze`: adapting then would bias the draws.
         """
         if self.frozen:
-            raise RuntimeError("the proposal is frozen: draws are being kept")
+            raise RuntimeError("the proposal is frozen: its draws are already in use")
         self.proposal = fit_mixture_proposal(
             history,
             self.rng,
-            components=components or self.components,
             bounds=self.bounds,
-            parts=parts,
+            components=components or self.components,
             label=label,
-            screen=screen,
         )
 
     def freeze(self) -> None:
@@ -126,13 +124,12 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         proposals = self.proposal.sample(self.rng, self.sweeps * walkers)
         log_prob, blobs = model.compute_log_prob_fn(proposals)
         log_q = self.proposal.log_density(np.concatenate([state.coords, proposals]))
-        log_u = np.log(self.rng.random((self.sweeps, walkers)))
         chosen, accepted = _accept(
             state.log_prob,
             log_q[:walkers],
             np.asarray(log_prob).reshape(self.sweeps, walkers),
             log_q[walkers:].reshape(self.sweeps, walkers),
-            log_u,
+            np.log(self.rng.random((self.sweeps, walkers))),
         )
         moved = chosen >= 0
         index = chosen[moved] * walkers + np.flatnonzero(moved)
@@ -145,27 +142,26 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         return state, moved
 
 
-@compiled(nogil=True)
-def _accept(log_prob, log_q, proposed_prob, proposed_q, log_u):
-    """Sweep through the proposals of every walker.
+def _accept(
+    log_prob: np.ndarray,
+    log_q: np.ndarray,
+    proposed_prob: np.ndarray,
+    proposed_q: np.ndarray,
+    log_u: np.ndarray,
+) -> tuple[np.ndarray, int]:
+    """Sweep that each walker ends on, -1 where it stays; and the number of accepted proposals.
 
-    Returns
-    -------
-    chosen : int64 ndarray, shape (walkers,)
-        The sweep whose proposal each walker ends on, or -1 where it stays.
-    accepted : int
-        Proposals accepted in all.
+    The walkers' log densities have the shape (walkers,), the proposals' (sweeps, walkers).
     """
-    sweeps, walkers = proposed_prob.shape
-    chosen = np.full(walkers, -1)
+    chosen = np.full(log_prob.shape, -1)
     accepted = 0
-    for i in range(walkers):
-        # ln pi(x) - ln q(x), the importance weight of where the walker stands
-        weight = log_prob[i] - log_q[i]
-        for s in range(sweeps):
-            candidate = proposed_prob[s, i] - proposed_q[s, i]
-            if log_u[s, i] < candidate - weight:
-                weight = candidate
-                chosen[i] = s
-                accepted += 1
+    # ln pi(x) - ln q(x), the importance weight of the point that a walker is at
+    weight = log_prob - log_q
+    for s in range(len(proposed_q)):
+        # a point that the proposal cannot return from is refused
+        candidate = np.full(log_prob.shape, -np.inf)
+        np.subtract(proposed_prob[s], proposed_q[s], out=candidate, where=proposed_q[s] > -np.inf)
+        yes = log_u[s] < candidate - weight
+        weight[yes], chosen[yes] = candidate[yes], s
+        accepted += int(yes.sum())
     return chosen, accepted

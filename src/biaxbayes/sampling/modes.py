@@ -13,9 +13,6 @@ import numpy as np
 
 from biaxbayes.sampling.target import LogDensity
 
-__all__ = ["Mode", "find_modes", "local_mode", "separate_groups"]
-
-
 MAX_STEPS = 40
 STEP_FACTORS = np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 1e-3])
 STEEPEST = 1e14  # curvature in units of scale; beyond it differences are noise

@@ -28,29 +28,21 @@ from biaxbayes.sampling.proposal import (
 )
 from biaxbayes.sampling.target import LogDensity, Target
 
-__all__ = [
-    "POPULATION",
-    "Start",
-    "dispersed_starts",
-    "effective_share",
-    "explore",
-    "resample",
-    "resample_ridges",
-    "ridge_points",
-    "search",
-    "tempered_points",
-    "tempering",
-]
-
 POPULATION = 4096
 MAX_GENERATIONS = 24
 SEARCH_COMPONENTS = 6
 TARGET_SHARE = 0.4  # effective share of a generation at which the proposal fits well enough
 TEMPERED_SHARE = 0.15  # effective share that each tempered generation keeps
-
-
 NESTED = (0.3, 1.0, 3.0)
-"""Widths, over the scale of a search, of Student t distributions for what no mode stands for."""
+"""Widths, over the scale of a search, of Student t distributions for mass that no mode covers."""
+MAX_POPULATIONS = 2
+"""Populations that several parts share."""
+NEGLIGIBLE_MASS = 1e-3
+"""Share of the density below which a part of the proposal that fits is given up."""
+MIN_POINTS_PER_DIMENSION = 5
+"""Points per dimension below which a part is given up: another is denser where it is."""
+RIDGE_POINTS = 600
+"""Points of each ridge that fits during the warm-up are made of, beside the walkers' history."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +162,7 @@ def explore(
     """
     best_share, stalled = 0.0, 0
     for _ in range(MAX_GENERATIONS):
-        u = proposal.sample(rng, population * min(len(proposal.parts), MOST_POPULATIONS))
+        u = proposal.sample(rng, population * min(len(proposal.parts), MAX_POPULATIONS))
         log_prob = log_density(u)
         inside = np.isfinite(log_prob)
         log_weight = np.full(len(u), -np.inf)
@@ -205,16 +197,8 @@ def _fitted(
     most = components * (int(label.max()) + 1)
     with one_blas_thread():
         return fit_mixture_proposal(
-            u[chosen], rng, bounds=bounds, components=most, label=label[chosen], screen=False
+            u[chosen], rng, bounds=bounds, components=most, label=label[chosen]
         )
-
-
-MOST_POPULATIONS = 2
-"""Populations that several parts share."""
-NEGLIGIBLE_MASS = 1e-3
-"""Share of the density below which a part of the proposal that fits is given up."""
-LEAST_POINTS = 5
-"""Points a dimension below which a part is given up: another is denser where it is."""
 
 
 def _ridges(proposal: MixtureProposal, u: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
@@ -225,7 +209,7 @@ def _ridges(proposal: MixtureProposal, u: np.ndarray, log_weight: np.ndarray) ->
     masses, kept = np.bincount(label, w) / w.sum(), []
     for k, mass in enumerate(masses):
         own = log_weight[(label == k) & np.isfinite(log_weight)]
-        seen = len(own) >= LEAST_POINTS * u.shape[1]
+        seen = len(own) >= MIN_POINTS_PER_DIMENSION * u.shape[1]
         if seen and (mass >= NEGLIGIBLE_MASS or tempering(own) < 1.0):
             kept.append(k)
     return np.asarray(by_part[kept or [int(masses.argmax())]].argmax(axis=0))
@@ -286,10 +270,6 @@ def tempered_points(start: Start) -> np.ndarray:
     """
     half = len(start.points) // 2
     return start.points[resample(_softened(start), half, start.rng)]
-
-
-RIDGE_POINTS = 600
-"""Points of each ridge that fits during the warm-up are made of, beside the walkers' history."""
 
 
 def ridge_points(start: Start) -> np.ndarray:

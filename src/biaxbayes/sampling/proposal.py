@@ -6,34 +6,22 @@ folded: a draw beyond the bound is reflected back, and the density adds up the i
 points mirrored at their bound, the mixture is smooth across it, and no proposal is wasted on the
 far side.
 
-A :class:`MixtureProposal` is several of them side by side, for a density that no single map makes
-Gaussian: where the two ends of a density are ridges of different direction, curvature and width,
-one triangular map follows either; two maps, each fitted to its own end, follow both.
+A :class:`MixtureProposal` is several of them side by side, one for each ridge of a density that no
+single map makes Gaussian.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from itertools import product
 from typing import TypeAlias
 
 import numpy as np
 
-from biaxbayes.sampling.mixture_fit import fit_mixture, groups, mixture_seed
-from biaxbayes.sampling.student_mixture import Mirrors, StudentMixture
+from biaxbayes.sampling.mixture import StudentMixture, fit_mixture
+from biaxbayes.sampling.target import bounds_array
 from biaxbayes.sampling.transport_map import TransportMap, fit_transport_map
-
-__all__ = [
-    "Located",
-    "MixtureProposal",
-    "Proposal",
-    "TransportedMixture",
-    "first_proposal",
-    "fit_mixture_proposal",
-    "fit_transported_mixture",
-]
-
 
 POINTS_PER_COMPONENT = 600
 """More points than this for each component cost time and add no accuracy."""
@@ -58,61 +46,50 @@ class TransportedMixture:
     mixture: StudentMixture
     bounds: np.ndarray
 
-    @cached_property
-    def mirrors(self) -> Mirrors:
-        """Images that the folding at the bounds adds up."""
-        return Mirrors.at(self.bounds)
-
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Independent draws, shape (size, d)."""
         r = self.mixture.sample(rng, size)
         # One reflection at each bound; what is still outside has no density and is rejected.
-        for j in self.mirrors.coordinates:
-            low, high = self.bounds[j]
-            below, above = r[:, j] < low, r[:, j] > high
-            r[below, j] = 2.0 * low - r[below, j]
-            r[above, j] = 2.0 * high - r[above, j]
+        low, high = self.bounds.T
+        r = np.where(r < low, 2.0 * low - r, np.where(r > high, 2.0 * high - r, r))
         return self.transport.from_reference(r)
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond a bound."""
-        return self.log_density_at(*self.transport.to_reference(x))
+        r, log_jacobian = self.transport.to_reference(x)
+        density = np.sum([self.mixture.density(image) for image in self._images(r)], axis=0)
+        density[((r < self.bounds[:, 0]) | (r > self.bounds[:, 1])).any(axis=1)] = 0.0
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(density) + log_jacobian)
 
-    def log_density_at(self, r: np.ndarray, log_jacobian: np.ndarray) -> np.ndarray:
-        """As :meth:`log_density`, at points whose reference coordinates are known."""
-        out = self.mixture.log_density(r, self.mirrors) + log_jacobian
-        for j in self.mirrors.coordinates:
-            low, high = self.bounds[j]
-            out[(r[:, j] < low) | (r[:, j] > high)] = -np.inf
-        return out
+    def _images(self, r: np.ndarray) -> Iterator[np.ndarray]:
+        """The points, and their reflections at each bound and at several of them in turn."""
+        bounded = np.flatnonzero(np.isfinite(self.bounds).any(axis=1))
+        for edges in product(*([np.nan, *self.bounds[j]] for j in bounded)):
+            if not np.isinf(edges).any():
+                image = r.copy()
+                mirrored = bounded[np.isfinite(edges)]
+                image[:, mirrored] = 2.0 * np.array(edges)[np.isfinite(edges)] - r[:, mirrored]
+                yield image
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What a checkpoint needs to build the proposal again."""
-        return {
-            "order": self.transport.order,
-            "centre": self.transport.centre,
-            "scale": self.transport.scale,
-            "coefficients": self.transport.coefficients,
-            "widths": self.transport.widths,
-            "weights": self.mixture.weights,
-            "means": self.mixture.means,
-            "factors": self.mixture.factors,
-            "bounds": self.bounds,
-        }
+        """Arrays for a checkpoint, by name."""
+        mixture = {k: getattr(self.mixture, k) for k in ("weights", "means", "factors")}
+        return vars(self.transport) | mixture | {"bounds": self.bounds}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> TransportedMixture:
         """Inverse of :meth:`arrays`."""
         names = ("order", "centre", "scale", "coefficients", "widths")
         transport = TransportMap(*(arrays[k] for k in names))
-        mixture = StudentMixture.from_factors(arrays["weights"], arrays["means"], arrays["factors"])
+        mixture = StudentMixture(arrays["weights"], arrays["means"], arrays["factors"])
         return cls(transport, mixture, arrays["bounds"])
 
 
 def first_proposal(
     means: np.ndarray, factors: Sequence[np.ndarray], weights: np.ndarray, bounds: np.ndarray
 ) -> TransportedMixture:
-    """A proposal from stated Student t components, before there are points to fit.
+    """A proposal from given Student t components, before there are points to fit.
 
     Parameters
     ----------
@@ -122,11 +99,10 @@ def first_proposal(
     weights : ndarray, shape (k,)
     bounds : ndarray, shape (d, 2)
     """
-    d = means.shape[1]
     lower = [np.asarray(np.linalg.qr(f.T, mode="r")).T for f in factors]
     lower = [f * np.where(np.diag(f) < 0.0, -1.0, 1.0) for f in lower]
-    mixture = StudentMixture.from_factors(weights, means, np.array(lower))
-    return TransportedMixture(TransportMap.identity(d), mixture, bounds)
+    mixture = StudentMixture(weights, means, np.array(lower))
+    return TransportedMixture(TransportMap.identity(means.shape[1]), mixture, bounds)
 
 
 def fit_transported_mixture(
@@ -135,7 +111,6 @@ def fit_transported_mixture(
     *,
     bounds: np.ndarray | None = None,
     components: int = 8,
-    screen: bool = True,
 ) -> TransportedMixture:
     """Fit a proposal to points of shape (n, d).
 
@@ -147,68 +122,25 @@ def fit_transported_mixture(
         Of the coordinates; infinite where there is none.
     components : int
         Largest number of mixture components.
-    screen : bool
-        Whether the map is worth the time to try several orders of the coordinates.
     """
-    return _fitted(_Drawn.of(points, rng, bounds, components), screen)
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """What a fit is made of, its random numbers drawn: several fits can be made side by side."""
-
-    points: np.ndarray
-    bounds: np.ndarray
-    components: int
-    flip: np.ndarray
-    seed: int
-
-    @classmethod
-    def of(
-        cls,
-        points: np.ndarray,
-        rng: np.random.Generator,
-        bounds: np.ndarray | None,
-        components: int,
-    ) -> _Drawn:
-        n, d = points.shape
-        most = POINTS_PER_COMPONENT * components
-        if n > most:
-            points = points[rng.choice(n, most, replace=False)]
-        if bounds is None:
-            bounds = np.tile([-np.inf, np.inf], (d, 1))
-        bounded = int(np.isfinite(bounds).any(axis=1).sum())
-        flip = rng.random((bounded, len(points))) < 0.5
-        return cls(points, bounds, components, flip, mixture_seed(rng))
-
-
-def _fitted(drawn: _Drawn, screen: bool) -> TransportedMixture:
-    """The proposal that is fitted to points."""
-    points, bounds, d = drawn.points, drawn.bounds, drawn.points.shape[1]
-    transport = fit_transport_map(points, np.isfinite(bounds).any(axis=1), screen=screen)
+    if bounds is None:
+        bounds = bounds_array({}, points.shape[1])
+    if len(points) > POINTS_PER_COMPONENT * components:
+        points = rng.choice(points, POINTS_PER_COMPONENT * components, replace=False)
+    bounded = np.isfinite(bounds).any(axis=1)
+    transport = fit_transport_map(points, bounded)
     r, _ = transport.to_reference(points)
     limits = (bounds[transport.order] - transport.centre[:, None]) / transport.scale[:, None]
-    bounded = np.flatnonzero(np.isfinite(limits).any(axis=1))
-    for j, flip in zip(bounded, drawn.flip, strict=True):
-        low, high = limits[j]
-        nearer = np.where(r[:, j] - low <= high - r[:, j], low, high)
-        r[flip, j] = 2.0 * nearer[flip] - r[flip, j]
-    mixture = fit_mixture(r, drawn.seed, components=drawn.components)
-    broad = BROAD_SCALE * np.linalg.cholesky(np.atleast_2d(np.cov(r.T)) + 1e-9 * np.eye(d))
-    mixture = StudentMixture.from_factors(
-        np.append(mixture.weights * (1.0 - BROAD_WEIGHT), BROAD_WEIGHT),
-        np.vstack([mixture.means, r.mean(axis=0)]),
-        np.concatenate([mixture.factors, broad[None]]),
-    )
+    # Half of the points are mirrored at the nearer bound of each coordinate.
+    low, high = limits.T
+    nearer = np.where(r - low <= high - r, low, high)
+    flip = np.isfinite(nearer) & (rng.random(r.shape) < 0.5)
+    r = np.where(flip, 2.0 * nearer - r, r)
+    covariance = np.cov(r.T).reshape(len(limits), -1) + 1e-9 * np.eye(len(limits))
+    broad = BROAD_SCALE * np.linalg.cholesky(covariance)
+    mixture = fit_mixture(r, rng, components=components)
+    mixture = mixture.with_component(BROAD_WEIGHT, r.mean(axis=0), broad)
     return TransportedMixture(transport, mixture, limits)
-
-
-MIN_SHARE = 0.1
-"""A group of points smaller than this is not worth a map of its own."""
-
-
-Located: TypeAlias = list[tuple[np.ndarray, np.ndarray]]
-"""Points in the reference coordinates of each part of a proposal, with ln |dr/dx|."""
 
 
 @dataclass(frozen=True)
@@ -226,42 +158,26 @@ class MixtureProposal:
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Independent draws, shape (size, d)."""
-        if len(self.parts) == 1:
-            return self.parts[0].sample(rng, size)
-        chosen = np.searchsorted(np.cumsum(self.weights)[:-1], rng.random(size), side="right")
-        out = np.empty((size, self.parts[0].bounds.shape[0]))
+        chosen = rng.choice(len(self.parts), size, p=self.weights)
+        out = np.empty((size, len(self.parts[0].bounds)))
         for k, part in enumerate(self.parts):
             out[chosen == k] = part.sample(rng, int((chosen == k).sum()))
         return out
 
     def log_densities(self, x: np.ndarray) -> np.ndarray:
         """Log of weight times density of each part at points of shape (n, d); shape (p, n)."""
-        return self.log_densities_at(self.located(x))
-
-    def nearest_part(self, x: np.ndarray) -> np.ndarray:
-        """The part that is densest at points of shape (n, d); shape (n,)."""
-        if len(self.parts) == 1:
-            return np.zeros(len(x), dtype=int)
-        return np.asarray(self.log_densities(x).argmax(axis=0))
-
-    def located(self, x: np.ndarray) -> Located:
-        """Points of shape (n, d) in the reference coordinates of each part, with ln |dr/dx|."""
-        return [part.transport.to_reference(x) for part in self.parts]
-
-    def log_densities_at(self, located: Located) -> np.ndarray:
-        """As :meth:`log_densities`, at points that :meth:`located` has seen."""
-        logs = np.log(self.weights)
-        return np.array(
-            [w + q.log_density_at(*at) for w, q, at in zip(logs, self.parts, located, strict=True)]
-        )
+        return np.log(self.weights)[:, None] + [part.log_density(x) for part in self.parts]
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density at points of shape (n, d); shape (n,). -inf beyond a bound."""
-        parts = self.log_densities(x)
-        return np.asarray(np.logaddexp.reduce(parts, axis=0))
+        return np.asarray(np.logaddexp.reduce(self.log_densities(x), axis=0))
+
+    def nearest_part(self, x: np.ndarray) -> np.ndarray:
+        """The part that is densest at points of shape (n, d); shape (n,)."""
+        return np.asarray(self.log_densities(x).argmax(axis=0))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What a checkpoint needs to build the proposal again."""
+        """Arrays for a checkpoint, by name."""
         out = {"shares": self.weights}
         for k, part in enumerate(self.parts):
             out |= {f"{k}_{name}": values for name, values in part.arrays().items()}
@@ -287,13 +203,9 @@ def fit_mixture_proposal(
     *,
     bounds: np.ndarray | None = None,
     components: int = 20,
-    parts: int = 2,
     label: np.ndarray | None = None,
-    screen: bool = True,
 ) -> MixtureProposal:
-    """Fit a mixture proposal, a part to each group of near points.
-
-    Groups are stated, or those of k-means on standardised coordinates.
+    """Fit a mixture proposal, one part to each group of points.
 
     Parameters
     ----------
@@ -303,24 +215,15 @@ def fit_mixture_proposal(
         Of the coordinates; infinite where there is none.
     components : int
         Largest number of mixture components of all parts together.
-    parts : int
-        Groups of k-means; one where they would be too unequal.
     label : int64 ndarray, shape (n,), optional
-        The group of each point, from zero; each number has points.
-    screen : bool
-        As in :func:`fit_transported_mixture`.
+        The group of each point, from zero; each number has points. Default: one group.
     """
-    one = np.zeros(len(points), dtype=int)
     if label is None:
-        label = _groups(points, rng, parts) if parts > 1 else one
-        label = label if np.bincount(label).min() >= MIN_SHARE * len(points) else one
+        label = np.zeros(len(points), dtype=np.int64)
     share = np.bincount(label) / len(points)
     most = max(1, components // len(share))
-    drawn = [_Drawn.of(points[label == k], rng, bounds, most) for k in range(len(share))]
-    return MixtureProposal(share, tuple(_fitted(part, screen) for part in drawn))
-
-
-def _groups(points: np.ndarray, rng: np.random.Generator, parts: int) -> np.ndarray:
-    spread = points.std(axis=0)
-    z = (points - points.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    return groups(z, parts, np.random.RandomState(mixture_seed(rng)))
+    fits = [
+        fit_transported_mixture(points[label == k], rng, bounds=bounds, components=most)
+        for k in range(len(share))
+    ]
+    return MixtureProposal(share, tuple(fits))

@@ -1,6 +1,6 @@
 """From a search to draws that have been judged.
 
-Warm-up, then blocks of kept steps until the effective sample size of the worst quantity is on
+Warm-up, then blocks of steps until the effective sample size of the worst quantity is on
 target and the ensembles agree. Every decision depends on the draws alone, never on the clock, so
 that a seed determines every byte, however often the run is interrupted.
 """
@@ -10,13 +10,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
-from biaxbayes.sampling.convergence import LONGEST_HOLD, Convergence, assess, longest_hold
+from biaxbayes.sampling.convergence import MAX_STAND, Convergence, assess, longest_stand
+from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
     Start,
@@ -27,47 +28,36 @@ from biaxbayes.sampling.population_monte_carlo import (
 from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.target import Target
 
-if TYPE_CHECKING:
-    from biaxbayes.sampling.ensembles import Ensembles
-
-__all__ = [
-    "Draws",
-    "Plan",
-    "Progress",
-    "State",
-    "draw",
-    "ensembles_at",
-    "first_state",
-]
-
 FIRST_BLOCK = 128
 LONGEST_BLOCK = 8 * FIRST_BLOCK
 """Steps after which the state is saved and may be stopped at."""
-JUDGED_GROWTH = 1.5
-"""Steps at which the draws are judged, over those of the judgement before. As they grow by a
-factor, all judgements together take time in proportion to what is kept."""
-MAX_KEPT_STEPS = 1024
-"""Beyond this every other kept step is dropped and the thinning doubled."""
+ASSESSMENT_GROWTH = 1.5
+"""Ratio of the numbers of steps at which the draws are assessed: as they grow by a factor, all
+assessments together take time in proportion to the length of the chain."""
+MAX_STORED_STEPS = 1024
+"""Beyond this every other stored step is dropped and the thinning doubled."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What the sampler is asked for.
+    """Goal and budget of a run.
 
     Attributes
     ----------
     ess : float
         Effective sample size of the worst quantity.
     max_steps : int
-        Kept steps of each ensemble at which it gives up.
-    ensembles, walkers : int
+        Steps of each ensemble, after the warm-up, at which it gives up.
+    ensembles : int
+    walkers : int
+        At least; four times the number of coordinates if that is more.
     seed : int
     workers : int
         Threads that advance ensembles; the draws do not depend on it.
     population : int
         Points of a generation of the search before the walkers start.
     first_block : int
-        Kept steps of each ensemble before the draws are judged for the first time.
+        Steps of each ensemble before the draws are assessed for the first time.
     """
 
     ess: float = 2000.0
@@ -93,7 +83,7 @@ class Plan:
 
 @dataclass
 class State:
-    """A run between two blocks; what a checkpoint holds.
+    """A run between two blocks, as saved in a checkpoint.
 
     Attributes
     ----------
@@ -102,15 +92,16 @@ class State:
     proposal : MixtureProposal
     members : list of dict
         Snapshot of each ensemble.
-    chain : ndarray, shape (ensembles, kept steps, walkers, d)
-    steps : int
-        Steps of each ensemble so far, of which every ``thin``-th is kept.
+    chain : ndarray, shape (ensembles, stored steps, walkers, d)
+    steps, thin : int
+        Steps of each ensemble so far, of which every ``thin``-th is stored.
     warmup : WarmUp
     evaluations : int
+        Of the density by the ensembles, warm-up included.
     rejected : int64 ndarray
         Counts of the target so far.
     finished : bool
-        Whether the plan is met.
+        Whether the draws have converged.
     """
 
     frame: Mapping[str, float]
@@ -127,14 +118,13 @@ class State:
 
 @dataclass(frozen=True)
 class Draws:
-    """Judged draws.
+    """Draws and their convergence.
 
     Attributes
     ----------
     target : Target
-        What was drawn from, in the coordinates of ``chain`` and ``proposal``.
+        In the coordinates of ``chain`` and ``proposal``.
     chain : ndarray, shape (ensembles, steps, walkers, d)
-        Coordinates.
     quantities : dict of ndarray, shape (ensembles, steps, walkers)
         The target's quantities.
     convergence : Convergence
@@ -145,7 +135,9 @@ class Draws:
         Evaluations, and those of zero density by reason, over the whole run; empty where the
         target does not count.
     acceptance : float
-        Of the independence move, while draws were kept.
+        Of the independence move, after the warm-up.
+    thin : int
+        Steps from one stored step to the next.
     seconds : dict
         Wall time of each phase in this process.
     interrupted : bool
@@ -174,40 +166,34 @@ def draw(
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], int] = lambda: False,
 ) -> Draws:
-    """Draw from a density until the plan is met or its budget spent.
+    """Draw from a density until the draws have converged or the budget is spent.
 
     Parameters
     ----------
     target : Target
     start : Start or State
-        What a search found, or the state from which a run is continued.
+        The result of a search, or the state from which a run is continued.
     plan : Plan
     on_block : callable, optional
         Called after the warm-up and every block with the state to save.
     progress : callable
     stop : callable
-        Asked between blocks; True (or the number of a signal) ends the run early.
-
-    Returns
-    -------
-    Draws
+        Called between blocks; True (or the number of a signal) ends the run early.
     """
     seconds: dict[str, float] = {}
     if isinstance(start, State):
         state = start
-        ensembles = ensembles_at(target, plan, state)
+        ensembles = restored_ensembles(target, plan, state)
     else:
         clock = time.perf_counter()
-        ensembles = _dispersed(target, start, plan)
-        state = _warmed_up(ensembles, target, start, progress)
+        ensembles, state = warmed_up(target, start, plan, progress)
         seconds["warm-up"] = time.perf_counter() - clock
         if on_block:
             on_block(state)
     clock = time.perf_counter()
-    due = _judged_at(state.steps, plan)
-    convergence, quantities, a_step = None, None, 0.0
-    if state.steps >= due:
-        convergence, quantities, _ = _judge(target, state, plan)
+    due = _next_assessment(state.steps, plan)
+    convergence = _assess(target, state, plan) if state.steps == due else None
+    rate = 0.0  # share of the effective sample size that a step brings
     interrupted = False
     while convergence is None or (
         convergence.state != "converged" and state.steps < plan.max_steps
@@ -216,30 +202,25 @@ def draw(
             interrupted = True
             break
         if state.steps == due:
-            due = _judged_at(due + 1, plan)
+            due = _next_assessment(due + 1, plan)
         state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
         if state.steps == due:
-            convergence, quantities, share = _judge(target, state, plan)
-            state.finished = convergence is not None and convergence.state == "converged"
-            a_step = share / state.steps
-        progress(Progress("sampling", min(a_step * state.steps, 0.99)))
+            convergence = _assess(target, state, plan)
+            if convergence is not None:
+                state.finished = convergence.state == "converged"
+                rate = convergence.worst_ess / plan.ess / state.steps
+        progress(Progress("sampling", min(rate * state.steps, 0.99)))
         if on_block:
             on_block(state)
     seconds["sampling"] = time.perf_counter() - clock
+    quantities = _quantities(target, state.chain)
     if convergence is None and state.steps >= plan.first_block:
-        convergence = assess(
-            _judged_ones(target, _quantities(target, state.chain)), target_ess=plan.ess
-        )
-    if convergence is None:
-        none = np.empty(0)
-        convergence = Convergence((), none, none, none, none, 0, "unusable", "stopped")
-    if quantities is None or interrupted:
-        quantities = _quantities(target, state.chain)
+        convergence = assess(_assessed(target, quantities), target_ess=plan.ess)
     return Draws(
         target=target,
         chain=state.chain,
         quantities=quantities,
-        convergence=convergence,
+        convergence=convergence or replace(assess({}, target_ess=plan.ess), reason="stopped"),
         warmup=state.warmup,
         proposal=state.proposal,
         evaluations=state.evaluations,
@@ -251,36 +232,22 @@ def draw(
     )
 
 
-def first_state(
+def warmed_up(
     target: Target,
     start: Start,
     plan: Plan,
     progress: Callable[[Progress], None] = lambda p: None,
-) -> State:
-    """Warm ensembles up from what a search found; the state before the first kept step."""
-    return _warmed_up(_dispersed(target, start, plan), target, start, progress)
-
-
-def _dispersed(target: Target, start: Start, plan: Plan) -> Ensembles:
-    """Ensembles spread wider than the density, from what a search found."""
-    from biaxbayes.sampling.ensembles import Ensembles
-
+) -> tuple[Ensembles, State]:
+    """Ensembles that have forgotten their dispersed starts, and the state before the first step."""
     walkers = max(plan.walkers, 4 * target.dimension)
-    starts = dispersed_starts(start, ensembles=plan.ensembles, walkers=walkers)
-    return Ensembles(
+    ensembles = Ensembles(
         target.log_prob,
-        starts,
+        dispersed_starts(start, ensembles=plan.ensembles, walkers=walkers),
         plan.ensemble_seed(),
         bounds=target.bounds,
         workers=plan.workers,
     )
-
-
-def _warmed_up(
-    ensembles: Ensembles, target: Target, start: Start, progress: Callable[[Progress], None]
-) -> State:
-    """The state of ensembles that have forgotten where they began."""
-    warmed = warm_up(
+    result = warm_up(
         ensembles,
         start.proposal,
         tempered_points(start),
@@ -288,23 +255,21 @@ def _warmed_up(
         progress=lambda text: progress(Progress(f"warming up: {text}")),
     )
     assert isinstance(ensembles.proposal, MixtureProposal)
-    return State(
+    return ensembles, State(
         frame=target.frame,
         proposal=ensembles.proposal,
         members=[m.snapshot() for m in ensembles.members],
-        chain=np.empty((len(ensembles.members), 0, *ensembles.members[0].state.coords.shape)),
+        chain=np.empty((plan.ensembles, 0, walkers, target.dimension)),
         steps=0,
         thin=1,
-        warmup=warmed,
+        warmup=result,
         evaluations=ensembles.evaluations,
         rejected=target.counts.copy(),
     )
 
 
-def ensembles_at(target: Target, plan: Plan, state: State) -> Ensembles:
+def restored_ensembles(target: Target, plan: Plan, state: State) -> Ensembles:
     """Ensembles that continue from a state; the target's counts are set to those of the state."""
-    from biaxbayes.sampling.ensembles import Ensembles  # emcee
-
     ensembles = Ensembles(
         target.log_prob,
         [m["coordinates"] for m in state.members],
@@ -312,28 +277,26 @@ def ensembles_at(target: Target, plan: Plan, state: State) -> Ensembles:
         bounds=target.bounds,
         workers=plan.workers,
     )
+    ensembles.proposal = state.proposal
+    ensembles.freeze()
     for member, snapshot in zip(ensembles.members, state.members, strict=True):
         member.restore(snapshot)
-    ensembles.proposal = state.proposal
-    for member in ensembles.members:
-        member.independence.freeze()
     target.counts[:] = state.rejected
     return ensembles
 
 
 def _advance(ensembles: Ensembles, state: State, block: int, target: Target) -> State:
-    """Run a block and keep its steps, thinned so that memory stays bounded."""
+    """Run a block and store its steps, thinned so that memory stays bounded."""
     chain, _ = ensembles.run(block)
-    # Kept steps are those whose number is a multiple of the thinning.
-    first = -state.steps % state.thin
-    kept = np.concatenate([state.chain, chain[:, first :: state.thin]], axis=1)
-    thin = state.thin
-    while kept.shape[1] > MAX_KEPT_STEPS:
-        kept, thin = kept[:, ::2], 2 * thin
+    # Stored steps are those whose number is a multiple of the thinning.
+    first, thin = -state.steps % state.thin, state.thin
+    stored = np.concatenate([state.chain, chain[:, first::thin]], axis=1)
+    while stored.shape[1] > MAX_STORED_STEPS:
+        stored, thin = stored[:, ::2], 2 * thin
     return replace(
         state,
         members=[m.snapshot() for m in ensembles.members],
-        chain=kept,
+        chain=stored,
         steps=state.steps + block,
         thin=thin,
         evaluations=ensembles.evaluations,
@@ -341,37 +304,33 @@ def _advance(ensembles: Ensembles, state: State, block: int, target: Target) -> 
     )
 
 
-def _quantities(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:
-    shape = chain.shape[:3]
-    found = target.quantities(chain.reshape(-1, chain.shape[-1]))
-    return {name: values.reshape(shape) for name, values in found.items()}
-
-
-def _judged_at(steps: int, plan: Plan) -> int:
-    """The first of the numbers of steps at which draws are judged that is not below ``steps``."""
+def _next_assessment(steps: int, plan: Plan) -> int:
+    """Number of steps of the first assessment that is not before ``steps``."""
     due = min(plan.first_block, plan.max_steps)
     while due < min(steps, plan.max_steps):
-        grown = int(due * (JUDGED_GROWTH - 1.0)) // 32 * 32
-        due = min(due + max(plan.first_block, grown), plan.max_steps)
+        growth = int(due * (ASSESSMENT_GROWTH - 1.0)) // 32 * 32
+        due = min(due + max(plan.first_block, growth), plan.max_steps)
     return due
 
 
-def _judge(
-    target: Target, state: State, plan: Plan
-) -> tuple[Convergence | None, dict[str, np.ndarray], float]:
-    """What is to be said of the draws, their quantities, and the share of the target reached.
+def _assess(target: Target, state: State, plan: Plan) -> Convergence | None:
+    """Convergence of the draws; None where a walker stands still and the run has to go on.
 
-    Nothing, yet, where a walker has stood still for so long that the run must go on whatever else
-    is said: that is seen at once, the rest takes a third of a second.
+    A walker that stands is seen at once, the rest of the diagnostics takes a third of a second.
     """
-    kept = _quantities(target, state.chain)
-    judged = _judged_ones(target, kept)
-    steps, held = state.chain.shape[1], longest_hold(judged)
-    if held > LONGEST_HOLD * steps and state.steps < plan.max_steps:
-        return None, kept, LONGEST_HOLD * steps / held
-    convergence = assess(judged, target_ess=plan.ess)
-    return convergence, kept, convergence.worst_ess / plan.ess
+    quantities = _assessed(target, _quantities(target, state.chain))
+    standing = longest_stand(quantities) > MAX_STAND * state.chain.shape[1]
+    if standing and state.steps < plan.max_steps:
+        return None
+    return assess(quantities, target_ess=plan.ess)
 
 
-def _judged_ones(target: Target, kept: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {name: values for name, values in kept.items() if name not in target.unjudged}
+def _quantities(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:
+    """The target's quantities, each of shape (ensembles, steps, walkers)."""
+    values = target.quantities(chain.reshape(-1, chain.shape[-1]))
+    return {name: v.reshape(chain.shape[:3]) for name, v in values.items()}
+
+
+def _assessed(target: Target, quantities: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The quantities whose convergence counts."""
+    return {name: v for name, v in quantities.items() if name not in target.unjudged}

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["LogDensity", "Target", "bounds_array"]
-
 LogDensity = Callable[[np.ndarray], np.ndarray]
 """Vectorised: coordinates (n, d) to (n,); finite, or -inf where the density is zero."""
 

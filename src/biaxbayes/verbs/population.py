@@ -494,7 +494,7 @@ def _qualified(row: dict[Any, Any]) -> str:
 
 # --- its state between two blocks, as the bytes of a checkpoint ----------------------------------
 
-FORMAT = 2
+FORMAT = 3
 
 
 def pack(state: State, identity: dict[str, Any]) -> bytes:

@@ -1,0 +1,120 @@
+"""Mixtures of multivariate Student t distributions, and Gaussian mixtures fitted to points."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.cluster.vq import kmeans, vq
+from scipy.special import logsumexp
+
+DEGREES = 6.0
+"""Degrees of freedom: tails heavier than those of any posterior that falls like a Gaussian."""
+MAX_ITERATIONS = 50
+TOLERANCE = 2e-3
+"""Rise of the mean log density at which expectation maximisation ends."""
+VARIANCE_FLOOR = 1e-6
+"""Added to the variances; coordinates are roughly standardised."""
+MIN_WEIGHT = 1e-4
+
+
+@dataclass(frozen=True)
+class StudentMixture:
+    """A mixture of K Student t components in d dimensions.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (K,)
+    means : ndarray, shape (K, d)
+    factors : ndarray, shape (K, d, d)
+        Lower Cholesky factors L of the scale matrices.
+    inverses : ndarray, shape (K, d, d)
+        L^-1.
+    """
+
+    weights: np.ndarray
+    means: np.ndarray
+    factors: np.ndarray
+    inverses: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inverses", np.linalg.inv(self.factors))
+
+    def density(self, x: np.ndarray) -> np.ndarray:
+        """Density at points of shape (n, d); shape (n,)."""
+        d, nu = self.means.shape[1], DEGREES
+        # Gamma((nu + d) / 2) / (Gamma(nu / 2) (nu pi)^(d / 2) |L|)
+        log_norm = math.lgamma(0.5 * (nu + d)) - math.lgamma(0.5 * nu)
+        log_norm -= 0.5 * d * math.log(nu * math.pi)
+        log_det = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
+        scale = self.weights * np.exp(log_norm - log_det)
+        # sum_k scale_k (1 + |L_k^-1 (x - m_k)|^2 / nu)^(-(nu + d) / 2)
+        distance = squared_distances(x, self.means, self.inverses)
+        return np.asarray((1.0 + distance / nu) ** (-0.5 * (nu + d)) @ scale)
+
+    def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
+        """Independent draws, shape (size, d)."""
+        component = rng.choice(len(self.weights), size, p=self.weights)
+        z = rng.standard_normal((size, self.means.shape[1]))
+        z *= np.sqrt(DEGREES / rng.chisquare(DEGREES, size))[:, None]
+        return self.means[component] + np.einsum("nab,nb->na", self.factors[component], z)
+
+    def with_component(self, weight: float, mean: np.ndarray, factor: np.ndarray) -> StudentMixture:
+        """The mixture with one more component, which takes its weight from all others."""
+        return StudentMixture(
+            np.append(self.weights * (1.0 - weight), weight),
+            np.vstack([self.means, mean]),
+            np.concatenate([self.factors, factor[None]]),
+        )
+
+
+def squared_distances(x: np.ndarray, means: np.ndarray, inverses: np.ndarray) -> np.ndarray:
+    """|L_k^-1 (x - m_k)|^2 of points (n, d) from every component; shape (n, K)."""
+    count, d = means.shape
+    z = x @ inverses.reshape(count * d, d).T
+    z -= np.einsum("kab,kb->ka", inverses, means).ravel()
+    z = z.reshape(len(x), count, d)
+    return np.asarray(np.einsum("nkd,nkd->nk", z, z))
+
+
+def fit_mixture(
+    points: np.ndarray, rng: np.random.Generator, *, components: int = 6
+) -> StudentMixture:
+    """Fit a Gaussian mixture by expectation maximisation and make its tails heavier.
+
+    The covariances of the Gaussians become the scale matrices of Student t distributions.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, d)
+        Finite, and roughly standardised.
+    rng : numpy.random.Generator
+        For the first groups, which are those of k-means.
+    components : int
+        Upper limit; fewer where the points could not determine them.
+    """
+    n, d = points.shape
+    # A component needs several times d points to have a covariance worth the name.
+    components = max(1, min(components, n // (5 * (d + 1))))
+    centres, _ = kmeans(points, components, iter=1, seed=rng)
+    share = np.eye(len(centres))[vq(points, centres)[0]]  # (n, K): of each component in each point
+    last = -np.inf
+    for _ in range(MAX_ITERATIONS):
+        # m_k = sum_i r_ik x_i / n_k,  S_k = sum_i r_ik (x_i - m_k)(x_i - m_k)^T / n_k
+        totals = share.sum(axis=0) + 10.0 * np.finfo(float).eps
+        means = share.T @ points / totals[:, None]
+        offsets = [points - mean for mean in means]
+        scatter = np.array([(r * o.T) @ o for r, o in zip(share.T, offsets, strict=True)])
+        factors = np.linalg.cholesky(scatter / totals[:, None, None] + VARIANCE_FLOOR * np.eye(d))
+        # r_ik = w_k N(x_i; m_k, S_k) / sum_j w_j N(x_i; m_j, S_j)
+        log_det = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+        log_joint = np.log(totals / totals.sum()) - log_det - 0.5 * d * math.log(2.0 * math.pi)
+        log_joint = log_joint - 0.5 * squared_distances(points, means, np.linalg.inv(factors))
+        log_density = logsumexp(log_joint, axis=1, keepdims=True)
+        share = np.exp(log_joint - log_density)
+        if abs(log_density.mean() - last) < TOLERANCE:
+            break
+        last = log_density.mean()
+    weights = np.maximum(totals / totals.sum(), MIN_WEIGHT)
+    return StudentMixture(weights / weights.sum(), means, factors)
