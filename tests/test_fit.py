@@ -11,7 +11,7 @@ from scipy.optimize import least_squares, root
 import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError, TaredSpecimen
-from biaxbayes.figures.specimen import fits_figure
+from biaxbayes.figures.fits import fits_figure
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all
 from biaxbayes.fitting.least_squares import descend

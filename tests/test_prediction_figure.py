@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.prediction import inflation_figure, stress_figure
+from biaxbayes.figures.inflation import inflation_figure
+from biaxbayes.figures.stress import stress_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.prediction.bands import BANDS
 from biaxbayes.prediction.stress import BEYOND, INSIDE

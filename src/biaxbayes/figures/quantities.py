@@ -73,9 +73,9 @@ def quantity(name: str, unit: str = "", known: Quantities | None = None) -> Axis
     known : Quantities, optional
         What each name is; default those of all laws with one mounted state.
     """
-    found = known_or_default(known, unit).get(name)
-    if found is not None:
-        return axis_text(found)
+    match = known_or_default(known, unit).get(name)
+    if match is not None:
+        return axis_text(match)
     return AxisText(OTHERS.get(name) or plain(name, 24))
 
 

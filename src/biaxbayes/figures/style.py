@@ -30,7 +30,7 @@ FINER_UNIT = {"N": "mN", "kPa": "Pa"}
 PRINT_AND_SCREEN = ("pdf", "png")
 """Formats of a figure that stands beside its tables."""
 
-# Okabe and Ito (2008): told apart with every common colour vision deficiency.
+# Okabe and Ito (2008): distinguishable with every common colour vision deficiency.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 RUNS = ("run", "other", "third", "fourth", "fifth", "sixth")
 """Roles of up to six runs, ensembles or mounted states side by side."""

@@ -1,4 +1,4 @@
-"""The joint posterior of two quantities as regions of stated content, drawn by the corner package.
+"""The joint posterior of two quantities as regions of given content, drawn by the corner package.
 
 Ours is the density: draws in cells, smoothed by a kernel whose width suits each pair and run, wider
 where few draws lie.
@@ -50,7 +50,7 @@ def project(draws: np.ndarray, axis: Span, most: int = VISIBLE_PAIR) -> Projecte
 
 
 def regions(ax: Axes, pair: Sequence[Projected], hue: str, *, filled: bool | None) -> None:
-    """Draw a joint posterior as regions of stated content.
+    """Draw a joint posterior as regions of given content.
 
     Parameters
     ----------

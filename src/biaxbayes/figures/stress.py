@@ -1,18 +1,16 @@
-"""Figures of predictions: stress along a path, and the inflation of a tube."""
+"""Predicted stress along a path, with both bands."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from itertools import pairwise
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
+from biaxbayes.figures.predicted_bands import GREY, add_legend, draw_bands, draw_median
 from biaxbayes.figures.style import (
     COLUMN_MM,
-    CREDIBLE,
-    PREDICTIVE,
     SIDE_BY_SIDE_MM,
     blank_figure,
     colour,
@@ -21,8 +19,6 @@ from biaxbayes.figures.style import (
     print_style,
 )
 from biaxbayes.options import CONTENT
-from biaxbayes.prediction.inflation import MMHG_PER_KPA
-from biaxbayes.prediction.stress import INSIDE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,8 +28,6 @@ STRESS_NAMES = {"cauchy": "Cauchy stress", "piola": "first Piola-Kirchhoff stres
 STRIP_MM = 11.0
 MARKERS = {"x": "o", "y": "s"}
 _SMALL: dict[str, Any] = {"markersize": 1.3, "markeredgewidth": 0.0, "linestyle": "none"}
-DASHES = (0, (3, 2))
-GREY = "0.3"
 
 
 def stress_figure(
@@ -82,14 +76,14 @@ def stress_figure(
             stem = f"{stress}_{axis}_kPa"
             middle = table[f"{stem}_median"]
             about = {c: table[c] - middle for c in table if str(c).startswith(f"{stem}_")}
-            _bands(ax, abscissa, table, stem, tint)
-            _bands(strip, abscissa, pd.DataFrame(about), stem, tint)
+            draw_bands(ax, abscissa, table, stem, tint)
+            draw_bands(strip, abscissa, pd.DataFrame(about), stem, tint)
             strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
             if read is not None:
                 at = _places(read, table, abscissa)
                 for one, values in ((ax, read[stem]), (strip, read[f"{stem}_residual"])):
                     one.plot(at, values, MARKERS[axis], color=tint, **_SMALL)
-            _median(ax, abscissa, middle, table, tint)
+            draw_median(ax, abscissa, middle, table, tint)
             known = "" if name == axis else f": {plain(name, 24)}"
             ax.plot([], [], color=tint, label=f"{axis}{known}")
         for ax in dict.fromkeys(curves.values()):
@@ -97,7 +91,7 @@ def stress_figure(
             if read is not None and first:
                 ax.plot([], [], "o", color=GREY, label="measured", **_SMALL)
             ax.margins(x=0.0)
-            _legend(ax, table, probability, bands=first)
+            add_legend(ax, table, probability, bands=first)
         curves["x"].set_ylabel(f"{STRESS_NAMES[stress]} (kPa)")
         if wide:
             strips["x"].set_ylabel("less median\n(kPa)", linespacing=1.1)
@@ -150,79 +144,6 @@ def _places(measured: pd.DataFrame, table: pd.DataFrame, abscissa: np.ndarray) -
     return (1.0 - share) * abscissa[nearest] + share * abscissa[nearest + 1]
 
 
-def inflation_figure(
-    table: pd.DataFrame,
-    *,
-    probability: float = CONTENT,
-    width_mm: float = COLUMN_MM,
-    style: Mapping[str, Any] | None = None,
-) -> Figure:
-    """Pressure against outer diameter with both bands; dashed where nothing was tested.
-
-    Below, or beside, the bands less their median, which they hardly leave on the scale of the test.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From :func:`biaxbayes.prediction.inflation.predict_pressure` or
-        :func:`biaxbayes.prediction.inflation.predict_diameter`.
-    probability : float
-        Content of its bands.
-    width_mm : float
-        Width in print.
-    style : mapping, optional
-        From :func:`biaxbayes.figures.style.read_style`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    with print_style(style):
-        tint = colour("run")
-        figure = blank_figure(width_mm, 0.85 * width_mm)
-        if "pressure_kPa_median" in table:
-            ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
-            across = table["outer_diameter_mm"].to_numpy()
-            middle: Any = table["pressure_kPa_median"]
-            about = {c: table[c] - middle for c in table if str(c).startswith("pressure_kPa_")}
-            _bands(ax, across, table, "pressure_kPa", tint)
-            _median(ax, across, middle, table, tint)
-            _bands(strip, across, pd.DataFrame(about), "pressure_kPa", tint)
-            strip.axhline(0.0, color=tint)
-            strip.set(xlabel="outer diameter (mm)", ylabel="less median\n(kPa)")
-            right = ax
-        else:
-            ax, strip = figure.subplots(1, 2, sharey=True, width_ratios=(3.0, 1.0))
-            up = table["pressure_kPa"].to_numpy()
-            middle = table["outer_diameter_mm_median"].to_numpy()
-            for kind, opacity in (("predictive", PREDICTIVE), ("credible", CREDIBLE)):
-                ends = np.array([table[f"outer_diameter_mm_{kind}_{e}"] for e in ("low", "high")])
-                for panel, (low, high) in ((ax, ends), (strip, ends - middle)):
-                    panel.fill_betweenx(up, low, high, color=tint, alpha=opacity, linewidth=0.0)
-            _median(ax, middle, up, table, tint)
-            strip.axvline(0.0, color=tint)
-            ax.set_xlabel("outer diameter (mm)")
-            strip.set_xlabel("less median\n(mm)")
-            right = strip
-        strip.locator_params(nbins=3, axis="y" if right is ax else "x")
-        ax.set_ylabel("pressure (kPa)")
-        ax.margins(y=0.0)
-        mercury = right.secondary_yaxis("right", functions=(_mmHg, _kPa))
-        mercury.set_ylabel("pressure (mmHg)")
-        mercury.spines["right"].set_visible(True)
-        ax.plot([], [], color=tint, label="median")
-        _legend(ax, table, probability, bands=True)
-    return figure
-
-
-def _mmHg(kPa: Any) -> Any:
-    return kPa * MMHG_PER_KPA
-
-
-def _kPa(mmHg: Any) -> Any:
-    return mmHg / MMHG_PER_KPA
-
-
 def _abscissa(table: pd.DataFrame, reference: str) -> tuple[np.ndarray, str]:
     """The stretch that varies most along the path, if it orders the rows; else their number."""
     x, y = table["stretch_x"].to_numpy(), table["stretch_y"].to_numpy()
@@ -233,40 +154,3 @@ def _abscissa(table: pd.DataFrame, reference: str) -> tuple[np.ndarray, str]:
     if np.allclose(x, y):
         return leading, f"{reference} stretch"
     return leading, f"{reference} stretch in {name}"
-
-
-def _bands(ax: Axes, abscissa: np.ndarray, table: pd.DataFrame, stem: str, tint: str) -> None:
-    for kind, opacity in (("predictive", PREDICTIVE), ("credible", CREDIBLE)):
-        low, high = (table[f"{stem}_{kind}_{end}"] for end in ("low", "high"))
-        ax.fill_between(abscissa, low, high, color=tint, alpha=opacity, linewidth=0.0)
-
-
-def _median(ax: Axes, x, y, table: pd.DataFrame, tint: str) -> None:
-    """A line, solid where the states were tested and dashed elsewhere."""
-    x, y = np.asarray(x), np.asarray(y)
-    for tested, rows in _stretches_of(table["extrapolation"].to_numpy() == INSIDE):
-        ax.plot(x[rows], y[rows], color=tint, linestyle="-" if tested else DASHES)
-
-
-def _stretches_of(tested: np.ndarray) -> Iterator[tuple[bool, slice]]:
-    """Runs of equal rows; each reaches to the first row of the next, so that the line is whole."""
-    edges = [0, *(np.flatnonzero(np.diff(tested.astype(int))) + 1), tested.size]
-    for first, last in pairwise(edges):
-        yield bool(tested[first]), slice(first, min(last + 1, tested.size))
-
-
-def _legend(ax: Axes, table: pd.DataFrame, probability: float, *, bands: bool) -> None:
-    if bands:
-        for name, opacity in (("credible", CREDIBLE), ("predictive", PREDICTIVE)):
-            ax.fill_between(
-                [],
-                [],
-                [],
-                color=GREY,
-                alpha=opacity,
-                linewidth=0.0,
-                label=f"{name}, {100 * probability:g} %",
-            )
-    if bands and (table["extrapolation"] != INSIDE).any():
-        ax.plot([], [], color=GREY, linestyle=DASHES, label="not tested")
-    ax.legend(loc="upper left", borderaxespad=0.2)
