@@ -16,7 +16,7 @@ import quick_posteriors as quick
 import reported
 from biaxbayes.cli import main
 from biaxbayes.laws.goh import GOH
-from biaxbayes.prediction.predictive_checks import misfit, misfit_in_words
+from biaxbayes.prediction.predictive_checks import misfit_in_words, predictive_checks
 from biaxbayes.reports import page as report
 from biaxbayes.reports.facts import closing_message
 from biaxbayes.reports.page import TOTAL_BYTES, pictures, write_report
@@ -276,7 +276,7 @@ def truth_draws(noise: float) -> pd.DataFrame:
 
 def test_misfit_of_the_truth_is_the_noise():
     made = quick.specimen(GOH(*TRUTH.values()), noise_N=0.002, increments=400)
-    table = misfit(made, truth_draws(0.002))
+    table = predictive_checks(made, truth_draws(0.002))
     assert len(table) == 6
     # Standard error of an rms of 400 readings: 3.5 %.
     assert table["rms"].to_numpy() == pytest.approx(0.002, rel=0.15)
@@ -292,7 +292,7 @@ def test_misfit_of_the_truth_is_the_noise():
 def test_a_model_that_misses_smoothly_is_told():
     made = quick.specimen(GOH(*TRUTH.values()), noise_N=0.0002, increments=400)
     wrong = truth_draws(0.0002).assign(C1=12.0)
-    table = misfit(made, wrong)
+    table = predictive_checks(made, wrong)
     assert (table["runs_z"] < -10.0).all() and (table["autocorrelation"] > 0.9).all()
     words = " ".join(misfit_in_words(table))
     assert "6 of 6 curves the model misses smoothly" in words

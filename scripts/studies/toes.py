@@ -42,7 +42,8 @@ def of_law(name: str) -> Callable[..., Stress]:
         prior = law.scaled_prior(float(top.mean()), PEAK_KPA)
         while True:
             values = {
-                n: float(Prior.stated(*stated).sample(rng, 1)[0]) for n, stated in prior.items()
+                n: float(Prior.from_numbers(*stated).sample(rng, 1)[0])
+                for n, stated in prior.items()
             }
             if not law.holds(values):
                 continue

@@ -240,7 +240,7 @@ def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Ti
     prior: dict[str, Prior | float | Tie] = {}
     for name, (family, first, second) in law.scaled_prior(stretch, peak).items():
         rounded = first if family == "uniform" else _rounded(first)
-        prior[name] = Prior.stated(family, rounded, second)
+        prior[name] = Prior.from_numbers(family, rounded, second)
     prior[NOISE_SD.name] = Prior("lognormal", _rounded(0.005 * specimen.peak_load), 0.7)
     prior[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 0.5)
     for name in mounting_names("stretch"):

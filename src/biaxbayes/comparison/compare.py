@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.comparison.distance import contractions, distance, prior_material
+from biaxbayes.comparison.distance import contractions, distance, equibiaxial_steps, prior_material
 from biaxbayes.errors import InputError
 from biaxbayes.identifiability.determined import (
     STRESS,
@@ -70,9 +70,9 @@ def differing_settings(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
     """
     notes = []
     for option, words in OPTIONS.items():
-        found = {label: getattr(p.settings, option) for label, p in runs}
-        if len(set(found.values())) > 1:
-            notes.append(f"different options: {words} {_each(found)}")
+        values = {label: getattr(p.settings, option) for label, p in runs}
+        if len(set(values.values())) > 1:
+            notes.append(f"different options: {words} {_each(values)}")
     judged = {q.parameter.name: None for _, p in runs for q in p.quantities.judged()}
     for name in judged:
         stated = {label: _in_words(p, name) for label, p in runs}
@@ -127,7 +127,6 @@ WARNING = (
 )
 DISJOINT = 0.99
 """Kolmogorov distance from which two posteriors count as apart: no trade in a run bridges it."""
-STRESS_STEPS = 5
 PARAMETER = "parameter"
 
 
@@ -193,24 +192,24 @@ class Comparison:
     def matrix(self) -> pd.DataFrame:
         """Verdicts and contractions, one row a run and parameter."""
         tables = []
-        for member, found in zip(self.members, self.verdicts, strict=True):
-            table = found.to_frame()
+        for member, judged in zip(self.members, self.verdicts, strict=True):
+            table = judged.to_frame()
             table.insert(0, "run", member.label)
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{m.label!r} {m.state}" for m in self.members)
-        return f"Comparison({told}; stresses at {len(self.stretches)} stretches)"
+        runs = ", ".join(f"{m.label!r} {m.state}" for m in self.members)
+        return f"Comparison({runs}; stresses at {len(self.stretches)} stretches)"
 
     def _repr_html_(self) -> str:
         """Verdicts, and what differs among the quantities that both runs determine."""
         verdicts = self.matrix().pivot(index="run", columns="parameter", values="verdict")
         names = list(dict.fromkeys(self.matrix()["parameter"]))
         known = self.distances[self.distances["determined_in_both"]]
-        kept = ["run_a", "run_b", "quantity", "unit", "total_stretch", "median_a", "median_b"]
-        kept += ["difference_q05", "difference_q95", "standardised"]
-        return verdicts.loc[self.labels, names].to_html(na_rep="–") + known[kept].to_html(
+        columns = ["run_a", "run_b", "quantity", "unit", "total_stretch", "median_a", "median_b"]
+        columns += ["difference_q05", "difference_q95", "standardised"]
+        return verdicts.loc[self.labels, names].to_html(na_rep="–") + known[columns].to_html(
             index=False, float_format=lambda v: f"{v:.4g}", na_rep="–"
         )
 
@@ -234,8 +233,9 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     chosen = thresholds or Thresholds()
     _check(members)
     verdicts = tuple(judged_member(m, chosen) for m in members)
-    found = _side_by_side(members, [v.verdicts for v in verdicts], chosen)
-    return Comparison(found.members, verdicts, *found[1:])
+    return Comparison(
+        verdicts=verdicts, **_side_by_side(members, [v.verdicts for v in verdicts], chosen)
+    )
 
 
 def distances_between(
@@ -256,8 +256,8 @@ def distances_between(
         As :func:`compare`.
     """
     _check(members)
-    found = _side_by_side(members, verdicts, Thresholds())
-    return found.distances, found.notes
+    result = _side_by_side(members, verdicts, Thresholds())
+    return result["distances"], result["notes"]
 
 
 def judged_member(member: Member, thresholds: Thresholds | None = None) -> Identifiability:
@@ -273,20 +273,10 @@ def judged_member(member: Member, thresholds: Thresholds | None = None) -> Ident
     )
 
 
-class _SideBySide(NamedTuple):
-    """What a comparison holds beside the verdicts."""
-
-    members: tuple[Member, ...]
-    derived: tuple[list[Derived], ...]
-    determined: tuple[dict[str, bool], ...]
-    distances: pd.DataFrame
-    stretches: list[float]
-    notes: list[str]
-
-
 def _side_by_side(
     members: Sequence[Member], verdicts: Sequence[Mapping[str, str]], thresholds: Thresholds
-) -> _SideBySide:
+) -> dict[str, Any]:
+    """The fields of a comparison beside the verdicts."""
     stretches = common_stretches(members)
     members = tuple(replace(m, draws=some_draws(m.draws)) for m in members)
     derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)
@@ -298,8 +288,14 @@ def _side_by_side(
         for i, j in combinations(range(len(members)), 2)
         for row in _distances(members, derived, determined, i, j)
     ]
-    notes = differing_settings([(m.label, m.posterior) for m in members])
-    return _SideBySide(members, derived, determined, pd.DataFrame(rows), stretches, notes)
+    return {
+        "members": members,
+        "derived": derived,
+        "determined": determined,
+        "distances": pd.DataFrame(rows),
+        "stretches": stretches,
+        "notes": differing_settings([(m.label, m.posterior) for m in members]),
+    }
 
 
 def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
@@ -321,10 +317,9 @@ def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
 
 def common_stretches(members: Sequence[Member]) -> list[float]:
     """Five total equibiaxial stretches, evenly up to the largest that every run reached."""
-    top = min(largest_equibiaxial(m.draws, m.posterior.specimen) for m in members)
-    if top > 1.005:
-        top = 1.0 + float(np.floor(1e3 * (top - 1.0))) / 1e3
-    return [float(round(v, 6)) for v in 1.0 + (top - 1.0) * np.arange(1, 6) / STRESS_STEPS]
+    return equibiaxial_steps(
+        min(largest_equibiaxial(m.draws, m.posterior.specimen) for m in members)
+    )
 
 
 def _check(members: Sequence[Member]) -> None:
@@ -382,7 +377,7 @@ def _distances(
         head = (first.kind, first.key, first.name, first.unit, first.stretch)
         pairs.append((*head, first.values, second.values))
     for kind, key, name, unit, stretch, of_a, of_b in pairs:
-        found = distance(of_a, of_b)
+        apart = distance(of_a, of_b)
         rows.append(
             {
                 "run_a": a.label,
@@ -395,12 +390,12 @@ def _distances(
                 "determined_in_b": determined[j][key],
                 "median_a": float(np.median(of_a)),
                 "median_b": float(np.median(of_b)),
-                "difference_q05": found.low,
-                "difference_q50": found.median,
-                "difference_q95": found.high,
-                "standardised": found.standardised,
-                "probability_b_greater": found.probability_greater,
-                "kolmogorov": found.kolmogorov,
+                "difference_q05": apart.low,
+                "difference_q50": apart.median,
+                "difference_q95": apart.high,
+                "standardised": apart.standardised,
+                "probability_b_greater": apart.probability_greater,
+                "kolmogorov": apart.kolmogorov,
                 "determined_in_both": determined[i][key] and determined[j][key],
             }
         )

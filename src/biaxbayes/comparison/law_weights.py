@@ -6,7 +6,7 @@ law that fits the whole record best: readings that miss together are no independ
 mixture by the stacking weights is a prediction of stresses, with bands at levels that are learned
 from left-out parts as the weights are; it is no posterior of the mounting
 stretch, which lies where no reading does. What is stated of that is the union of the intervals of
-the laws that foretell the record about as well as the best.
+the laws that predict the record about as well as the best.
 """
 
 from __future__ import annotations
@@ -91,13 +91,13 @@ class LawComparison:
     def __repr__(self) -> str:
         laws = self.table[self.table["law"] != STACKED].sort_values("weight", ascending=False)
         pairs = zip(laws["law"], laws["weight"].to_numpy(dtype=float), strict=True)
-        told = ", ".join(f"{law} {weight:.2f}" for law, weight in pairs if weight > 0.005)
-        return f"LawComparison({self.specimen}: {told})"
+        weights = ", ".join(f"{law} {weight:.2f}" for law, weight in pairs if weight > 0.005)
+        return f"LawComparison({self.specimen}: {weights})"
 
 
 @dataclass(frozen=True)
 class _LeftOut:
-    """How the laws foretell one part.
+    """Predictions of a left-out part by all laws.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class _LeftOut:
 def judged_laws(
     specimen: Specimen,
     options: Mapping[str, Any],
-    found: Mapping[tuple[str, str], Prediction],
+    predictions: Mapping[tuple[str, str], Prediction],
     laws: Sequence[str],
     *,
     probability: float = CONTENT,
@@ -132,7 +132,7 @@ def judged_laws(
     ----------
     options : mapping
         As of the tasks.
-    found : mapping
+    predictions : mapping
         By law and name of the left-out part, :data:`WHOLE` for none.
     laws : sequence of str
         In the order of the table.
@@ -147,10 +147,10 @@ def judged_laws(
     parts = parts_of(specimen)
     names = (WHOLE, *(p.name for p in parts))
     bad = {
-        law: f"{name}: {found[law, name].reason}"
+        law: f"{name}: {predictions[law, name].reason}"
         for name in reversed(names)
         for law in laws
-        if found[law, name].state in UNUSABLE
+        if predictions[law, name].state in UNUSABLE
     }
     used = [law for law in laws if law not in bad]
     if not used:
@@ -159,26 +159,28 @@ def judged_laws(
             + "; ".join(f"{law} ({why})" for law, why in bad.items())
         )
     posteriors = {law: Posterior(specimen, law=law, beta=1.0, **options) for law in used}
-    best = min(used, key=lambda law: found[law, WHOLE].rmse_kPa)
+    best = min(used, key=lambda law: predictions[law, WHOLE].rmse_kPa)
     share = np.ones((len(specimen.protocols), 2))
     if posteriors[best].settings.noise == "effective":
-        readings = effective_readings(found[best, WHOLE].residuals)
+        readings = effective_readings(predictions[best, WHOLE].residuals)
         share = np.minimum(readings.effective / readings.count, 1.0)
-    left = [_left_out(specimen, part, share, used, options, found) for part in parts]
+    left = [_left_out(specimen, part, share, used, options, predictions) for part in parts]
     weight = _weights(left, range(len(left)))
-    draws = mixture_draws(specimen, used, weight, found, posteriors)
-    # the mixture that foretells a part is one that has not seen it
+    draws = mixture_draws(specimen, used, weight, predictions, posteriors)
+    # a part is predicted by a mixture that has not seen it
     blind = [_weights(left, [j for j in range(len(left)) if j != i]) for i in range(len(left))]
     learned = _sharpness(left, weight, range(len(left)))
     levels = calibrated_levels(tails(probability), learned)
-    table = _law_table(specimen, laws, used, found, left, weight, np.array(blind), draws, levels)
+    table = _law_table(
+        specimen, laws, used, predictions, left, weight, np.array(blind), draws, levels
+    )
     return LawComparison(
         specimen.name,
         table,
         _part_table(parts, used, left, weight, blind, probability),
         draws,
-        mixture_bands(specimen, used, weight, found, posteriors, probability, learned),
-        _stated_table(specimen, table, best, found[best, WHOLE].residuals),
+        mixture_bands(specimen, used, weight, predictions, posteriors, probability, learned),
+        _stated_table(specimen, table, best, predictions[best, WHOLE].residuals),
         bad,
     )
 
@@ -206,15 +208,15 @@ def _left_out(
     share: np.ndarray,
     laws: Sequence[str],
     options: Mapping[str, Any],
-    found: Mapping[tuple[str, str], Prediction],
+    predictions: Mapping[tuple[str, str], Prediction],
 ) -> _LeftOut:
     model, sd, density, per_kPa = [], [], [], []
     for law in laws:
-        # single readings are foretold, whatever the posterior averages
+        # single readings are predicted, whatever the posterior averages
         each = {**options, "thin": ALL_ROWS}
         posterior = Posterior(only(specimen, part), law=law, beta=1.0, **each)
         measured, forward = posterior.rows, posterior.forward
-        table = found[law, part.name].draws
+        table = predictions[law, part.name].draws
         load, spread = forward.predict_rows(table, measured)
         with np.errstate(over="ignore", invalid="ignore"):
             pointwise = log_likelihood(load, spread, measured.load, measured.scatter)
@@ -256,7 +258,7 @@ def _law_table(
     specimen: Specimen,
     laws: Sequence[str],
     used: Sequence[str],
-    found: Mapping[tuple[str, str], Prediction],
+    predictions: Mapping[tuple[str, str], Prediction],
     left: Sequence[_LeftOut],
     weight: np.ndarray,
     blind: np.ndarray,
@@ -266,7 +268,7 @@ def _law_table(
     sizes = np.array([part.measured.size for part in left], dtype=float)
     rows = []
     for law in laws:
-        whole = found[law, WHOLE]
+        whole = predictions[law, WHOLE]
         row: dict[str, Any] = {"law": law, "state": whole.state, "rms": whole.rmse_kPa}
         if law in used:
             k = used.index(law)
@@ -354,7 +356,7 @@ STATED_COLUMNS = ("quantity", "stated_low", "stated_high", "stated_reason")
 def _stated_table(
     specimen: Specimen, table: pd.DataFrame, best: str, residuals: Sequence[np.ndarray]
 ) -> pd.DataFrame:
-    """What is stated of each mounting stretch by the laws that foretell the record alike."""
+    """Mounting stretches from the laws that predict the record about as well as the best."""
     names = mounting_names("stretch")
     laws = table[(table["law"] != STACKED) & table["left_out_density"].notna()].set_index("law")
     if f"{names[0]}_q50" not in laws:

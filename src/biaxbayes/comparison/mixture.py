@@ -24,14 +24,14 @@ def mixture_draws(
     specimen: Specimen,
     laws: Sequence[str],
     weight: np.ndarray,
-    found: Mapping[tuple[str, str], Prediction],
+    predictions: Mapping[tuple[str, str], Prediction],
     posteriors: Mapping[str, Posterior],
 ) -> pd.DataFrame:
     """Draws of every law by its weight, with what all laws share.
 
     Parameters
     ----------
-    specimen, laws, weight, found, posteriors
+    specimen, laws, weight, predictions, posteriors
         As of :func:`mixture_bands`.
 
     Returns
@@ -42,7 +42,7 @@ def mixture_draws(
     """
     tables = []
     for law, count in zip(laws, np.round(weight * KEPT_DRAWS).astype(int), strict=True):
-        table = found[law, WHOLE].draws
+        table = predictions[law, WHOLE].draws
         table = table.iloc[evenly_chosen(len(table), max(int(count), 1))] if count else table[:0]
         if table.empty:
             continue
@@ -68,7 +68,7 @@ def mixture_bands(
     specimen: Specimen,
     used: Sequence[str],
     weight: np.ndarray,
-    found: Mapping[tuple[str, str], Prediction],
+    predictions: Mapping[tuple[str, str], Prediction],
     posteriors: Mapping[str, Posterior],
     probability: float,
     sharpness: float,
@@ -83,7 +83,7 @@ def mixture_bands(
     used : sequence of str
         Laws of the mixture.
     weight : ndarray, shape (laws,)
-    found : mapping
+    predictions : mapping
         By law and name of the left-out part.
     posteriors : mapping
         By law.
@@ -100,7 +100,7 @@ def mixture_bands(
     """
     model, sd = [], []
     for law in used:
-        table = found[law, WHOLE].draws
+        table = predictions[law, WHOLE].draws
         table = table.iloc[evenly_chosen(len(table), BAND_DRAWS)]
         measured = posteriors[law].rows
         load, spread = posteriors[law].forward.predict_rows(table, measured)

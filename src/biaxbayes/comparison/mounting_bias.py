@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from biaxbayes.comparison.distance import equibiaxial_steps
 from biaxbayes.errors import InputError
 from biaxbayes.identifiability.determined import (
     derived_quantities,
@@ -41,7 +42,6 @@ __all__ = [
 
 TREATMENTS = ("inferred", "ignored", "zeroed")
 MOST_DRAWS = 20_000
-STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -102,14 +102,16 @@ class Ledger:
         return self.table[self.table["total_stretch"].notna()]
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{name} {state}" for name, state in self.states.items())
-        return f"Ledger({told}; {len(self.parameters)} parameters, {len(self.stresses)} stresses)"
+        states = ", ".join(f"{name} {state}" for name, state in self.states.items())
+        return f"Ledger({states}; {len(self.parameters)} parameters, {len(self.stresses)} stresses)"
 
     def _repr_html_(self) -> str:
         """Medians of the three treatments, for notebooks."""
-        kept = ["quantity", "unit", "total_stretch", "inferred_median", "ignored_median"]
-        kept += ["shift_ignored_sd", "zeroed_median", "shift_zeroed_sd"]
-        return self.table[kept].to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
+        columns = ["quantity", "unit", "total_stretch", "inferred_median", "ignored_median"]
+        columns += ["shift_ignored_sd", "zeroed_median", "shift_zeroed_sd"]
+        return self.table[columns].to_html(
+            index=False, float_format=lambda v: f"{v:.4g}", na_rep="–"
+        )
 
 
 def treat(
@@ -129,9 +131,9 @@ def treat(
     progress : callable
     """
     posterior = prepare(specimen, **options, seed=plan.seed)
-    found = draw_posterior(posterior, plan, progress=progress)
-    draws = pd.DataFrame({name: q.ravel() for name, q in found.quantities.items()})
-    return Treated(posterior, draws, found.convergence.state)
+    drawn = draw_posterior(posterior, plan, progress=progress)
+    draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
+    return Treated(posterior, draws, drawn.convergence.state)
 
 
 def classical(options: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -197,9 +199,7 @@ def ledger(treated: Mapping[str, Treated], stretches: Sequence[float] | None = N
 
 def default_stretches(inferred: Treated) -> list[float]:
     """Five total equibiaxial stretches, evenly up to the largest tested one."""
-    top = largest_equibiaxial(inferred.draws, inferred.posterior.specimen)
-    top = 1.0 + np.floor(1e3 * (top - 1.0)) / 1e3 if top > 1.005 else top
-    return [float(round(v, 6)) for v in 1.0 + (top - 1.0) * np.arange(1, STEPS + 1) / STEPS]
+    return equibiaxial_steps(largest_equibiaxial(inferred.draws, inferred.posterior.specimen))
 
 
 def _checked(stretches: Sequence[float]) -> list[float]:
@@ -244,19 +244,19 @@ def _stress_rows(
     treated: Mapping[str, Treated], draws: Mapping[str, pd.DataFrame], stretches: Sequence[float]
 ) -> list[dict[str, Any]]:
     law = treated["inferred"].posterior.law
-    found = {
+    stresses = {
         name: derived_quantities(frame, law, stretches, tensor=False)
         for name, frame in draws.items()
     }
     rows = []
-    for i, quantity in enumerate(found["inferred"]):
+    for i, quantity in enumerate(stresses["inferred"]):
         row: dict[str, Any] = {
             "quantity": quantity.name,
             "unit": "kPa",
             "total_stretch": quantity.stretch,
             "scale": quantity.name,
         }
-        rows.append(row | _compared({name: found[name][i].values for name in TREATMENTS}, None))
+        rows.append(row | _compared({name: stresses[name][i].values for name in TREATMENTS}, None))
     return rows
 
 

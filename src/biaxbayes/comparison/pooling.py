@@ -1,7 +1,7 @@
-"""Predictive densities of several models pooled into one, by what they foretold.
+"""Predictive densities of several models pooled into one, by their left-out predictions.
 
 Stacking (Yao, Vehtari, Simpson, Gelman, Bayesian Anal. 13 (2018) 917) chooses the mixture of
-predictive densities that foretells left-out readings best. With p_ki the density that model k gives
+predictive densities that predicts left-out readings best. With p_ki the density that model k gives
 to reading i, b_i what the reading is worth, and a Dirichlet prior (a, ..., a) towards equal
 weights,
 
@@ -38,7 +38,7 @@ _STEPS, _TOLERANCE = 20_000, 1e-10
 
 
 def stacking_weights(log_density: np.ndarray, worth: np.ndarray) -> np.ndarray:
-    """Weights of the mixture that foretells left-out readings best.
+    """Weights of the mixture that predicts left-out readings best.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def mixed_percentiles(
     )
 
 
-# --- bands that hold what they say ---------------------------------------------------------------
+# --- calibrated bands ----------------------------------------------------------------------------
 
 SHARPNESS_LOG_SD = 0.25
 """Of the prior of c about 1, set with the aorta and the valve of the documentation in sight: parts
@@ -194,8 +194,8 @@ def sharpness(probability: np.ndarray, worth: np.ndarray) -> float:
         return float(prior - (c - 1.0) * logs + total * betaln(c, c))
 
     bounds = (np.log(LEAST_SHARPNESS), np.log(LARGEST_SHARPNESS))
-    found = minimize_scalar(minus_log_density, bounds=bounds, method="bounded")
-    return float(np.exp(found.x))
+    optimum = minimize_scalar(minus_log_density, bounds=bounds, method="bounded")
+    return float(np.exp(optimum.x))
 
 
 def calibrated_levels(levels: tuple[float, ...], sharpness: float) -> tuple[float, ...]:

@@ -88,7 +88,7 @@ class Prior:
             raise ValueError("low must be positive")
 
     @classmethod
-    def stated(cls, family: str, first: float, second: float) -> Prior:
+    def from_numbers(cls, family: str, first: float, second: float) -> Prior:
         """A prior from its two numbers: location and scale, or low and high."""
         if family in ("uniform", "loguniform"):
             return cls(family, low=first, high=second)
@@ -240,7 +240,7 @@ def default_priors(
     file states from an image replaces its prior.
     """
     priors: dict[str, Prior | float | Tie] = {
-        p.name: Prior.stated(*p.prior) for p in law.parameters if p.prior is not None
+        p.name: Prior.from_numbers(*p.prior) for p in law.parameters if p.prior is not None
     }
     priors[NOISE_SD.name] = Prior(
         "lognormal", 0.005 * specimen.peak_load, 1.5, low=specimen.load_resolution

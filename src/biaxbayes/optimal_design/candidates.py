@@ -1,7 +1,7 @@
 """What could be measured next: a further protocol, a histology slide, an image of the mounting.
 
 A candidate simulates outcomes from draws of the posterior, each with its own material, mounted
-state and noise, and tells how probable an outcome is for any other draw.
+state and noise, and gives the probability of an outcome for any other draw.
 """
 
 from __future__ import annotations
@@ -265,12 +265,12 @@ def standard_candidates(
     ends = [np.array([p.stretch_x[-1], p.stretch_y[-1]]) - 1.0 for p in specimen.protocols]
     top = np.max([[p.stretch_x.max(), p.stretch_y.max()] for p in specimen.protocols], axis=0) - 1.0
     rows = int(np.mean([p.rows - p.rest_rows for p in specimen.protocols]))
-    beta, kept = posterior.beta, min(rows, MOST_ROWS)
+    beta, rows_planned = posterior.beta, min(rows, MOST_ROWS)
     mounting_sd = specimen.noise_sd if settings.mounting in ("noisy", "free") else 0.0
 
     def protocol(name: str, end: np.ndarray) -> FurtherProtocol:
-        path = 1.0 + np.linspace(0.0, 1.0, kept + 1)[:, None] * end
-        weight = min(1.0, beta * rows / kept)
+        path = 1.0 + np.linspace(0.0, 1.0, rows_planned + 1)[:, None] * end
+        weight = min(1.0, beta * rows / rows_planned)
         shared = settings.mounting_stretch == "shared"
         law = settings.material_law
         return FurtherProtocol(name, specimen, path, weight, mounting_sd, law, shared)

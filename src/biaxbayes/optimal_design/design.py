@@ -178,9 +178,9 @@ def design(
     work = partial(
         _expect_one, draws=draws, quantities=quantities, outcomes=outcomes, posterior=posterior
     )
-    told = _each(chosen, work, seed, executor or InThisProcess(), progress)
-    found = [(e, c) for e, c in zip(told, chosen, strict=True) if e is not None]
-    skipped = [c.name for e, c in zip(told, chosen, strict=True) if e is None]
+    expected = _each(chosen, work, seed, executor or InThisProcess(), progress)
+    ranked = [(e, c) for e, c in zip(expected, chosen, strict=True) if e is not None]
+    skipped = [c.name for e, c in zip(expected, chosen, strict=True) if e is None]
     names = tuple(quantities)
 
     wanted = [n in posterior.law.names if rank_by == "parameters" else n == rank_by for n in names]
@@ -190,14 +190,14 @@ def design(
         # Where all material parameters are fixed there is the information alone.
         return -float(expected.reduction[wanted].mean() if any(wanted) else expected.gain)
 
-    found.sort(key=rank)
+    ranked.sort(key=rank)
     return Design(
         names,
-        tuple(e for e, _ in found),
+        tuple(e for e, _ in ranked),
         tuple(skipped),
-        tuple(c for _, c in found),
+        tuple(c for _, c in ranked),
         posterior.quantities,
-        tuple(_peak(c, posterior.specimen, draws) for _, c in found),
+        tuple(_peak(c, posterior.specimen, draws) for _, c in ranked),
     )
 
 
@@ -221,14 +221,14 @@ def _each(
 ) -> list[Expected | None]:
     """What each candidate is expected to bring, in their order."""
     tasks = [(candidate, [seed, number]) for number, candidate in enumerate(candidates)]
-    told: list[Expected | None] = [None] * len(tasks)
+    expected: list[Expected | None] = [None] * len(tasks)
     progress(Progress("simulating outcomes"))
     for done, outcome in enumerate(executor.run(work, tasks), start=1):
         if outcome.lost:
             raise RunError(f"candidate {candidates[outcome.index].name}: {outcome.lost}")
-        told[outcome.index] = outcome.value
+        expected[outcome.index] = outcome.value
         progress(Progress("simulating outcomes", done / len(tasks)))
-    return told
+    return expected
 
 
 def _expect_one(

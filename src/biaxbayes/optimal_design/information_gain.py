@@ -4,7 +4,7 @@ A precise measurement leaves hardly any of the draws of a run with weight. Its p
 
     p(x | data, y) = p(x | data) L(y | x) / Z(y),
 
-is found from them all the same: the reweighted draws, tempered so that enough of them count, give a
+follows from them nevertheless: the reweighted draws, tempered so that enough of them count, give a
 first proposal, and population Monte Carlo
 (:mod:`biaxbayes.sampling.population_monte_carlo`) carries it to the density. The last population
 gives the spread of every quantity and, by its mean weight, Z(y).
@@ -139,17 +139,17 @@ class OutcomePosterior:
         known = np.where(self._regular, log_weight, -np.inf)
         tempered = np.where(np.isfinite(known), tempering(known) * log_weight, -np.inf)
         try:
-            _, x, found = explore(
+            _, x, log_weights = explore(
                 log_density, self._fitted(tempered, rng), self._bounds, rng, POPULATION, COMPONENTS
             )
         except NotConverged:
             return None
-        inside = np.isfinite(found)
+        inside = np.isfinite(log_weights)
         table = pd.DataFrame(self.posterior.natural(x[inside]))
         values = targets(self.posterior, table, self.stretch)
         columns = np.column_stack([values[name] for name in self.quantities])
-        sd, effective = weighted_spread(found[None, inside], columns)
-        log_evidence = float(log_mean(found)) - self._normaliser(rng)
+        sd, effective = weighted_spread(log_weights[None, inside], columns)
+        log_evidence = float(log_mean(log_weights)) - self._normaliser(rng)
         return Sharpened(sd[0], log_evidence, float(effective[0]))
 
     def _fitted(self, log_weight: np.ndarray, rng: np.random.Generator) -> MixtureProposal:
@@ -166,8 +166,10 @@ class OutcomePosterior:
         if self._log_normaliser is None:
             equal = np.where(self._regular, 0.0, -np.inf)
             first = self._fitted(equal, rng)
-            _, _, found = explore(self.posterior.log_prob, first, self._bounds, rng, 8 * POPULATION)
-            self._log_normaliser = float(log_mean(found))
+            _, _, log_weights = explore(
+                self.posterior.log_prob, first, self._bounds, rng, 8 * POPULATION
+            )
+            self._log_normaliser = float(log_mean(log_weights))
         return self._log_normaliser
 
 
@@ -264,14 +266,16 @@ def expect(
     simulated = candidate.outcomes(draws.iloc[outer], rng)
     log_weight = candidate.log_likelihood(simulated, draws.iloc[inner])
     own = np.diag(candidate.log_likelihood(simulated, draws.iloc[outer]))
-    told = _reweighted(log_weight, own, values[inner])
-    if posterior is not None and told.few > SOME_SHARE and len(posterior.mounts) <= 1:
+    by_outcome = _reweighted(log_weight, own, values[inner])
+    if posterior is not None and by_outcome.few > SOME_SHARE and len(posterior.mounts) <= 1:
         # That of all draws, as in the names of the quantities.
         stretch = largest_equibiaxial(draws, posterior.specimen)
         names = tuple(quantities)
         after = OutcomePosterior(posterior, candidate, draws.iloc[inner], names, stretch)
-        told = _sharpened(told, after, simulated, log_weight, own, values[inner].std(axis=0), rng)
-    return told.summed_up(candidate.name, _linear_reduction(*response, values[inner]))
+        by_outcome = _sharpened(
+            by_outcome, after, simulated, log_weight, own, values[inner].std(axis=0), rng
+        )
+    return by_outcome.summed_up(candidate.name, _linear_reduction(*response, values[inner]))
 
 
 @dataclass(frozen=True)
@@ -300,7 +304,7 @@ class _ByOutcome:
 
     def summed_up(self, name: str, at_least: np.ndarray) -> Expected:
         """Means over the outcomes, with their errors."""
-        # The error has a part from the outcomes and one from the draws, told by blocks of them.
+        # The error has a part from the outcomes and one from the draws, estimated by blocks.
         blocks = self.block_ratio.mean(axis=1)
         from_draws = blocks.std(axis=0, ddof=1) / np.sqrt(BLOCKS)
         # A bias that falls with the number of draws is BLOCKS times as large in one (jackknife).
@@ -333,7 +337,7 @@ def _reweighted(log_weight: np.ndarray, own: np.ndarray, values: np.ndarray) -> 
 
 
 def _sharpened(
-    told: _ByOutcome,
+    by_outcome: _ByOutcome,
     after: OutcomePosterior,
     simulated: np.ndarray,
     log_weight: np.ndarray,
@@ -343,21 +347,21 @@ def _sharpened(
 ) -> _ByOutcome:
     """The first outcomes alone, with new draws for those that left too few."""
     few = slice(0, SHARPENED)
-    kept = _ByOutcome(
-        told.ratio[few],
-        told.gain[few],
-        told.effective[few],
-        told.block_ratio[:, few],
-        told.block_gain[:, few],
+    first = _ByOutcome(
+        by_outcome.ratio[few],
+        by_outcome.gain[few],
+        by_outcome.effective[few],
+        by_outcome.block_ratio[:, few],
+        by_outcome.block_gain[:, few],
     )
-    for j in np.flatnonzero(kept.effective < SPARSE):
-        found = after.after(simulated[j], log_weight[j], rng)
-        if found is None or found.effective <= kept.effective[j]:
+    for j in np.flatnonzero(first.effective < SPARSE):
+        posterior = after.after(simulated[j], log_weight[j], rng)
+        if posterior is None or posterior.effective <= first.effective[j]:
             continue
-        kept.ratio[j] = kept.block_ratio[:, j] = found.sd / sd
-        kept.gain[j] = kept.block_gain[:, j] = own[j] - found.log_evidence
-        kept.effective[j] = found.effective
-    return kept
+        first.ratio[j] = first.block_ratio[:, j] = posterior.sd / sd
+        first.gain[j] = first.block_gain[:, j] = own[j] - posterior.log_evidence
+        first.effective[j] = posterior.effective
+    return first
 
 
 def _error(values: np.ndarray) -> Any:

@@ -12,7 +12,7 @@ from biaxbayes.options import Settings
 from biaxbayes.prediction.bands import compared_protocols, evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["checks_in_words", "misfit", "misfit_in_words", "path_warnings", "predictive_checks"]
+__all__ = ["checks_in_words", "misfit_in_words", "path_warnings", "predictive_checks"]
 
 
 # --- what the model misses: its errors beside the load cell's noise -------------------------------
@@ -23,16 +23,22 @@ BLOCK = 500_000
 SMOOTH = -3.0
 """Runs fewer than expected by this many standard deviations are no accident."""
 TAILS = (0.05, 0.95)
+MISSES = 0.05
+"""Share of the peak load beyond which a miss matters to whoever uses the parameters."""
+NOISE = 4.0
+"""Noise sds of one reading that a largest miss of some hundred readings may have by chance."""
+FEW_INSIDE = 0.8
+"""Share of readings inside a 90 % predictive band, below which the band is too narrow."""
 
 
-def misfit(
+def predictive_checks(
     specimen: Specimen,
     draws: pd.DataFrame,
     *,
     settings: Settings | None = None,
     max_draws: int = 200,
 ) -> pd.DataFrame:
-    """Posterior predictive check of every curve.
+    """Compare every curve with the median model and the predictive band.
 
     Parameters
     ----------
@@ -53,7 +59,9 @@ def misfit(
         ``noise`` (of the load cell), ``autocorrelation`` (of neighbouring residuals), ``runs``
         of one sign, ``expected_runs`` and ``runs_z`` (in standard deviations of independent
         errors), ``inside`` (share of the readings inside their own 90 % predictive
-        band). A Cauchy file is compared as nominal stress.
+        band), ``share`` (largest miss over the largest load of the protocol, both directions) and
+        ``verdict``: ``noise`` (no more than the load cell's), ``small`` (more, but below 5 % of
+        the peak), ``misses``. A Cauchy file is compared as nominal stress.
     """
     settings = settings or Settings()
     chosen = draws.iloc[evenly_chosen(len(draws), max_draws)]
@@ -92,7 +100,14 @@ def misfit(
                     "inside": float(np.mean((share >= TAILS[0]) & (share <= TAILS[1]))),
                 }
             )
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows)
+    if table.empty:
+        return table.assign(share=[], verdict=[])
+    peak = table.groupby("protocol")["peak"].transform("max").clip(lower=1e-300)
+    relative = table["largest"].abs() / peak
+    within = (table["largest"].abs() <= NOISE * table["noise"]) & (table["runs_z"] >= SMOOTH)
+    verdict = np.where(within, "noise", np.where(relative > MISSES, "misses", "small"))
+    return table.assign(share=relative, verdict=verdict)
 
 
 def _randomness(residual: np.ndarray) -> dict[str, float]:
@@ -119,7 +134,7 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
     Parameters
     ----------
     table : DataFrame
-        From :func:`misfit`.
+        From :func:`predictive_checks`.
     """
     if table.empty:
         return ["There are no readings beyond the mounted state to check the model with."]
@@ -159,44 +174,6 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
 
 
 # --- posterior predictive checks in words: for which tested paths the model must not be used -----
-
-
-MISSES = 0.05
-"""Share of the peak load beyond which a miss matters to whoever uses the parameters."""
-NOISE = 4.0
-"""Noise sds of one reading that a largest miss of some hundred readings may have by chance."""
-FEW_INSIDE = 0.8
-"""Share of readings inside a 90 % predictive band, below which the band is too narrow."""
-
-
-def predictive_checks(
-    specimen: Specimen, draws: pd.DataFrame, *, settings: Settings | None = None
-) -> pd.DataFrame:
-    """Check every curve against the median model and the predictive band.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    draws : DataFrame
-        One row a draw, columns as in ``summary.csv``.
-    settings : Settings, optional
-        Those of the run.
-
-    Returns
-    -------
-    DataFrame
-        That of :func:`misfit` with ``share`` (largest miss over the
-        largest load of the protocol, both directions) and ``verdict``: ``noise`` (no more than
-        the load cell's), ``small`` (more, but below 5 % of the peak), ``misses``.
-    """
-    table = misfit(specimen, draws, settings=settings)
-    if table.empty:
-        return table.assign(share=[], verdict=[])
-    peak = table.groupby("protocol")["peak"].transform("max").clip(lower=1e-300)
-    share = table["largest"].abs() / peak
-    within = (table["largest"].abs() <= NOISE * table["noise"]) & (table["runs_z"] >= SMOOTH)
-    verdict = np.where(within, "noise", np.where(share > MISSES, "misses", "small"))
-    return table.assign(share=share, verdict=verdict)
 
 
 def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
