@@ -1,0 +1,68 @@
+"""The forward model against the compiled density and against loads computed by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import norm
+
+from biaxbayes.laws.goh import GOH
+from biaxbayes.model.forward import ForwardModel
+from biaxbayes.model.posterior import Posterior
+from goh_functions import GOH_LAW
+from quick_posteriors import specimen
+
+MATERIAL = {"C1": 9.0, "k1": 20.0, "k2": 4.0, "alpha": 42.0, "kappa": 0.15}
+
+
+def measured(geometry: str = "unloaded"):
+    made = specimen(GOH(*MATERIAL.values()), noise_N=0.002, increments=30)
+    known = {"edge_sd_mm": "0.5", "thickness_sd_mm": "0.05", "load_offset_sd_N": "0.01"}
+    return replace(made, geometry=geometry, metadata={**made.metadata, **known})
+
+
+def values_of(posterior: Posterior) -> dict[str, float]:
+    at = {**MATERIAL, "noise_sd": 0.003, "noise_growth": 0.05, "thickness": 0.9}
+    at |= {"edge_x": 1.05, "edge_y": 0.97, "load_offset_x": 0.02, "load_offset_y": -0.015}
+    shift = iter(np.linspace(0.0, 0.02, len(posterior.free)))
+    return {n: at[n] if n in at else 1.01 + next(shift) for n in posterior.free}
+
+
+@pytest.mark.parametrize("mounting_stretch", ["shared", "per-protocol"])
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_readings_have_the_likelihood_of_the_compiled_density(geometry, mounting_stretch):
+    """An error grows with the load that the material carries, without the zero of the cell."""
+    posterior = Posterior(
+        measured(geometry),
+        mounting="free",
+        noise="independent",
+        noise_growth=True,
+        mounting_stretch=mounting_stretch,
+    )
+    natural = posterior.natural(posterior.coordinates(values_of(posterior)))
+    rows = posterior.rows
+    mean, sd = posterior.forward.predict_rows(natural, rows)
+    total = norm.logpdf(rows.load, mean[0], sd[0]).sum()
+    assert total == pytest.approx(float(natural["log_likelihood"][0]), rel=1e-9)
+
+
+def test_loads_are_stress_times_section_in_either_geometry():
+    table = pd.DataFrame([{**MATERIAL, "mounting_stretch_x": 1.1, "mounting_stretch_y": 1.2}] * 3)
+    table["edge_y"], table["thickness"] = [1.0, 1.1, 1.0], [1.0, 1.0, 0.8]
+    stretch = np.array([[1.0, 1.0], [1.1, 1.05]])
+    for geometry in ("unloaded", "mounted"):
+        made = measured(geometry)
+        load = ForwardModel.from_specimen(made, GOH_LAW).load(table, stretch)
+        stress = np.column_stack(GOH(*MATERIAL.values()).cauchy(*(stretch * [1.1, 1.2]).T))
+        sections = made.edge_y_mm * made.thickness_mm, made.edge_x_mm * made.thickness_mm
+        factors = np.array([[1.0, 1.0], [1.1, 1.0], [0.8, 0.8]])[:, None]
+        by_hand = stress * sections * 1e-3 / stretch * factors
+        if geometry == "unloaded":
+            by_hand = by_hand / [1.1, 1.2]
+        np.testing.assert_allclose(load, by_hand, rtol=1e-12)
+        np.testing.assert_allclose(
+            ForwardModel.from_specimen(made, GOH_LAW).mounting_load(table), load[:, 0], rtol=1e-12
+        )
