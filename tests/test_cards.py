@@ -11,7 +11,8 @@ import pytest
 from biaxbayes.cards import export
 from biaxbayes.cards.abaqus import read_abaqus, write_abaqus
 from biaxbayes.cards.card import UNIT_SYSTEMS, Card, exportable, plain_text, safe_label
-from biaxbayes.cards.export import MANIFEST, biaxial_stress, export_cards, relative_deviation
+from biaxbayes.cards.check import biaxial_stress, relative_deviation
+from biaxbayes.cards.export import MANIFEST, export_cards
 from biaxbayes.cards.febio import read_febio, write_febio
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws import law_named

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from biaxbayes.cards.abaqus import read_abaqus
-from biaxbayes.cards.export import biaxial_stress
+from biaxbayes.cards.check import biaxial_stress
 from biaxbayes.cards.febio import read_febio
 from biaxbayes.cli import main
 from biaxbayes.laws.published import MATERIALS

@@ -1,9 +1,4 @@
-"""Posterior draws to a folder of material cards, each checked after it was written.
-
-The card is read back from its text and the program's own strain energy is evaluated in three
-dimensions, differentiated by complex steps, with the pressure from plane stress: a route that
-shares nothing with :mod:`biaxbayes.laws.goh`.
-"""
+"""Posterior draws to a folder of material cards, each checked after it was written."""
 
 from __future__ import annotations
 
@@ -18,6 +13,7 @@ import pandas as pd
 from biaxbayes import __version__
 from biaxbayes.cards import abaqus, febio
 from biaxbayes.cards.card import Card, exportable, safe_label, unit_system
+from biaxbayes.cards.check import relative_deviation
 from biaxbayes.cards.febio import MIXTURES
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.laws.dispersed_fibres import fibre_strain
@@ -27,92 +23,6 @@ from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, write_csv
-
-# --- the check that a written card gives the stress of the draw it was made from -----------------
-
-
-STEP = 1e-30
-
-
-def biaxial_stress(
-    energy: Callable[[np.ndarray], np.ndarray], stretch_x, stretch_y
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cauchy stresses of an incompressible planar biaxial state of an energy of F.
-
-    Parameters
-    ----------
-    energy : callable
-        Strain energy of deformation gradients of shape (n, 3, 3), complex.
-    stretch_x, stretch_y : array_like, shape (n,)
-        Total stretches.
-
-    Returns
-    -------
-    (ndarray, ndarray), shape (n,)
-        In the stress unit of the energy.
-
-    Raises
-    ------
-    ArithmeticError
-        If the state needs a shear stress: the card is not symmetric about the axes.
-    """
-    x, y = np.atleast_1d(stretch_x).astype(float), np.atleast_1d(stretch_y).astype(float)
-    F = np.zeros((x.size, 3, 3))
-    F[:, 0, 0], F[:, 1, 1], F[:, 2, 2] = x, y, 1.0 / (x * y)
-    P = np.empty_like(F)
-    for i in range(3):
-        for j in range(3):
-            moved = F.astype(complex)
-            moved[:, i, j] += 1j * STEP
-            # P_ij = dU/dF_ij
-            P[:, i, j] = energy(moved).imag / STEP
-    # s = P F^T / J, less the pressure that frees the faces: s_zz = 0
-    s = P @ np.swapaxes(F, -1, -2)
-    s = s - s[:, 2, 2, None, None] * np.eye(3)
-    off = np.abs(s - s * np.eye(3)).max(initial=0.0)
-    if off > 1e-9 * np.abs(s).max(initial=1e-300):
-        raise ArithmeticError("the card needs a shear stress in a state without shear")
-    return s[:, 0, 0], s[:, 1, 1]
-
-
-def relative_deviation(
-    energy: Callable[[np.ndarray], np.ndarray],
-    per_kPa: float,
-    material: MaterialResponse,
-    stretch_x: np.ndarray,
-    stretch_y: np.ndarray,
-) -> float:
-    """Largest deviation of a card's stress from the draw's, relative to the state's stress.
-
-    Parameters
-    ----------
-    energy : callable
-        Of the card, in its units.
-    per_kPa : float
-        The card's number for 1 kPa.
-    material : GOH or StatedMaterial
-        The draw, without any change made for export. GOH is compared with the fibre switch, which
-        both programs have.
-    stretch_x, stretch_y : ndarray, shape (n,)
-        Total stretches; states with less than a millionth of the largest stress are left out.
-
-    Returns
-    -------
-    float
-    """
-    card = np.array(biaxial_stress(energy, stretch_x, stretch_y)) / per_kPa
-    if isinstance(material, GOH):
-        material = replace(material, fibre_switch=True)
-    ours = np.array(material.cauchy(np.asarray(stretch_x), np.asarray(stretch_y)))
-    size = np.abs(ours).max(axis=0)
-    counted = size > 1e-6 * size.max(initial=0.0)
-    if not counted.any():
-        return 0.0
-    return float((np.abs(card - ours).max(axis=0)[counted] / size[counted]).max())
-
-
-# --- posterior draws to a folder of material cards, each checked after it was written ------------
-
 
 Writer = Callable[[Card, str], str]
 Reader = Callable[[str], abaqus.AbaqusCard | febio.FebioCard]
@@ -149,7 +59,7 @@ def export_cards(
     origin: str = "posterior draw",
     overwrite: bool = False,
 ) -> pd.DataFrame:
-    """Write one material card a draw, a manifest, and check every card.
+    """Write one material card per draw and a manifest, and check every card.
 
     Parameters
     ----------
@@ -292,7 +202,7 @@ def _fibre_switch(fitted: GOH, states: np.ndarray) -> tuple[float, float, tuple[
     E = fibre_strain(fitted.constants, X, Y, 1.0 / (X * Y))
     smallest = float(E.min())
     switch = (
-        "Fibre switch: fibres carry no load at E < 0 in this program and in the fit alike."
+        "Fibre switch: fibres carry no load at E < 0, neither in this program nor in the fit."
         if fitted.fibre_switch
         else "Fibre switch: this program drops the fibre term at E < 0; the fit does not "
         "(Eq. 5 of its paper has no switch)."

@@ -140,8 +140,8 @@ MIXTURES = {
             "Strain energy (isochoric I1, In): Psi = c/2 (I1 - 3) + U(J)",
             "  + sum k1/(4 k2) (exp(k2 <In - 1>^2) - 1), fibres along x, y and both diagonals",
             "ksi is k1/2 and alpha (of FEBio) is k2 of the fit; beta = 2. Fibres carry no load in "
-            "compression, in this program and in the fit alike. Each fiber vector is given in the "
-            "material axes of the mixture.",
+            "compression, neither in this program nor in the fit. Each fiber vector is given in "
+            "the material axes of the mixture.",
             AXES.format("mixture's mat_axis"),
         ),
     ),
