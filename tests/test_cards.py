@@ -215,7 +215,7 @@ def test_the_axes_of_a_mixture_turn_all_its_parts(tmp_path):
     [
         ("fung", "abaqus", "no neo-Hookean part, and c0 is above zero here; export it to febio"),
         ("four-fibre", "abaqus", "no card of the law four-fibre for abaqus; export it to febio"),
-        ("may-newman", "febio", "no card of the law may-newman for febio; export a run of --law"),
+        ("may-newman", "febio", "no card of the law may-newman for febio; export a run of `law`"),
     ],
 )
 def test_laws_that_a_program_does_not_have(law, program, message, tmp_path):
