@@ -13,6 +13,7 @@ from biaxbayes.cli import main
 from biaxbayes.errors import InputError, TaredSpecimen
 from biaxbayes.figures.fits import fits_figure
 from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all
 from biaxbayes.fitting.least_squares import descend
 from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, GivenMounting, readings
@@ -20,7 +21,6 @@ from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import mounted_state
 from biaxbayes.mechanics.virtual_test import virtual_test
-from biaxbayes.model.effective_readings import effective_readings
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.parameters import mounting_names
 from biaxbayes.sampling.sampler import Plan

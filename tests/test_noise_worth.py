@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from biaxbayes.model.effective_readings import effective_readings, misses_smoothly
+from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
 
 
 def test_independent_errors_keep_their_worth():

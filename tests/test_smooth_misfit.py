@@ -3,12 +3,12 @@
 import numpy as np
 
 from biaxbayes.fitting.constrained import fit_setup, minimum, starting_points
+from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.law_fit import fit_law
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
 from biaxbayes.mechanics.virtual_test import smooth_misfit as drawn_misfit
 from biaxbayes.mechanics.virtual_test import virtual_test
-from biaxbayes.model.effective_readings import effective_readings
 from biaxbayes.specimens.specimen import Protocol, Specimen
 
 MATERIAL = GOH(8.0, 12.0, 4.0, 40.0, 0.12)

@@ -29,11 +29,6 @@ def mixture_draws(
 ) -> pd.DataFrame:
     """Draws of every law by its weight, with what all laws share.
 
-    Parameters
-    ----------
-    specimen, laws, weight, predictions, posteriors
-        As of :func:`mixture_bands`.
-
     Returns
     -------
     DataFrame

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.errors import InputError, TaredSpecimen
+from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
 from biaxbayes.fitting.residuals import (
     BalancedMounting,
@@ -30,7 +31,6 @@ from biaxbayes.fitting.starting_points import held_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
-from biaxbayes.model.effective_readings import effective_readings
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 

@@ -22,10 +22,10 @@ from biaxbayes.fitting.constrained import (
     result_of,
     starting_points,
 )
+from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, mounting_roots
 from biaxbayes.fitting.smooth_misfit import pseudo_inverse, smooth_misfit
 from biaxbayes.laws import law_named
-from biaxbayes.model.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.options import FitOptions
 from biaxbayes.specimens.specimen import Specimen
 

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.fitting.effective_readings import EffectiveReadings
 from biaxbayes.laws import law_named
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density as kernel
-from biaxbayes.model.effective_readings import EffectiveReadings
 from biaxbayes.model.forward import ForwardModel, MeasuredRows
 from biaxbayes.model.layout import (
     Assembly,

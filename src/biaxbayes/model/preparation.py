@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from biaxbayes.fitting.effective_readings import EffectiveReadings, effective_readings
 from biaxbayes.fitting.fit import constrained_fit
 from biaxbayes.fitting.result import FitResult
-from biaxbayes.model.effective_readings import EffectiveReadings, effective_readings
 from biaxbayes.model.posterior import Chart, Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import FORCE, STRETCH, mounting_names

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from biaxbayes.fitting.constrained import constrained_fit
+from biaxbayes.fitting.effective_readings import SMOOTH_RUNS, misses_smoothly
 from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.residuals import mounting_roots, readings
 from biaxbayes.fitting.result import FitResult
-from biaxbayes.model.effective_readings import SMOOTH_RUNS, misses_smoothly
 from biaxbayes.options import FitOptions
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.findings import Finding
@@ -311,7 +311,7 @@ def misses_somewhere(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) -
     ----------
     residuals : sequence of ndarray, shape (n_p, 2)
     sd : float
-        As in :func:`~biaxbayes.model.effective_readings.misses_smoothly`.
+        As in :func:`~biaxbayes.fitting.effective_readings.misses_smoothly`.
     """
     return misses_smoothly(residuals, sd) or misses_smoothly([_toe(r) for r in residuals], sd)
 
