@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from biaxbayes.populations import sampler
 from biaxbayes.populations.ensemble import Design, Ensemble, Individual
-from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
+from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, log_marginal, update
 from biaxbayes.populations.predictive import cut_median
 from biaxbayes.populations.sampler import Plan, draw
 from biaxbayes.populations.tuning import Spreading, Tuning
@@ -38,6 +38,13 @@ def covariance(of: Layout, omega: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     return out.reshape(n * b, n * b)
 
 
+def block(theta, sd_donors, factor_donors, sd, factor) -> Block:
+    """What the integrals need; means, effects and partial correlations are left at zero."""
+    zeros = np.zeros((len(theta), 4, theta.shape[2]))
+    none = np.zeros((len(theta), 0))
+    return Block(theta, zeros, zeros, sd_donors, none, factor_donors, sd, none, factor)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("b", [1, 3])
 def test_means_and_effects_are_integrated_out(b):
@@ -50,8 +57,8 @@ def test_means_and_effects_are_integrated_out(b):
             made = np.linalg.cholesky(np.corrcoef(rng.standard_normal((b, 9))))
             factor[k] = made
     sd_donors, sd = 0.3 + rng.random((2, b)), 0.3 + rng.random((2, 1, b))
-    nothing = np.zeros((2, 6)), np.zeros((2, 6, b)), np.zeros((2, 1, b, b))
-    found = log_marginal(of, theta, *nothing, sd_donors, factor[0], sd, factor[1])
+    nothing = Augmented(np.zeros((2, 6)), np.zeros((2, 6, b)), np.zeros((2, 1, b, b)))
+    found = log_marginal(of, block(theta, sd_donors, factor[0], sd, factor[1]), nothing)
     for c in range(2):
         roots = [s[:, None] * f[c] for s, f in ((sd_donors[c], factor[0]), (sd[c, 0], factor[1]))]
         whole = covariance(of, *(r @ r.T for r in roots))
@@ -72,8 +79,9 @@ def test_donors_of_other_counts_and_groups_of_other_spreads():
     theta = rng.standard_normal((1, 9, 2))
     factors = [np.linalg.cholesky(np.array([[1.0, c], [c, 1.0]])) for c in (0.6, -0.4)]
     sd_donors, sd = 0.3 + rng.random((1, 2)), 0.3 + rng.random((1, 2, 2))
-    nothing = np.zeros((1, 9)), np.zeros((1, 9, 2)), np.zeros((1, 2, 2, 2))
-    found = log_marginal(of, theta, *nothing, sd_donors, factors[0][None], sd, factors[1][None])
+    nothing = Augmented(np.zeros((1, 9)), np.zeros((1, 9, 2)), np.zeros((1, 2, 2, 2)))
+    of_block = block(theta, sd_donors, factors[0][None], sd, factors[1][None])
+    found = log_marginal(of, of_block, nothing)
     root = sd_donors[0][:, None] * factors[0]
     whole = np.zeros((9, 2, 9, 2))
     for i in range(9):
@@ -113,16 +121,16 @@ def test_draws_of_the_whole_model_keep_its_prior():
     prior = np.column_stack([np.log(sd_donors[:, 0]), np.log(sd[:, 0, 0]), mu[:, 0, 0] ** 2])
     mu, effect, sd_donors, sd = (a[:C].copy() for a in (mu, effect, sd_donors, sd))
     one, none = np.ones((C, 1, 1)), np.zeros((C, 0))
-    extra = np.zeros((C, n)), np.zeros((C, n, 1)), np.zeros((C, 1, 1, 1))
+    augmented = Augmented(np.zeros((C, n)), np.zeros((C, n, 1)), np.zeros((C, 1, 1, 1)))
     seen = []
     for _ in range(60):
         m = mu[:, GROUP, 0] + effect[:, DONOR, 0]
         first = ndtr((-0.8 - m) / sd[:, 0])
         theta = m + sd[:, 0] * norm.ppf(first + inside(mu, effect, sd) * rng.random((C, n)))
         theta = np.clip(theta, -0.8, 0.9)[..., None]
-        augment(rng, of, mu, effect, sd, one, *extra)
-        of_donors, of_specimens = (sd_donors, none, one), (sd, none, one)
-        update(rng, of, theta, *extra, mu, effect, *of_donors, *of_specimens, 1)
+        state = Block(theta, mu, effect, sd_donors, none, one, sd, none, one)
+        augment(rng, of, state, augmented)
+        update(rng, of, state, augmented, 1)
         seen.append(
             np.column_stack([np.log(sd_donors[:, 0]), np.log(sd[:, 0, 0]), mu[:, 0, 0] ** 2])
         )
@@ -330,14 +338,14 @@ def test_correlations_keep_their_prior():
     mu = of.mean_sd * rng.standard_normal((C, 2, 2))
     z = rng.standard_normal((C, 3, 2))
     effect = np.einsum("cij,cdj->cdi", factor[0], z) * sd_donors[:, None]
-    extra = np.zeros((C, 6)), np.zeros((C, 6, 2)), np.zeros((C, 1, 2, 2))
+    augmented = Augmented(np.zeros((C, 6)), np.zeros((C, 6, 2)), np.zeros((C, 1, 2, 2)))
     seen = []
     for _ in range(40):
         z = rng.standard_normal((C, 6, 2))
         theta = mu[:, GROUP] + effect[:, DONOR]
         theta = theta + np.einsum("cij,cnj->cni", factor[1], z) * sd
-        of_donors = sd_donors, partial[0], factor[0]
-        update(rng, of, theta, *extra, mu, effect, *of_donors, sd, partial[1], factor[1], 1)
+        of_donors, of_specimens = (sd_donors, partial[0], factor[0]), (sd, partial[1], factor[1])
+        update(rng, of, Block(theta, mu, effect, *of_donors, *of_specimens), augmented, 1)
         seen.append(np.column_stack([p[:, 0] ** k for p in partial for k in (1, 2)]))
     found = np.mean(seen[5:], axis=0)
     # (1 + c) / 2 ~ Beta(2, 2): mean of c 0, of its square 1/5

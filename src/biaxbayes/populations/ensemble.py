@@ -5,7 +5,7 @@ A chain holds the coordinates of every specimen and the means, donor effects and
 1. each specimen moves by its own density: differential evolution on an archive of the warm-up, and
    draws of a mixture fitted to it, whose likelihoods are computed a block ahead;
 2. all specimens move together along leading principal components of the stacked warm-up draws, or
-   apart along them (:mod:`.spreading`), group means and donor effects integrated out;
+   apart along them (:class:`.tuning.Spreading`), group means and donor effects integrated out;
 3. some rounds without a likelihood: each specimen is offered draws of its own run, accepted on the
    ratio of the population's density to the run's prior (Lunn, Barrett, Sweeting and Thompson,
    JRSS C 62 (2013) 551); spreads, means and donor effects move as in :mod:`.hierarchy`. Where
@@ -19,14 +19,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from biaxbayes.compilation import compiled
-from biaxbayes.populations.hierarchy import Layout, augment, log_marginal, update
+from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, log_marginal, update
 from biaxbayes.populations.tuning import Tuning, memberships
-
-__all__ = ["JOINT", "Design", "Ensemble", "Individual"]
 
 POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 1, 2, 3
 """Draws of the run (a round) and of the mixture offered to a specimen, and moves of all together, a
@@ -112,43 +111,53 @@ def _distance2(theta, m, precision, p):
     return total
 
 
-@compiled(nogil=True)
-def _visit(rng, theta, u, log, weight, m, precision, set_of, group, sizes, pool, offered, fresh):
-    """Offer each specimen proposals whose densities are known, as an independence sampler.
+class Values(NamedTuple):
+    """Coordinates and densities of specimens: those of the chains, or a pool of proposals.
 
-    ``weight`` is the log of target over proposal but for the population's density; ``pool`` holds
-    (u, theta, log, weight) by specimen and draw. ``fresh`` is the first row to offer to the first
-    chain, each row once; or negative to offer random rows.
+    Attributes
+    ----------
+    u : ndarray, shape (chains, n, dmax) or (n, N, dmax)
+    theta : ndarray, shape (..., p)
+    log : ndarray, shape (...)
+        The specimens' own log densities.
+    weight : ndarray, shape (...)
+        Log of target over proposal, without the population's density.
     """
-    C, n, p = theta.shape
-    pu, ptheta, plog, pweight = pool
-    N = plog.shape[1]
+
+    u: np.ndarray
+    theta: np.ndarray
+    log: np.ndarray
+    weight: np.ndarray
+
+
+@compiled(nogil=True)
+def _visit(rng, current, pool, m, precision, offered, first):
+    """Offer each specimen proposals of a pool, as an independence sampler; accepted shares (n,).
+
+    ``m`` (chains, n, p) are the locations, ``precision`` (chains, n, p, p) the inverse covariances.
+    ``first`` is the first row to offer to the first chain, each row once; or negative to offer
+    ``offered`` random rows.
+    """
+    C, n, p = current.theta.shape
+    N = pool.log.shape[1]
     accepted = np.zeros(n)
     for c in range(C):
         for i in range(n):
-            inverse = precision[c, set_of[group[i]]]
-            own = weight[c, i] - 0.5 * _distance2(theta[c, i], m[c, i], inverse, p)
+            inverse = precision[c, i]
+            own = current.weight[c, i] - 0.5 * _distance2(current.theta[c, i], m[c, i], inverse, p)
             for k in range(offered):
-                j = fresh + c * offered + k if fresh >= 0 else int(rng.random() * N)
-                new = pweight[i, j] - 0.5 * _distance2(ptheta[i, j], m[c, i], inverse, p)
+                j = first + c * offered + k if first >= 0 else int(rng.random() * N)
+                new = pool.weight[i, j] - 0.5 * _distance2(pool.theta[i, j], m[c, i], inverse, p)
                 if math.log(1.0 - rng.random()) < new - own:
                     own = new
                     accepted[i] += 1.0
-                    weight[c, i] = pweight[i, j]
-                    log[c, i] = plog[i, j]
+                    current.weight[c, i] = pool.weight[i, j]
+                    current.log[c, i] = pool.log[i, j]
                     for q in range(p):
-                        theta[c, i, q] = ptheta[i, j, q]
-                    for q in range(sizes[i]):
-                        u[c, i, q] = pu[i, j, q]
+                        current.theta[c, i, q] = pool.theta[i, j, q]
+                    for q in range(current.u.shape[2]):
+                        current.u[c, i, q] = pool.u[i, j, q]
     return accepted / (C * max(offered, 1))
-
-
-Pool = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-def _columns(columns: tuple[int, ...]) -> list[int] | slice:
-    """An index of these columns; a single one is cut out, which is quicker than picking it."""
-    return slice(columns[0], columns[0] + 1) if len(columns) == 1 else list(columns)
 
 
 class Ensemble:
@@ -189,11 +198,11 @@ class Ensemble:
             wide = np.exp(self.rng.uniform(-1.5, 0.5, (C, 1 + sets, b)))
             self.sd_donors[:, columns] = wide[:, 0] * layout.donor_scale
             self.sd[:, :, columns] = wide[:, 1:] * layout.specimen_scale
-        chosen = self.rng.integers(self.pool[2].shape[1], size=(C, n))
+        chosen = self.rng.integers(self.pool.log.shape[1], size=(C, n))
         for i in range(n):
-            self.u[:, i] = self.pool[0][i, chosen[:, i]]
-            self.theta[:, i] = self.pool[1][i, chosen[:, i]]
-            self.log[:, i] = self.pool[2][i, chosen[:, i]]
+            self.u[:, i] = self.pool.u[i, chosen[:, i]]
+            self.theta[:, i] = self.pool.theta[i, chosen[:, i]]
+            self.log[:, i] = self.pool.log[i, chosen[:, i]]
         self.accepted: dict[str, np.ndarray] = {}
         for g in range(groups):
             self.mu[:, g] = self.theta[:, self.group == g].mean(axis=1)
@@ -206,7 +215,7 @@ class Ensemble:
                 low, high = layout.low[k], layout.high[k]
                 self.mu[:, :, column] = np.clip(self.mu[:, :, column], low, high)
 
-    def _pool(self, number: int) -> Pool:
+    def _pool(self, number: int) -> Values:
         members = self.design.individuals
         draws = [member.pool[number] for member in members]
         N = min(len(d) for d in draws)
@@ -222,7 +231,7 @@ class Ensemble:
         u: list[np.ndarray],
         found: list[tuple[np.ndarray, np.ndarray]],
         weights: list[np.ndarray],
-    ) -> Pool:
+    ) -> Values:
         size = int(self.sizes.max())
         padded = np.zeros((len(u), len(u[0]), size))
         for i, own in enumerate(u):
@@ -230,7 +239,7 @@ class Ensemble:
         log = np.array([f[0] for f in found])
         theta = np.array([f[1] for f in found])
         weight = np.where(np.isfinite(log), np.array(weights), -np.inf)
-        return padded, np.where(np.isfinite(theta), theta, 0.0), log, weight
+        return Values(padded, np.where(np.isfinite(theta), theta, 0.0), log, weight)
 
     # --- what the moves need ---
 
@@ -274,7 +283,7 @@ class Ensemble:
 
     # --- moves ---
 
-    def fresh_pool(self, tuning: Tuning, size: int) -> Pool | None:
+    def fresh_pool(self, tuning: Tuning, size: int) -> Values | None:
         """Draws of the mixtures, as many as a block of sweeps needs."""
         if not tuning.proposals:
             return None
@@ -287,7 +296,7 @@ class Ensemble:
             ]
         return self._stacked(drawn, found, weights)
 
-    def sweep(self, tuning: Tuning, fresh: Pool | None, row: int) -> None:
+    def sweep(self, tuning: Tuning, fresh: Values | None, row: int) -> None:
         """All moves once; ``row`` is the first row of ``fresh`` that was not offered yet."""
         self._evolve(tuning)
         if fresh is not None:
@@ -297,10 +306,10 @@ class Ensemble:
                 weight[:, i] = self.log[:, i] - q.log_density(own)
             self._count("fresh", self._offer(weight, fresh, FRESH_VISITS, row))
         if len(tuning.directions):
-            extra = self._augmented()
-            marginal = self._marginal(self.theta, extra)
+            augmented = self._augmented()
+            marginal = self._marginal(self.theta, augmented)
             for _ in range(JOINT_MOVES):
-                self._move_together(tuning, extra, marginal)
+                self._move_together(tuning, augmented, marginal)
         weight = np.empty_like(self.log)
         for i, member in enumerate(self.design.individuals):
             weight[:, i] = -member.log_prior(self.theta[:, i] + self.design.centre)
@@ -308,11 +317,12 @@ class Ensemble:
             self._count("pool", self._offer(weight, self.pool, POOL_VISITS, -1) / ROUNDS)
             self._update(self._augmented(), 1)
 
-    def _offer(self, weight: np.ndarray, pool: Pool, offered: int, row: int) -> np.ndarray:
+    def _offer(self, weight: np.ndarray, pool: Values, offered: int, row: int) -> np.ndarray:
         """Offer draws of a pool to all; ``weight``, that of the current values, follows."""
-        where = (self.precision, self.design.layout.set_of, self.group, self.sizes)
-        own = (self.theta, self.u, self.log, weight, self.locations)
-        return np.asarray(_visit(self.rng, *own, *where, pool, offered, row))
+        current = Values(self.u, self.theta, self.log, weight)
+        precision = self.precision[:, self.design.layout.set_of[self.group]]
+        accepted = _visit(self.rng, current, pool, self.locations, precision, offered, row)
+        return np.asarray(accepted)
 
     def _evolve(self, tuning: Tuning) -> None:
         """Each specimen by differences of its past, of several lengths (ter Braak, Vrugt 2008)."""
@@ -334,42 +344,51 @@ class Ensemble:
             own[yes] = other[yes]
         self._count("own", yes.mean(axis=0))
 
-    def _augmented(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Counts, sums and squares of the draws outside of the box, by block."""
+    def _augmented(self) -> list[Augmented]:
+        """Draws outside of the box, by block."""
         out = []
         C, n, _ = self.theta.shape
         for number, (columns, layout) in enumerate(self.design.blocks):
             b = len(columns)
-            extra = (np.zeros((C, n)), np.zeros((C, n, b)), np.zeros((C, layout.sets, b, b)))
+            augmented = Augmented(
+                np.zeros((C, n)), np.zeros((C, n, b)), np.zeros((C, layout.sets, b, b))
+            )
             if np.isfinite([layout.low, layout.high]).any():
-                mu, effect, _, sd = self._of_block(columns)
-                augment(self.rng, layout, mu, effect, sd, self.factor[number][1], *extra)
-            out.append(extra)
+                augment(self.rng, layout, self._block(number, self.theta), augmented)
+            out.append(augmented)
         return out
 
-    def _of_block(self, columns: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-        at = _columns(columns)
-        return tuple(
-            np.ascontiguousarray(a[..., at])
-            for a in (self.mu, self.effect, self.sd_donors, self.sd)
+    def _block(self, number: int, theta: np.ndarray) -> Block:
+        """A block of the values ``theta`` (chains, n, p) and of the chains' common quantities.
+
+        Copies, but for correlations.
+        """
+        at = list(self.design.blocks[number][0])
+        (partial_donors, partial), (factor_donors, factor) = (
+            self.partial[number],
+            self.factor[number],
+        )
+        return Block(
+            np.ascontiguousarray(theta[..., at]),
+            np.ascontiguousarray(self.mu[..., at]),
+            np.ascontiguousarray(self.effect[..., at]),
+            np.ascontiguousarray(self.sd_donors[..., at]),
+            partial_donors,
+            factor_donors,
+            np.ascontiguousarray(self.sd[..., at]),
+            partial,
+            factor,
         )
 
-    def _marginal(
-        self, theta: np.ndarray, extra: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    ) -> np.ndarray:
+    def _marginal(self, theta: np.ndarray, augmented: list[Augmented]) -> np.ndarray:
+        """Log density of values with means and donor effects integrated out, (chains,)."""
         total = np.zeros(len(theta))
-        for number, (columns, layout) in enumerate(self.design.blocks):
-            _, _, sd_donors, sd = self._of_block(columns)
-            of = np.ascontiguousarray(theta[..., _columns(columns)])
-            donors, specimens = self.factor[number]
-            total += log_marginal(layout, of, *extra[number], sd_donors, donors, sd, specimens)
+        for number, (_, layout) in enumerate(self.design.blocks):
+            total += log_marginal(layout, self._block(number, theta), augmented[number])
         return total
 
     def _move_together(
-        self,
-        tuning: Tuning,
-        extra: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
-        marginal: np.ndarray,
+        self, tuning: Tuning, augmented: list[Augmented], marginal: np.ndarray
     ) -> None:
         """One joint move; ``marginal``, that of the current values, follows in place."""
         rng, C = self.rng, len(self.u)
@@ -387,18 +406,17 @@ class Ensemble:
         each, log, theta = self._densities(new)
         known = each.all(axis=1)
         gain = np.where(known, (log - self.log).sum(axis=1) + jacobian, -np.inf)
-        there = self._marginal(theta, extra)
+        there = self._marginal(theta, augmented)
         gain[known] += (there - marginal)[known]
         yes = np.log(1.0 - rng.random(C)) < gain
         kept = [a.copy() for a in (self.u, self.theta, self.log, self.mu, self.effect)]
         for own, other in ((self.u, new), (self.theta, theta), (self.log, log)):
             own[yes] = other[yes]
         # the means follow; a mean that is not allowed takes the whole move back
-        self._update(extra, 0)
-        back = ~self._allowed()
+        back = ~self._update(augmented, 0)
         carried = (self.u, self.theta, self.log, self.mu, self.effect)
-        for held, before in zip(carried, kept, strict=True):
-            held[back] = before[back]
+        for values, before in zip(carried, kept, strict=True):
+            values[back] = before[back]
         moved = yes & ~back
         marginal[moved] = there[moved]
         tried = np.zeros(len(tuning.directions))
@@ -408,34 +426,14 @@ class Ensemble:
         self._count(name, hits)
         self._count(f"{name} tried", tried)
 
-    def _allowed(self) -> np.ndarray:
-        return self._last_allowed
-
-    def _update(self, extra: list[tuple[np.ndarray, np.ndarray, np.ndarray]], cycles: int) -> None:
-        refused = np.zeros(len(self.theta), dtype=bool)
+    def _update(self, augmented: list[Augmented], cycles: int) -> np.ndarray:
+        """Move what the specimens have in common; whether new means were allowed, (chains,)."""
+        allowed = np.ones(len(self.theta), dtype=bool)
         for number, (columns, layout) in enumerate(self.design.blocks):
-            at = _columns(columns)
-            mu, effect, sd_donors, sd = self._of_block(columns)
-            before = mu.copy() if cycles == 0 else mu
-            theta = np.ascontiguousarray(self.theta[..., at])
-            (pd, ps), (fd, fs) = self.partial[number], self.factor[number]
-            update(
-                self.rng,
-                layout,
-                theta,
-                *extra[number],
-                mu,
-                effect,
-                sd_donors,
-                pd,
-                fd,
-                sd,
-                ps,
-                fs,
-                cycles,
-            )
-            if cycles == 0:
-                refused |= (mu == before).all(axis=(1, 2))
-            self.mu[..., at], self.effect[..., at] = mu, effect
-            self.sd_donors[..., at], self.sd[..., at] = sd_donors, sd
-        self._last_allowed = ~refused
+            at = list(columns)
+            block = self._block(number, self.theta)
+            update(self.rng, layout, block, augmented[number], cycles)
+            allowed &= (block.mu != self.mu[..., at]).any(axis=(1, 2))
+            self.mu[..., at], self.effect[..., at] = block.mu, block.effect
+            self.sd_donors[..., at], self.sd[..., at] = block.sd_donors, block.sd
+        return allowed

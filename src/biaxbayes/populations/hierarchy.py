@@ -36,10 +36,8 @@ from biaxbayes.populations.integrated import (
     invert,
     invert_donors,
     log_lkj,
-    room_for,
+    workspace,
 )
-
-__all__ = ["Layout", "augment", "log_marginal", "update"]
 
 LEAST_INSIDE = 0.01
 WIDE = 0.1
@@ -82,6 +80,55 @@ class Layout(NamedTuple):
     eta_specimens: float
 
 
+class Block(NamedTuple):
+    """Values that may correlate, of all chains, and everything they have in common.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (chains, n, b)
+        Values of the specimens.
+    mu : ndarray, shape (chains, groups, b)
+    effect : ndarray, shape (chains, donors, b)
+    sd_donors : ndarray, shape (chains, b)
+    partial_donors : ndarray, shape (chains, b (b - 1) / 2)
+        Canonical partial correlations of donor effects.
+    factor_donors : ndarray, shape (chains, b, b)
+        The Cholesky factor of their correlation matrix.
+    sd : ndarray, shape (chains, sets, b)
+        Of the specimens, as are the last two.
+    partial : ndarray, shape (chains, b (b - 1) / 2)
+    factor : ndarray, shape (chains, b, b)
+    """
+
+    theta: np.ndarray
+    mu: np.ndarray
+    effect: np.ndarray
+    sd_donors: np.ndarray
+    partial_donors: np.ndarray
+    factor_donors: np.ndarray
+    sd: np.ndarray
+    partial: np.ndarray
+    factor: np.ndarray
+
+
+class Augmented(NamedTuple):
+    """Draws outside of the box that preceded those inside.
+
+    Attributes
+    ----------
+    number : ndarray, shape (chains, n)
+        How many there are.
+    total : ndarray, shape (chains, n, b)
+        Their sums.
+    square : ndarray, shape (chains, sets, b, b)
+        Sums of their squares.
+    """
+
+    number: np.ndarray
+    total: np.ndarray
+    square: np.ndarray
+
+
 @compiled()
 def _inside(m, sd, low, high):
     """Share of a normal that lies in a range."""
@@ -90,8 +137,10 @@ def _inside(m, sd, low, high):
 
 
 @compiled()
-def _augment(rng, layout, mu, effect, sd, factor, count, total, square):
-    """The draws outside of the box that a specimen's value was preceded by, of one chain."""
+def _augment(rng, layout, block, c, augmented):
+    """The draws outside of the box that preceded each specimen's values, of chain c."""
+    mu, effect, sd, factor = block.mu[c], block.effect[c], block.sd[c], block.factor[c]
+    count, total, square = augmented.number[c], augmented.total[c], augmented.square[c]
     n, b = layout.group.size, layout.low.size
     z, y = np.empty(b), np.empty(b)
     count[:] = 0.0
@@ -143,50 +192,51 @@ def _log_sd_prior(sd, scale):
 
 
 @compiled(nogil=True)
-def augment(rng, layout, mu, effect, sd, factor, count, total, square):
-    """Make up the draws outside of the box, for all chains.
+def augment(rng, layout, block, augmented):
+    """Draw the values outside of the box for all chains, into ``augmented``."""
+    for c in range(block.mu.shape[0]):
+        _augment(rng, layout, block, c, augmented)
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    layout : Layout
-    mu : ndarray, shape (chains, groups, b); effect : ndarray, shape (chains, donors, b)
-    sd : ndarray, shape (chains, sets, b); factor : ndarray, shape (chains, b, b)
-        Sds of specimens, and the Cholesky factor of their correlations.
-    count : ndarray, shape (chains, n)
-        Filled with their number,
-    total : ndarray, shape (chains, n, b); square : ndarray, shape (chains, sets, b, b)
-        their sums, and the sums of their squares.
-    """
-    for c in range(mu.shape[0]):
-        _augment(rng, layout, mu[c], effect[c], sd[c], factor[c], count[c], total[c], square[c])
+
+@compiled()
+def _prepare(layout, block, c, augmented, work):
+    """Sums and precisions of chain c."""
+    b = layout.low.size
+    gather(
+        layout,
+        block.theta[c],
+        augmented.number[c],
+        augmented.total[c],
+        augmented.square[c],
+        work.sums,
+    )
+    invert(block.sd[c], block.factor[c], b, work.precisions)
+    invert_donors(block.sd_donors[c], block.factor_donors[c], b, work.precisions)
 
 
 @compiled(nogil=True)
-def log_marginal(layout, theta, count, total, square, sd_donors, factor_donors, sd, factor):
+def log_marginal(layout, block, augmented):
     """Log density of the specimens' values with means and donor effects integrated out.
 
-    Up to a constant, shape (chains,). Arguments as in :func:`augment` and :func:`update`.
+    Up to a constant, shape (chains,).
     """
-    C, _, b = theta.shape
+    C = block.theta.shape[0]
     out = np.empty(C)
-    sums, precisions, solved = room_for(layout)
+    work = workspace(layout)
     for c in range(C):
-        gather(layout, theta[c], count[c], total[c], square[c], sums)
-        invert(sd[c], factor[c], b, precisions)
-        invert_donors(sd_donors[c], factor_donors[c], b, precisions)
-        out[c] = integrate(layout, sums, precisions, solved)
+        _prepare(layout, block, c, augmented, work)
+        out[c] = integrate(layout, work)
     return out
 
 
 SLICE_WIDTH = 1.0
 MOST_STEPS = 8
 MOST_TRIES = 60
-"""Of a slice; numbers have ended then, and the value stays where it was."""
+"""Of a slice: then the interval is down to rounding, and the value stays where it was."""
 
 
 @compiled()
-def _log_density_of_sd(x, layout, sums, precisions, solved, own, side, s, k, factor):
+def _log_density_of_sd(x, layout, work, own, side, s, k, factor):
     """Log density of the log of one sd, means and effects integrated out; the sd is set to it.
 
     ``own`` are the sds of donors, (1, b), or of specimens, (sets, b), ``side`` which of them.
@@ -194,18 +244,18 @@ def _log_density_of_sd(x, layout, sums, precisions, solved, own, side, s, k, fac
     b = layout.low.size
     own[s, k] = math.exp(x)
     if side == DONORS:
-        invert_donors(own[0], factor, b, precisions)
+        invert_donors(own[0], factor, b, work.precisions)
         prior = _log_sd_prior(own[s, k], layout.donor_scale[k])
     else:
-        invert(own, factor, b, precisions)
+        invert(own, factor, b, work.precisions)
         prior = _log_sd_prior(own[s, k], layout.specimen_scale[k])
-    return prior + integrate(layout, sums, precisions, solved)
+    return prior + integrate(layout, work)
 
 
 @compiled()
-def _slice_of_sd(rng, layout, sums, precisions, solved, own, side, s, k, factor):
+def _slice_of_sd(rng, layout, work, own, side, s, k, factor):
     """Slice sampling (Neal 2003) of one sd with the means integrated out."""
-    args = (layout, sums, precisions, solved, own, side, s, k, factor)
+    args = (layout, work, own, side, s, k, factor)
     x0 = math.log(own[s, k])
     level = _log_density_of_sd(x0, *args) + math.log(1.0 - rng.random())
     low = x0 - SLICE_WIDTH * rng.random()
@@ -306,93 +356,68 @@ def _scatter_of_donors(effect, sd, out):
 
 
 @compiled(nogil=True)
-def update(
-    rng,
-    layout,
-    theta,
-    count,
-    total,
-    square,
-    mu,
-    effect,
-    sd_donors,
-    partial_donors,
-    factor_donors,
-    sd,
-    partial,
-    factor,
-    cycles,
-):
+def update(rng, layout, block, augmented, cycles):
     """Move spreads, correlations, means and donor effects of all chains, in place.
 
     Sds move with means and donor effects integrated out and take these along; correlations move
-    given them.
+    given them. The specimens' values stay.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     layout : Layout
-    theta : ndarray, shape (chains, n, b)
-        Values of the specimens, which stay.
-    count, total, square
-        As in :func:`augment`; made anew in every cycle.
-    mu : ndarray, shape (chains, groups, b); effect : ndarray, shape (chains, donors, b)
-    sd_donors : ndarray, shape (chains, b); sd : ndarray, shape (chains, sets, b)
-    partial_donors, partial : ndarray, shape (chains, b (b - 1) / 2)
-        Canonical partial correlations,
-    factor_donors, factor : ndarray, shape (chains, b, b)
-        and the Cholesky factors that they make.
+    block : Block
+    augmented : Augmented
+        Drawn anew in every cycle but the first.
     cycles : int
         With no cycle, means and donor effects alone are drawn.
     """
-    C, _, b = theta.shape
-    G, D = layout.set_of.size, layout.donors
-    sums, precisions, solved = room_for(layout)
-    old_mu, old_effect = np.empty((G, b)), np.empty((D, b))
+    C, _, b = block.theta.shape
+    work = workspace(layout)
+    old_mu, old_effect = np.empty((layout.set_of.size, b)), np.empty((layout.donors, b))
     scatter = np.empty((b, b))
     cut = False
     for k in range(b):
         cut = cut or not (math.isinf(layout.low[k]) and math.isinf(layout.high[k]))
     moves = b + layout.sets * b if cycles > 0 else 1
     for c in range(C):
+        mu, effect, sd_donors, sd = (block.mu[c], block.effect[c], block.sd_donors[c], block.sd[c])
         for cycle in range(max(cycles, 1)):
             if cycle > 0 and cut:
-                _augment(
-                    rng, layout, mu[c], effect[c], sd[c], factor[c], count[c], total[c], square[c]
-                )
-            gather(layout, theta[c], count[c], total[c], square[c], sums)
-            invert(sd[c], factor[c], b, precisions)
-            invert_donors(sd_donors[c], factor_donors[c], b, precisions)
+                _augment(rng, layout, block, c, augmented)
+            _prepare(layout, block, c, augmented, work)
             for move in range(moves):
                 side, s, k = DONORS, 0, move
-                own, of = sd_donors[c : c + 1], factor_donors[c]
+                own, factor = block.sd_donors[c : c + 1], block.factor_donors[c]
                 if move >= b:
                     side, s, k = SPECIMENS, (move - b) // b, (move - b) % b
-                    own, of = sd[c], factor[c]
+                    own, factor = sd, block.factor[c]
                 before = own[s, k]
                 if cycles > 0:
-                    _slice_of_sd(rng, layout, sums, precisions, solved, own, side, s, k, of)
+                    _slice_of_sd(rng, layout, work, own, side, s, k, factor)
                 else:
-                    integrate(layout, sums, precisions, solved)
+                    integrate(layout, work)
                 if not cut and move < moves - 1:
                     continue  # means are drawn once, at the end
-                old_mu[:] = mu[c]
-                old_effect[:] = effect[c]
-                draw_means(rng, layout, sums, precisions, solved, mu[c], effect[c])
-                if cut and not _allowed(layout, mu[c], effect[c], sd[c]):
+                old_mu[:] = mu
+                old_effect[:] = effect
+                draw_means(rng, layout, work, mu, effect)
+                if cut and not _allowed(layout, mu, effect, sd):
                     # the whole move is refused: spread, means and effects stay together
-                    mu[c] = old_mu
-                    effect[c] = old_effect
+                    mu[:] = old_mu
+                    effect[:] = old_effect
                     own[s, k] = before
                     if side == DONORS:
-                        invert_donors(sd_donors[c], of, b, precisions)
+                        invert_donors(sd_donors, factor, b, work.precisions)
                     else:
-                        invert(sd[c], of, b, precisions)
+                        invert(sd, factor, b, work.precisions)
             if cycles > 0 and layout.eta_donors > 0.0:
-                vectors = _scatter_of_donors(effect[c], sd_donors[c], scatter)
-                of = partial_donors[c], factor_donors[c]
-                _correlations(rng, *of, b, layout.eta_donors, scatter, vectors)
+                vectors = _scatter_of_donors(effect, sd_donors, scatter)
+                own_partial, own_factor = (block.partial_donors[c], block.factor_donors[c])
+                _correlations(rng, own_partial, own_factor, b, layout.eta_donors, scatter, vectors)
             if cycles > 0 and layout.eta_specimens > 0.0:
-                vectors = _scatter_of_specimens(layout, sums, mu[c], effect[c], sd[c], scatter)
-                of = partial[c], factor[c]
-                _correlations(rng, *of, b, layout.eta_specimens, scatter, vectors)
+                vectors = _scatter_of_specimens(layout, work.sums, mu, effect, sd, scatter)
+                own_partial, own_factor = block.partial[c], block.factor[c]
+                _correlations(
+                    rng, own_partial, own_factor, b, layout.eta_specimens, scatter, vectors
+                )

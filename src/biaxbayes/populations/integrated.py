@@ -15,24 +15,6 @@ import numpy as np
 
 from biaxbayes.compilation import compiled
 
-__all__ = [
-    "Precisions",
-    "Solved",
-    "Sums",
-    "cholesky",
-    "correlation_factor",
-    "draw_means",
-    "gather",
-    "integrate",
-    "inverse_from",
-    "invert",
-    "invert_donors",
-    "log_lkj",
-    "precision",
-    "room_for",
-]
-
-
 # --- matrices of a few rows: factors, inverses, correlations by canonical partial ones -----------
 
 
@@ -117,7 +99,7 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 
 class Sums(NamedTuple):
-    """Of the specimens of a chain and of the draws made up for them.
+    """Sums over the specimens of a chain and the augmented draws.
 
     Attributes
     ----------
@@ -183,9 +165,17 @@ class Solved(NamedTuple):
     middle: np.ndarray
 
 
+class Workspace(NamedTuple):
+    """Everything that the integrals of a chain are computed from and leave behind."""
+
+    sums: Sums
+    precisions: Precisions
+    solved: Solved
+
+
 @compiled()
-def room_for(layout):
-    """Empty :class:`Sums`, :class:`Precisions` and :class:`Solved` of a layout."""
+def workspace(layout):
+    """An empty :class:`Workspace` of a layout."""
     D, G, sets, b = layout.donors, layout.set_of.size, layout.sets, layout.low.size
     sums = Sums(
         np.empty((D, G)),
@@ -210,12 +200,12 @@ def room_for(layout):
         np.empty((b, b)),
         np.empty((b, b)),
     )
-    return sums, precisions, solved
+    return Workspace(sums, precisions, solved)
 
 
 @compiled()
 def gather(layout, theta, count, total, square, sums):
-    """Sums of a chain: theta (n, b), and count, total and square of the draws made up."""
+    """Sums of a chain: theta (n, b), and count, total and square of the augmented draws."""
     n, b = theta.shape
     D, G = sums.N.shape
     sums.N[:] = 0.0
@@ -273,13 +263,13 @@ def invert(sd, factor, b, precisions):
 @compiled()
 def invert_donors(sd, factor, b, precisions):
     """Precision of donors from sds (b,) and the factor of their correlations."""
-    found = precision(sd, factor, b, precisions.work, precisions.omega)
-    precisions.logdet_donors[0] = found
+    precisions.logdet_donors[0] = precision(sd, factor, b, precisions.work, precisions.omega)
 
 
 @compiled()
-def integrate(layout, sums, precisions, solved):
+def integrate(layout, work):
     """Log density of the sums with means and donor effects integrated out; fills ``solved``."""
+    sums, precisions, solved = work
     G = sums.N.shape[1]
     b = layout.low.size
     P, A, M, r = precisions.P, solved.A, solved.M, solved.r
@@ -363,11 +353,12 @@ def integrate(layout, sums, precisions, solved):
 
 
 @compiled()
-def draw_means(rng, layout, sums, precisions, solved, mu, effect):
+def draw_means(rng, layout, work, mu, effect):
     """Means (groups, b) and donor effects (donors, b) from their normal, in place.
 
     Turns ``solved.A`` into its Cholesky factors.
     """
+    sums, precisions, solved = work
     D, G = sums.N.shape
     b = layout.low.size
     P, A, M, r = precisions.P, solved.A, solved.M, solved.r

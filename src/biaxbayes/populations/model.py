@@ -41,8 +41,6 @@ from biaxbayes.populations.ensemble import Design, Individual
 from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.text_files import read_toml
 
-__all__ = ["Grouping", "PooledValue", "PopulationPriors", "design_of", "pooled_values"]
-
 LOG, LINEAR = "log", "linear"
 SD_LOG, SD_SHARE, SD_STRETCH = 0.5, 0.15, 0.02
 """Scales of the half-normal priors of sds: of a log, a share of a bounded range, of a stretch."""

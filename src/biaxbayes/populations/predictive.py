@@ -13,8 +13,6 @@ from biaxbayes.populations.hierarchy import LEAST_INSIDE, Layout
 from biaxbayes.populations.model import PooledValue
 from biaxbayes.populations.sampler import History
 
-__all__ = ["Hyper", "cut_median"]
-
 MOST_TRIES = 1000
 PRIOR_TRIES = 50
 

@@ -30,14 +30,6 @@ from biaxbayes.populations.verdicts import (
 )
 from biaxbayes.prediction.draws import protocol_mounting
 
-__all__ = [
-    "CONTRAST_COLUMNS",
-    "POPULATION_COLUMNS",
-    "SPECIMEN_COLUMNS",
-    "Population",
-    "judged",
-]
-
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
 SDS = ("sd_donors", "sd_specimens")
 PARTS = ("mean", *SDS, "new_specimen", "new_donor")

@@ -1,4 +1,4 @@
-"""From individuals and groups to judged draws of a population.
+"""Draws of a population and their convergence.
 
 Warm-up in rounds, each fitting archives, mixtures and principal components to the one before; then
 blocks of kept sweeps until R-hat and the effective sample size of all that is reported are good. As
@@ -24,12 +24,10 @@ from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Conver
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
 
-__all__ = ["History", "Plan", "Sampled", "State", "draw"]
-
 LENGTH_ROUNDS = 2
 ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
 GROWTH, LEAST_GROWTH, MOST_GROWTH = 1.5, 1.1, 2.0
-"""Of the kept sweeps from one judgement to the next; the first where R-hat is too large."""
+"""Of the number of sweeps from one assessment to the next; the first where R-hat is too large."""
 AHEAD = 1.15
 """Share of the sweeps that seem to be needed that is made before the next judgement."""
 SPECIMENS_OWN = ("theta", "u", "effect")
@@ -44,7 +42,7 @@ FRESH_AT_ONCE = 32
 
 @dataclass(frozen=True)
 class Plan:
-    """What the sampler is asked for.
+    """Goal and budget of a run.
 
     Attributes
     ----------
@@ -126,8 +124,8 @@ class History:
 
     def thinned(self) -> History:
         """With the specimens' values of every other one of the sweeps that carry them."""
-        of = {name: getattr(self, name)[:, ::2].copy() for name in SPECIMENS_OWN}
-        return replace(self, **of, every=2 * self.every)
+        halved = {name: getattr(self, name)[:, ::2].copy() for name in SPECIMENS_OWN}
+        return replace(self, **halved, every=2 * self.every)
 
 
 @dataclass
@@ -203,20 +201,20 @@ def draw(
                 _restore(ensemble, member)
         history, judged = state.history, None
         while not state.finished and not stop():
-            _say(progress, state, judged, plan)
+            _report_progress(progress, state, judged, plan)
             sweeps = min(state.block, plan.max_steps - state.sweeps)
-            new = _kept(ensembles, pool, state, sweeps)
+            new = _run_block(ensembles, pool, state, sweeps)
             history = new if history is None else history.followed_by(new)
             done = state.sweeps + sweeps
-            found = _assessed(quantities(history), plan.ess)
-            judged = _worst(found)
+            assessments = _assessed(quantities(history), plan.ess)
+            judged = _worst(assessments)
             finished = judged.state == "converged" or done >= plan.max_steps
             members = [_snapshot(e) for e in ensembles]
-            block = _further(found, done, plan.ess)
+            block = _next_block(assessments, done, plan.ess)
             state = State(state.tuning, members, history, done, block, finished)
             on_block(state)
         if history is None:
-            history = _kept(ensembles, pool, state, EVERY)
+            history = _run_block(ensembles, pool, state, EVERY)
         if judged is None:
             judged = _worst(_assessed(quantities(history), plan.ess))
     return Sampled(history, judged, _acceptance(ensembles, state.sweeps), not state.finished)
@@ -226,22 +224,22 @@ def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> list[Convergenc
     return [assess(part, target_ess=ess) for part in parts]
 
 
-def _worst(found: list[Convergence]) -> Convergence:
+def _worst(assessments: list[Convergence]) -> Convergence:
     """All parts together; the state is the worst of theirs."""
-    worst = max(found, key=lambda c: STATES.index(c.state))
+    worst = max(assessments, key=lambda c: STATES.index(c.state))
     whole = {
-        what: np.concatenate([getattr(c, what) for c in found])
+        what: np.concatenate([getattr(c, what) for c in assessments])
         for what in ("ess_bulk", "ess_tail", "rhat", "tau")
     }
-    names = tuple(name for c in found for name in c.names)
+    names = tuple(name for c in assessments for name in c.names)
     state, reason = worst.state, worst.reason
-    return Convergence(names, **whole, steps=found[0].steps, state=state, reason=reason)
+    return Convergence(names, **whole, steps=assessments[0].steps, state=state, reason=reason)
 
 
-def _further(found: list[Convergence], done: int, ess: float) -> int:
+def _next_block(assessments: list[Convergence], done: int, ess: float) -> int:
     """Sweeps after which the draws may be good, by what they say so far."""
     growth = GROWTH
-    judged = [c for c in found if c.names]
+    judged = [c for c in assessments if c.names]
     if judged and max(c.worst_rhat for c in judged) < RHAT_LIMIT:
         few = max(ess / max(c.worst_ess, 1.0) for c in judged)
         short = max(MIN_STEPS_PER_TAU * c.tau.max() / c.steps for c in judged)
@@ -249,21 +247,21 @@ def _further(found: list[Convergence], done: int, ess: float) -> int:
     return math.ceil((growth - 1.0) * done)
 
 
-def _say(
+def _report_progress(
     progress: Callable[[Progress], None], state: State, judged: Convergence | None, plan: Plan
 ) -> None:
     if judged is None:
         progress(Progress("sampling the population", 0.0))
         return
     share = min(judged.worst_ess / plan.ess, 0.99)
-    told = f"sampling: R-hat {judged.worst_rhat:.3f}, {judged.worst_ess:.0f} effective draws"
-    progress(Progress(told, share))
+    text = f"sampling: R-hat {judged.worst_rhat:.3f}, {judged.worst_ess:.0f} effective draws"
+    progress(Progress(text, share))
 
 
-def _kept(
+def _run_block(
     ensembles: list[Ensemble], pool: ThreadPoolExecutor, state: State, sweeps: int
 ) -> History:
-    """So many sweeps more of all ensembles."""
+    """Further sweeps of all ensembles."""
     every = EVERY if state.history is None else state.history.every
     run = partial(_run, tuning=state.tuning, done=state.sweeps, sweeps=sweeps, every=every)
     return _joined(list(pool.map(run, ensembles)), every)
@@ -322,8 +320,8 @@ def _warm_up(
         progress(Progress("warming up", number / plan.rounds))
         for ensemble in ensembles:
             ensemble.accepted.clear()
-        held = list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps), ensembles))
-        history = np.concatenate(held, axis=1)  # sweeps, chains of all ensembles
+        rounds = list(pool.map(partial(_round, tuning=tuning, sweeps=plan.round_sweeps), ensembles))
+        history = np.concatenate(rounds, axis=1)  # sweeps, chains of all ensembles
         last = history[len(history) // 2 :]
         points = last.reshape(-1, *last.shape[2:])
         own = tuple(_few(points[:, i, : m.dimension], rng) for i, m in enumerate(members))
@@ -376,8 +374,8 @@ def _with_steps(tuning: Tuning, ensembles: list[Ensemble], points: np.ndarray) -
     before = [] if tuning.spreading is None else list(tuning.spreading.steps)
     steps = np.array(
         [
-            _steps(held, ensembles, name, count)
-            for held, name in zip(
+            _steps(current, ensembles, name, count)
+            for current, name in zip(
                 [tuning.steps, *(before or [tuning.steps[:0]] * kinds)], JOINT, strict=False
             )
         ]

@@ -26,8 +26,6 @@ from biaxbayes.populations.ensemble import Individual
 from biaxbayes.populations.model import PooledValue
 from biaxbayes.runs.run import Run
 
-__all__ = ["Source", "individual_of", "pooled_names"]
-
 MOST_DRAWS = 1500
 """Of a run for each ensemble."""
 LEAST_DRAWS = 50

@@ -1,4 +1,4 @@
-"""What the warm-up of a population finds, and the moves that draw specimens apart or together.
+"""Tuned quantities of a population's moves, and moves that draw specimens apart or together.
 
 The moves do what an sd is slow to do one specimen at a time. Where single posteriors are long
 ridges an sd between specimens and the places of all specimens on their ridges hold one another.
@@ -15,9 +15,7 @@ import numpy as np
 
 from biaxbayes.sampling.proposal import TransportedMixture
 
-__all__ = ["Spreading", "Tuning", "memberships"]
-
-LEAST_SHARE = 1e-9
+MIN_SHARE = 1e-9
 """A specimen that takes less part in a direction, beside the one with most, is left out of it."""
 
 
@@ -32,7 +30,7 @@ def memberships(group: np.ndarray, donor: np.ndarray) -> list[np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Spreading:
-    """What the warm-up found for these moves.
+    """Tuning of these moves by the warm-up.
 
     Attributes
     ----------
@@ -61,7 +59,7 @@ class Spreading:
         """
         along = direction / np.where(self.sd > 0.0, self.sd, 1.0) ** 2
         share = (direction * along).sum(axis=1)
-        taking = share > LEAST_SHARE * share.max()
+        taking = share > MIN_SHARE * share.max()
         share = np.where(taking, share, 0.0)
         of = np.unique(of, return_inverse=True)[1]
         cells = (of == np.arange(of.max() + 1)[:, None]).astype(float)
@@ -79,7 +77,7 @@ class Spreading:
 
 @dataclass(frozen=True, eq=False)
 class Tuning:
-    """What the warm-up found; frozen afterwards.
+    """Results of the warm-up that the moves use; frozen afterwards.
 
     Attributes
     ----------

@@ -35,18 +35,6 @@ from biaxbayes.studies.result import NOT_DETERMINED
 if TYPE_CHECKING:
     from biaxbayes.populations.result import Population
 
-__all__ = [
-    "CURVE_DRAWS",
-    "derived",
-    "following",
-    "mean_verdicts",
-    "specimen_verdicts",
-    "spread_parameter",
-    "spread_verdicts",
-    "stated_stretches",
-]
-
-
 # --- verdicts: the rule of single runs, with the prior that a value has here ---------------------
 
 

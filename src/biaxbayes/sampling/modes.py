@@ -159,20 +159,18 @@ def find_modes(
     """
     # A start on a bound has its density, if any, next to it.
     inner = np.clip(starts, bounds[:, 0] + 1e-3, bounds[:, 1] - 1e-3)
-    found = [
+    modes = [
         _climb(log_density, start, scale, bounds)
         for start in inner[np.isfinite(log_density(inner))]
     ]
-    found.sort(key=lambda mode: -mode.log_mass)
-    kept: list[Mode] = []
-    for mode in found:
-        highest = max(m.height for m in found)
-        matters = (
-            mode.log_mass > found[0].log_mass - NEGLIGIBLE or mode.height > highest - NEGLIGIBLE
-        )
-        if matters and len(kept) < MOST_MODES and not any(_same(mode, other) for other in kept):
-            kept.append(mode)
-    return kept
+    modes.sort(key=lambda mode: -mode.log_mass)
+    distinct: list[Mode] = []
+    for mode in modes:
+        lost_mass = modes[0].log_mass - mode.log_mass
+        lost_height = max(m.height for m in modes) - mode.height
+        if min(lost_mass, lost_height) < NEGLIGIBLE and not any(_same(mode, m) for m in distinct):
+            distinct.append(mode)
+    return distinct[:MOST_MODES]
 
 
 SADDLE = 3.0

@@ -47,7 +47,7 @@ RIDGE_POINTS = 600
 
 @dataclass(frozen=True)
 class Start:
-    """What a search found, from which walkers start.
+    """Result of a search, from which walkers start.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Start:
     log_weight : ndarray, shape (n,)
         Log importance weight of each point; -inf where the density is zero.
     rng : numpy.random.Generator
-        The random numbers that the search drew from; what follows goes on with them.
+        The generator of the search, which the warm-up continues with.
     """
 
     proposal: MixtureProposal
@@ -202,17 +202,17 @@ def _fitted(
 
 
 def _ridges(proposal: MixtureProposal, u: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
-    """The ridge of each point, from zero: the densest part of those that are to be kept."""
+    """The ridge of each point, from zero: the densest part of those that stay."""
     by_part = proposal.log_densities(u)
     label = by_part.argmax(axis=0)
     w = np.exp(log_weight - log_weight.max())
-    masses, kept = np.bincount(label, w) / w.sum(), []
+    masses, stay = np.bincount(label, w) / w.sum(), []
     for k, mass in enumerate(masses):
         own = log_weight[(label == k) & np.isfinite(log_weight)]
         seen = len(own) >= MIN_POINTS_PER_DIMENSION * u.shape[1]
         if seen and (mass >= NEGLIGIBLE_MASS or tempering(own) < 1.0):
-            kept.append(k)
-    return np.asarray(by_part[kept or [int(masses.argmax())]].argmax(axis=0))
+            stay.append(k)
+    return np.asarray(by_part[stay or [int(masses.argmax())]].argmax(axis=0))
 
 
 def resample_ridges(
