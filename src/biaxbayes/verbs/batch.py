@@ -58,7 +58,7 @@ from biaxbayes.studies.result import (
 from biaxbayes.studies.rows import rows_of_run
 from biaxbayes.studies.study_file import Study, read_study, study_of_files
 from biaxbayes.text_files import atomic_write_text
-from biaxbayes.verbs.inputs import PathLike, Stop, Tell, never, silent
+from biaxbayes.verbs.inputs import PathLike, Stop, Tell, claim_folder, never, silent
 from biaxbayes.verbs.options import (
     MODEL,
     NOT_CONVERGED,
@@ -127,21 +127,7 @@ def batch(
 
 @dataclass(frozen=True)
 class SpecimenTask:
-    """A specimen to sample, or whose finished run is to be read.
-
-    Attributes
-    ----------
-    source : str
-        Name of its file.
-    folder : Path
-        Of the run, absolute.
-    options : dict
-        Keyword arguments of :meth:`.Sampling.prepare`.
-    finished : bool
-        The folder holds the finished run of this very task.
-    going : Path
-        A file that is there as long as the study goes on.
-    """
+    """A specimen to sample, or whose finished run is to be read."""
 
     specimen: Specimen
     source: str
@@ -149,6 +135,7 @@ class SpecimenTask:
     options: dict[str, Any]
     finished: bool
     going: Path
+    """A file that is there as long as the study goes on."""
 
 
 def try_specimen(task: SpecimenTask) -> Tried:
@@ -241,7 +228,7 @@ GOING = ".going-"
 
 @dataclass
 class Batch:
-    """A study, the folder it is kept in and who does the work."""
+    """A study, its folder, and the executor of its tasks."""
 
     study: Study
     folder: Path
@@ -253,16 +240,9 @@ class Batch:
         progress: Tell = silent,
         stop: Stop = never,
     ) -> StudyResult:
-        """Sample what is missing, compare the layers of each donor, and write every file.
-
-        Raises
-        ------
-        RunError
-            If the folder is in use or holds something else, or no worker sees it.
-        Interrupted
-            If stopped; what was done is saved.
-        """
-        self._make_folder()
+        """Sample what is missing, compare the layers of each donor, and write every file."""
+        claim_folder(self.folder, {STUDY}, "a study's", own={RUNS})
+        (self.folder / RUNS).mkdir(exist_ok=True)
         with folder_lock(self.folder), self.executor, self._going() as going:
             clear_leftovers(self.folder)
             progress(Progress("reading specimens"))
@@ -282,20 +262,6 @@ class Batch:
             result = result_of(self.study.name, self.folder.absolute(), table, compared)
             write_study(result)
         return result
-
-    def _make_folder(self) -> None:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
-            if names - {RUNS} and STUDY not in names:
-                raise RunError(
-                    f"{self.folder}: is a folder that is not a study's; choose another `out`"
-                )
-            (self.folder / RUNS).mkdir(exist_ok=True)
-        except OSError as error:
-            raise RunError(
-                f"{self.folder}: cannot be made ({error.strerror}); choose another `out`"
-            ) from None
 
     @contextlib.contextmanager
     def _going(self) -> Iterator[Path]:
@@ -439,7 +405,7 @@ def command(
     specimen. The same command again does what is missing: a finished specimen is not sampled
     again, an interrupted one continues. A specimen that fails does not stop the others. Exit
     code 0 when every specimen has converged, 3 when one has not or has failed, 2 when nothing
-    could be begun: a file is missing, a study file, an option or a folder cannot be used.
+    could be started: a file is missing, a study file, an option or a folder cannot be used.
 
     \b
     biaxbayes batch study.toml --workers 4

@@ -48,6 +48,7 @@ from biaxbayes.verbs.inputs import (
     SpecimenLike,
     Stop,
     Tell,
+    claim_folder,
     never,
     open_specimen,
     silent,
@@ -88,7 +89,7 @@ TEXT = ("parameter", "unit", "state", "reason")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a finished study found.
+    """The result of a finished study.
 
     Attributes
     ----------
@@ -112,27 +113,14 @@ class Outcome:
 
 
 def study_of(specimen: Specimen, options: Mapping[str, Any], plan: CalibrationPlan) -> Study:
-    """The study that the options ask for.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    options : mapping
-        Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`.
-    plan : CalibrationPlan
-
-    Raises
-    ------
-    NotConverged
-        If the true values are to lie around a posterior that cannot be sampled.
-    """
+    """The study that the options ask for."""
     model = {name: value for name, value in options.items() if name != "priors"}
-    stated = dict(options["priors"])
+    own = dict(options["priors"])
     law = ModelOptions.from_values(model).material_law
     if plan.source == "posterior":
-        priors = _around_posterior(specimen, model, stated, plan.seed)
+        priors = _around_posterior(specimen, model, own, plan.seed)
     else:
-        priors = {**protocol_prior(specimen, law), **stated}
+        priors = {**protocol_prior(specimen, law), **own}
     study = Study(specimen, model, priors, seed=plan.seed, ess=plan.ess, broken=plan.broken)
     return replace(study, **AS_SAMPLED) if len(law.parameters) >= MANY else study
 
@@ -151,21 +139,21 @@ AS_SAMPLED: dict[str, Any] = {
 
 
 def _around_posterior(
-    specimen: Specimen, options: dict[str, Any], stated: dict[str, Any], seed: int
+    specimen: Specimen, options: dict[str, Any], own: dict[str, Any], seed: int
 ) -> dict[str, Any]:
-    posterior = prepare(specimen, **options, priors=stated, seed=seed)
+    posterior = prepare(specimen, **options, priors=own, seed=seed)
     drawn = draw_posterior(posterior, Plan(seed=seed))
     if drawn.convergence.state == "unusable":
         raise NotConverged(
             f"the specimen's own posterior is no basis for a study: {drawn.convergence.reason}"
         )
-    wide = {**default_priors(specimen, posterior.law, posterior.settings.mounting_sd), **stated}
+    wide = {**default_priors(specimen, posterior.law, posterior.settings.mounting_sd), **own}
     return local_prior(drawn.quantities, wide, posterior.quantities)
 
 
 @dataclass
 class CalibrationStudy:
-    """A study and the folder it is kept in."""
+    """A study and its folder."""
 
     study: Study
     folder: Path
@@ -179,21 +167,8 @@ class CalibrationStudy:
         progress: Tell = silent,
         stop: Stop = never,
     ) -> Outcome:
-        """Run the replications that are missing, and write every file.
-
-        Raises
-        ------
-        RunError
-            If the folder is in use or holds something else.
-        Interrupted
-            If stopped; what was done is saved.
-        """
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunError(
-                f"{self.folder}: cannot be made ({error.strerror}); choose another `out`"
-            ) from None
+        """Run the replications that are missing, and write every file."""
+        claim_folder(self.folder, {"study.json"}, "a study's")
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             rows = self._start(resume)
@@ -204,11 +179,6 @@ class CalibrationStudy:
     def _start(self, resume: bool) -> dict[int, list[dict[str, Any]]]:
         """Rows of the replications already done, by replication."""
         stored, ranks = self.folder / "study.json", self.folder / "ranks.csv"
-        names = {p.name for p in self.folder.iterdir() if not p.name.startswith(".")}
-        if names and "study.json" not in names:
-            raise RunError(
-                f"{self.folder}: is a folder that is not a study's; choose another `out`"
-            )
         identity = study_identity(self.study)
         rows: dict[int, list[dict[str, Any]]] = {}
         if resume and stored.exists() and ranks.exists():
@@ -230,12 +200,7 @@ class CalibrationStudy:
             _write_ranks(ranks, rows)
         return rows
 
-    def _run(
-        self,
-        rows: dict[int, list[dict[str, Any]]],
-        progress: Tell,
-        stop: Stop,
-    ) -> None:
+    def _run(self, rows: dict[int, list[dict[str, Any]]], progress: Tell, stop: Stop) -> None:
         missing = [i for i in range(self.replications) if i not in rows]
         if not missing:
             return
@@ -333,13 +298,7 @@ def _read_identity(path: Path) -> str:
 
 
 def read_ranks(path: Path) -> pd.DataFrame:
-    """``ranks.csv`` of a study.
-
-    Raises
-    ------
-    RunError
-        If it is damaged.
-    """
+    """``ranks.csv`` of a study."""
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False)
         if tuple(table.columns) != COLUMNS:

@@ -33,7 +33,7 @@ def convert(
     overwrite: bool = False,
     **choices: Any,
 ) -> Conversion:
-    """Read machine exports as the protocols of one specimen, and write it where asked to.
+    """Read machine exports as the protocols of one specimen, and write it to ``out``.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ HEADER_OPTIONS = {
     "mounting_stretch_y": "'M +- SD'",
     "stress_limit_kPa": "KPA",
 }
-"""Header keys that can be stated, and what the help prints for their values."""
+"""Header keys that have an option, and what the help prints for their values."""
 
 
 def header_options() -> Decorator:

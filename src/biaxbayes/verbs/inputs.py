@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -42,19 +42,7 @@ def never() -> int:
 def open_specimen(
     specimen: SpecimenLike, mounting_force: Sequence[float] | None = None
 ) -> Specimen:
-    """A specimen, or the CSV to read it from, with a stated mounting force put back on.
-
-    Parameters
-    ----------
-    specimen : Specimen or path-like
-    mounting_force : (float, float), optional
-        Of a tared specimen: force (N) or stress (kPa) at the mounted state.
-
-    Raises
-    ------
-    InputError
-        If the specimen has a mounting force of its own, or the stated one is none.
-    """
+    """A specimen, or the CSV to read it from, with a stated mounting force put back on."""
     file: object = None
     if not isinstance(specimen, Specimen):
         file = Path(specimen)
@@ -102,12 +90,7 @@ FORCE_LIMIT = 3.0
 
 
 def readable_specimen(specimen: Specimen, file: object) -> Specimen:
-    """The same specimen, if a run folder's copy of it can be read again; refused else.
-
-    Raises
-    ------
-    InputError
-    """
+    """The same specimen, if a run folder's copy of it can be read again; refused else."""
     check_readings(specimen)
     try:
         parse_specimen(specimen_text(specimen).split("\n"), Path("specimen.csv"))
@@ -125,21 +108,7 @@ def opened_run(run: RunLike) -> Run:
 
 
 def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
-    """A run whose draws can be computed with.
-
-    Parameters
-    ----------
-    run : Run or path-like
-    anyway : bool
-        Take draws that the run itself calls unusable.
-
-    Raises
-    ------
-    RunError
-        If the folder is no run, or its draws are not those of a GOH posterior.
-    NotConverged
-        If its draws are unusable and ``anyway`` is not given.
-    """
+    """A run whose draws can be computed with."""
     opened = opened_run(run)
     _check_draws(opened)
     if opened.state == "unusable" and not anyway:
@@ -181,6 +150,21 @@ def make_folder(path: PathLike) -> Path:
     return folder
 
 
+def claim_folder(
+    folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
+) -> set[str]:
+    """Make the folder of a verb, refuse one that holds something else; the names in it.
+
+    It holds one of the ``records``, or at most what is the verb's ``own``.
+    """
+    from biaxbayes.runs.folder import names_in
+
+    names = names_in(folder)
+    if names.difference(own) and not names.intersection(records):
+        raise RunError(f"{folder}: is a folder that is not {kind}; choose another `out`")
+    return names
+
+
 def write_table(folder: Path, stem: str, table: pd.DataFrame, digits: str | None) -> None:
     """Write ``<stem>.csv``; ``digits`` as in ``%.6g``, None for all."""
     text = table.to_csv(index=False, float_format=digits, lineterminator="\n")
@@ -205,19 +189,7 @@ def opened_style(style: Any) -> dict[str, Any] | None:
 
 
 def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool) -> None:
-    """Draws that took an hour are replaced on purpose only; to continue them adds to them.
-
-    Parameters
-    ----------
-    folder : Path
-    record : str
-        The file that a finished folder holds: that of a run or of a population.
-    resume, overwrite : bool
-
-    Raises
-    ------
-    RunError
-    """
+    """Draws that took an hour are replaced on purpose only; to continue them adds to them."""
     from biaxbayes.runs.checkpoint import NAMES
     from biaxbayes.runs.folder import KINDS, is_finished
 

@@ -39,6 +39,7 @@ from biaxbayes.verbs.inputs import (
     SpecimenLike,
     Stop,
     Tell,
+    claim_folder,
     make_folder,
     never,
     open_specimen,
@@ -218,11 +219,7 @@ def _start(
         "biaxbayes": biaxbayes.__version__,
     }
     record = folder / RECORD
-    names = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
-    if names and RECORD not in names:
-        raise RunError(
-            f"{folder}: is a folder that is not a comparison of laws; choose another `out`"
-        )
+    names = claim_folder(folder, {RECORD}, "a comparison of laws")
     if RECORD in names:
         try:
             same = json.loads(record.read_text(encoding="utf-8"))["identity"] == identity

@@ -178,7 +178,7 @@ def command(
         _print_ledger(result, folder)
     doubtful = [name for name, state in result.states.items() if state != "converged"]
     if doubtful:
-        click.echo(f"biaxbayes: not converged: {', '.join(doubtful)}; ask for more", err=True)
+        click.echo(f"biaxbayes: not converged: {', '.join(doubtful)}; sample more", err=True)
     return NOT_CONVERGED if doubtful else 0
 
 

@@ -58,16 +58,9 @@ RATIO = Pair("ratio", ":", "1:0.5", zero=True)
 
 
 def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
-    """Add options of a table to a command.
+    """Add options of a table to a command, in the order of ``names``; all where none is given.
 
-    Parameters
-    ----------
-    table : type
-        One of the tables of :mod:`biaxbayes.options`, or of a verb.
-    *names : str
-        In the order of the help; all of the table's where none is named.
-    **changes
-        What this command says otherwise of an option, as keyword arguments of ``click.option``.
+    ``changes`` are keyword arguments of ``click.option`` that differ from the table, by option.
     """
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -206,13 +199,7 @@ def model_options(table: type[ModelOptions] = ModelOptions) -> Decorator:
 def with_priors(
     *, fix: tuple[str, ...], law: str, priors: Path | None = None, **others: Any
 ) -> dict[str, Any]:
-    """Options of a command as its verb takes them: ``--fix`` and ``--priors`` as one table.
-
-    Raises
-    ------
-    InputError
-        Naming the option or the key of the priors file that cannot be used.
-    """
+    """Options of a command as its verb takes them: ``--fix`` and ``--priors`` as one table."""
     from biaxbayes.laws import law_named
     from biaxbayes.model.priors import check_fixed, read_priors
 

@@ -60,22 +60,8 @@ MOUNTING = (*mounting_names("stretch"), *mounting_names("force"))
 def read_truth(path: Path | str, specimen: str) -> dict[str, float]:
     """Known values by the names of ``summary.csv``.
 
-    Parameters
-    ----------
-    path : path-like
-        JSON: what :func:`biaxbayes.specimens.virtual_specimen.write_truth` writes, an entry of it,
-        or one flat object such as ``{"C1": 2.98, "kappa": 0.0}``.
-    specimen : str
-        Name of the specimen whose entry is wanted, where there are several.
-
-    Returns
-    -------
-    dict of str to float
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or has no such entry.
+    The JSON is what ``simulate`` writes, an object of such by specimen, or a flat object such as
+    ``{"C1": 2.98, "kappa": 0.0}``.
     """
     path = Path(path)
     text = read_text(path)
@@ -112,60 +98,33 @@ def _number(value: Any, name: str, path: Path) -> float:
 
 
 def run_figure(run: Run, kind: str, **how: Any) -> Figure:
-    """Draw a figure of a run.
+    """Draw a figure of a run; ``how`` are the arguments of its function in ``figures/run``."""
+    if kind not in PLOTS:
+        raise InputError(f"no figure {kind[:40]!r}", remedy=f"choose {', '.join(PLOTS)}")
+    how = {"width_mm": 180.0, "style": None, **how}
+    if kind == "corner":
+        from biaxbayes.figures.run.corner import corner_figure
 
-    Parameters
-    ----------
-    run : Run
-    kind : {"corner", "bands", "identifiability", "mounting", "trace", "profile"}
-    **how
-        Of the figure: ``width_mm`` and ``style`` of all, ``truth``, ``compare``, ``names`` and
-        ``parameters`` where the figure takes them.
+        return corner_figure(run.draws, known=run.quantities, **how)
+    if kind == "bands":
+        from biaxbayes.figures.run.bands import bands_figure
 
-    Raises
-    ------
-    InputError
-        If there is no such figure.
-    """
-    if kind not in _FIGURES:
-        raise InputError(f"no figure {kind[:40]!r}", remedy=f"choose {', '.join(_FIGURES)}")
-    return _FIGURES[kind](run, {"width_mm": 180.0, "style": None, **how})
+        return bands_figure(run.specimen, run.draws, settings=run.posterior().settings, **how)
+    if kind == "mounting":
+        from biaxbayes.figures.run.mounting import mounting_figure
 
+        return mounting_figure(run.specimen, run.draws, **how)
+    if kind == "trace":
+        from biaxbayes.figures.run.trace import trace_figure
 
-def _corner(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.figures.run.corner import corner_figure
+        rhat = dict(zip(run.summary["parameter"], run.summary["rhat"], strict=True))
+        unit = run.specimen.unit
+        return trace_figure(run.chains, unit=unit, rhat=rhat, known=run.quantities, **how)
+    if kind == "identifiability":
+        from biaxbayes.figures.run.identifiability import identifiability_figure
+        from biaxbayes.identifiability.identify import identify
 
-    return corner_figure(run.draws, known=run.quantities, **how)
-
-
-def _bands(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.figures.run.bands import bands_figure
-
-    return bands_figure(run.specimen, run.draws, settings=run.posterior().settings, **how)
-
-
-def _mounting(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.figures.run.mounting import mounting_figure
-
-    return mounting_figure(run.specimen, run.draws, **how)
-
-
-def _trace(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.figures.run.trace import trace_figure
-
-    summary = run.summary
-    rhat = dict(zip(summary["parameter"], summary["rhat"], strict=True))
-    return trace_figure(run.chains, unit=run.specimen.unit, rhat=rhat, known=run.quantities, **how)
-
-
-def _identifiability(run: Run, how: dict[str, Any]) -> Figure:
-    from biaxbayes.figures.run.identifiability import identifiability_figure
-    from biaxbayes.identifiability.identify import identify
-
-    return identifiability_figure(identify(run), **how)
-
-
-def _profile(run: Run, how: dict[str, Any]) -> Figure:
+        return identifiability_figure(identify(run), **how)
     from biaxbayes.figures.run.profile import profile_figure
     from biaxbayes.identifiability.profile.profile import profiles
 
@@ -177,16 +136,6 @@ def _profile(run: Run, how: dict[str, Any]) -> Figure:
             remedy=f"name up to {MOST_IN_COLUMN} with `parameters`, or choose `width_mm=180`",
         )
     return profile_figure(profiles(posterior, names), **how)
-
-
-_FIGURES = {
-    "corner": _corner,
-    "bands": _bands,
-    "identifiability": _identifiability,
-    "mounting": _mounting,
-    "trace": _trace,
-    "profile": _profile,
-}
 
 
 # --- a figure in the style of a paper ------------------------------------------------------------
@@ -266,13 +215,7 @@ def check_figure(figure: str, **given: Any) -> None:
 
 
 def picture_file(out: PathLike, suffix: str | None = None) -> Path:
-    """The file of a figure: ``out``, with the ending of its format where it has none.
-
-    Raises
-    ------
-    InputError
-        If it ends otherwise than a picture, or than ``suffix``.
-    """
+    """The file of a figure: ``out``, with the ending of its format where it has none."""
     from biaxbayes.figures.style import picture_suffix
 
     path = Path(out)

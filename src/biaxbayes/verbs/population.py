@@ -30,7 +30,7 @@ from biaxbayes.populations.specimens import Source, individual_of, pooled_names
 from biaxbayes.populations.tuning import Spreading, Tuning
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs import checkpoint
-from biaxbayes.runs.folder import POPULATION, clear_leftovers, finish_moving, names_in, staged
+from biaxbayes.runs.folder import POPULATION, clear_leftovers, finish_moving, staged
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
@@ -40,6 +40,7 @@ from biaxbayes.verbs.inputs import (
     PathLike,
     Stop,
     Tell,
+    claim_folder,
     never,
     refuse_finished,
     removal_note,
@@ -72,18 +73,7 @@ UNLIKE_STRETCH = 1.25
 
 @dataclass
 class PopulationJob:
-    """A population to sample, and the folder it is kept in.
-
-    Attributes
-    ----------
-    name : str
-    members : list of Member
-    folder : Path
-    options : PopulationOptions
-    priors : PopulationPriors
-    anyway : bool
-        Take specimens that are tentative, too.
-    """
+    """A population to sample, and its folder."""
 
     name: str
     members: list[Member]
@@ -100,17 +90,7 @@ class PopulationJob:
         progress: Tell = silent,
         stop: Stop = never,
     ) -> PopulationFound:
-        """Sample the population and write every file.
-
-        Raises
-        ------
-        InputError
-            If the specimens make no population.
-        RunError
-            If the folder is in use, or holds something else or a finished population.
-        Interrupted
-            If stopped; what was done is saved.
-        """
+        """Sample the population and write every file."""
         progress(Progress("reading runs"))
         sources, left_out = self._opened()
         grouping, notes = self._grouped(sources)
@@ -118,7 +98,7 @@ class PopulationJob:
         values = self.priors.applied(
             pooled_values(sources[0].posterior.law, names, mounting=self.options.pool_mounting)
         )
-        self._make_folder()
+        claim_folder(self.folder, {POPULATION, *checkpoint.NAMES}, "a population's")
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder, POPULATION)
@@ -193,7 +173,7 @@ class PopulationJob:
         return sources, left_out
 
     def _grouped(self, sources: list[Source]) -> tuple[Grouping, list[str]]:
-        """Groups and donors, and what is to be said of them."""
+        """Groups and donors, and notes on them."""
         by_label = {m.label: m for m in self.members}
         pooled = [by_label[s.label] for s in sources]
         donors = [m.donor or f"donor of {m.label}" for m in pooled]
@@ -201,13 +181,6 @@ class PopulationJob:
             tuple(m.label for m in pooled), tuple(m.group for m in pooled), tuple(donors)
         )
         return grouping, _notes(pooled, grouping, sources)
-
-    def _make_folder(self) -> None:
-        names = names_in(self.folder)
-        if names and not names & {POPULATION, *checkpoint.NAMES}:
-            raise RunError(
-                f"{self.folder}: is a folder that is not a population's; choose another `out`"
-            )
 
     def _identity(
         self, sources: list[Source], grouping: Grouping, values: list[PooledValue], plan: Plan
@@ -307,9 +280,9 @@ def _unlike(sources: list[Source]) -> list[str]:
     """Specimens that were tested or sampled differently."""
     out = []
     for key in ("mounting", "noise", "mounting_stretch", "noise_growth"):
-        found = {str(getattr(s.posterior.settings, key)) for s in sources}
-        if len(found) > 1:
-            out.append(f"the runs differ in {key}: {', '.join(sorted(found))}")
+        values = {str(getattr(s.posterior.settings, key)) for s in sources}
+        if len(values) > 1:
+            out.append(f"the runs differ in {key}: {', '.join(sorted(values))}")
     counts = sorted({len(s.run.specimen.protocols) for s in sources})
     if len(counts) > 1:
         few = [s.label for s in sources if len(s.run.specimen.protocols) == counts[0]]
@@ -531,15 +504,7 @@ def pack(state: State, identity: dict[str, Any]) -> bytes:
 
 
 def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
-    """Inverse of :func:`pack`.
-
-    Raises
-    ------
-    DamagedCheckpoint
-        If the bytes are not what was written.
-    RunError
-        If another version wrote them.
-    """
+    """Inverse of :func:`pack`."""
     arrays, stored = checkpoint.opened(data)
     try:
         if stored["format"] != FORMAT:

@@ -30,16 +30,6 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
-__all__ = [
-    "FIGURES",
-    "PAGE",
-    "Member",
-    "PopulationFound",
-    "members_of_study",
-    "read_population",
-    "write_population",
-]
-
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
 BANDS = "new-specimen-bands"
 MAKE_POPULATION = "make one with 'biaxbayes population'"
@@ -51,16 +41,7 @@ FIGURES = ("population-forest", "population-pairs", BANDS)
 
 @dataclass(frozen=True)
 class Member:
-    """A specimen of a finished study.
-
-    Attributes
-    ----------
-    label, donor, group : str
-    folder : Path
-        Of its run.
-    state, reason : str
-        As the study has them.
-    """
+    """A specimen of a finished study."""
 
     label: str
     donor: str
@@ -71,20 +52,14 @@ class Member:
 
 
 def members_of_study(folder: Path) -> tuple[str, list[Member]]:
-    """Name and specimens of a finished study.
-
-    Raises
-    ------
-    InputError
-        If the folder is no finished study's, or its groups are not stated.
-    """
+    """Name and specimens of a finished study."""
     try:
         record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
         table = pd.read_csv(folder / "study.csv", dtype=str, keep_default_na=False)
         rows = table.drop_duplicates("specimen").to_dict("records")
         names = [str(r["specimen"]) for r in rows]
         columns = [str(c) for c in record.get("columns", [])]
-        stated: dict[str, dict[str, str]] = record.get("stated", {})
+        columns_of: dict[str, dict[str, str]] = record.get("stated", {})
     except (OSError, ValueError, KeyError, AttributeError, RecursionError):
         raise InputError(
             "is not the folder of a finished study",
@@ -93,19 +68,19 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
         ) from None
     out = []
     for label, row in zip(names, rows, strict=True):
-        own = {"layer": str(row["layer"]), "donor": str(row["donor"])} | stated.get(label, {})
-        asked = columns or ["layer"]
+        own = {"layer": str(row["layer"]), "donor": str(row["donor"])} | columns_of.get(label, {})
+        grouped_by = columns or ["layer"]
         if not columns and not any(str(r["layer"]) for r in rows):
             group = "all"
         else:
-            for column in asked:
+            for column in grouped_by:
                 if not own.get(column):
                     raise InputError(
                         f"{label} states no {column}, which makes its group",
                         file=folder,
                         remedy=f"state {column} in the study file, or name others in columns",
                     )
-            group = ", ".join(own[column] for column in asked)
+            group = ", ".join(own[column] for column in grouped_by)
         out.append(
             Member(
                 label,
@@ -162,13 +137,7 @@ class PopulationFound:
 
 
 def read_population(folder: Path) -> PopulationFound:
-    """A finished population, opened again.
-
-    Raises
-    ------
-    RunError
-        If the folder is none.
-    """
+    """A finished population, opened again."""
     if (folder / READY).is_dir():  # as in open_run
         with folder_lock(folder):
             finish_moving(folder, POPULATION)
@@ -177,7 +146,7 @@ def read_population(folder: Path) -> PopulationFound:
     try:
         record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
         tables = {k: pd.read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
-        found = PopulationFound(
+        result = PopulationFound(
             name=str(record["name"]),
             folder=folder,
             state=str(record["convergence"]["state"]),
@@ -191,7 +160,7 @@ def read_population(folder: Path) -> PopulationFound:
             f"{folder}: its population cannot be read, a file is missing or damaged; copy the "
             f"folder again, or {MAKE_POPULATION}"
         ) from None
-    return found
+    return result
 
 
 def _no_population(folder: Path) -> str:
@@ -208,24 +177,24 @@ def _no_population(folder: Path) -> str:
 # --- files ---------------------------------------------------------------------------------------
 
 
-def write_population(folder: Path, found: Population, identity: dict[str, Any]) -> PopulationFound:
+def write_population(folder: Path, result: Population, identity: dict[str, Any]) -> PopulationFound:
     """Every file of a population, its record last."""
-    specimens = found.specimens_table()
-    found = replace(found, notes=[*found.notes, *found.contradictions(specimens)])
+    specimens = result.specimens_table()
+    result = replace(result, notes=[*result.notes, *result.contradictions(specimens)])
     tables = {
-        "groups": found.groups_table(),
+        "groups": result.groups_table(),
         "specimens": specimens,
-        "contrasts": found.contrasts_table(),
+        "contrasts": result.contrasts_table(),
     }
     for key, table in tables.items():
         write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
-    atomic_write_bytes(folder / "population.nc", archive(found))
-    _draw_figures(folder, found, tables)
-    convergence = found.sampled.convergence
+    atomic_write_bytes(folder / "population.nc", archive(result))
+    _draw_figures(folder, result, tables)
+    convergence = result.sampled.convergence
     record = {
         "biaxbayes": biaxbayes.__version__,
         "python": platform.python_version(),
-        "name": found.name,
+        "name": result.name,
         "convergence": {
             "state": convergence.state,
             "reason": convergence.reason,
@@ -233,9 +202,9 @@ def write_population(folder: Path, found: Population, identity: dict[str, Any]) 
             "worst_rhat": convergence.worst_rhat if convergence.names else None,
             "kept_sweeps": convergence.steps,
         },
-        "law": found.law.name,
+        "law": result.law.name,
         "acceptance": {
-            k: [round(float(x), 4) for x in v] for k, v in found.sampled.acceptance.items()
+            k: [round(float(x), 4) for x in v] for k, v in result.sampled.acceptance.items()
         },
         "pooled": {
             v.name: {
@@ -244,49 +213,49 @@ def write_population(folder: Path, found: Population, identity: dict[str, Any]) 
                 "sd_donors": f"half-normal({v.donor_scale:.4g})",
                 "sd_specimens": f"half-normal({v.specimen_scale:.4g})",
             }
-            for v in found.values
+            for v in result.values
         },
-        "left_out": found.left_out,
-        "notes": found.notes,
+        "left_out": result.left_out,
+        "notes": result.notes,
         "identity": identity,
     }
     atomic_write_text(folder / PAGE, population_page(folder, tables, record))
     record["files"] = manifest(folder)
     atomic_write_text(folder / POPULATION, json.dumps(record, indent=2, ensure_ascii=False) + "\n")
     return PopulationFound(
-        found.name,
+        result.name,
         folder,
-        found.state,
-        found.reason,
+        result.state,
+        result.reason,
         **tables,
-        notes=found.notes,
-        left_out=found.left_out,
+        notes=result.notes,
+        left_out=result.left_out,
     )
 
 
-def _draw_figures(folder: Path, found: Population, tables: dict[str, pd.DataFrame]) -> None:
+def _draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFrame]) -> None:
     """Forest, pairs and stress bands; none of draws that are unusable."""
     from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
     from biaxbayes.figures.style import save_pictures
 
-    if found.state == "unusable":
+    if result.state == "unusable":
         for stem in FIGURES:
             save_pictures(None, folder, stem)
         return
-    specimen = found.sources[0].run.specimen
-    parameters = [v.parameter for v in found.values]
-    bands = found.bands_table()
+    specimen = result.sources[0].run.specimen
+    parameters = [v.parameter for v in result.values]
+    bands = result.bands_table()
     write_csv(folder / f"{BANDS}.csv", bands, digits=8)
     drawn = (
         forest_figure(tables["specimens"], tables["groups"], parameters),
         pairs_figure(
-            found.new_specimens(),
+            result.new_specimens(),
             tables["specimens"],
             [p for p in parameters if p.kind == MATERIAL],
         ),
         band_figure(
             bands,
-            found.records(),
+            result.records(),
             directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
         ),
     )
@@ -294,13 +263,13 @@ def _draw_figures(folder: Path, found: Population, tables: dict[str, pd.DataFram
         save_pictures(figure, folder, stem)
 
 
-def archive(found: Population) -> bytes:
+def archive(result: Population) -> bytes:
     """population.nc: draws of means and spreads by chain and draw, and of the specimens."""
     import xarray as xr
 
-    history = found.sampled.history
-    names = [v.name for v in found.values]
-    groups = list(found.grouping.groups)
+    history = result.sampled.history
+    names = [v.name for v in result.values]
+    groups = list(result.grouping.groups)
 
     def flat(values: np.ndarray) -> np.ndarray:
         # (ensembles, sweeps, chains, ...) to (chain, draw, ...), one chain of an ensemble after
@@ -308,7 +277,7 @@ def archive(found: Population) -> bytes:
         moved = np.moveaxis(values, 2, 1)
         return moved.reshape(moved.shape[0], moved.shape[1] * moved.shape[2], *moved.shape[3:])
 
-    centre = found.design.centre
+    centre = result.design.centre
     dims = ("chain", "draw")
     sets = groups if history.sd.shape[3] > 1 else ["all"]
     common = {
@@ -324,16 +293,16 @@ def archive(found: Population) -> bytes:
         "values": ((*dims, "specimen", "quantity"), flat(history.theta) + centre),
         "donor_effect": ((*dims, "donor", "quantity"), flat(history.effect)),
     }
-    new = found.new_specimens()
+    new = result.new_specimens()
     materials = np.array([table.to_numpy() for table in new.values()])
-    law = found.law
+    law = result.law
     attributes = {
         "biaxbayes_version": biaxbayes.__version__,
         "law": law.name,
         "fibre_switch": int(law.fibre_switch),
-        "largest_stretch": found.largest_stretch,
-        "convergence": found.state,
-        "scale": json.dumps({v.name: v.scale for v in found.values}),
+        "largest_stretch": result.largest_stretch,
+        "convergence": result.state,
+        "scale": json.dumps({v.name: v.scale for v in result.values}),
         "every": history.every,
     }
     tree = xr.DataTree.from_dict(
@@ -342,10 +311,10 @@ def archive(found: Population) -> bytes:
             "/specimens": xr.Dataset(
                 own,
                 {
-                    "specimen": list(found.grouping.labels),
-                    "group_of": ("specimen", list(found.grouping.group)),
-                    "donor_of": ("specimen", list(found.grouping.donor)),
-                    "donor": list(found.grouping.donors),
+                    "specimen": list(result.grouping.labels),
+                    "group_of": ("specimen", list(result.grouping.group)),
+                    "donor_of": ("specimen", list(result.grouping.donor)),
+                    "donor": list(result.grouping.donors),
                     "quantity": names,
                 },
             ),

@@ -44,13 +44,7 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
 
 
 def report_text(run: RunLike, kind: str = "html") -> str:
-    """The report of a run: a page that holds everything, tables for a paper, or a page to explore.
-
-    Parameters
-    ----------
-    run : Run or path-like
-    kind : {"html", "latex", "explore"}
-    """
+    """The report of a run: one page, tables for a paper, or a page to explore."""
     from biaxbayes.reports.explore import explore_page
     from biaxbayes.reports.page import latex_table, report_page
 

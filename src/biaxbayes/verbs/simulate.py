@@ -85,7 +85,7 @@ class VirtualTest(Options):
 def simulate(
     out: str | Path | None = None, *, overwrite: bool = False, **options: Any
 ) -> tuple[Specimen, Truth]:
-    """A virtual biaxial test, written as a specimen file where asked to.
+    """A virtual biaxial test, written to ``out`` as a specimen file.
 
     Parameters
     ----------
