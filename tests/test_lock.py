@@ -78,7 +78,7 @@ def test_a_live_owner_is_named_and_a_killed_one_is_not_waited_for(tmp_path):
             pass
         who = f"process {other.pid} on {socket.gethostname()} is writing there"
         assert who in str(refusal.value)
-        assert "another --out" in str(refusal.value)
+        assert "another `out`" in str(refusal.value)
         other.send_signal(signal.SIGKILL)
         other.wait()
         assert (tmp_path / NAME).exists()

@@ -201,7 +201,7 @@ def written(rng: np.random.Generator, folder: Path, number: int) -> tuple[Path, 
     if lost:
         middle = counts[0] // 4  # one reading of the first loading branch
         cells[0][middle] = "NaN"
-        way.refusals.append("drop-missing")
+        way.refusals.append("drop_missing")
     order = rng.permutation(len(names))
     names = [names[i] for i in order]
     rows = [list(row) for row in zip(*[cells[i] for i in order], strict=True)]

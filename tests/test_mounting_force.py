@@ -65,7 +65,7 @@ def test_whatever_force_is_stated_the_sampled_specimen_can_be_read_again(force, 
     try:
         found = prepared(specimen, force, Path("unused")).specimen
     except InputError as error:
-        assert "--mounting-force" in str(error) or "stress" in str(error) or "load" in str(error)
+        assert "`mounting_force`" in str(error) or "stress" in str(error) or "load" in str(error)
         return
     lines = specimen_text(found).split("\n")
     assert parse_specimen(lines, Path("specimen.csv")).protocols == found.protocols

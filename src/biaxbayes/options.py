@@ -143,20 +143,20 @@ class Options:
         InputError
         """
         option = options_of(cls)[name]
-        shown = f"{where}{name}" if file is not None else f"{where}`{name}`"
         if value is None and getattr(cls, name) is None:
             return
         if option.choices:
             if not (isinstance(value, str) and value in option.choices):
                 allowed = ", ".join(option.choices)
                 raise InputError(
-                    f"{shown} must be one of {allowed}, not {str(value)[:40]!r}", file=file
+                    f"{where}{name} must be one of {allowed}, not {str(value)[:40]!r}", file=file
                 )
         elif option.kind is bool:
             if not isinstance(value, bool):
-                raise InputError(f"{shown} must be true or false", file=file)
+                raise InputError(f"{where}{name} must be true or false", file=file)
         elif option.kind is not None and not option.allows(value):
-            raise InputError(f"{shown} must be {option.allowed}", file=file)
+            shown = f"`{name}`" if file is None else name  # an argument, or a key of the file
+            raise InputError(f"{where}{shown} must be {option.allowed}", file=file)
 
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])
