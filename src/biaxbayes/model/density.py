@@ -4,9 +4,10 @@ A walker's coordinates are spread over *slots*, which hold a number each whether
 fixed or tied to another: the parameters of the law first, then those of the errors and of measured
 dimensions, then two a mounted state. They are turned into material, mounted state and errors, and
 the curves are compared with the readings. The stress is that of the law
-(:mod:`biaxbayes.laws.response`), the mounted state that of :mod:`biaxbayes.mechanics.mounting`, the
-load law that of :mod:`biaxbayes.mechanics.mounting`, the errors those of
-:mod:`biaxbayes.model.error_model`; one kernel is compiled for each law and error model.
+(:mod:`biaxbayes.laws.response`), the mounted state and the load law those of
+:mod:`biaxbayes.mechanics.mounting`, the errors those of :mod:`biaxbayes.model.error_model`; one
+kernel is compiled for each law and error model. In NumPy :mod:`biaxbayes.model.forward` does the
+same.
 """
 
 from __future__ import annotations

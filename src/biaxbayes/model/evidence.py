@@ -67,11 +67,11 @@ def evidence_record(posterior: Posterior, draws: Draws, seed: int) -> dict[str, 
         problem = "the draws have not converged"
     if problem:
         return {"log_evidence": None, "reason": problem}
-    found = evidence(posterior, draws, seed=seed)
+    result = evidence(posterior, draws, seed=seed)
     return {
-        "log_evidence": found.log_evidence,
-        "error": found.error,
-        "log_density_of_mounting_reading": found.mounting_reading,
+        "log_evidence": result.log_evidence,
+        "error": result.error,
+        "log_density_of_mounting_reading": result.mounting_reading,
     }
 
 

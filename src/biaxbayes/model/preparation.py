@@ -63,11 +63,11 @@ def prepare(
     """
     # Options, priors and mounted states are the same whatever the weight.
     unweighted = Posterior(specimen, **options, beta=1.0 if beta is None else beta)
-    found = fitted(unweighted, seed)
-    if beta is None and found.settings.noise != "independent":
-        readings = sampled_readings(found)
-        found = found.replaced(beta=readings.beta, readings=readings)
-    return charted(found)
+    posterior = fitted(unweighted, seed)
+    if beta is None and posterior.settings.noise != "independent":
+        readings = sampled_readings(posterior)
+        posterior = posterior.replaced(beta=readings.beta, readings=readings)
+    return charted(posterior)
 
 
 def deterministic_fit(posterior: Posterior, seed: int = 0) -> FitResult:
@@ -106,13 +106,13 @@ def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
     softening : float, optional
         Scale of the chart near isotropy; default that of the fit's own material.
     """
-    found = fitted(posterior)
-    fit = found.fit
+    posterior = fitted(posterior)
+    fit = posterior.fit
     assert fit is not None
     if softening is None:
-        law = found.law
+        law = posterior.law
         softening = law.softening(dict(zip(law.names, fit.material.values, strict=True)))
-    return found.replaced(chart=Chart(softening, _reference_stretch(found, fit)))
+    return posterior.replaced(chart=Chart(softening, _reference_stretch(posterior, fit)))
 
 
 def _reference_stretch(posterior: Posterior, fit: FitResult) -> tuple[float, float] | None:
@@ -172,14 +172,14 @@ def sampled_readings(posterior: Posterior) -> EffectiveReadings:
     posterior : Posterior
         Whatever its ``beta`` is.
     """
-    found = fitted(posterior)
-    fit = found.fit
+    posterior = fitted(posterior)
+    fit = posterior.fit
     assert fit is not None
     readings = effective_readings(fit.residuals)
     if not posterior.settings.noise_growth and not stated_priors(posterior):
         return readings
-    chart = Chart(reference_stretch=_reference_stretch(found, fit))
-    provisional = found.replaced(thin=0, beta=readings.beta, chart=chart)
+    chart = Chart(reference_stretch=_reference_stretch(posterior, fit))
+    provisional = posterior.replaced(thin=0, beta=readings.beta, chart=chart)
     return effective_readings(*modal_residuals(provisional))
 
 
@@ -220,8 +220,8 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
             scale[i] = max(posterior.specimen.noise_sd, posterior.specimen.load_resolution)
         elif q.parameter.kind == STRETCH:
             scale[i] = 0.02
-    found = find_modes(posterior.log_prob, points, scale, posterior.bounds)
-    mode = found[0].location if found else points[0]
+    modes = find_modes(posterior.log_prob, points, scale, posterior.bounds)
+    mode = modes[0].location if modes else points[0]
     return _residuals_at(posterior, mode)
 
 

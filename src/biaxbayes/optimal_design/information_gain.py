@@ -12,7 +12,7 @@ gives the spread of every quantity and, by its mean weight, Z(y).
 Outcomes of the candidate are simulated from some draws of the posterior; for each outcome the other
 draws are reweighted by its likelihood, which gives the posterior that the outcome would lead to.
 Where the outcomes of a candidate leave too few draws, new ones are drawn for some of them
-(:mod:`.outcome_posterior`). The expected information gain is, by nested Monte Carlo over outcomes j
+(:class:`OutcomePosterior`). The expected information gain is, by nested Monte Carlo over outcomes j
 and draws i,
 
     EIG = mean_j [ log L(y_j | j) - log mean_i L(y_j | i) ].
@@ -97,7 +97,7 @@ class OutcomePosterior:
     draws : DataFrame
         Of the run.
     quantities : tuple of str
-        Of :func:`.targets.targets`.
+        Of :func:`targets`.
     stretch : float
         The total equibiaxial stretch that these refer to.
     """
