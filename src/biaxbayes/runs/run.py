@@ -221,13 +221,13 @@ class Run:
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """summary.csv as a table."""
+        """summary.csv as a table, a row for each parameter: ``run.summary.loc["C1", "q50"]``."""
         path = trusted_path(self.path, "summary.csv", self.provenance)
         table = read_summary(path)
         for row, name in enumerate(table["parameter"], start=2):
             if name not in self.quantities:
                 raise RunError(f"{path}: row {row}: no quantity of this run is called {name!s:.40}")
-        return table
+        return table.set_axis(table["parameter"].to_list(), axis="index")
 
     @cached_property
     def fit(self) -> list[dict[str, Any]]:
