@@ -78,7 +78,7 @@ def test_the_reference_has_no_tags_of_html():
 def test_pages_say_what_codes_and_header_lines_are():
     for page in ("studies.md", "cli.md"):
         words = " ".join(told(DOCS / page).split())
-        assert "3 when one has not or has failed, 2 when nothing could be begun" in words
+        assert "3 when one has not or has failed, 2 when nothing could be started" in words
     stretch = re.search(r"`# mounting_stretch_x: (.*?)`", told(DOCS / "interpretation.md"))
     assert measured_stretch(stretch[1])
 

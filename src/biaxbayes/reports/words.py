@@ -91,17 +91,16 @@ GLOSSARY = {
     "factor of 7 for 2",
     "mounting stretch": "stretch of the mounted specimen relative to the unloaded one; "
     "measured stretches are relative to the mounted one",
-    "verdict": "what the data say of a parameter, in the words that follow",
-    "identified": "the data alone say where the parameter is",
-    "one-sided": "the data give a largest (or a smallest) value and leave the other end open",
-    "only in combination": "the parameter trades with others: each alone is loose, together they "
-    "are sharp",
-    "not identified": "a mounting stretch that rests on a toe which the data contradict; only the "
-    "range of refits is told",
-    "prior-dominated": "the data say little of it: the number is mostly what was taken for "
-    "plausible before",
-    "no verdict, fixed": "the chains have not converged, so nothing is said; a value that was "
-    "given and not inferred",
+    "verdict": "what the test shows about a parameter, in the terms that follow",
+    "identified": "the data determine the parameter from both sides",
+    "one-sided": "the data give an upper or a lower limit only",
+    "only in combination": "the parameter is correlated with others: a combination of them is "
+    "known well, each alone is not",
+    "not identified": "a mounting stretch for which fits to parts of the record disagree; only "
+    "their range is given",
+    "prior-dominated": "the interval is mostly that of the prior: the data contain little "
+    "information on the parameter",
+    "no verdict, fixed": "the chains have not converged; a value that was given and not inferred",
     "credible band": "region that contains the curve of the model with 90 % probability",
     "predictive band": "the credible band widened by the inferred error: region that contains a "
     "reading with 90 % probability",
@@ -121,10 +120,10 @@ GLOSSARY = {
     "residual, misfit": "reading minus the curve of the median parameters; its root mean square",
     "edge, hypothesis": "a limit of a parameter's range, such as perfectly aligned fibres; the "
     "data cannot show whether it is exactly reached",
-    "stated of the tissue": "what laws that fit the record alike agree on; an interval within the "
-    "law holds only if that law is true",
-    "other laws, alike": "material laws fitted to the same record; alike where they miss it "
-    "by about as much as the best",
+    "stated of the tissue": "what all laws that fit the record agree on; an interval within the "
+    "law is right only if that law is",
+    "other laws, alike": "material laws fitted to the same record; alike where their misfits are "
+    "about as small as the best one",
     "runs": "sequences of residuals of one sign; far fewer than expected mean that the model "
     "misses smoothly",
     "effective readings": "number of independent readings that carry as much information as "
@@ -144,10 +143,9 @@ GLOSSARY = {
 }
 """Terms of a run's report, figures and tables."""
 SEVERAL = {
-    "determined": "the data narrow the quantity by themselves; where they do not, its number is "
-    "none of the tissue",
-    "within the law": "as if the material law were true; what is stated of a mounting stretch of "
-    "the tissue is not",
+    "determined": "the data narrow the quantity clearly; otherwise its interval is mostly that "
+    "of the prior",
+    "within the law": "under the assumption that the material law is exact",
     "contraction": "share of the prior's variance that the data remove: 0 % nothing learnt, "
     "100 % exactly known",
     "sd (standard deviation)": "about two thirds of the values lie within one sd of the mean",
