@@ -10,8 +10,8 @@ import pytest
 import biaxbayes
 import quick_posteriors
 from biaxbayes.reports.facts import closing_message
-from biaxbayes.runs.run import COLUMNS
-from biaxbayes.text_files import read_csv
+from biaxbayes.runs.run import COLUMNS, read_summary, write_summary
+from biaxbayes.text_files import read_csv, write_csv
 from biaxbayes.verbs.report import report_text
 
 
@@ -88,3 +88,26 @@ def test_a_folder_with_the_tables_of_before_still_opens(media_run, copied):
     new = hashlib.sha256((folder / "summary.csv").read_bytes()).hexdigest()
     provenance.write_text(text.replace(old, new))
     assert biaxbayes.open_run(folder).summary["verdict"].isna().all()
+
+
+TEXTS = ["=1+1", "+1+1", "-2+3", "@SUM(A1)", "\t=1+1", "'=1+1", "'tis", "plain", "-1.5", "+2e3"]
+
+
+def test_a_spreadsheet_computes_nothing_and_texts_read_back_as_they_were(tmp_path):
+    table = pd.DataFrame({"=label": TEXTS, "value": [-1.5] * len(TEXTS)})
+    write_csv(tmp_path / "table.csv", table)
+    with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    for cell in (*head, *(row[0] for row in rows)):
+        assert not cell.startswith(("=", "+", "-", "@", "\t")) or float(cell)
+    assert [row[0] for row in rows[-2:]] == TEXTS[-2:]  # numbers stay numbers
+    assert {row[1] for row in rows} == {"-1.5"}
+    back = read_csv(tmp_path / "table.csv", dtype={"'=label": str})
+    pd.testing.assert_frame_equal(back, table, check_dtype=False)
+
+
+def test_a_summary_with_formulas_reads_back_as_it_was(tmp_path):
+    row = dict.fromkeys(COLUMNS, -1.5) | {"parameter": "=C1", "unit": "+kPa", "verdict": "@known"}
+    write_summary(tmp_path / "summary.csv", pd.DataFrame([row]))
+    assert "=C1" in (tmp_path / "summary.csv").read_text()
+    assert read_summary(tmp_path / "summary.csv").to_dict("records") == [row]

@@ -378,12 +378,18 @@ def read_csv(path: Path, **how: Any) -> pd.DataFrame:
         head = sum(1 for _ in takewhile(lambda line: line.startswith("#"), lines))
     table = pd.read_csv(path, skiprows=head, **how)
     words = table.select_dtypes(exclude=["number", "bool"]).columns
-    return table.assign(**{name: table[name].map(_unmarked) for name in words})
+    table = table.assign(**{name: table[name].map(_unmarked) for name in words})
+    return table.rename(columns=_unmarked)
+
+
+FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""Texts that a spreadsheet computes (``=1+1``), also after an apostrophe that marks text."""
 
 
 def _unmarked(cell: Any) -> Any:
     """A text as it was before :func:`csv_text` marked it."""
-    return cell[1:] if isinstance(cell, str) and cell.startswith(("'=", "'@")) else cell
+    marked = isinstance(cell, str) and cell.startswith("'") and FORMULA.match(cell)
+    return cell[1:] if marked else cell
 
 
 # --- writing ------------------------------------------------------------------------------------
@@ -397,8 +403,21 @@ def rows_text(rows: Iterable[Sequence]) -> str:
 
 
 def _no_formula(cell: Any) -> Any:
-    """A text that a spreadsheet would compute (``=1+1``), marked as text by an apostrophe."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(("=", "@")) else cell
+    """A text that a spreadsheet would compute, marked as text by an apostrophe.
+
+    A number that stands in a column of texts stays a number.
+    """
+    if not isinstance(cell, str) or not FORMULA.match(cell) or _is_number(cell):
+        return cell
+    return f"'{cell}"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def csv_text(table: pd.DataFrame, *, digits: int | None = None, quoted: bool = False) -> str:
@@ -414,7 +433,7 @@ def csv_text(table: pd.DataFrame, *, digits: int | None = None, quoted: bool = F
     """
     words = table.select_dtypes(exclude=["number", "bool"]).columns
     table = table.assign(**{name: table[name].map(_no_formula) for name in words})
-    return table.to_csv(
+    return table.rename(columns=_no_formula).to_csv(
         index=False,
         float_format=None if digits is None else f"%.{digits}g",
         quoting=csv.QUOTE_NONNUMERIC if quoted else csv.QUOTE_MINIMAL,

@@ -136,7 +136,7 @@ def read_summary(path: Path) -> pd.DataFrame:
         If it is not a summary.
     """
     try:
-        table = pd.read_csv(path, dtype=dict.fromkeys(TEXT, str), keep_default_na=True)
+        table = read_csv(path, dtype=dict.fromkeys(TEXT, str), keep_default_na=True)
         if "parameter" not in table:
             raise KeyError("parameter")
         numbers = [name for name in COLUMNS if name not in TEXT]

@@ -42,7 +42,7 @@ from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_text, write_csv
+from biaxbayes.text_files import atomic_write_text, read_csv, write_csv
 from biaxbayes.verbs.inputs import (
     PathLike,
     SpecimenLike,
@@ -300,7 +300,7 @@ def _read_identity(path: Path) -> str:
 def read_ranks(path: Path) -> pd.DataFrame:
     """``ranks.csv`` of a study."""
     try:
-        table = pd.read_csv(path, dtype=str, keep_default_na=False)
+        table = read_csv(path, dtype=str, keep_default_na=False)
         if tuple(table.columns) != COLUMNS:
             raise ValueError
         for name in COLUMNS:

@@ -28,7 +28,7 @@ from biaxbayes.runs.folder import (
     manifest,
 )
 from biaxbayes.runs.lock import folder_lock
-from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
+from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, read_csv, write_csv
 
 TABLES = {"groups": "population", "specimens": "specimens", "contrasts": "contrasts"}
 BANDS = "new-specimen-bands"
@@ -55,7 +55,7 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
     """Name and specimens of a finished study."""
     try:
         record = json.loads((folder / STUDY).read_text(encoding="utf-8"))
-        table = pd.read_csv(folder / "study.csv", dtype=str, keep_default_na=False)
+        table = read_csv(folder / "study.csv", dtype=str, keep_default_na=False)
         rows = table.drop_duplicates("specimen").to_dict("records")
         names = [str(r["specimen"]) for r in rows]
         columns = [str(c) for c in record.get("columns", [])]
@@ -145,7 +145,7 @@ def read_population(folder: Path) -> PopulationFound:
         raise RunError(f"{folder}: {_no_population(folder)}")
     try:
         record = json.loads((folder / POPULATION).read_text(encoding="utf-8"))
-        tables = {k: pd.read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
+        tables = {k: read_csv(folder / f"{stem}.csv") for k, stem in TABLES.items()}
         result = PopulationFound(
             name=str(record["name"]),
             folder=folder,
