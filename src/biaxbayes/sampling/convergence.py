@@ -45,19 +45,25 @@ def effective_sample_size(draws: np.ndarray, **method: Any) -> float:
     Never more than the number of draws; that of the mean unless ``method`` and ``prob`` are given
     as for :func:`arviz.ess`.
     """
+    return min(_effective_sample_size(draws, **method), float(draws.size))
+
+
+def autocorrelation_time(draws: np.ndarray) -> float:
+    """Integrated autocorrelation time of the mean, in steps; below 1 for antithetic draws."""
+    size = _effective_sample_size(draws)
+    return draws.size / size if size > 0.0 else float("inf")
+
+
+def _effective_sample_size(draws: np.ndarray, **method: Any) -> float:
+    """As ArviZ gives it, also above the number of draws; 0 where it cannot be known."""
     ensembles, steps, walkers = draws.shape
     if steps < 4 or not np.ptp(draws) > 0.0:
         return 0.0
     chains = draws.transpose(0, 2, 1).reshape(ensembles * walkers, steps)
+    chains = chains - chains.mean()  # ArviZ loses digits far from zero
     with np.errstate(divide="ignore", invalid="ignore"):
         size = float(arviz.ess(chains, **{"method": "mean"} | method))
-    return min(size, float(draws.size)) if np.isfinite(size) else 0.0
-
-
-def autocorrelation_time(draws: np.ndarray) -> float:
-    """Integrated autocorrelation time of the mean, in steps; at least 1."""
-    size = effective_sample_size(draws)
-    return draws.size / size if size > 0.0 else float("inf")
+    return size if np.isfinite(size) else 0.0
 
 
 def longest_stand(quantities: dict[str, np.ndarray]) -> int:
