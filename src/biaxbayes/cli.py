@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from biaxbayes.errors import BiaxbayesError, InputError, as_options, printable
+from biaxbayes.errors import BiaxbayesError, InputError, as_options, os_error_text, printable
 from biaxbayes.verbs import VERBS
 
 
@@ -86,6 +86,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     # Matrices are small: with two threads `sample` takes an eighth more processor time, and longer.
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported
+    os.environ["MPLBACKEND"] = "agg"  # that of a notebook, inherited, may not exist here
     # What ArviZ 0.23 says once a day about ArviZ 1.
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     try:
@@ -118,8 +119,7 @@ def _outcome(arguments: list[str] | None) -> int:
     except OSError as error:
         if os.environ.get("BIAXBAYES_DEBUG"):
             raise
-        where = f"{error.filename}: " if error.filename else ""
-        return _ended(f"{where}{error.strerror or error}; check space and permissions", 2)
+        return _ended(f"{os_error_text(error)}; check space and permissions", 2)
     except MemoryError:
         return _ended("not enough memory; thin the record or ask for fewer draws", 2)
     except Exception as error:

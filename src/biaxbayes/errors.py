@@ -14,6 +14,7 @@ writes them as its options.
 from __future__ import annotations
 
 import re
+import traceback
 from collections.abc import Mapping
 
 
@@ -104,6 +105,21 @@ class Interrupted(BiaxbayesError):
 def printable(text: str) -> str:
     """Text from a file may hold line breaks and control characters; a message may not."""
     return "".join(ch if ch.isprintable() else " " for ch in text)
+
+
+def os_error_text(error: OSError) -> str:
+    """An error of the operating system in one line, with its path.
+
+    Numba does not say which file it could not write into the cache of compiled code.
+    """
+    where, remedy = error.filename, ""
+    frames = traceback.walk_tb(error.__traceback__)
+    if any(frame.f_globals.get("__name__") == "numba.core.caching" for frame, _ in frames):
+        from biaxbayes.compilation import CACHE  # loaded, as its functions are being compiled
+
+        where = where or CACHE
+        remedy = "; NUMBA_CACHE_DIR names another folder for compiled code"
+    return f"{f'{where}: ' if where else ''}{error.strerror or error}{remedy}"
 
 
 def as_options(text: str, flags: Mapping[str, str] | None = None) -> str:

@@ -31,6 +31,7 @@ from biaxbayes.errors import (
     Interrupted,
     RunError,
     as_options,
+    os_error_text,
     printable,
 )
 from biaxbayes.laws import DEFAULT_LAW
@@ -158,8 +159,7 @@ def try_specimen(task: SpecimenTask) -> Tried:
         except BiaxbayesError as error:
             return _failed(str(error), notes, law)
         except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            return _failed(f"{where}{error.strerror or error}", notes, law)
+            return _failed(os_error_text(error), notes, law)
         except Exception as error:
             if os.environ.get("BIAXBAYES_DEBUG"):
                 traceback.print_exc()
