@@ -120,6 +120,13 @@ def executor_for(
     return Processes(count) if may_start and (count > 1 or isolated) else InThisProcess()
 
 
+one_call = threading.RLock()
+"""Held by ``sample`` and ``plot``: other threads that call them wait.
+
+Pandas, ArviZ and matplotlib change warning filters and settings of the process and put them back.
+"""
+
+
 # --- linear algebra ------------------------------------------------------------------------------
 
 _blas_lock = threading.Lock()

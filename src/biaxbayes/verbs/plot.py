@@ -14,6 +14,7 @@ import pandas as pd
 from biaxbayes.errors import InputError
 from biaxbayes.laws import all_parameters
 from biaxbayes.options import PICTURES
+from biaxbayes.parallel import one_call
 from biaxbayes.parameters import mounting_names
 from biaxbayes.text_files import read_text
 from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run, opened_style, usable_run
@@ -181,25 +182,26 @@ def plot(
 
     check_figure(figure, truth=truth, compare=compare, parameters=parameters)
     target = None if out is None else picture_file(out, suffix)
-    how["style"] = opened_style(style)
-    opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
-    if target is not None:
-        _refuse_own(opened, target)
-    if parameters:
-        key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
-        how[key] = tuple(dict.fromkeys(parameters))
-    if truth is not None:
-        in_file = isinstance(truth, str | Path)
-        how["truth"] = read_truth(truth, opened.specimen.name) if in_file else truth
-    if isinstance(compare, pd.DataFrame):
-        how["compare"] = compare
-    elif compare is not None:
-        other = opened_run(compare) if anyway else usable_run(compare)
-        how |= {"compare": other.draws, "names": _labels(opened, other)}
-    drawn = run_figure(opened, figure, **how)
-    if target is not None:
-        save_figure(drawn, target, how["style"])
-    return drawn
+    with one_call:
+        how["style"] = opened_style(style)
+        opened = opened_run(run) if anyway or figure in WITHOUT_JUDGEMENT else usable_run(run)
+        if target is not None:
+            _refuse_own(opened, target)
+        if parameters:
+            key = "parameters" if figure == "corner" else "names"  # names of a corner are its runs
+            how[key] = tuple(dict.fromkeys(parameters))
+        if truth is not None:
+            in_file = isinstance(truth, str | Path)
+            how["truth"] = read_truth(truth, opened.specimen.name) if in_file else truth
+        if isinstance(compare, pd.DataFrame):
+            how["compare"] = compare
+        elif compare is not None:
+            other = opened_run(compare) if anyway else usable_run(compare)
+            how |= {"compare": other.draws, "names": _labels(opened, other)}
+        drawn = run_figure(opened, figure, **how)
+        if target is not None:
+            save_figure(drawn, target, how["style"])
+        return drawn
 
 
 def check_figure(figure: str, **given: Any) -> None:

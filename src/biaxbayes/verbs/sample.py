@@ -20,6 +20,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, takes_options
+from biaxbayes.parallel import one_call
 from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs import checkpoint
@@ -345,17 +346,18 @@ def sample(
         something else.
     """
     plan, model = SamplingPlan.split(options)
-    sampling = Sampling.prepare(
-        specimen,
-        out=out,
-        options=model,
-        mounting_force=mounting_force,
-        anyway=anyway,
-        **vars(plan),
-    )
-    return open_run(
-        sampling.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
-    )
+    with one_call:
+        sampling = Sampling.prepare(
+            specimen,
+            out=out,
+            options=model,
+            mounting_force=mounting_force,
+            anyway=anyway,
+            **vars(plan),
+        )
+        return open_run(
+            sampling.execute(resume=resume, overwrite=overwrite, progress=progress, stop=stop)
+        )
 
 
 # --- the command ---------------------------------------------------------------------------------
