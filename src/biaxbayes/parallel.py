@@ -284,8 +284,11 @@ class _Worker:
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(1, context, initializer=_end_with_parent)
+        chosen = multiprocessing.get_start_method(allow_none=True)
         with _signals_blocked():
             self._pid = self._pool.submit(os.getpid)
+        # To spawn fixes Python's default: a host that has chosen no method may still do so.
+        multiprocessing.set_start_method(chosen, force=True)
 
     @property
     def has_started(self) -> bool:
