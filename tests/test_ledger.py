@@ -140,5 +140,5 @@ def test_command_writes_table_and_figure(tested, tmp_path):
     refused = CliRunner().invoke(command, [str(path), "--mounting", "ignored"])
     assert refused.exit_code == 2
     assert "'--mounting': 'ignored' is not one of 'noisy', 'exact', 'free'" in refused.output
-    with pytest.raises(InputError, match="`mounting` must be one of noisy, exact, free"):
+    with pytest.raises(InputError, match="mounting must be one of noisy, exact, free"):
         biaxbayes.ledger(path, mounting="ignored")

@@ -606,7 +606,7 @@ def test_the_width_of_the_mounting_prior_is_an_option():
         priors={"mounting_stretch": {"distribution": "normal", "mean": 1.02, "sd": 0.01}},
     )
     assert stated.priors["mounting_stretch_x"].scale == 0.01
-    with pytest.raises(InputError, match="mounting-sd"):
+    with pytest.raises(InputError, match="mounting_sd"):
         Posterior(specimen, noise="independent", mounting_sd=0.0)
 
 

@@ -396,7 +396,7 @@ def test_a_run_has_its_own_model_and_thinning(run, tmp_path, capsys):
     [
         ("design", {"further": 9.0}, "further"),
         ("design", {"kappa_sd": -1.0}, "kappa_sd"),
-        ("design", {"rank_by": "luck"}, "rank-by"),
+        ("design", {"rank_by": "luck"}, "rank_by"),
         ("predict", {"stretch": 1.1, "probability": 1.0}, "probability"),
         ("predict", {"stretch": 1.1, "points": 1}, "points"),
         ("predict", {"stretch": 20.0}, "not strains"),

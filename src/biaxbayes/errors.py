@@ -135,6 +135,7 @@ def as_options(text: str, flags: Mapping[str, str] | None = None) -> str:
     def option(match: re.Match[str]) -> str:
         name, value = match["name"], match["value"]
         flag = (flags or {}).get(name, f"--{name.replace('_', '-')}")
-        return flag if value in (None, "True") else f"{flag} {value}"
+        pair = (value or "").strip("()").replace(",", "")  # (X, Y) is X Y on the command line
+        return flag if value in (None, "True") else f"{flag} {pair}"
 
     return re.sub(r"`(?P<name>[a-zA-Z_]+)(=(?P<value>[^`]*))?`", option, text)

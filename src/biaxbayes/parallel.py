@@ -234,7 +234,12 @@ class Processes:
                 busy = [worker for _, worker in running.values()]
                 idle = [worker for worker in self._workers if worker not in busy]
                 while waiting and not stopped and len(running) < self.count:
-                    worker = idle.pop() if idle else self._new_worker()
+                    # A second attempt gets a process of its own: the worker before may have died of
+                    # the task before.
+                    again = deaths[waiting[0]] > 0
+                    if idle and again:
+                        self._remove(idle.pop())
+                    worker = idle.pop() if idle and not again else self._new_worker()
                     try:
                         future = worker.submit(function, tasks[waiting[0]])
                     except BrokenProcessPool:  # it died while it had nothing to do

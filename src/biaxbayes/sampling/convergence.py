@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import arviz
 import numpy as np
 
 RHAT_LIMIT = 1.01
@@ -31,6 +30,8 @@ def split_rhat(draws: np.ndarray) -> float:
 
     Infinite when the ensembles do not move, or have no two halves.
     """
+    import arviz  # takes a second, which the help of a command need not wait for
+
     ensembles, steps, _ = draws.shape
     if steps < 2:
         return float("inf")
@@ -56,6 +57,8 @@ def autocorrelation_time(draws: np.ndarray) -> float:
 
 def _effective_sample_size(draws: np.ndarray, **method: Any) -> float:
     """As ArviZ gives it, also above the number of draws; 0 where it cannot be known."""
+    import arviz
+
     ensembles, steps, walkers = draws.shape
     if steps < 4 or not np.ptp(draws) > 0.0:
         return 0.0

@@ -274,8 +274,8 @@ def _fitting_options(
             "the force at the mounted state is zero: the load cell was tared after mounting, and "
             "prestretch cannot be inferred from this file",
             file=file,
-            remedy="state the force before taring with `mounting_force`, or take the mounted state "
-            "as unloaded with `mounting=zeroed`",
+            remedy="state the force before taring with `mounting_force=(X, Y)`, or take the "
+            "mounted state as unloaded with `mounting=zeroed`",
         )
     if options["mounting"] in ("noisy", "free"):
         shared = options["mounting_stretch"] == "shared"
