@@ -34,9 +34,10 @@ from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import Quantity
 from biaxbayes.sampling.convergence import assess
 from biaxbayes.verbs.identified import (
+    identified,
     thresholds_record,
     write_identifiability,
-    write_identifiability_products,
+    write_tables,
 )
 from biaxbayes.verbs.identified import verdicts_as_json as as_json
 from goh_functions import GOH_LAW, PARAMETERS
@@ -512,24 +513,23 @@ def test_the_stiff_direction_is_the_known_one():
 
 def test_identify_writes_its_products_into_the_run(tmp_path):
     made = case("aligned")
-    found = write_identifiability_products(tmp_path, made.target, made.draws, "converged")
+    found = identified(made.target, made.draws, "converged")
+    write_tables(found, made.target, tmp_path)
     for name in ("identifiability.csv", "determined.csv", "same-curves.csv"):
         assert len(pd.read_csv(tmp_path / name)) > 4
-    assert (tmp_path / "identifiability.pdf").stat().st_size > 5000
+    assert len(figure_bytes(identifiability_figure(found.verdicts), "pdf")) > 5000
     told = json.loads(as_json(found.verdicts, found.determined, found.directions))
     assert told["same_curves"]["in_words"] == found.directions.words
     assert found.in_words()[-1].startswith("the same curves")
-    silent = write_identifiability_products(
-        tmp_path, made.target, made.draws, "tentative", figure=False
-    )
+    silent = identified(made.target, made.draws, "tentative")
     assert silent.determined is None and silent.directions is None
 
 
-def test_ties_and_fixed_materials_have_no_sloppy_direction(tmp_path):
+def test_ties_and_fixed_materials_have_no_sloppy_direction():
     mild = np.random.default_rng(12).uniform(1.0, 3.0, 8000)
     tied = made_up(priors={"k1": "2.0 * C1"}, k2=mild)
     draws = tied.draws.assign(k1=2.0 * tied.draws["C1"])
-    found = write_identifiability_products(tmp_path, tied.target, draws, "converged", figure=False)
+    found = identified(tied.target, draws, "converged")
     assert found.directions is None and found.determined is not None
     assert "tied, 2 times C1" in found.verdicts["k1"].words
     fixed = dict(zip(PARAMETERS, (10.0, 20.0, 5.0, 40.0, 0.15), strict=True))
