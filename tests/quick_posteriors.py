@@ -95,20 +95,19 @@ def runs_of_few_walkers() -> Iterator[None]:
 def without_figures() -> Iterator[None]:
     """Run folders with their verdicts, without the figures, which other tests look at."""
     from biaxbayes.identifiability.identify import identify_draws
-    from biaxbayes.reports import page
+    from biaxbayes.runs import result as results
     from biaxbayes.runs.archive import flatten
     from biaxbayes.verbs import products as run_products
-    from biaxbayes.verbs.identified import write_identifiability
 
-    def verdicts_alone(folder, posterior, draws):
+    def results_alone(folder, posterior, draws, summary, convergence, findings):
         table = pd.DataFrame({k: flatten(v).ravel() for k, v in draws.quantities.items()})
         found = identify_draws(posterior, table, draws.convergence.state)
-        write_identifiability(found, folder / "identifiability.csv")
-        return found
+        result = results.run_result(found, posterior, table, summary, convergence, findings)
+        results.write_result(result, folder)
+        return result
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(run_products, "write_products", verdicts_alone)
-        patched.setattr(page, "_determined", lambda run: [])
+        patched.setattr(run_products, "write_products", results_alone)
         yield
 
 

@@ -15,7 +15,7 @@ from biaxbayes.comparison.distance import contractions, distance, prior_material
 from biaxbayes.errors import InputError
 from biaxbayes.figures.compare import forest_figure, matrix_figure
 from biaxbayes.identifiability.determined import Derived, derived_quantities
-from biaxbayes.identifiability.mounting_stretch.stated import Stated
+from biaxbayes.identifiability.reported import Reported
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Tie
@@ -135,7 +135,7 @@ def _row(found, a, b, quantity, stretch=None):
 
 def test_a_stiffer_matrix_shows_in_what_is_determined(found):
     row = _row(found, "soft", "stiff", "C1")
-    assert row.determined_in_both
+    assert row.identified_in_both
     assert row.standardised > 5.0
     assert row.difference_q05 < 15.0 < row.difference_q95
     assert row.kolmogorov > 0.99
@@ -145,9 +145,9 @@ def test_a_stiffer_matrix_shows_in_what_is_determined(found):
 
 def test_what_one_run_does_not_determine_is_no_difference(found):
     """Equibiaxial stretch alone trades kappa with alpha; its stress is known all the same."""
-    assert not _row(found, "soft", "one <ratio>", "kappa").determined_in_both
+    assert not _row(found, "soft", "one <ratio>", "kappa").identified_in_both
     stress = _row(found, "soft", "one <ratio>", "cauchy_x", found.stretches[-1])
-    assert stress.determined_in_both
+    assert stress.identified_in_both
     assert abs(stress.standardised) < 4.0
 
 
@@ -164,17 +164,19 @@ def test_common_stretches_were_reached_by_every_run(members):
     assert found.stretches[-1] == pytest.approx(1.1, abs=2e-3)
 
 
-def test_what_is_stated_of_the_tissue_is_shown(members):
-    name, open_ = "mounting_stretch_x", float("nan")
-    said = (Stated(1.0123, open_, "why"), Stated(1.0101, 1.0202, "agree"))
-    shown = [replace(m, stated={name: s}) for m, s in zip(members, said, strict=False)]
+def test_what_is_reported_is_shown(members):
+    name, nan = "mounting_stretch_x", float("nan")
+    rows = (
+        Reported(name, "", 1.0123, nan, "bounded", "why"),
+        Reported(name, "", 1.0101, 1.0202, "identified", "laws agree"),
+    )
+    shown = [replace(m, reported=(r,)) for m, r in zip(members, rows, strict=False)]
     found = compare(shown)
-    rows = found.matrix().query("parameter == @name")
-    np.testing.assert_array_equal(rows["stated_low"], [1.0123, 1.0101])
-    np.testing.assert_array_equal(rows["stated_high"], [open_, 1.0202])
-    assert "of the tissue above 1.0123 is stated: why" in found.verdicts[0][name].words
+    table = found.matrix()
+    assert list(table["interval"]) == ["above 1.0123", "1.010 to 1.020"]
     cells = [text.get_text() for text in matrix_figure(found).axes[0].texts]
-    assert any(c.endswith("> 1.0123") for c in cells) and any("1.0101–1.0202" in c for c in cells)
+    assert any(c.endswith("above 1.0123") for c in cells)
+    assert any("1.010 to 1.020" in c for c in cells)
     figure = forest_figure(found)
     assert_readable(figure, 180.0)
     (panel,) = [ax for ax in figure.axes if ax.get_xlabel() == r"$\lambda_{\mathrm{m},x}$"]
@@ -184,15 +186,13 @@ def test_what_is_stated_of_the_tissue_is_shown(members):
         [1.0101, 1.0202],
     ]
     assert any("within the law" in text for text, _ in in_view(figure))
-    plain = compare(members[:2])
-    assert not any("tissue, whatever" in text for text, _ in in_view(forest_figure(plain)))
 
 
 def test_unreliable_runs_determine_nothing(members):
     shaky = Member("shaky", members[0].posterior, members[0].draws, "tentative")
     found = compare([members[0], shaky])
     assert not found.converged
-    assert not found.distances["determined_in_b"].any()
+    assert not found.distances["identified_in_b"].any()
     assert any("same measurements" in note for note in found.notes)
     bad = Member("bad", members[0].posterior, members[0].draws, "unusable")
     with pytest.raises(InputError, match="not converged"):

@@ -58,7 +58,7 @@ def test_what_is_simulated_without_noise_is_sampled(tmp_path, seed):
     for name in mounting_names("stretch"):
         lm = getattr(truth, name)
         assert table.loc[name, "q50"] == pytest.approx(lm, abs=1e-5)
-        stated = judged[name].stated
+        stated = judged[name]
         assert stated.low - 1e-5 <= lm <= stated.high + 1e-5
 
 

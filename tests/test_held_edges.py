@@ -8,13 +8,13 @@ import pytest
 
 import biaxbayes
 from biaxbayes.identifiability import held_edges as module
-from biaxbayes.identifiability.held_edges import HeldEdge, held_edge, held_from, held_table
+from biaxbayes.identifiability.held_edges import held_edge, held_table
 from biaxbayes.identifiability.marginals import Edge
+from biaxbayes.identifiability.report_table import interval_text
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.reports.facts import closing_message
-from biaxbayes.reports.page import report_page
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
@@ -81,50 +81,30 @@ def test_no_edge_is_held_where_there_is_no_such_material(aligned):
     assert held_edge(aligned, "alpha", edge(1, 91.0)) is None
 
 
-def test_the_table_keeps_all(aligned, held):
-    back = held_from(held_table((held,)), aligned.quantities)
-    assert back == (held,)
-    k1 = aligned.quantities["k1"].parameter
-    assert held.condition == "if kappa is 0 (aligned fibres)"
-    assert held.in_words("k1", k1).startswith(f"that is with kappa free; {held.condition}, ")
-    assert held.in_words("kappa", k1) == ""
-    third = HeldEdge(held.parameter, 1.0 / 3.0, "isotropic fibres", {}, 1.0)
-    assert third.condition == "if kappa is 1/3 (isotropic fibres)"
+def test_the_table_has_a_row_per_quantity(held):
+    table = held_table((held,)).set_index("parameter")
+    assert list(table.index) == list(held.intervals)
+    low, median, high = held.intervals["k1"]
+    assert tuple(table.loc["k1", ["low_90", "median", "high_90"]]) == (low, median, high)
 
 
-def test_a_run_says_both_readings_and_keeps_them(media_run, copied):
-    run = copied(media_run.path)
-    words = pd.read_csv(run / "identifiability.csv").set_index("parameter")["in_words"]
-    assert "if kappa is 0 (aligned fibres)" in words["k1"]
-    kept = (run / "edges.csv").read_bytes()
-    verdicts = (run / "identifiability.csv").read_bytes()
-    biaxbayes.identify(run, out=run, figure=False)
-    assert (run / "edges.csv").read_bytes() == kept
-    (run / "edges.csv").unlink()  # as in a run of an earlier version
-    biaxbayes.identify(run, out=run, figure=False)
-    assert (run / "identifiability.csv").read_bytes() == verdicts
-    assert (run / "edges.csv").read_bytes() == kept
-
-
-def test_report_and_closing_message_say_both_readings_and_other_laws(media_run):
+def test_the_report_shows_fixed_ends_other_laws_and_the_cure(media_run):
     page = (media_run.path / "report.html").read_text()
-    table = pd.read_csv(media_run.path / "edges.csv").set_index("parameter")
+    table = pd.read_csv(media_run.path / "evidence" / "edges.csv").set_index("parameter")
     k1 = media_run.quantities["k1"].parameter
-    interval = f"{k1.number(table.low_90['k1'])} to {k1.number(table.high_90['k1'])}"
-    assert "With a parameter at an edge of its range" in page and f">{interval}<" in page
-    laws = pd.read_csv(media_run.path / "law-fits.csv")
+    interval = interval_text(table.low_90["k1"], table.high_90["k1"], k1)
+    assert "With a parameter fixed at an end of its range" in page and f">{interval}<" in page
+    assert "kappa = 0 (aligned fibres)" in page and "the ones to report" not in page
+    laws = pd.read_csv(media_run.path / "evidence" / "law-fits.csv")
     assert "<h3>Other laws</h3>" in page
     assert all(f'class="name">{law}<' in page for law in laws.law)
-    told = closing_message(media_run)
-    assert "if kappa is 0 (aligned fibres): C1 " in told and f"k1 {interval} kPa" in told
-    # both mounting stretches are values, so that nobody is asked to measure them
-    assert told.count("the laws that fit best agree") == 2 and "VALUE +- SD" not in told
+    assert "if kappa" not in closing_message(media_run)
 
 
-def test_a_run_of_an_earlier_version_has_no_such_sections(media_run, copied):
+def test_a_run_without_results_is_analysed_anew(media_run, copied):
     run = copied(media_run.path)
-    for name in ("edges.csv", "law-fits.csv"):
-        (run / name).unlink()
-    page = report_page(biaxbayes.open_run(run))
-    assert "Other laws" not in page and "at an edge of its range" not in page
-    assert "if kappa is 0" not in closing_message(biaxbayes.open_run(run))
+    (run / "results.json").unlink()
+    again = biaxbayes.open_run(run).result
+    pd.testing.assert_frame_equal(again.to_frame(), media_run.result.to_frame())
+    pd.testing.assert_frame_equal(again.fixed_ends, media_run.result.fixed_ends)
+    assert again.fit == media_run.result.fit

@@ -21,7 +21,7 @@ def run(adventitia_run, tmp_path):
 def refused(run: Path, capsys) -> str:
     """The one line of a refusal."""
     with pytest.raises(SystemExit) as ended:
-        main(["report", str(run), "--format", "latex", "--out", "-"])
+        main(["report", str(run), "--format", "explore", "--out", "-"])
     output = capsys.readouterr()
     assert ended.value.code == 2, output
     assert output.err.count("\n") == 1 and str(run) in output.err and output.out == ""
@@ -83,15 +83,28 @@ def test_an_entry_of_another_kind(run, capsys, name):
     assert says in refused(run, capsys)
 
 
+def refused_result(run: Path, capsys) -> str:
+    """The one line of a refusal of results.json, which the LaTeX table is made of."""
+    with pytest.raises(SystemExit) as ended:
+        main(["report", str(run), "--format", "latex", "--out", "-"])
+    output = capsys.readouterr()
+    assert ended.value.code == 2, output
+    assert output.err.count("\n") == 1 and output.out == ""
+    return output.err
+
+
+def altered_result(run: Path, change) -> None:
+    """Change the result of a run, with the right checksum."""
+    result = json.loads((run / "results.json").read_text())
+    change(result)
+    (run / "results.json").write_text(json.dumps(result))
+    sealed(run, "results.json")
+
+
 def test_numbers_beyond_all_bounds(run, capsys):
-    """A column of integers that no float holds, and such an option."""
-    head, *lines = (run / "summary.csv").read_text().splitlines()
-    at = head.split(",").index("q50")
-    rows = [line.split(",") for line in lines]
-    rows = [",".join([*row[:at], "9" * 400, *row[at + 1 :]]) for row in rows]
-    (run / "summary.csv").write_text("\n".join([head, *rows]) + "\n")
-    sealed(run, "summary.csv")
-    assert "cannot be read as the summary of a run" in refused(run, capsys)
+    """An integer that no float holds, and such an option."""
+    altered_result(run, lambda r: r["reported"][0].update(low=10**400))
+    assert "results.json" in refused_result(run, capsys)
     with pytest.raises(SystemExit) as ended:
         main(["sample", str(run / "specimen.csv"), "--max-steps", "9" * 400, "--out", "none"])
     assert ended.value.code == 2
@@ -100,13 +113,34 @@ def test_numbers_beyond_all_bounds(run, capsys):
 
 @pytest.mark.parametrize("name", ["k11.1e51", "", "mounting_stretch_x[other]"])
 def test_a_quantity_that_the_run_has_not(run, capsys, name):
-    text = (run / "summary.csv").read_text()
-    (run / "summary.csv").write_text(text.replace("\nk1,", f"\n{name},"))
-    sealed(run, "summary.csv")
-    assert "summary.csv: row 3: no quantity of this run is called" in refused(run, capsys)
+    altered_result(run, lambda r: r["summary"][1].update(parameter=name))
+    assert "no quantity of this run is called" in refused_result(run, capsys)
 
 
-@pytest.mark.parametrize("name", ["posterior.nc", "summary.csv", "specimen.csv"])
+RESULTS = {
+    "verdict": lambda r: r["reported"][0].update(verdict="great"),
+    "name": lambda r: r["reported"][0].update(name="<b>"),
+    "missing": lambda r: r.pop("evidence"),
+    "a list": lambda r: r.update(convergence=[1]),
+    "a word": lambda r: r["reported"][0].update(low="one"),
+    "another law": lambda r: r.update(law="fung"),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_result_that_is_none(run, capsys, name):
+    altered_result(run, RESULTS[name])
+    err = refused_result(run, capsys)
+    assert "results.json: is not the result of this run" in err
+
+
+def test_a_result_changed_since(run, capsys):
+    text = (run / "results.json").read_text()
+    (run / "results.json").write_text(text.replace('"low": 1', '"low": 2', 1) + " ")
+    assert "is not the file that the run wrote" in refused_result(run, capsys)
+
+
+@pytest.mark.parametrize("name", ["posterior.nc", "specimen.csv"])
 def test_a_file_changed_since_or_gone(run, capsys, name):
     data = bytearray((run / name).read_bytes())
     data[len(data) // 2] ^= 1

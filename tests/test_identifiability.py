@@ -19,27 +19,22 @@ from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import identify, identify_draws
 from biaxbayes.identifiability.marginals import Scale, count_modes, density, find_edges
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
+from biaxbayes.identifiability.report_table import report_rows
 from biaxbayes.identifiability.sloppiness import find_partners, sloppiness
 from biaxbayes.identifiability.verdict_names import (
+    BOUNDED,
     COMBINATION,
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
-    ONE_SIDED,
-    PRIOR,
+    NOT_IDENTIFIED,
 )
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import Quantity
+from biaxbayes.runs.result import run_result, write_result
 from biaxbayes.sampling.convergence import assess
-from biaxbayes.verbs.identified import (
-    identified,
-    thresholds_record,
-    write_identifiability,
-    write_tables,
-)
-from biaxbayes.verbs.identified import verdicts_as_json as as_json
 from goh_functions import GOH_LAW, PARAMETERS
 from quick_posteriors import EQUIBIAXIAL, Sampled, sampled, specimen
 
@@ -72,10 +67,10 @@ def test_three_ratios_to_high_stretch_determine_all_five():
 @pytest.mark.long
 def test_the_angle_of_an_isotropic_material_is_not_determined():
     found = identify(case("isotropic"))
-    assert found["kappa"].verdict == ONE_SIDED
+    assert found["kappa"].verdict == BOUNDED
     assert found["kappa"].evidence.edges[1].support > 0.147
     assert "1/3 (isotropic)" in found["kappa"].words
-    assert found["alpha"].verdict == PRIOR
+    assert found["alpha"].verdict == NOT_IDENTIFIED
     assert "kappa = 1/3" in found["alpha"].words
     # what does not depend on the angle is determined all the same
     assert found["C1"].verdict == found["k1"].verdict == found["k2"].verdict == IDENTIFIED
@@ -84,7 +79,7 @@ def test_the_angle_of_an_isotropic_material_is_not_determined():
 @pytest.mark.long
 def test_low_stretch_does_not_determine_the_exponent():
     found = identify(case("low"))["k2"]
-    assert found.verdict == PRIOR
+    assert found.verdict == NOT_IDENTIFIED
     assert found.evidence.contraction < 0.75
     assert found.evidence.edges[0].support > 0.147
     # the exponent carries prior information only: it moves with the prior more than any other
@@ -102,7 +97,7 @@ def test_one_ratio_trades_dispersion_for_angle():
 
 def test_aligned_fibres_are_one_sided_not_undetermined():
     found = identify(case("aligned"))["kappa"]
-    assert found.verdict == ONE_SIDED
+    assert found.verdict == BOUNDED
     low, high = found.evidence.edges
     assert low.value == 0.0 and low.kind == "physical"
     assert low.mass > 10 * low.prior_mass and low.prior_mass == pytest.approx(0.06)
@@ -155,7 +150,7 @@ def made_up(priors=None, **columns: np.ndarray) -> Sampled:
 
 def test_draws_from_the_prior_are_prior_dominated():
     found = identify(made_up())
-    assert {p.verdict for p in found.parameters} == {PRIOR}
+    assert {p.verdict for p in found.parameters} == {NOT_IDENTIFIED}
     for p in found.parameters:
         assert abs(p.evidence.contraction) < 0.06
         assert p.evidence.prior_excluded < 0.03
@@ -176,12 +171,12 @@ def test_a_users_bound_is_not_a_physical_edge():
     piled = 0.1 - np.abs(rng.normal(0.0, 0.005, 8000))
     cut = {"kappa": {"distribution": "uniform", "low": 0.0, "high": 0.1}}
     found = identify(made_up(priors=cut, kappa=piled))["kappa"]
-    assert found.verdict == PRIOR
+    assert found.verdict == NOT_IDENTIFIED
     assert [e.kind for e in found.evidence.edges] == ["physical", "user"]
     assert "held by the bound 0.100" in found.words
     # the same draws below a physical edge
     physical = 1 / 3 - np.abs(rng.normal(0.0, 0.005, 8000))
-    assert identify(made_up(kappa=physical))["kappa"].verdict == ONE_SIDED
+    assert identify(made_up(kappa=physical))["kappa"].verdict == BOUNDED
 
 
 @pytest.mark.parametrize("mirror", [0.0, 90.0])
@@ -198,7 +193,7 @@ def test_a_measured_angle_is_known_from_the_prior_not_from_the_data():
     rng = np.random.default_rng(3)
     priors = {"alpha": {"distribution": "normal", "mean": 41.0, "sd": 3.0}}
     found = identify(made_up(priors=priors, alpha=rng.normal(41.0, 2.9, 8000)))["alpha"]
-    assert found.verdict == PRIOR
+    assert found.verdict == NOT_IDENTIFIED
 
 
 def test_fixed_and_tied_parameters_are_said_to_be():
@@ -360,26 +355,25 @@ def test_a_mounting_stretch_says_which_of_its_ends_are_the_priors():
 # --- what is written ---
 
 
-def test_the_table_reads_back_and_holds_the_thresholds(tmp_path):
-    found = identify(case("aligned"))
-    path = tmp_path / "identifiability.csv"
-    write_identifiability(found, path)
-    back = pd.read_csv(path)
+def result_of(made, state="converged"):
+    found = identify_draws(made.target, made.draws, state)
+    return found, run_result(found, made.target, made.draws, pd.DataFrame(), {})
+
+
+def test_the_table_of_evidence_holds_what_was_found():
+    found, result = result_of(case("aligned"))
+    back = result.identifiability
     assert list(back["parameter"]) == [p.name for p in found.parameters]
-    assert list(back["verdict"]) == [p.verdict for p in found.parameters]
     np.testing.assert_allclose(
         back["contraction"], [p.evidence.contraction for p in found.parameters], rtol=1e-5
     )
-    stated = dict(found.limits())
-    assert stated["sharp_log"] == 2.0 and stated["sharp_alpha_deg"] == 15.0
-    assert stated["sharp_kappa"] == 0.1 and stated["sharp_mounting_stretch"] == 0.02
-    assert thresholds_record(found)["thresholds"] == stated
-    told = json.loads(as_json(found))
-    assert told["thresholds"]["edge_support"] == 0.147
-    assert [p["verdict"] for p in told["parameters"]] == [p.verdict for p in found.parameters]
+    limits = result.thresholds
+    assert limits["sharp_log"] == 2.0 and limits["sharp_alpha_deg"] == 15.0
+    assert limits["sharp_kappa"] == 0.1 and limits["sharp_mounting_stretch"] == 0.02
+    assert limits["edge_support"] == 0.147
 
 
-def test_the_protocols_name_may_hold_anything(tmp_path):
+def test_the_protocols_name_may_hold_anything():
     made = made_up()
     names = ("mounting_stretch_x", "mounting_stretch_y", "mounting_force_x", "mounting_force_y")
     draws = made.draws.rename(columns={name: f"{name}[a#1, b]" for name in names})
@@ -388,17 +382,16 @@ def test_the_protocols_name_may_hold_anything(tmp_path):
     options = {**made.target.options(), "mounting_stretch": "per-protocol"}
     relabelled = Posterior(data, **options, beta=made.target.beta)
     found = identify_draws(relabelled, draws, "converged")
-    write_identifiability(found, tmp_path / "i.csv")
-    back = pd.read_csv(tmp_path / "i.csv")
-    assert "mounting_stretch_x[a#1, b]" in set(back["parameter"])
+    assert "mounting_stretch_x[a#1, b]" in {r.name for r in found.reported}
 
 
 def test_the_figure_is_drawn_at_print_size():
     found = identify(case("aligned"))
-    figure = identifiability_figure(found)
+    rows = report_rows(found.reported, case("aligned").target.quantities)
+    figure = identifiability_figure(found, rows)
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
     boxes = [t.get_text() for ax in figure.axes for t in ax.texts]
-    assert [b for b in boxes if b in VERDICT_COLOURS] == [p.verdict for p in found.parameters]
+    assert [b for b in boxes if b in VERDICT_COLOURS] == [r.verdict for r in rows]
     assert figure_bytes(figure, "pdf").startswith(b"%PDF")
 
 
@@ -511,27 +504,25 @@ def test_the_stiff_direction_is_the_known_one():
     assert "to 1.7 % (90 %)" in stiff.words
 
 
-def test_identify_writes_its_products_into_the_run(tmp_path):
-    made = case("aligned")
-    found = identified(made.target, made.draws, "converged")
-    write_tables(found, made.target, tmp_path)
+def test_what_was_found_is_written_into_the_run(tmp_path):
+    _, result = result_of(case("aligned"))
+    write_result(result, tmp_path)
     for name in ("identifiability.csv", "determined.csv", "same-curves.csv"):
-        assert len(pd.read_csv(tmp_path / name)) > 4
-    assert len(figure_bytes(identifiability_figure(found.verdicts), "pdf")) > 5000
-    told = json.loads(as_json(found.verdicts, found.determined, found.directions))
-    assert told["same_curves"]["in_words"] == found.directions.words
-    assert found.in_words()[-1].startswith("the same curves")
-    silent = identified(made.target, made.draws, "tentative")
-    assert silent.determined is None and silent.directions is None
+        assert len(pd.read_csv(tmp_path / "evidence" / name)) > 4
+    record = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert record["same_curves_in_words"] == result.same_curves_in_words
+    assert record["same_curves_in_words"].startswith("the same curves")
+    _, silent = result_of(case("aligned"), "tentative")
+    assert silent.determined.empty and not silent.directions
 
 
 def test_ties_and_fixed_materials_have_no_sloppy_direction():
     mild = np.random.default_rng(12).uniform(1.0, 3.0, 8000)
     tied = made_up(priors={"k1": "2.0 * C1"}, k2=mild)
-    draws = tied.draws.assign(k1=2.0 * tied.draws["C1"])
-    found = identified(tied.target, draws, "converged")
-    assert found.directions is None and found.determined is not None
-    assert "tied, 2 times C1" in found.verdicts["k1"].words
+    tied = tied._replace(draws=tied.draws.assign(k1=2.0 * tied.draws["C1"]))
+    _, result = result_of(tied)
+    assert not result.directions and len(result.determined)
+    assert "k1" not in {r.name for r in result.reported}
     fixed = dict(zip(PARAMETERS, (10.0, 20.0, 5.0, 40.0, 0.15), strict=True))
     held = made_up(priors=fixed)
     assert sloppiness(held.target, held.draws) is None
@@ -546,4 +537,4 @@ def test_two_narrow_peaks_are_no_prior():
     assert found.verdict == IDENTIFIED and found.evidence.modes == 2
     assert "loosely" in found.words and "2 separate peaks" in found.words
     wide = identify(made_up(alpha=rng.uniform(5.0, 70.0, 8000)))["alpha"]
-    assert wide.verdict == PRIOR
+    assert wide.verdict == NOT_IDENTIFIED

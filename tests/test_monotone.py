@@ -27,7 +27,7 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 MOUNTING = ("mounting_stretch_x", "mounting_stretch_y")
-STRENGTH = {"identified": 3, "one-sided": 2, "only in combination": 1, "prior-dominated": 0}
+STRENGTH = {"identified": 3, "bounded": 2, "only in combination": 1, "not identified": 0}
 ESS = 1500.0
 QUICK, ALL = (700, 701), range(702, 752)
 MISSED_TAIL = pytest.mark.xfail(

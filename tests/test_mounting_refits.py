@@ -17,7 +17,6 @@ from biaxbayes.model.preparation import prepare
 from biaxbayes.reports.facts import closing_message
 from biaxbayes.reports.page import latex_table, report_page
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.verbs.identified import write_identifiability
 from quick_posteriors import runs_without_figures, specimen
 
 TISSUE = GOH(9.0, 20.0, 4.0, 42.0, 0.15)
@@ -114,17 +113,16 @@ def test_a_stretch_known_from_an_image_stands():
     for name, m in zip(NAMES, MOUNTING, strict=True):
         draws[name] += m - draws[name].mean()
     found = identify_draws(posterior, draws, "converged")
-    assert {found[name].verdict for name in NAMES} & {NOT_IDENTIFIED} == set()
+    assert found.refits() == {}
 
 
-def test_every_mounted_state_has_its_own_refits(tmp_path):
+def test_every_mounted_state_has_its_own_refits():
     posterior = prepare(missed(), mounting_stretch="per-protocol")
     found = identify_draws(posterior, narrow_draws(posterior), "converged")
     names = [f"{name}[{p.name}]" for p in missed().protocols for name in NAMES]
     assert {found[name].verdict for name in names} == {NOT_IDENTIFIED}
-    write_identifiability(found, tmp_path / "i.csv")
-    back = pd.read_csv(tmp_path / "i.csv").set_index("parameter")
-    assert (back.loc[names, "refit_low"] < back.loc[names, "low_90"]).all()
+    back = found.to_frame().set_index("parameter")
+    assert (back.loc[names, "refit_low"] < back.loc[names, "posterior_q05"]).all()
     assert back.loc[["C1", "kappa"], "refit_low"].isna().all()
 
 
@@ -134,17 +132,13 @@ def test_what_was_not_inferred_is_not_refitted(mounting):
 
 
 @pytest.mark.long
-def test_a_run_states_the_range_in_place_of_the_interval(tmp_path):
+def test_a_mounting_stretch_that_the_data_contradict_is_reported_by_no_interval(tmp_path):
     with runs_without_figures():
         run = biaxbayes.sample(
             missed(), out=tmp_path / "run", ess=80, workers=1, noise="independent"
         )
-    table = pd.read_csv(tmp_path / "run" / "identifiability.csv")
-    row = table.set_index("parameter").loc[NAMES[0]]
-    assert row["verdict"] == NOT_IDENTIFIED
-    said = closing_message(run)
-    assert f"{row['refit_low']:.4g}" in said and "not identified: range of refits" in said
-    percent = f"{100.0 * (row['refit_low'] - 1.0):.1f}".replace("-", "\N{MINUS SIGN}")
-    assert f"is not identified: {percent} to" in report_page(run)
-    table = latex_table(run)
-    assert "(refits)" in table and NOT_IDENTIFIED in table
+    row = run.result[NAMES[0]]
+    assert row.verdict == NOT_IDENTIFIED and np.isnan([row.low, row.high]).all()
+    line = next(x for x in closing_message(run).splitlines() if x.startswith(NAMES[0]))
+    assert NOT_IDENTIFIED in line and " to " not in line
+    assert "The data do not identify" in latex_table(run) and "Refits" in report_page(run)

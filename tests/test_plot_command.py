@@ -4,7 +4,6 @@ import json
 import shutil
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from biaxbayes.cli import main
@@ -14,7 +13,6 @@ from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.identifiability.identify import identify
 from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.runs.run import open_run
-from biaxbayes.verbs.report import report_text
 from readable import assert_readable, in_view
 
 DATA = Path(__file__).parents[1] / "data"
@@ -43,28 +41,16 @@ def test_each_figure_in_the_run_folder(run, figure, capsys):
 
 @pytest.mark.parametrize("width", [85.0, 180.0])
 def test_verdicts_are_readable(run, width):
-    figure = identifiability_figure(identify(open_run(run)), width_mm=width)
+    opened = open_run(run)
+    figure = identifiability_figure(identify(opened), opened.result.rows, width_mm=width)
     assert_readable(figure, width)
 
 
 @pytest.mark.long
-def test_tables_and_figures_say_what_is_stated_of_the_tissue(run):
+def test_the_corner_says_within_which_law(run):
     opened = open_run(run)
-    table = pd.read_csv(run / "identifiability.csv").set_index("parameter")
-    rows = table[table["stated_reason"].notna()]
-    assert list(opened.stated) == list(rows.index) != []
-    found = identify(opened)
-    latex, page = (report_text(opened, kind) for kind in ("latex", "html"))
-    for width in (85.0, 180.0):
-        drawn = [text for text, _ in in_view(identifiability_figure(found, width_mm=width))]
-        for name, low, high in rows[["stated_low", "stated_high"]].itertuples():
-            stated = opened.stated[name]
-            assert (stated.low, stated.high) == pytest.approx((low, high), nan_ok=True)
-            words = stated.in_words(opened.quantities[name].parameter)
-            assert any(text.endswith(f"tissue: {words}") and "law" in text for text in drawn)
-            assert words.replace(" to ", "--") in latex and words in page
-    corner = [text for text, _ in in_view(corner_figure(opened.draws, width_mm=180.0))]
-    assert "all within the law" in corner
+    figure = corner_figure(opened.draws, width_mm=180.0, law=opened.law.called)
+    assert "posterior within GOH" in [text for text, _ in in_view(figure)]
 
 
 @pytest.mark.long

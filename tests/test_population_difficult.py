@@ -15,13 +15,11 @@ import pytest
 import quick_posteriors
 import shared
 from biaxbayes.cli import main
-from biaxbayes.identifiability.verdict_names import NO_VERDICT, PRIOR, VERDICTS
+from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT, NOT_IDENTIFIED, VERDICTS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.sampler import Plan
 from biaxbayes.runs import checkpoint
 from biaxbayes.specimens.specimen_file import write_specimen
-from biaxbayes.studies.groups import DETERMINED
-from biaxbayes.studies.result import NOT_DETERMINED
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs import population as job
 from biaxbayes.verbs import population_files
@@ -109,14 +107,14 @@ def test_one_donor_has_the_priors_spread_of_donors(pool):
     groups, _ = tables(folder)
     pooled = groups[groups["in_words"].notna()]
     assert set(pooled["quantity"]) == {"C1", "k1", "k2", "alpha"}
-    assert (pooled["sd_donors_verdict"] == PRIOR).all()
+    assert (pooled["sd_donors_verdict"] == NOT_IDENTIFIED).all()
     assert (pooled["sd_donors_contraction"] < 0.5).all()
-    assert "* prior-dominated" in out
+    assert "* not identified" in out
     for r in pooled.to_dict("records"):
         line = next(x for x in out.splitlines() if x.startswith(f"{r['quantity']} "))
         assert f" {r['verdict']}" in line and "*" in line
     page = (folder / "population.html").read_text(encoding="utf-8")
-    assert "all specimens are of one donor" in page and "<small>prior-dominated</small>" in page
+    assert "all specimens are of one donor" in page and "<small>not identified</small>" in page
 
 
 @pytest.mark.long
@@ -124,11 +122,11 @@ def test_two_specimens_rest_on_the_priors(pool):
     code, out, _, folder = pool(["m0", "m1"])
     assert code == 0 and "there are 2 specimens: the sds rest much on their priors" in out
     groups, specimens = tables(folder)
-    assert set(groups["verdict"]) <= {*VERDICTS, DETERMINED, NOT_DETERMINED}
+    assert set(groups["verdict"]) <= {*VERDICTS, FIXED}
     pooled = groups[groups["in_words"].notna()]
-    assert (pooled[["sd_donors_verdict", "sd_specimens_verdict"]] == PRIOR).all(axis=None)
+    assert (pooled[["sd_donors_verdict", "sd_specimens_verdict"]] == NOT_IDENTIFIED).all(axis=None)
     for column in ("single_verdict", "pooled_verdict"):
-        assert set(specimens[column]) <= set(VERDICTS)
+        assert set(specimens[column].dropna()) <= {*VERDICTS, FIXED}
     # the specimens' own records are sharp here, and pooling takes nothing away
     C1 = specimens[specimens["quantity"] == "C1"]
     assert list(C1["single_verdict"]) == list(C1["pooled_verdict"]) == ["identified"] * 2

@@ -11,11 +11,11 @@ from scipy.stats import ks_1samp, ks_2samp, norm
 
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.verdict_names import (
+    BOUNDED,
     COMBINATION,
     IDENTIFIED,
     NO_VERDICT,
-    ONE_SIDED,
-    PRIOR,
+    NOT_IDENTIFIED,
 )
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.priors import DrawnPrior, Prior
@@ -163,7 +163,7 @@ def test_a_group_that_is_known_is_identified(values, prior):
 def test_a_group_nobody_looked_at_is_that_of_the_prior(values, prior):
     other, _ = Hyper.of_prior(values, layout(values), DRAWS, np.random.default_rng(4))
     found = judged(other, prior)
-    assert {found[n].verdict for n in NAMES} == {PRIOR}
+    assert {found[n].verdict for n in NAMES} == {NOT_IDENTIFIED}
     assert all(abs(found[n].evidence.contraction) < 0.1 for n in NAMES)
 
 
@@ -175,7 +175,7 @@ def test_an_open_edge_and_a_ridge_are_named(values, prior):
     mu[:, 1] += ridge
     mu[:, 2] -= ridge
     found = judged(hyper_of(values, mu), prior)
-    assert found["kappa"].verdict == ONE_SIDED and "aligned fibres" in found["kappa"].words
+    assert found["kappa"].verdict == BOUNDED and "aligned fibres" in found["kappa"].words
     assert found["k1"].verdict == COMBINATION and found["k1"].partners == ("k2",)
     assert found["C1"].verdict == IDENTIFIED
 
@@ -185,7 +185,10 @@ def test_an_angle_means_nothing_where_fibres_may_be_isotropic(values, prior):
     mu = known(values, rng)
     mu[:, 4] = 1.0 / 3.0 - np.abs(0.01 * rng.standard_normal(DRAWS))
     found = judged(hyper_of(values, mu), prior)
-    assert found["alpha"].verdict == PRIOR and "no angle means anything" in found["alpha"].words
+    assert (
+        found["alpha"].verdict == NOT_IDENTIFIED
+        and "no angle means anything" in found["alpha"].words
+    )
 
 
 @pytest.mark.parametrize("state", ["tentative", "unusable"])
@@ -213,9 +216,9 @@ def test_spreads_are_judged_by_the_same_rule(values):
     rng = np.random.default_rng(9)
     same, near = (np.abs(rng.standard_normal(DRAWS)) for _ in range(2))
     found = spread(values, same, 0.1 * near)
-    assert found["sd_donors"].verdict == PRIOR
+    assert found["sd_donors"].verdict == NOT_IDENTIFIED
     assert found["sd_donors"].evidence.contraction == pytest.approx(0.0, abs=0.1)
-    assert found["sd_specimens"].verdict == ONE_SIDED
+    assert found["sd_specimens"].verdict == BOUNDED
     assert "0 (no spread)" in found["sd_specimens"].words
     known = 0.6 + 0.05 * rng.standard_normal(DRAWS)
     assert spread(values, known, same)["sd_donors"].verdict == IDENTIFIED

@@ -34,7 +34,7 @@ def test_truth_misses_by_noise_alone():
     assert set(checks["verdict"]) == {"noise"}
     assert path_warnings(checks, "N") == []
     assert checks_in_words(checks, "N") == [
-        "The model misses no reading by more than the load cell's noise."
+        "No reading lies further from the median model than 4 times the load cell's noise."
     ]
 
 

@@ -12,9 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import biaxbayes
 import quick_posteriors as quick
 import reported
 from biaxbayes.cli import main
+from biaxbayes.errors import RunError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.prediction.predictive_checks import misfit_in_words, predictive_checks
 from biaxbayes.reports import page as report
@@ -120,39 +122,38 @@ def test_headings_landmarks_and_tables_speak(html):
 
 def test_numbers_are_those_of_the_run(run, html):
     text = " ".join(" ".join(outline(html).text).split())
-    for name in ("C1", "k1", "k2", "alpha"):
-        draws = run.draws[name].to_numpy()
-        row = next(r for r in report.parameter_rows(run) if r.name == name)
-        width = np.quantile(draws, 0.95) - np.quantile(draws, 0.05)
-        assert abs(float(row.median) - np.median(draws)) < 0.06 * width
-        assert abs(float(row.low) - np.quantile(draws, 0.05)) < 0.06 * width
-        assert f"{row.median} {row.interval}" in text
+    for row in run.result.rows:
+        assert f"{row.interval_with_unit} {row.verdict}".split()[0] in text
+        assert " ".join(row.reason.split()) in text
     seed, steps = run.provenance["seed"], run.provenance["sampler"]["steps"]
     assert f"seed {seed}" in text and f"{steps:,} steps" in text
     assert "3 loading paths (" in text
     assert f"{sum(p.rows for p in run.specimen.protocols):,} rows" in text
 
 
-def test_what_the_curves_determine_is_told_as_it_was_written(media_run, copied):
+def test_what_the_curves_determine_is_made_again_alike(media_run, copied):
     folder = copied(media_run.path)
-    path, own = folder / "determined.csv", determined_rows(open_run(folder))
-    table = pd.read_csv(path)
+    own = determined_rows(open_run(folder))
     assert len(own) > 10 and {row["unit"] for row in own} == {"", "kPa"}
-    path.unlink()  # as in a run of earlier code: made again of the same draws
+    (folder / "results.json").unlink()  # as in a run of earlier code: made again of the same draws
     assert determined_rows(open_run(folder)) == own
-    table.loc[table["quantity"] == "Hx", ["low_90", "median", "high_90"]] = 0.123, 0.456, 0.789
-    table.to_csv(path, index=False)
-    assert determined_rows(open_run(folder))[0]["interval"] == "0.12 to 0.79"
 
 
-def test_every_verdict_stands_in_words(run, html):
-    text = " ".join("".join(outline(html).text).split())
-    table = pd.read_csv(run.path / "identifiability.csv")
-    assert len(table) > 4
-    for words in table["in_words"]:
-        # Names are written as symbols; the rest of the sentence is as it is.
-        said = words.partition(": ")[2] if "[" not in words else words.rpartition("]: ")[2]
-        assert " ".join(said.split()) in text
+def test_no_export_is_read_back(media_run, copied):
+    folder = copied(media_run.path)
+    page = report.report_page(open_run(folder))
+    for path in (*folder.glob("*.csv"), *folder.glob("evidence/*")):
+        if path.name != "specimen.csv":
+            path.unlink()
+    assert report.report_page(open_run(folder)) == page
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"law": "goh"}', "null"])
+def test_a_damaged_result_is_one_line(media_run, copied, text):
+    folder = copied(media_run.path)
+    (folder / "results.json").write_text(text)
+    with pytest.raises(RunError, match="results"):
+        report.report_page(open_run(folder))
 
 
 def test_hostile_names_are_text(html):
@@ -181,28 +182,29 @@ def test_a_run_that_did_not_converge_says_so(run, tmp_path, state, word):
     text = "".join(outline((folder / "report.html").read_text(encoding="utf-8")).text)
     assert word in text and "the ensembles <disagree>" in text
     assert "The chains did NOT converge" in text
-    assert ("Nothing can be said" in text) == (state == "unusable")
-    assert ("Posterior medians with" in text) == (state != "unusable")
+    assert "Reported are" not in text
 
 
 @pytest.mark.parametrize("mounting", ["ignored", "zeroed"])
-def test_a_run_that_ignores_the_mounting_says_so(run, tmp_path, mounting):
-    folder = altered(run, tmp_path, lambda r: r["settings"].update(mounting=mounting))
-    text = write_report(folder).read_text(encoding="utf-8")
+def test_a_run_that_ignores_the_mounting_says_so(tmp_path, mounting):
+    with quick.runs_without_figures():
+        run = biaxbayes.sample(
+            quick.small_specimen(), out=tmp_path / "run", mounting=mounting, ess=60, workers=1
+        )
+    text = report.report_page(run)
     assert "mounting stretch was ignored" in " ".join("".join(outline(text).text).split())
     told = f"was not inferred (mounting {mounting}): the parameters carry its error"
-    assert told in closing_message(open_run(folder)) and told not in closing_message(run)
+    assert told in closing_message(run) and told in "".join(outline(text).text)
 
 
 def test_latex_keeps_its_cells(run, tmp_path):
     with pytest.raises(SystemExit) as ended:
         main(["report", str(run.path), "--format", "latex", "--out", str(tmp_path / "latex")])
     assert ended.value.code == 0
-    more = int(bool(run.stated))  # a column for what is stated of the tissue
     latex = (tmp_path / "latex").read_text(encoding="utf-8")
     body = latex.partition("\\midrule")[2].partition("\\bottomrule")[0].strip().splitlines()
-    assert len(body) == len(run.summary)
-    assert {len(re.findall(r"(?<!\\)&", row)) for row in body} == {4 + more}
+    assert len(body) == len(run.result.reported)
+    assert {len(re.findall(r"(?<!\\)&", row)) for row in body} == {4}
     comment, _, table = latex.partition("\\begin{table}")
     assert all(line.startswith("%") for line in comment.strip().splitlines())
     assert "%" not in re.sub(r"\\%", "", table)
@@ -235,12 +237,11 @@ def test_only_pictures_that_are_pictures(run, tmp_path):
 
 def test_page_without_figures_and_verdicts(run, tmp_path):
     folder = altered(run, tmp_path, lambda r: None)
-    for path in (*folder.glob("*.png"), folder / "identifiability.csv"):
+    for path in folder.glob("*.png"):
         path.unlink()
     page = outline(write_report(folder).read_text(encoding="utf-8"))
     assert page.all("img") == []
     assert "holds no corner.png" in "".join(page.text)
-    assert "biaxbayes identify" in "".join(page.text)
 
 
 def test_report_is_the_same_twice(run, html, copied):

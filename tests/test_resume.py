@@ -58,9 +58,9 @@ def compared(folder):
     """Every byte of a run, but for the provenance, which says how long it took."""
     assert not [p.name for p in folder.iterdir() if p.name.startswith(".")]
     return {
-        p.name: hashlib.sha256(p.read_bytes()).hexdigest()
-        for p in folder.iterdir()
-        if p.name not in (PROVENANCE, NAME, PREVIOUS)
+        p.relative_to(folder): hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in folder.rglob("*")
+        if p.is_file() and p.name not in (PROVENANCE, NAME, PREVIOUS)
     }
 
 
@@ -173,12 +173,12 @@ def test_a_second_signal_stops_at_once_without_damage(expected, halfway, capsys,
         return real(self, 50_000)
 
     monkeypatch.setattr(Ensembles, "run", run)
-    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    before = {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()}
     assert sample(halfway, "--resume", "--workers", 2) == 130
     assert time.monotonic() - begun[0] < 5.0
     assert [sender.wait() for sender in senders] == [0]
     assert "stopped at once; what was saved is safe" in capsys.readouterr().err
-    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+    assert {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()} == before
     monkeypatch.undo()
     assert sample(halfway, "--resume") == 0
     assert compared(halfway) == expected
@@ -251,13 +251,13 @@ def test_outside_the_main_thread_signals_are_left_alone():
     ],
 )
 def test_other_options_are_refused_by_name(halfway, capsys, more, named):
-    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    before = {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()}
     assert sample(halfway, "--resume", *more) == 2
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     for words in (*named, "start again without --resume", str(halfway / NAME)):
         assert words in message
-    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+    assert {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()} == before
 
 
 def test_another_file_is_refused(halfway, capsys):
@@ -464,13 +464,13 @@ def test_another_format_is_said_to_be_one(whole, halfway):
 
 
 def test_a_checkpoint_that_does_not_fit_leaves_the_two_before(halfway, capsys):
-    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    before = {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()}
     limited(sample, halfway, "--resume", size=200_000, code=2)
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert "the checkpoint could not be saved" in message
     assert "File too large" in message and "--resume continues" in message
-    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+    assert {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()} == before
 
 
 @pytest.mark.long
@@ -500,21 +500,21 @@ def limited(call, *arguments, size, code):
 def test_a_folder_that_is_being_written_is_left_alone(halfway, capsys):
     from biaxbayes.runs.lock import folder_lock
 
-    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    before = {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()}
     with folder_lock(halfway):
         assert sample(halfway, "--resume") == 2
     assert f"process {os.getpid()} on " in capsys.readouterr().err
-    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+    assert {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()} == before
 
 
 def test_a_worker_that_fails_ends_the_run_in_one_line(halfway, capsys, monkeypatch):
     from biaxbayes.sampling.ensembles import Ensemble
 
-    before = {p.name: p.read_bytes() for p in halfway.iterdir()}
+    before = {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()}
     monkeypatch.setattr(Ensemble, "run", lambda *a: (_ for _ in ()).throw(MemoryError))
     assert sample(halfway, "--resume", "--workers", "2") == 2
     assert capsys.readouterr().err.startswith("biaxbayes: not enough memory")
-    assert {p.name: p.read_bytes() for p in halfway.iterdir()} == before
+    assert {p.name: p.read_bytes() for p in halfway.iterdir() if p.is_file()} == before
 
 
 @pytest.mark.parametrize("verb", ["calibrate", "compare_laws"])

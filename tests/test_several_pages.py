@@ -15,7 +15,7 @@ from biaxbayes.comparison.law_weights import STACKED, STATED_COLUMNS, LawCompari
 from biaxbayes.figures.laws import law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
 from biaxbayes.figures.style import figure_bytes
-from biaxbayes.identifiability.mounting_stretch.stated import Stated
+from biaxbayes.identifiability.reported import Reported
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
 from biaxbayes.reports import comparison, population, study_page
@@ -69,10 +69,10 @@ def population_tables() -> dict[str, pd.DataFrame]:
             derived = name.startswith("cauchy")
             row = {"group": group, "quantity": name, "unit": unit, "scale": scale}
             row |= {"specimens": 2, "donors": 1, "contraction": 0.9}
-            row |= {"verdict": "determined" if derived else "identified"}
+            row |= {"verdict": "identified"}
             if not derived:
                 row |= {"in_words": f"{name}: identified, but loosely"}
-                row |= {"sd_donors_verdict": "prior-dominated", "sd_specimens_verdict": "one-sided"}
+                row |= {"sd_donors_verdict": "not identified", "sd_specimens_verdict": "bounded"}
             for part in ("mean", "new_specimen", "new_donor"):
                 row |= three(part, middle)
             for part in ("sd_donors", "sd_specimens"):
@@ -85,10 +85,10 @@ def population_tables() -> dict[str, pd.DataFrame]:
             ):
                 row = {"specimen": f"{group} {n}", "group": group, "donor": "D"}
                 row |= {"quantity": name, "unit": unit, "specimen_predictive_p": 0.4}
-                row |= {"single_verdict": "prior-dominated", "pooled_verdict": "identified"}
+                row |= {"single_verdict": "not identified", "pooled_verdict": "identified"}
                 row |= three("single", middle) | three("pooled", middle)
                 if name == "mounting_stretch_x":
-                    row["stated_low"] = 1.0123
+                    row |= {"reported_low": 1.0123, "reported": "above 1.0123"}
                 own.append(row)
     for name, (unit, _, scale) in quantities.items():
         row = {"group_a": "healthy", "group_b": "<b>aneurysm</b>", "quantity": name, "unit": unit}
@@ -149,10 +149,8 @@ def write_population(folder) -> None:
 def write_a_study(folder) -> None:
     rows = table(9)
     stretches = rows["quantity"] == "mounting_stretch_x"
-    rows["stated_reason"] = rows["stated_reason"].astype(object)
-    rows.loc[stretches, ["stated_low", "stated_reason"]] = [1.0123, REASON]
-    nothing = stretches & (rows["specimen"] == "specimen 3")
-    rows.loc[nothing, ["stated_low", "stated_reason"]] = [np.nan, "no law could be fitted"]
+    rows["reported"] = rows["reported"].astype(object)
+    rows.loc[stretches, "reported"] = "above 1.0123"
     write_study(StudyResult("a study", folder, rows, distances(9), []))
 
 
@@ -160,8 +158,9 @@ def write_a_comparison(folder) -> None:
     members = []
     for label, C1, ratios in (("soft", 10.0, ((1.0, 1.0),)), ("<b>media</b>", 25.0, ((1.0, 1.0),))):
         run = sampled(specimen(GOH(C1, 40.0, 8.0, 40.0, 0.1), ratios=ratios, increments=8))
-        stated = {"mounting_stretch_x": Stated(1.0123, float("nan"), REASON)}
-        members.append(Member(label, run.target, run.draws, "converged", stated))
+        nan = float("nan")
+        reported = (Reported("mounting_stretch_x", "", 1.0123, nan, "bounded", REASON),)
+        members.append(Member(label, run.target, run.draws, "converged", reported))
     write_comparison(compare(members), folder)
 
 
@@ -223,7 +222,6 @@ def test_the_page_explains_its_words(page):
     for term, said in chosen_terms(*terms):
         assert f"{term} {said}" in text, term
     assert html.count('href="#words"') >= 5
-    assert "within the law" in html and "stated of the tissue" in html
     # the bytes of an image can spell anything
     written = re.sub(r"base64,[A-Za-z0-9+/=]+", "", html.split("</style>")[1])
     assert "<script" not in html and "http" not in written
@@ -254,7 +252,7 @@ def test_terms_are_half_a_line_and_said_once():
     assert set(SEVERAL) <= used
 
 
-def test_what_is_stated_stands_beside_the_interval(page):
+def test_what_is_reported_stands_on_the_page(page):
     path, _ = page
     html = path.read_text(encoding="utf-8")
     assert "above 1.0123" in html
@@ -264,14 +262,9 @@ def test_what_is_stated_stands_beside_the_interval(page):
         assert "the header of the specimen: # mounting_stretch_x: VALUE +- SD<" in html
         assert "is left out: <bdi>1:1: &lt;img" in html
     if path.name == "study.html":
-        assert html.count("<small>stated: above 1.0123</small>") == 7
-        assert html.count("<small>stated: nothing</small>") == 1
-        assert "laws that describe the record alike differ above it" in html
-        assert "no law could be fitted" in html
+        assert html.count(">above 1.0123<small>") == 7
     if path.name == "population.html":
-        assert html.count("<small>stated: above 1.0123</small>") == 4
-        # nothing is known of y, which is said as well
-        assert html.count("<small>stated: nothing</small>") == 4
+        assert html.count("(above 1.0123)") == 4
 
 
 def test_population_numbers_are_plain():
@@ -284,7 +277,7 @@ def test_population_numbers_are_plain():
     assert "e+0" not in html.split("</style>")[1]
     assert "Cauchy stress, x, at 1.2" in html
     assert "&lt;b&gt;aneurysm&lt;/b&gt;" in html and "<script>alert" not in html
-    assert html.count("<small>prior-dominated</small>") == 4
+    assert html.count("<small>not identified</small>") == 4
     assert "left out: <bdi>b</bdi>" in html
 
 

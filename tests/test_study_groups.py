@@ -23,9 +23,9 @@ def specimen(label, donor, layer, C1, sd, *, state="converged", verdict="identif
 TABLE = rows(
     specimen("a", "D1", "media", 10.0, 0.1),
     specimen("b", "D2", "media", 40.0, 0.2),
-    specimen("c", "D3", "media", 5000.0, 3.0, verdict="prior-dominated"),
+    specimen("c", "D3", "media", 5000.0, 3.0, verdict="not identified"),
     specimen("d", "D4", "media", 9000.0, 0.1, state="tentative"),
-    specimen("e", "D1", "intima", 3.0, 0.1, verdict="one-sided"),
+    specimen("e", "D1", "intima", 3.0, 0.1, verdict="bounded"),
     ("f", "D5", "", "failed", "parameter", "C1", None, None, math.nan, None, math.nan),
 )
 
@@ -33,7 +33,7 @@ TABLE = rows(
 def test_only_specimens_that_determine_a_quantity_give_numbers():
     found = group_summaries(TABLE).set_index(["group_by", "group"])
     media = found.loc[("layer", "media")]
-    assert (media.specimens, media.converged, media.determined) == (4, 3, 2)
+    assert (media.specimens, media.converged, media.identified) == (4, 3, 2)
     # geometric mean of 10 and 40
     assert media.centre == pytest.approx(20.0)
     assert (media.lowest, media.highest) == (10.0, 40.0)
@@ -44,7 +44,7 @@ def test_only_specimens_that_determine_a_quantity_give_numbers():
     intima = found.loc[("layer", "intima")]
     assert intima.centre == pytest.approx(3.0) and math.isnan(intima.sd_between)
     donor = found.loc[("donor", "D1")]
-    assert (donor.specimens, donor.determined) == (2, 2)
+    assert (donor.specimens, donor.identified) == (2, 2)
     assert found.loc[("all", "all")].specimens == 6
     assert ("layer", "") not in found.index
 
@@ -69,7 +69,7 @@ def distance(donor, a, b, low, middle, high, *, known=True, kind="parameter", st
         "difference_q05": low,
         "difference_q50": middle,
         "difference_q95": high,
-        "determined_in_both": known,
+        "identified_in_both": known,
     }
 
 
@@ -92,7 +92,7 @@ def test_layers_are_counted_pair_by_pair_in_one_order():
     assert list(found.index) == ["C1", "stiffness"]
     C1 = found.loc["C1"]
     assert (C1.layer_a, C1.layer_b) == ("intima", "media")
-    assert (C1.pairs, C1.determined, C1.b_greater, C1.b_less) == (4, 3, 2, 0)
+    assert (C1.pairs, C1.identified, C1.b_greater, C1.b_less) == (4, 3, 2, 0)
     assert C1.mean_difference == pytest.approx((2.0 + 4.0 + 0.5) / 3.0)
     assert (C1.lowest_difference, C1.highest_difference) == (0.5, 4.0)
     assert found.loc["stiffness"].b_less == 1

@@ -26,7 +26,7 @@ QUANTITIES = {
     "Hx": ("1", 0.4, "linear"),
     "stiffness_x at 1": ("kPa", 60.0, "log"),
 }
-VERDICTS = ("identified", "only in combination", "one-sided", "prior-dominated", "fixed")
+VERDICTS = ("identified", "only in combination", "bounded", "not identified", "fixed")
 
 
 def table(count: int) -> pd.DataFrame:
@@ -53,7 +53,7 @@ def table(count: int) -> pd.DataFrame:
             rows.append(
                 head
                 | {"kind": "curve" if curve else "parameter", "quantity": name, "unit": unit}
-                | {"verdict": "determined" if curve else verdict, "scale": scale}
+                | {"verdict": "identified" if curve else verdict, "scale": scale}
                 | {"q05": low, "q50": median, "q95": high, "scale_sd": 0.1}
             )
     return pd.DataFrame(rows, columns=list(COLUMNS))
@@ -67,7 +67,7 @@ def distances(count: int) -> pd.DataFrame:
                 {"donor": f"D{donor}", "layer_a": LAYERS[0], "layer_b": LAYERS[2], "kind": kind}
                 | {"quantity": quantity, "unit": "kPa", "total_stretch": np.nan}
                 | {"difference_q05": 1.0, "difference_q50": 2.0 + donor, "difference_q95": 9.0}
-                | {"determined_in_both": donor != 1}
+                | {"identified_in_both": donor != 1}
             )
     return pd.DataFrame(rows)
 

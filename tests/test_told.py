@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import biaxbayes
 from biaxbayes.figures.quantities import number, range_text
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.identifiability.identify import MOST_DRAWS
@@ -68,16 +67,11 @@ def test_few_replications_conclude_nothing(tmp_path, replications, p):
 def test_a_number_that_stands_in_two_places_is_the_same(media_run):
     summary = media_run.summary.set_index("parameter")
     assert len(media_run.draws) > MOST_DRAWS  # else the evidence would be judged by all draws
-    judged = pd.read_csv(media_run.path / "identifiability.csv").set_index("parameter")
-    twice = biaxbayes.compare([media_run, media_run], labels=["a", "b"]).verdicts
+    judged = media_run.result.identifiability.set_index("parameter")
     for name, row in judged.iterrows():
         told = summary.loc[name, ["q50", "q05", "q95"]].to_numpy(dtype=float)
-        evidence = twice[0][name].evidence
-        for numbers in (
-            row[["median", "low_90", "high_90"]].to_numpy(dtype=float),
-            (evidence.median, evidence.low, evidence.high),
-        ):
-            np.testing.assert_allclose(numbers, told, rtol=2e-5)
+        numbers = row[["posterior_median", "posterior_q05", "posterior_q95"]]
+        np.testing.assert_allclose(numbers.to_numpy(dtype=float), told, rtol=2e-5)
     # and in the corner of the figure, where an interval that piles up at an edge is another one
     written = {t.get_text() for t in corner_figure(media_run.draws, width_mm=180.0).texts}
     for name in ("C1", "k2", *mounting_names("stretch")):

@@ -11,13 +11,12 @@ from biaxbayes.identifiability.marginals import Edge, Scale
 from biaxbayes.identifiability.sloppiness import Partners, _rounded_up
 from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, in_words
 from biaxbayes.identifiability.verdict_names import (
+    BOUNDED,
     COMBINATION,
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
-    ONE_SIDED,
-    PRIOR,
 )
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import Quantity
@@ -57,27 +56,27 @@ LOW, HIGH = edge(0), edge(1, value=1 / 3)
         (SHARP, IDENTIFIED),
         # the variance must shrink by 75 %: to half the prior's spread
         (replace(LOOSE, posterior_sd=0.0499), IDENTIFIED),
-        (replace(LOOSE, posterior_sd=0.0501), PRIOR),
+        (replace(LOOSE, posterior_sd=0.0501), NOT_IDENTIFIED),
         # separate peaks are wide and no prior, unless they exclude little of it
         (replace(LOOSE, posterior_sd=0.08, modes=2, prior_excluded=0.5), IDENTIFIED),
-        (replace(LOOSE, posterior_sd=0.08, modes=2, prior_excluded=0.49), PRIOR),
+        (replace(LOOSE, posterior_sd=0.08, modes=2, prior_excluded=0.49), NOT_IDENTIFIED),
         # a trade counts where the partners cut the spread to half, and not for a sharp interval
         (replace(LOOSE, partners=TRADED), COMBINATION),
         (replace(LOOSE, partners=replace(TRADED, spread_given_partners=0.5)), COMBINATION),
         (replace(LOOSE, partners=replace(TRADED, spread_given_partners=0.51)), IDENTIFIED),
         (replace(SHARP, partners=TRADED), IDENTIFIED),
         # ends
-        (replace(LOOSE, edges=(LOW,)), ONE_SIDED),
-        (replace(LOOSE, edges=(HIGH,)), ONE_SIDED),
-        (replace(LOOSE, edges=(replace(LOW, support=0.147),)), ONE_SIDED),
+        (replace(LOOSE, edges=(LOW,)), BOUNDED),
+        (replace(LOOSE, edges=(HIGH,)), BOUNDED),
+        (replace(LOOSE, edges=(replace(LOW, support=0.147),)), BOUNDED),
         (replace(LOOSE, edges=(replace(LOW, support=0.146),)), IDENTIFIED),
-        (replace(LOOSE, edges=(LOW, HIGH)), PRIOR),
-        (replace(LOOSE, edges=(edge(1, "user"),)), PRIOR),
-        (replace(LOOSE, edges=(edge(0, "prior"),)), PRIOR),
+        (replace(LOOSE, edges=(LOW, HIGH)), NOT_IDENTIFIED),
+        (replace(LOOSE, edges=(edge(1, "user"),)), NOT_IDENTIFIED),
+        (replace(LOOSE, edges=(edge(0, "prior"),)), NOT_IDENTIFIED),
         # one-sided needs a quarter of the prior excluded, or the contraction of an interval
-        (replace(LOOSE, edges=(LOW,), prior_excluded=0.25, posterior_sd=0.09), ONE_SIDED),
-        (replace(LOOSE, edges=(LOW,), prior_excluded=0.24, posterior_sd=0.09), PRIOR),
-        (replace(LOOSE, edges=(LOW,), prior_excluded=0.24), ONE_SIDED),
+        (replace(LOOSE, edges=(LOW,), prior_excluded=0.25, posterior_sd=0.09), BOUNDED),
+        (replace(LOOSE, edges=(LOW,), prior_excluded=0.24, posterior_sd=0.09), NOT_IDENTIFIED),
+        (replace(LOOSE, edges=(LOW,), prior_excluded=0.24), BOUNDED),
         # a trade comes before an open end
         (replace(LOOSE, edges=(LOW,), partners=TRADED), COMBINATION),
         # refits more than twice as wide as the interval (0.2) come before all else
@@ -90,7 +89,7 @@ def test_evidence_decides(evidence, verdict):
 
 
 def test_what_may_mean_nothing_is_never_identified():
-    assert decide(SHARP, T, meaningless=True) == PRIOR
+    assert decide(SHARP, T, meaningless=True) == NOT_IDENTIFIED
     assert decide(replace(SHARP, partners=TRADED), T, meaningless=True) == COMBINATION
 
 
@@ -120,14 +119,14 @@ def kappa(verdict: str, evidence: Evidence | None, prior: object = 0.1, **how: s
             "identified, 0.100 to 0.190 (90 %); high end by the prior",
         ),
         (
-            ONE_SIDED,
+            BOUNDED,
             replace(LOOSE, edges=(LOW,)),
-            "one-sided, below 0.250 (95 %); the data do not exclude 0 (aligned fibres)",
+            "bounded, below 0.250 (95 %); the data do not exclude 0 (aligned fibres)",
         ),
         (
-            ONE_SIDED,
+            BOUNDED,
             replace(LOOSE, edges=(HIGH,)),
-            "one-sided, above 0.050 (95 %); the data do not exclude 1/3 (isotropic)",
+            "bounded, above 0.050 (95 %); the data do not exclude 1/3 (isotropic)",
         ),
         (
             COMBINATION,
@@ -143,19 +142,19 @@ def kappa(verdict: str, evidence: Evidence | None, prior: object = 0.1, **how: s
             "(isotropic) not excluded",
         ),
         (
-            PRIOR,
+            NOT_IDENTIFIED,
             replace(LOOSE, posterior_sd=0.08, prior_sensitivity=0.3),
-            "prior-dominated, 0.050 to 0.250 (90 %); the data take 36 % off the prior's variance",
+            "not identified, 0.050 to 0.250 (90 %); the data take 36 % off the prior's variance",
         ),
         (
-            PRIOR,
+            NOT_IDENTIFIED,
             replace(LOOSE, posterior_sd=0.12),
-            "prior-dominated, 0.050 to 0.250 (90 %); the data take 0 % off the prior's variance",
+            "not identified, 0.050 to 0.250 (90 %); the data take 0 % off the prior's variance",
         ),
         (
-            PRIOR,
+            NOT_IDENTIFIED,
             replace(LOOSE, edges=(LOW, edge(1, "user", value=0.27))),
-            "prior-dominated, 0.050 to 0.250 (90 %); held by the bound 0.270 of its prior",
+            "not identified, 0.050 to 0.250 (90 %); held by the bound 0.270 of its prior",
         ),
         (
             NOT_IDENTIFIED,
@@ -174,7 +173,9 @@ def test_a_verdict_is_one_sentence(verdict, evidence, sentence):
 def test_sentences_say_ties_units_and_what_means_nothing():
     assert kappa(FIXED, None, Tie(0.5, "k1")) == "kappa: tied, 0.5 times k1"
     why = "means nothing at kappa 1/3"
-    assert kappa(PRIOR, SHARP, meaningless=why).endswith(f"% off the prior's variance; {why}")
+    assert kappa(NOT_IDENTIFIED, SHARP, meaningless=why).endswith(
+        f"% off the prior's variance; {why}"
+    )
     e = replace(LOOSE, parameter=K1, low=10.0, high=19.9)
     told = in_words(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
     assert told == "k1: identified, 10 to 19.9 kPa (90 %)"  # sharp: the ends' ratio is below 2

@@ -17,6 +17,8 @@ PLAIN = frozenset(
     re.findall(
         r"\w+",
         """
+        blue each fibre fits grey known left much once reason record remove say share table
+        stiffnesses stresses
         about across all alone also and any are at axis be below beside but by can central chains
         citation cite combination cost data determine diagonal direction error errors every
         everything evidence expected first for force from glance has have held how ignoring in

@@ -8,7 +8,7 @@ say about it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
@@ -25,11 +25,12 @@ from biaxbayes.identifiability.determined import (
     largest_equibiaxial,
     some_draws,
 )
-from biaxbayes.identifiability.identify import Identifiability, identify_draws
+from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.marginals import judged_scales
-from biaxbayes.identifiability.mounting_stretch.stated import Stated
+from biaxbayes.identifiability.report_table import report_frame
+from biaxbayes.identifiability.reported import Reported
 from biaxbayes.identifiability.verdict import Thresholds
-from biaxbayes.identifiability.verdict_names import IDENTIFIED, ONE_SIDED
+from biaxbayes.identifiability.verdict_names import BOUNDED, IDENTIFIED
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL
@@ -42,8 +43,8 @@ __all__ = [
     "compare",
     "differing_settings",
     "distances_between",
-    "judged_member",
     "labels_of",
+    "reported_rows",
 ]
 
 
@@ -122,7 +123,7 @@ def _same_specimens(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
 
 
 WARNING = (
-    "A difference in a quantity that is not determined in both runs is not a difference between "
+    "A difference in a quantity that is not identified in both runs is not a difference between "
     "tissues: other values of it describe the same curves."
 )
 DISJOINT = 0.99
@@ -140,29 +141,30 @@ class Member:
     posterior : Posterior
     draws : DataFrame
     state : str
-    stated : mapping of str to Stated
-        What the run states of the mounting stretches of the tissue.
+    reported : sequence of Reported
+        What the run reports of its parameters; judged by the draws alone where there is none.
     """
 
     label: str
     posterior: Posterior
     draws: pd.DataFrame
     state: str
-    stated: Mapping[str, Stated] = field(default_factory=dict)
+    reported: Sequence[Reported] = ()
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs with their verdicts, their common quantities and the distances between them.
+    """Runs with what they report, their common quantities and the distances between them.
 
     Attributes
     ----------
     members : tuple of Member
-    verdicts : tuple of Identifiability
+    reported : tuple of sequence of Reported
+        What each run reports.
     derived : tuple of list of Derived
         The same quantities of every run.
-    determined : tuple of dict
-        For each run, whether the data determine a quantity, by its key.
+    identified : tuple of dict
+        For each run, whether it identifies or bounds a quantity, by its key.
     distances : DataFrame
         One row a pair of runs and quantity.
     stretches : list of float
@@ -172,9 +174,9 @@ class Comparison:
     """
 
     members: tuple[Member, ...]
-    verdicts: tuple[Identifiability, ...]
+    reported: tuple[Sequence[Reported], ...]
     derived: tuple[list[Derived], ...]
-    determined: tuple[dict[str, bool], ...]
+    identified: tuple[dict[str, bool], ...]
     distances: pd.DataFrame
     stretches: list[float]
     notes: list[str] = field(default_factory=list)
@@ -190,10 +192,10 @@ class Comparison:
         return all(m.state == "converged" for m in self.members)
 
     def matrix(self) -> pd.DataFrame:
-        """Verdicts and contractions, one row a run and parameter."""
+        """What each run reports, one row per run and parameter."""
         tables = []
-        for member, judged in zip(self.members, self.verdicts, strict=True):
-            table = judged.to_frame()
+        for member, rows in zip(self.members, self.reported, strict=True):
+            table = report_frame(rows, member.posterior.quantities)
             table.insert(0, "run", member.label)
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
@@ -203,10 +205,10 @@ class Comparison:
         return f"Comparison({runs}; stresses at {len(self.stretches)} stretches)"
 
     def _repr_html_(self) -> str:
-        """Verdicts, and what differs among the quantities that both runs determine."""
+        """Verdicts, and what differs among the quantities that both runs identify."""
         verdicts = self.matrix().pivot(index="run", columns="parameter", values="verdict")
         names = list(dict.fromkeys(self.matrix()["parameter"]))
-        known = self.distances[self.distances["determined_in_both"]]
+        known = self.distances[self.distances["identified_in_both"]]
         columns = ["run_a", "run_b", "quantity", "unit", "total_stretch", "median_a", "median_b"]
         columns += ["difference_q05", "difference_q95", "standardised"]
         return verdicts.loc[self.labels, names].to_html(na_rep="–") + known[columns].to_html(
@@ -222,7 +224,7 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     members : sequence of Member
         Two or more, with different labels.
     thresholds : Thresholds, optional
-        Of the verdicts. A derived quantity counts as determined where the data shrink the variance
+        Of the verdicts. A derived quantity counts as identified where the data shrink the variance
         of its logarithm (of the structure tensor itself) by at least ``contraction``.
 
     Raises
@@ -232,23 +234,21 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     """
     chosen = thresholds or Thresholds()
     _check(members)
-    verdicts = tuple(judged_member(m, chosen) for m in members)
-    return Comparison(
-        verdicts=verdicts, **_side_by_side(members, [v.verdicts for v in verdicts], chosen)
-    )
+    reported = tuple(reported_rows(m, chosen) for m in members)
+    return Comparison(reported=reported, **_side_by_side(members, reported, chosen))
 
 
 def distances_between(
-    members: Sequence[Member], verdicts: Sequence[Mapping[str, str]]
+    members: Sequence[Member], reported: Sequence[Sequence[Reported]]
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Distances between runs whose verdicts are known, and what else than the tissue differs.
+    """Distances between runs whose reports are known, and what else than the tissue differs.
 
     Parameters
     ----------
     members : sequence of Member
         As of :func:`compare`.
-    verdicts : sequence of mapping
-        Verdicts on the parameters of each run, by their names.
+    reported : sequence of sequence of Reported
+        What each run reports.
 
     Raises
     ------
@@ -256,42 +256,45 @@ def distances_between(
         As :func:`compare`.
     """
     _check(members)
-    result = _side_by_side(members, verdicts, Thresholds())
+    result = _side_by_side(members, reported, Thresholds())
     return result["distances"], result["notes"]
 
 
-def judged_member(member: Member, thresholds: Thresholds | None = None) -> Identifiability:
-    """Verdicts on a run; their medians and intervals are those of all draws, as in the run.
+def reported_rows(member: Member, thresholds: Thresholds | None = None) -> Sequence[Reported]:
+    """What a run reports; without the fits of other laws where that is not known.
 
     Parameters
     ----------
     member : Member
     thresholds : Thresholds, optional
     """
-    return identify_draws(
-        member.posterior, member.draws, member.state, thresholds=thresholds, stated=member.stated
-    )
+    if member.reported:
+        return member.reported
+    judged = identify_draws(member.posterior, member.draws, member.state, thresholds=thresholds)
+    return judged.reported
 
 
 def _side_by_side(
-    members: Sequence[Member], verdicts: Sequence[Mapping[str, str]], thresholds: Thresholds
+    members: Sequence[Member],
+    reported: Sequence[Sequence[Reported]],
+    thresholds: Thresholds,
 ) -> dict[str, Any]:
-    """The fields of a comparison beside the verdicts."""
+    """The fields of a comparison beside what is reported."""
     stretches = common_stretches(members)
     members = tuple(replace(m, draws=some_draws(m.draws)) for m in members)
     derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)
-    determined = tuple(
-        _determined(*each, thresholds) for each in zip(members, verdicts, derived, strict=True)
+    identified = tuple(
+        _identified(*each, thresholds) for each in zip(members, reported, derived, strict=True)
     )
     rows = [
         row
         for i, j in combinations(range(len(members)), 2)
-        for row in _distances(members, derived, determined, i, j)
+        for row in _distances(members, derived, identified, i, j)
     ]
     return {
         "members": members,
         "derived": derived,
-        "determined": determined,
+        "identified": identified,
         "distances": pd.DataFrame(rows),
         "stretches": stretches,
         "notes": differing_settings([(m.label, m.posterior) for m in members]),
@@ -340,12 +343,15 @@ def _derived(draws: pd.DataFrame, stretches: list[float], posterior: Posterior) 
     return derived_quantities(draws, posterior.law, stretches, (1.0, stretches[-1]))
 
 
-def _determined(
-    member: Member, verdicts: Mapping[str, str], derived: list[Derived], thresholds: Thresholds
+def _identified(
+    member: Member,
+    reported: Sequence[Reported],
+    derived: list[Derived],
+    thresholds: Thresholds,
 ) -> dict[str, bool]:
-    """Whether the data determine each quantity of a run."""
+    """Whether a run identifies or bounds each quantity."""
     converged = member.state == "converged"
-    out = {name: verdict in (IDENTIFIED, ONE_SIDED) for name, verdict in verdicts.items()}
+    out = {r.name: r.verdict in (IDENTIFIED, BOUNDED) for r in reported}
     stretches = [d.stretch for d in derived if d.kind == STRESS and d.name == "cauchy_x"]
     prior = _derived(
         prior_material(member.posterior, member.draws),
@@ -361,7 +367,7 @@ def _determined(
 def _distances(
     members: Sequence[Member],
     derived: Sequence[list[Derived]],
-    determined: Sequence[dict[str, bool]],
+    identified: Sequence[dict[str, bool]],
     i: int,
     j: int,
 ) -> list[dict[str, Any]]:
@@ -386,8 +392,8 @@ def _distances(
                 "quantity": name,
                 "unit": unit,
                 "total_stretch": stretch,
-                "determined_in_a": determined[i][key],
-                "determined_in_b": determined[j][key],
+                "identified_in_a": identified[i].get(key, False),
+                "identified_in_b": identified[j].get(key, False),
                 "median_a": float(np.median(of_a)),
                 "median_b": float(np.median(of_b)),
                 "difference_q05": apart.low,
@@ -396,7 +402,8 @@ def _distances(
                 "standardised": apart.standardised,
                 "probability_b_greater": apart.probability_greater,
                 "kolmogorov": apart.kolmogorov,
-                "determined_in_both": determined[i][key] and determined[j][key],
+                "identified_in_both": identified[i].get(key, False)
+                and identified[j].get(key, False),
             }
         )
     return rows

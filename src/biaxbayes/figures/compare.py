@@ -22,25 +22,25 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.identifiability.bounded_density import Span, at_edges, curve, interval, span
 from biaxbayes.identifiability.determined import STRESS
-from biaxbayes.identifiability.identify import ParameterVerdict
-from biaxbayes.identifiability.mounting_stretch.stated import Stated
-from biaxbayes.identifiability.verdict_names import COMBINATION, FIXED
+from biaxbayes.identifiability.report_table import ReportRow, report_rows
+from biaxbayes.identifiability.reported import Reported
+from biaxbayes.identifiability.verdict_names import COMBINATION
 from biaxbayes.parameters import Quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHORT = {COMBINATION: "in combination", FIXED: "fixed"}
+SHORT = {COMBINATION: "in combination"}
 ROW_MM, FOREST_ROW_MM = 9.5, 4.2
-TISSUE_OFFSET = 0.3
-"""Rows by which the interval of the tissue stands below that within the law."""
+REPORTED_OFFSET = 0.3
+"""Rows by which the reported interval stands below the posterior."""
 
 
 def matrix_figure(
     comparison: Comparison, *, width_mm: float = PAGE_MM, style: Mapping[str, Any] | None = None
 ) -> Figure:
-    """Verdict and contraction of every parameter of every run.
+    """Verdict and reported interval of every parameter of every run.
 
     Parameters
     ----------
@@ -49,25 +49,25 @@ def matrix_figure(
     style : mapping, optional
         From :func:`biaxbayes.figures.style.read_style`.
     """
-    verdicts = [{p.name: p for p in run.parameters} for run in comparison.verdicts]
+    runs = [
+        {row.name: row for row in report_rows(reported, member.posterior.quantities)}
+        for member, reported in zip(comparison.members, comparison.reported, strict=True)
+    ]
     quantities = _judged(comparison)
-    names = [name for name in quantities if any(name in run for run in verdicts)]
-    note = "per cent: contraction of the variance from prior to posterior"
-    if any(m.stated for m in comparison.members):
-        note += "; below: what is stated of the tissue, whatever its law"
+    names = [name for name in quantities if any(name in run for run in runs)]
     with print_style(style):
-        figure = blank_figure(width_mm, 15.0 + ROW_MM * len(verdicts))
+        figure = blank_figure(width_mm, 15.0 + ROW_MM * len(runs))
         draw_cells(
             figure.subplots(),
-            [[_cell_text(run.get(name)) for name in names] for run in verdicts],
+            [[_cell_text(run.get(name)) for name in names] for run in runs],
             [
                 [VERDICT_COLOURS[run[name].verdict] if name in run else "white" for name in names]
-                for run in verdicts
+                for run in runs
             ],
             rows=[plain(label, 20) for label in comparison.labels],
             columns=[axis_text(quantities[name]).label for name in names],
         )
-        add_note(figure, note)
+        add_note(figure, "below the verdict: reported 90 % interval or 95 % bound")
     return figure
 
 
@@ -77,18 +77,9 @@ def _judged(comparison: Comparison) -> dict[str, Quantity]:
     return {q.name: q for q in judged if not q.state}
 
 
-def _cell_text(verdict: ParameterVerdict | None) -> str:
-    """Verdict, contraction and, of a mounting stretch, the interval of the tissue."""
-    if verdict is None:
-        return ""
-    lines = [SHORT.get(verdict.verdict, verdict.verdict)]
-    if verdict.evidence is not None:
-        share = 100.0 * max(verdict.evidence.contraction, 0.0)
-        lines.append(f"{min(share, 99.9):.1f} %" if share > 99.0 else f"{share:.0f} %")
-        if verdict.stated is not None:
-            words = verdict.stated.in_words(verdict.scale.parameter).replace(" to ", "–")
-            lines.append(words.replace("above", ">").replace("nothing", "–"))
-    return "\n".join(lines)
+def _cell_text(row: ReportRow | None) -> str:
+    """Verdict and reported interval."""
+    return "" if row is None else f"{SHORT.get(row.verdict, row.verdict)}\n{row.interval}"
 
 
 class Row(NamedTuple):
@@ -98,8 +89,8 @@ class Row(NamedTuple):
     edges: tuple[float, float]
     log: bool
     draws: list[np.ndarray | None]
-    determined: list[bool]
-    tissue: list[Stated | None]
+    identified: list[bool]
+    reported: list[Reported | None]
 
 
 def forest_figure(
@@ -107,7 +98,7 @@ def forest_figure(
 ) -> Figure:
     """Medians with intervals of 50 and 90 % of every run, one panel per quantity.
 
-    Open symbols stand for what a run does not determine.
+    Open symbols stand for what a run does not identify.
 
     Parameters
     ----------
@@ -117,12 +108,10 @@ def forest_figure(
         From :func:`biaxbayes.figures.style.read_style`.
     """
     rows = [*_parameter_rows(comparison), *_derived_rows(comparison)]
-    note = "filled: determined in that run; open: not determined, no difference of tissue"
-    if any(m.stated for m in comparison.members):
-        note += (
-            "\nmounting stretches: within the law; below in grey what is stated of the tissue, "
-            "whatever its law (arrow: above)"
-        )
+    note = (
+        "coloured: posterior within the law; below in grey: the reported interval (arrow: bound)\n"
+        "filled: identified or bounded in that run; open: not, no difference of tissue"
+    )
     labels = [plain(label, 16) for label in comparison.labels]
     with print_style(style):
         tall = FOREST_ROW_MM * len(labels) + 1.0
@@ -141,9 +130,11 @@ def _parameter_rows(comparison: Comparison) -> list[Row]:
             for m in comparison.members
         ]
         if any(d is not None for d in draws):
-            determined = [d.get(name, False) for d in comparison.determined]
-            tissue = [m.stated.get(name) for m in comparison.members]
-            rows.append(Row(q.label, q.edges, q.scale, draws, determined, tissue))
+            identified = [d.get(name, False) for d in comparison.identified]
+            reported = [
+                next((r for r in of_run if r.name == name), None) for of_run in comparison.reported
+            ]
+            rows.append(Row(q.label, q.edges, q.scale, draws, identified, reported))
     return rows
 
 
@@ -158,15 +149,15 @@ def _derived_rows(comparison: Comparison) -> list[Row]:
         symbol = {"H": f"$H_{axis}$", "s": f"$c_{{{axis}{axis}}}$", "c": rf"$\sigma_{axis}$"}
         label = symbol[first.name[0]] + (f" at {first.stretch:.4g} (kPa)" if scale else "")
         edges = (0.0, np.inf if scale else 1.0)
-        determined = [d[first.key] for d in comparison.determined]
+        identified = [d[first.key] for d in comparison.identified]
         draws: list[np.ndarray | None] = [q.values for q in quantities]
-        rows.append(Row(label, edges, scale, draws, determined, [None] * len(draws)))
+        rows.append(Row(label, edges, scale, draws, identified, [None] * len(draws)))
     return rows
 
 
 def _draw_panel(ax: Axes, row: Row) -> None:
     axis = _axis(row)
-    for i, (values, determined) in enumerate(zip(row.draws, row.determined, strict=True)):
+    for i, (values, identified) in enumerate(zip(row.draws, row.identified, strict=True)):
         if values is None:
             continue
         hue = group_colour(i)
@@ -175,28 +166,30 @@ def _draw_panel(ax: Axes, row: Row) -> None:
             # One-sided where the draws pile up at a physical edge; the middle half is central.
             ax.plot(interval(values, piled, 0.9), [i, i], color=hue, linewidth=0.9)
             ax.plot(interval(values, (False, False), 0.5), [i, i], color=hue, linewidth=2.2)
-        face = hue if determined else "white"
+        face = hue if identified else "white"
         ax.plot(np.median(values), i, "o", color=hue, mfc=face, ms=3.6, mew=0.9)
-    for i, tissue in enumerate(row.tissue):
-        if tissue is not None and np.isfinite(tissue.low):
-            _draw_tissue(ax, tissue, i + TISSUE_OFFSET, axis.high)
+    for i, reported in enumerate(row.reported):
+        if reported is not None and np.isfinite([reported.low, reported.high]).any():
+            _draw_reported(ax, reported, i + REPORTED_OFFSET, (axis.low, axis.high))
     ax.set(ylim=(len(row.draws) - 0.4, -0.6), xscale="log" if axis.log else "linear")
     ax.set(xlim=(axis.low, axis.high), xlabel=row.label)
     few_ticks(ax.xaxis)
 
 
-def _draw_tissue(ax: Axes, tissue: Stated, y: float, end: float) -> None:
-    """The interval of the tissue, or its lower bound and an arrow."""
+def _draw_reported(ax: Axes, row: Reported, y: float, limits: tuple[float, float]) -> None:
+    """The reported interval, or its bound and an arrow."""
     grey: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "markersize": 3.0}
-    high = tissue.high if tissue.is_value else end
-    ax.plot([tissue.low, high], [y, y], solid_capstyle="butt", **grey)
-    ax.plot(tissue.low, y, "|", **grey)
-    ax.plot(high, y, "|" if tissue.is_value else ">", clip_on=tissue.is_value, **grey)
+    bounds = (row.low, row.high)
+    ends = [b if np.isfinite(b) else end for b, end in zip(bounds, limits, strict=True)]
+    ax.plot(ends, [y, y], solid_capstyle="butt", **grey)
+    for bound, at, arrow in zip(bounds, ends, "<>", strict=True):
+        known = bool(np.isfinite(bound))
+        ax.plot(at, y, "|" if known else arrow, clip_on=known, **grey)
 
 
 def _axis(row: Row) -> Span:
     draws = [d for d in row.draws if d is not None]
     low, high = np.quantile(np.concatenate(draws), [0.005, 0.995])
     log = bool(row.log and low > 0.0 and high > LOG_SPREAD * low)
-    ends = [v for t in row.tissue if t is not None for v in (t.low, t.high) if np.isfinite(v)]
+    ends = [v for r in row.reported if r is not None for v in (r.low, r.high) if np.isfinite(v)]
     return span(*draws, edges=row.edges, log=log, include=tuple(ends))

@@ -16,17 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.identifiability.marginals import INTERVAL, Edge, end_in_words
+from biaxbayes.identifiability.marginals import INTERVAL, Edge
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.parameters import FORCE, Parameter, Quantities
+from biaxbayes.parameters import FORCE, Parameter
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["EDGES", "HeldEdge", "held_edge", "held_edges", "held_from", "held_table"]
-
-EDGES = "edges.csv"
-"""The table of a run folder."""
 DRAWS = 8192
 LEAST_ESS = 1000.0
 """Effective draws from which the ends of an interval are known to a tenth of its sd."""
@@ -55,29 +51,6 @@ class HeldEdge:
     meaning: str
     intervals: dict[str, tuple[float, float, float]]
     draws: float
-
-    @property
-    def condition(self) -> str:
-        """The hypothesis in words."""
-        return f"if {self.parameter.name} is {end_in_words(self.value, self.meaning)}"
-
-    def range(self, name: str, parameter: Parameter) -> str:
-        """The 90 % interval of another quantity under the hypothesis; empty where there is none."""
-        if name not in self.intervals:
-            return ""
-        low, _, high = self.intervals[name]
-        return f"{parameter.number(low)} to {parameter.number(high)}{parameter.unit_words()}"
-
-    def in_words(self, name: str, parameter: Parameter) -> str:
-        """What is added to the verdict on another parameter, whose interval is the free one."""
-        found = self.range(name, parameter)
-        free = f"that is with {self.parameter.name} free"
-        return f"{free}; {self.condition}, {found} (90 %)" if found else ""
-
-    def summary(self, names: Sequence[str], quantities: Quantities) -> str:
-        """All of some quantities under the hypothesis, in a line."""
-        found = [(n, self.range(n, quantities[n].parameter)) for n in names]
-        return f"{self.condition}: " + ", ".join(f"{n} {text}" for n, text in found if text)
 
 
 def held_edges(
@@ -191,30 +164,3 @@ def held_table(held: Sequence[HeldEdge]) -> pd.DataFrame:
         ],
         columns=["held", "at", "meaning", "parameter", "low_90", "median", "high_90", "draws"],
     )
-
-
-def held_from(table: pd.DataFrame, quantities: Quantities) -> tuple[HeldEdge, ...]:
-    """Turn :func:`held_table` back into what it was made of.
-
-    Parameters
-    ----------
-    table : DataFrame
-    quantities : Quantities
-        What each name is.
-
-    Raises
-    ------
-    KeyError
-        If a column or a quantity is missing.
-    """
-    out: dict[tuple[str, float], HeldEdge] = {}
-    for row in table.to_dict("records"):
-        name, value = str(row["held"]), float(row["at"])
-        meaning = row["meaning"] if isinstance(row["meaning"], str) else ""
-        held = out.setdefault(
-            (name, value),
-            HeldEdge(quantities[name].parameter, value, meaning, {}, float(row["draws"])),
-        )
-        interval = (float(row["low_90"]), float(row["median"]), float(row["high_90"]))
-        held.intervals[str(row["parameter"])] = interval
-    return tuple(out.values())

@@ -29,8 +29,8 @@ from biaxbayes.identifiability.mounting_stretch.law_range import (
 from biaxbayes.identifiability.mounting_stretch.stated import Stated, stated_mounting
 from biaxbayes.identifiability.mounting_stretch.toe import mounting_refits
 from biaxbayes.identifiability.reported import Reported, reported
-from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, in_words
-from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT, NOT_IDENTIFIED
+from biaxbayes.identifiability.verdict import Evidence, Thresholds, contradicted, decide, in_words
+from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT
 from biaxbayes.laws import LAWS
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
@@ -90,19 +90,14 @@ class ParameterVerdict:
 
     def record(self) -> dict[str, Any]:
         """One row of ``identifiability.csv``."""
-        row: dict[str, Any] = {
-            "parameter": self.name,
-            "unit": self.scale.unit,
-            "verdict": self.verdict,
-            "in_words": self.words,
-        }
+        row: dict[str, Any] = {"parameter": self.name, "unit": self.scale.unit}
         e = self.evidence
         if e is None:
             return row
         row |= {
-            "median": e.median,
-            "low_90": e.low,
-            "high_90": e.high,
+            "posterior_median": e.median,
+            "posterior_q05": e.low,
+            "posterior_q95": e.high,
             "scale": self.scale.label,
             "prior_sd": e.prior_sd,
             "posterior_sd": e.posterior_sd,
@@ -128,9 +123,6 @@ class ParameterVerdict:
             "likelihood_sensitivity": e.likelihood_sensitivity,
             "refit_low": e.refits[0] if e.refits else np.nan,
             "refit_high": e.refits[1] if e.refits else np.nan,
-            "stated_low": self.stated.low if self.stated else np.nan,
-            "stated_high": self.stated.high if self.stated else np.nan,
-            "stated_reason": self.stated.reason if self.stated else "",
         }
 
 
@@ -195,19 +187,14 @@ class Identifiability:
             out[p.name] = tuple(edge for edge in ends if edge.kind == "physical")
         return {name: ends for name, ends in out.items() if ends}
 
-    def with_held(self, held: tuple[HeldEdge, ...]) -> Identifiability:
-        """The same verdicts that also say what holds with a parameter at an end of its range."""
-
-        def told(p: ParameterVerdict) -> ParameterVerdict:
-            said = [h.in_words(p.name, p.scale.parameter) for h in held]
-            return replace(p, words="; ".join([p.words, *(words for words in said if words)]))
-
-        return replace(self, held=held, parameters=tuple(told(p) for p in self.parameters))
-
     def refits(self) -> dict[str, tuple[float, float]]:
-        """Ranges of the mounting stretches that are not identified, by name."""
-        lost = [p for p in self.parameters if p.verdict == NOT_IDENTIFIED]
-        return {p.name: p.evidence.refits for p in lost if p.evidence and p.evidence.refits}
+        """Ranges of the mounting stretches whose intervals refits contradict, by name."""
+        found = ((p.name, p.evidence) for p in self.parameters if p.verdict != NO_VERDICT)
+        return {
+            name: e.refits
+            for name, e in found
+            if e is not None and e.refits and contradicted(e, self.thresholds)
+        }
 
     def values(self) -> dict[str, tuple[float, float]]:
         """Both ends of the mounting stretches that are stated of the tissue as values, by name."""
@@ -217,16 +204,6 @@ class Identifiability:
     def limits(self) -> list[tuple[str, float]]:
         """Every threshold by name, with the widths of sharp intervals."""
         return self.thresholds.items(p.scale.parameter for p in self.parameters)
-
-    def in_words(self) -> list[str]:
-        """One sentence a parameter."""
-        return [p.words for p in self.parameters]
-
-    def _repr_html_(self) -> str:
-        """Verdicts in words with the interval, for notebooks."""
-        kept = ["parameter", "unit", "verdict", "median", "low_90", "high_90", "contraction"]
-        table = self.to_frame().reindex(columns=[*kept, "in_words"])
-        return table.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
 
 
 def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiability:
@@ -245,7 +222,7 @@ def identify(run: Any, *, thresholds: Thresholds | None = None) -> Identifiabili
     posterior = run.posterior()
     fits = fits_of_laws(posterior) if run.state == "converged" else None
     found = identify_draws(posterior, run.draws, run.state, thresholds=thresholds, fits=fits)
-    return found.with_held(held_edges(posterior, found.open_edges()))
+    return replace(found, held=held_edges(posterior, found.open_edges()))
 
 
 def fits_of_laws(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> LawRange | None:

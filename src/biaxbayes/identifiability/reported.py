@@ -30,7 +30,6 @@ from biaxbayes.identifiability.verdict_names import (
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
-    PRIOR,
 )
 from biaxbayes.laws.law import Law
 from biaxbayes.parameters import MATERIAL
@@ -126,7 +125,7 @@ def _material(
     own = None if fits is None else fits[law.name]
     if fits is not None and (better := distinctly_better(fits, law.name)):
         return nothing(better)
-    if p.verdict == PRIOR:
+    if p.verdict == NOT_IDENTIFIED:
         bounds = [edge for edge in e.open_edges(thresholds) if edge.kind == "user"]
         if bounds:
             return nothing(

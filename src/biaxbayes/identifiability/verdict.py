@@ -9,13 +9,12 @@ from biaxbayes.identifiability.marginals import Edge, Scale, end_in_words
 from biaxbayes.identifiability.mounting_stretch.stated import ends_by_prior_words
 from biaxbayes.identifiability.sloppiness import Partners
 from biaxbayes.identifiability.verdict_names import (
+    BOUNDED,
     COMBINATION,
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
-    ONE_SIDED,
-    PRIOR,
 )
 from biaxbayes.model.priors import Tie
 from biaxbayes.parameters import Parameter
@@ -69,17 +68,16 @@ def in_words(
         return f"{name}: fixed at {held:g}" if isinstance(held, float | int) else f"{name}: fixed"
     tell = {
         IDENTIFIED: _identified,
-        ONE_SIDED: _one_sided,
+        BOUNDED: _one_sided,
         COMBINATION: _combination,
-        PRIOR: _prior_dominated,
-        NOT_IDENTIFIED: _not_identified,
+        NOT_IDENTIFIED: _not_identified if evidence.refits else _by_prior,
     }[verdict]
     text = tell(scale, evidence, thresholds)
     if meaningless:
         text += f"; {meaningless}"
     if evidence.modes > 1:
         text += f"; {evidence.modes} separate peaks"
-    if evidence.prior_sensitivity >= SENSITIVE and verdict != PRIOR:
+    if evidence.prior_sensitivity >= SENSITIVE and verdict != NOT_IDENTIFIED:
         text += "; sensitive to the prior"
     if any(evidence.by_prior):
         text += f"; {ends_by_prior_words(evidence.by_prior)}"
@@ -95,7 +93,7 @@ def _one_sided(scale: Scale, e: Evidence, t: Thresholds) -> str:
     edge = e.open_edges(t)[0]
     p = scale.parameter
     limit = f"below {p.number(e.high)}" if edge.side == 0 else f"above {p.number(e.low)}"
-    return f"one-sided, {limit}{p.unit_words()} (95 %); the data do not exclude {_end(scale, edge)}"
+    return f"bounded, {limit}{p.unit_words()} (95 %); the data do not exclude {_end(scale, edge)}"
 
 
 def _combination(scale: Scale, e: Evidence, t: Thresholds) -> str:
@@ -109,15 +107,13 @@ def _combination(scale: Scale, e: Evidence, t: Thresholds) -> str:
     return text + (f"; {' and '.join(ends)} not excluded" if ends else "")
 
 
-def _prior_dominated(scale: Scale, e: Evidence, t: Thresholds) -> str:
+def _by_prior(scale: Scale, e: Evidence, t: Thresholds) -> str:
     bounds = [edge for edge in e.open_edges(t) if edge.kind == "user"]
     if bounds:
         where = " and ".join(scale.parameter.number(edge.value) for edge in bounds)
-        return (
-            f"prior-dominated, {interval_words(scale, e)}; held by the bound {where} of its prior"
-        )
+        return f"not identified, {interval_words(scale, e)}; held by the bound {where} of its prior"
     return (
-        f"prior-dominated, {interval_words(scale, e)}; the data take "
+        f"not identified, {interval_words(scale, e)}; the data take "
         f"{100.0 * max(e.contraction, 0.0):.0f} % off the prior's variance"
     )
 
@@ -242,6 +238,11 @@ class Evidence:
         return tuple(e for e in self.edges if e.support >= thresholds.edge_support)
 
 
+def contradicted(e: Evidence, t: Thresholds) -> bool:
+    """Whether fits to parts of the record contradict the interval of a mounting stretch."""
+    return e.refits is not None and e.high - e.low < t.refit_share * (e.refits[1] - e.refits[0])
+
+
 def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = False) -> str:
     """The verdict on a sampled parameter of converged draws.
 
@@ -257,19 +258,19 @@ def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = Fa
         isotropic): no value of it is excluded then, however narrow its posterior.
     """
     e, t = evidence, thresholds
-    if e.refits is not None and e.high - e.low < t.refit_share * (e.refits[1] - e.refits[0]):
+    if contradicted(e, t):
         return NOT_IDENTIFIED
     traded = e.partners.spread_given_partners <= t.combination_spread
     if meaningless:
-        return COMBINATION if traded else PRIOR
+        return COMBINATION if traded else NOT_IDENTIFIED
     if traded and not e.parameter.is_sharp(e.low, e.high):
         return COMBINATION
     ends = e.open_edges(t)
     if any(edge.kind != "physical" for edge in ends) or len(ends) == 2:
-        return PRIOR
+        return NOT_IDENTIFIED
     if ends and e.prior_excluded >= t.one_sided_excluded:
-        return ONE_SIDED
+        return BOUNDED
     # Two narrow peaks have a wide spread and are no prior: what they exclude tells.
     if e.contraction < t.contraction and (e.modes < 2 or e.prior_excluded < t.prior_excluded):
-        return PRIOR
-    return ONE_SIDED if ends else IDENTIFIED
+        return NOT_IDENTIFIED
+    return BOUNDED if ends else IDENTIFIED

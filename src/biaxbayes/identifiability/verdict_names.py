@@ -9,17 +9,15 @@ __all__ = [
     "IDENTIFIED",
     "NOT_IDENTIFIED",
     "NO_VERDICT",
-    "ONE_SIDED",
-    "PRIOR",
     "VERDICTS",
 ]
 
 IDENTIFIED = "identified"
 BOUNDED = "bounded"
-ONE_SIDED = "one-sided"
 COMBINATION = "only in combination"
-PRIOR = "prior-dominated"
 NOT_IDENTIFIED = "not identified"
 NO_VERDICT = "no verdict"
 FIXED = "fixed"
-VERDICTS = (IDENTIFIED, ONE_SIDED, COMBINATION, PRIOR, NOT_IDENTIFIED, NO_VERDICT, FIXED)
+VERDICTS = (IDENTIFIED, BOUNDED, COMBINATION, NOT_IDENTIFIED)
+"""What is reported; beside them :data:`NO_VERDICT` of chains that have not converged, and
+:data:`FIXED`."""

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.parameters import MATERIAL, STRETCH
@@ -56,8 +55,9 @@ SPECIMEN_COLUMNS = (
     *(f"pooled_{q}" for q in QUANTILES),
     "single_verdict",
     "pooled_verdict",
-    "stated_low",
-    "stated_high",
+    "reported_low",
+    "reported_high",
+    "reported",
     "predictive_p",
     "specimen_predictive_p",
     "beta",
@@ -108,11 +108,6 @@ def judged(
 def _quantiles(part: str, values: np.ndarray) -> dict[str, float]:
     found = np.quantile(values, list(QUANTILES.values()))
     return {f"{part}_{q}": float(v) for q, v in zip(QUANTILES, found, strict=True)}
-
-
-def _ends(stated: Stated | None) -> dict[str, float]:
-    """What a run states of a mounting stretch of the tissue, as columns."""
-    return {} if stated is None else {"stated_low": stated.low, "stated_high": stated.high}
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,10 +289,12 @@ class Population:
             verdicts = specimen_verdicts(
                 source, pd.DataFrame(pooled), self.values, of_prior[g], self.state
             )
-            single = source.run.summary.set_index("parameter")["verdict"]
-            stated = source.run.stated
+            single = {
+                row["parameter"]: row for row in source.run.result.to_frame().to_dict("records")
+            }
             kinds = source.posterior.quantities.of_kind(MATERIAL, STRETCH)
             for q in (q for q in kinds if q.name in pooled and q.name in source.run.draws):
+                own = single.get(q.name, {})
                 numbers = (
                     _quantiles("single", source.run.draws[q.name].to_numpy())
                     | _quantiles("pooled", pooled[q.name])
@@ -313,10 +310,12 @@ class Population:
                         "quantity": q.name,
                         "unit": q.unit,
                         "beta": source.run.beta,
-                        "single_verdict": single.get(q.name, ""),
+                        "single_verdict": own.get("verdict", ""),
                         "pooled_verdict": verdicts.get(q.name, ""),
+                        "reported_low": own.get("low", np.nan),
+                        "reported_high": own.get("high", np.nan),
+                        "reported": own.get("interval", ""),
                     }
-                    | _ends(stated.get(q.name))
                     | (numbers if self.state != "unusable" else {})
                 )
         return pd.DataFrame(rows, columns=list(SPECIMEN_COLUMNS))

@@ -22,15 +22,18 @@ from biaxbayes.identifiability.evidence import evidence_of_draws
 from biaxbayes.identifiability.identify import ParameterVerdict, identify_draws, judged
 from biaxbayes.identifiability.marginals import Scale
 from biaxbayes.identifiability.verdict import Thresholds
-from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT
+from biaxbayes.identifiability.verdict_names import (
+    FIXED,
+    IDENTIFIED,
+    NO_VERDICT,
+    NOT_IDENTIFIED,
+)
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior
-from biaxbayes.parameters import Parameter, Quantity
+from biaxbayes.parameters import STRETCH, Parameter, Quantity
 from biaxbayes.populations.model import LINEAR, LOG, PooledValue
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.specimens import Source
-from biaxbayes.studies.groups import DETERMINED
-from biaxbayes.studies.result import NOT_DETERMINED
 
 if TYPE_CHECKING:
     from biaxbayes.populations.result import Population
@@ -154,8 +157,7 @@ def specimen_verdicts(
 ) -> dict[str, str]:
     """Verdicts on a specimen's parameters and mounting stretches after pooling, by name.
 
-    What contradicts the record of a single run contradicts it here, too: ranges of refits and what
-    is stated of the tissue are those of the run.
+    Mounting stretches keep the verdict of the run: pooling tells nothing of how laws differ.
 
     Parameters
     ----------
@@ -172,10 +174,14 @@ def specimen_verdicts(
         source.posterior,
         pooled,
         state,
-        stated=source.run.stated,
         priors={**source.posterior.priors, **own},
     )
-    return {p.name: p.verdict for p in found.parameters}
+    verdicts = {p.name: p.verdict for p in found.parameters}
+    if state != "converged":
+        return verdicts
+    of_run = {r.name: r.verdict for r in source.run.result.reported}
+    stretches = source.posterior.quantities.of_kind(STRETCH)
+    return verdicts | {q.name: of_run[q.name] for q in stretches if q.name in of_run}
 
 
 # --- what follows from pooled parameters: structure tensor, stiffness and stress of a group ------
@@ -214,7 +220,7 @@ def following(
 ) -> Iterator[tuple[str, str, str, dict[str, np.ndarray], dict[str, Any]]]:
     """Structure tensor, stiffness and stress of a group, as its parameters are told.
 
-    They are determined where the records narrow the median, as in a study.
+    They are identified where the records narrow the median, as in a study.
     """
     hyper = found.hyper(CURVE_DRAWS)
     rng = found.rng(1 + g)
@@ -236,7 +242,7 @@ def following(
         told = {"verdict": NO_VERDICT}
         if found.state == "converged":
             known = share >= Thresholds().contraction
-            told = {"verdict": DETERMINED if known else NOT_DETERMINED, "contraction": share}
+            told = {"verdict": IDENTIFIED if known else NOT_IDENTIFIED, "contraction": share}
             if np.ptp(median.values) <= CONSTANT * abs(median.values[0]):
                 told = {"verdict": FIXED}  # as the parameters are that it follows from
         scale = LOG if unit != "1" and min(typical.min(), donors.min()) > 0.0 else LINEAR

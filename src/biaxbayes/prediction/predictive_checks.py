@@ -12,7 +12,13 @@ from biaxbayes.options import Settings
 from biaxbayes.prediction.bands import compared_protocols, evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["checks_in_words", "misfit_in_words", "path_warnings", "predictive_checks"]
+__all__ = [
+    "checks_in_words",
+    "fit_in_words",
+    "misfit_in_words",
+    "path_warnings",
+    "predictive_checks",
+]
 
 
 # --- what the model misses: its errors beside the load cell's noise -------------------------------
@@ -27,6 +33,8 @@ MISSES = 0.05
 """Share of the peak load beyond which a miss matters to whoever uses the parameters."""
 NOISE = 4.0
 """Noise sds of one reading that a largest miss of some hundred readings may have by chance."""
+EXPLAINED = 1.5
+"""Misfit over noise up to which the noise explains the misfit."""
 FEW_INSIDE = 0.8
 """Share of readings inside a 90 % predictive band, below which the band is too narrow."""
 
@@ -150,7 +158,7 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
         ratio = table["rms"] / noise
         words = (
             "the load cell's noise explains the misfit"
-            if ratio.max() < 1.5
+            if ratio.max() < EXPLAINED
             else "the model, not the load cell, limits the fit"
         )
         out.append(
@@ -201,6 +209,34 @@ def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> li
     return out
 
 
+def fit_in_words(checks: pd.DataFrame, unit: str, called: str) -> str:
+    """How well a law fits, in one sentence: its misfit beside the noise of a reading.
+
+    Parameters
+    ----------
+    checks : DataFrame
+        From :func:`predictive_checks`.
+    unit : str
+        Of the loads, N or kPa.
+    called : str
+        Name of the law in a sentence.
+    """
+    if checks.empty:
+        return "there are no readings beyond the mounted state to check the law with"
+    rms = float(np.sqrt(np.average(checks["rms"] ** 2, weights=checks["readings"])))
+    noise, peak = float(checks["noise"].iloc[0]), float(checks["peak"].max())
+    small = unit == "N" and rms < 0.1
+    amount = f"{1e3 * rms:.2g} mN" if small else f"{rms:.2g} {unit}"
+    text = f"{called} misses this record by {amount} (root mean square)"
+    if not noise > 0.0:
+        return f"{text}, {100.0 * rms / max(peak, 1e-300):.2g} % of the peak"
+    ratio = rms / noise
+    if ratio < EXPLAINED:
+        return f"{text}, no more than the noise of the load cell explains"
+    times = "twice" if 1.75 <= ratio < 2.25 else f"{ratio:.2g} times"
+    return f"{text}, {times} the noise of the load cell"
+
+
 def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
     """The warnings, then what the rest of the checks says.
 
@@ -218,7 +254,10 @@ def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> 
     out = path_warnings(checks, unit, law)
     by_noise = checks[checks["verdict"] == "noise"]
     if len(by_noise) == len(checks):
-        out.append("The model misses no reading by more than the load cell's noise.")
+        out.append(
+            f"No reading lies further from the median model than {NOISE:g} times the load cell's "
+            "noise."
+        )
     elif not out:
         worst = max(checks.to_dict("records"), key=lambda r: r["share"])
         out.append(

@@ -14,6 +14,7 @@ from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.errors import InputError
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, Stated, cure
+from biaxbayes.identifiability.report_table import report_rows
 from biaxbayes.parameters import Quantities
 from biaxbayes.reports.page import embedded, page_template
 from biaxbayes.reports.study_page import named, unit_text
@@ -31,13 +32,9 @@ TERMS = (
     "posterior",
     "prior",
     "median, 90 % interval",
-    "determined",
-    "contraction",
     *VERDICT_TERMS,
-    "edge, hypothesis",
     "mounting stretch",
     "within the law",
-    "stated of the tissue",
     "structure tensor",
     "tangent stiffness, small-strain stiffness",
     "Cauchy stress, nominal stress",
@@ -73,7 +70,7 @@ def write_comparison(found: Comparison, folder: Path) -> list[Path]:
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
     written = []
-    tables = {"compare-identifiability": found.matrix(), "compare-distances": found.distances}
+    tables = {"compare-report": found.matrix(), "compare-distances": found.distances}
     for stem, table in tables.items():
         path = folder / f"{stem}.csv"
         write_csv(path, table, digits=6)
@@ -99,9 +96,9 @@ def _page(found: Comparison, figures: dict[str, Figure]) -> str:
         members=found.members,
         converged=found.converged,
         notes=found.notes,
-        verdicts=[
-            {"label": label, "words": verdicts.in_words()}
-            for label, verdicts in zip(found.labels, found.verdicts, strict=True)
+        reported=[
+            {"label": m.label, "rows": report_rows(rows, m.posterior.quantities)}
+            for m, rows in zip(found.members, found.reported, strict=True)
         ],
         warning=WARNING,
         glossary=chosen_terms(*TERMS),
@@ -114,11 +111,11 @@ def _page(found: Comparison, figures: dict[str, Figure]) -> str:
 def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
     out = []
     for (a, b), rows in distances.groupby(["run_a", "run_b"], sort=False):
-        known = rows["determined_in_both"].astype(bool)
+        known = rows["identified_in_both"].astype(bool)
         parts = [
-            {"title": "Determined in both runs", "rows": _rows(rows[known])},
+            {"title": "Identified or bounded in both runs", "rows": _rows(rows[known])},
             {
-                "title": "Not determined in both: no difference of tissue",
+                "title": "Not identified in both: no difference of tissue",
                 "rows": _rows(rows[~known]),
             },
         ]
@@ -150,7 +147,7 @@ LAW_TERMS = (
     "nats",
     "effective readings",
     "mounting stretch",
-    "stated of the tissue",
+    "reported",
     "median, 90 % interval",
     "credible band",
     "predictive band",

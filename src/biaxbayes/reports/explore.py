@@ -17,7 +17,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.quantities import corner_columns
+from biaxbayes.figures.quantities import corner_columns, number
 from biaxbayes.figures.run.bands import LOADS, abscissa, residual_unit, shown_protocols
 from biaxbayes.figures.run.corner import axis_span
 from biaxbayes.figures.style import CREDIBLE, PAGE_MM, colour, print_style
@@ -28,7 +28,7 @@ from biaxbayes.options import CONTENT
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
 from biaxbayes.reports.page import EXPLORE, NAME, page_template
-from biaxbayes.reports.parameters import PRIOR_NUMBERS, interval_numbers, prior_in_words
+from biaxbayes.reports.parameters import PRIOR_NUMBERS, prior_in_words
 from biaxbayes.reports.words import as_html, cut
 from biaxbayes.text_files import atomic_write_text
 
@@ -187,9 +187,8 @@ def _axes(known: Quantities, draws: pd.DataFrame, few: pd.DataFrame) -> list[Axi
     for name, (text, values) in corner_columns(few, known).items():
         states = [q for q in known.of_parameter(name) if q.name in few]
         parameter = states[0].parameter
-        low, median, high = interval_numbers(
-            parameter, *np.quantile(every[name][1], [0.05, 0.5, 0.95])
-        )
+        ends = [float(v) for v in np.quantile(every[name][1], [0.05, 0.5, 0.95])]
+        low, median, high = (number(v, ends[0], ends[2]) for v in ends)
         symbol = as_html(Quantity(parameter))
         axes.append(
             Axis(

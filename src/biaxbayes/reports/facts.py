@@ -1,4 +1,4 @@
-"""What is said of a run beside its tables: facts on its page, other fits, one screen at its end."""
+"""What is said of a run beside its tables: facts on its page, evidence, one screen at its end."""
 
 from __future__ import annotations
 
@@ -6,71 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import pandas as pd
-
-from biaxbayes.errors import InputError, printable
-from biaxbayes.identifiability.held_edges import EDGES, HeldEdge, held_from
-from biaxbayes.identifiability.mounting_stretch.law_range import LAW_FITS
-from biaxbayes.identifiability.mounting_stretch.stated import cure
-from biaxbayes.options import INFERRING, Settings
-from biaxbayes.parameters import STRETCH, Quantity, mounting_names
-from biaxbayes.prediction.predictive_checks import path_warnings, predictive_checks
+from biaxbayes.errors import printable
+from biaxbayes.identifiability.report_table import interval_text, row_lines
+from biaxbayes.parameters import MATERIAL, STRETCH, Quantity
 from biaxbayes.reports.parameters import prior_in_words, unit_of
 from biaxbayes.reports.words import cut
-from biaxbayes.runs.provenance import parse_options
 from biaxbayes.runs.run import Run
-from biaxbayes.specimens.findings import Finding
-from biaxbayes.text_files import read_csv
-
-# --- the posterior predictive checks of a run, for everything that is written about it -----------
-
-
-NAME_LENGTH = 60
-
-
-def model_checks(run: Run) -> pd.DataFrame:
-    """Checks of every curve, as by :func:`biaxbayes.prediction.predictive_checks`.
-
-    Parameters
-    ----------
-    run : Run
-        Of a state that has a posterior.
-    """
-    settings = Settings(**parse_options(run.provenance["settings"]))
-    table = predictive_checks(run.specimen, run.draws, settings=settings)
-    return table.assign(protocol=[cut(name, NAME_LENGTH) for name in table["protocol"]])
-
-
-def missed_paths(run: Run) -> list[str]:
-    """A sentence for each protocol that the parameters must not be used for; none where unusable.
-
-    Parameters
-    ----------
-    run : Run
-    """
-    if run.state == "unusable":
-        return []
-    return path_warnings(model_checks(run), run.specimen.unit, run.law.name)
-
-
-MOST_FINDINGS = 8
-
-
-def record_findings(run: Run) -> list[str]:
-    """What was odd about the record of the test before it was sampled, a sentence each.
-
-    Parameters
-    ----------
-    run : Run
-    """
-    found, told = run.provenance.get("findings"), []
-    for finding in found if isinstance(found, list) else []:
-        try:
-            told.append(cut(str(Finding(**finding)), 400))
-        except TypeError:
-            continue  # a stranger's file
-    return told[:MOST_FINDINGS]
-
 
 # --- what to cite for a run ----------------------------------------------------------------------
 
@@ -204,20 +145,12 @@ def _yes(value: object) -> str:
     return "yes" if value is True else "no"
 
 
-# --- what stands beside the posterior: other laws, and edges of the range as hypotheses ----------
-
-
-def kept_edges(run: Run) -> tuple[HeldEdge, ...]:
-    """The edges that a run was drawn with held, from its ``edges.csv``; none without it."""
-    try:
-        return held_from(read_csv(run.path / EDGES), run.quantities)
-    except (OSError, InputError, KeyError, ValueError):
-        return ()
+# --- evidence: what the reported table rests on ---------------------------------------------------
 
 
 @dataclass(frozen=True)
-class HeldRow:
-    """A parameter with another one held at an end of its range, as text.
+class FixedRow:
+    """A parameter of a posterior in which another one is fixed at an end of its range, as text.
 
     Attributes
     ----------
@@ -232,91 +165,86 @@ class HeldRow:
     unit: str
 
 
-def held_rows(run: Run) -> list[HeldRow]:
-    """The law's parameters and the mounting stretches under every hypothesis of an edge."""
+def fixed_rows(run: Run) -> list[FixedRow]:
+    """The law's parameters and the mounting stretches under every assumption of an end."""
     out = []
-    for held in kept_edges(run):
-        for name, (low, _, high) in held.intervals.items():
-            quantity = run.quantities[name]
-            p = quantity.parameter
-            if name in run.law.names or p.kind == STRETCH:
-                interval = f"{p.number(low)} to {p.number(high)}"
-                out.append(
-                    HeldRow(held.condition, quantity, interval, p.unit_symbol(quantity.load_unit))
-                )
+    for row in run.result.fixed_ends.to_dict("records"):
+        quantity = run.quantities[str(row["parameter"])]
+        p = quantity.parameter
+        if p.kind not in (MATERIAL, STRETCH):
+            continue
+        meaning = f" ({row['meaning']})" if isinstance(row["meaning"], str) else ""
+        condition = cut(f"{row['held']} = {row['at']:g}{meaning}")
+        interval = interval_text(float(row["low_90"]), float(row["high_90"]), p)
+        out.append(FixedRow(condition, quantity, interval, p.unit_symbol(quantity.load_unit)))
     return out
 
 
 def law_rows(run: Run) -> list[dict[str, Any]]:
-    """Least squares of every law under the same mounting constraint, from ``law-fits.csv``."""
-    try:
-        table = read_csv(run.path / LAW_FITS)
-        names = [q.name for q in run.quantities.of_kind(STRETCH) if q.name in table]
-        return [
+    """Least squares of every law under the same mounting constraint."""
+    table = run.result.law_fits
+    names = [q.name for q in run.quantities.of_kind(STRETCH) if q.name in table]
+    return [
+        {
+            "law": cut(row["law"], 30),
+            "rms": f"{float(row['rms']):.3g}",
+            "alike": "yes" if row["alike"] else "no",
+            "mounting": [
+                f"{run.quantities[n].parameter.number(float(row[n]))} ± {float(row[f'{n}_sd']):.2g}"
+                for n in names
+            ],
+        }
+        for row in table.to_dict("records")
+    ]
+
+
+def narrowing_rows(run: Run) -> list[dict[str, Any]]:
+    """How much the data narrow each parameter, and what it trades with."""
+    out = []
+    for row in run.result.identifiability.to_dict("records"):
+        contraction = float(row.get("contraction", math.nan))
+        if math.isnan(contraction):
+            continue
+        ends = [row.get(f"refit_{side}", math.nan) for side in ("low", "high")]
+        quantity = run.quantities[str(row["parameter"])]
+        refits = interval_text(float(ends[0]), float(ends[1]), quantity.parameter)
+        partners = row["partners"] if isinstance(row["partners"], str) else ""
+        share = 100.0 * max(contraction, 0.0)
+        out.append(
             {
-                "law": cut(row["law"], 30),
-                "rms": f"{float(row['rms']):.3g}",
-                "alike": "yes" if row["alike"] else "no",
-                "mounting": [
-                    f"{run.quantities[n].parameter.number(float(row[n]))} ± "
-                    f"{float(row[f'{n}_sd']):.2g}"
-                    for n in names
-                ],
+                "quantity": quantity,
+                "contraction": f"{min(share, 99.9):.3g} %",
+                "partners": cut(", ".join(partners.split())) if partners else "none",
+                "left": f"{100.0 * float(row['spread_given_partners']):.0f} %",
+                "prior": f"{float(row['prior_sensitivity']):.2f}",
+                "data": f"{float(row['likelihood_sensitivity']):.2f}",
+                "refits": refits,
             }
-            for row in table.to_dict("records")
-        ]
-    except (OSError, InputError, KeyError, ValueError, TypeError):
-        return []
-
-
-def not_inferred(run: Run) -> str:
-    """What a run says that takes the mounted state as unloaded; empty of others."""
-    mounting = run.provenance["settings"]["mounting"]
-    if mounting in INFERRING:
-        return ""
-    return (
-        f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry its "
-        "error"
-    )
-
-
-def mounting_cure(run: Run) -> str:
-    """What to do about mounting stretches that are not stated as values; empty where all are."""
-    axes = {run.quantities[n].axis for n, stated in run.stated.items() if not stated.is_value}
-    names = mounting_names("stretch")
-    return cure([names[axis] for axis in (0, 1) if axis in axes]) if axes else ""
+        )
+    return out
 
 
 # --- the closing message of a run: one screen that says what to trust ----------------------------
 
 
+MOST_LINES = 12
+"""Of the closing message."""
+
+
 def closing_message(run: Run) -> str:
-    """What a run found, as plain text of at most one screen."""
-    record = run.provenance
+    """What a run found, as plain text of at most twelve lines."""
+    record, result = run.provenance, run.result
     name = (
         record["specimen"]
         if not record.get("layer")
         else (f"{record['specimen']} ({record['layer']})")
     )
-    lines = [f"{printable(name)}: {_verdict(record)}", *_found(run), ""]
-    lines += _summary_lines(run)
-    lines += ["", _readings(record)]
-    lines += _thinning(record)
-    lines += _identifiability(run)
-    lines += _held(run)
-    lines += [text for text in [not_inferred(run)] if text]
-    lines += _stated(run)
-    lines += _misses(run)
-    lines += [printable(f"note: {note}") for note in record["notes"][:3]]
-    if record["sampler"]["message"]:
-        lines.append(f"note: {record['sampler']['message']}")
-    lines += ["", f"open {run.path}/report.html; tables, figures and draws are beside it"]
-    return "\n".join(lines)
-
-
-def _found(run: Run) -> list[str]:
-    """What was odd about the record before it was sampled."""
-    return [printable(text) for text in record_findings(run)]
+    lines = [f"{printable(cut(name, 80))}: {_verdict(record)}"]
+    rest = [printable(text) for text in (result.fit, result.advice) if text]
+    rest += [printable(text) for text in result.warnings[:1]]
+    rest.append(f"report: {run.path}/report.html")
+    lines += row_lines(result.rows, MOST_LINES - len(lines) - len(rest))
+    return "\n".join([*lines, *rest])
 
 
 def _verdict(record: dict[str, Any]) -> str:
@@ -329,105 +257,3 @@ def _verdict(record: dict[str, Any]) -> str:
     if convergence["state"] == "tentative":
         return f"TENTATIVE, not converged: {convergence['reason']}"
     return f"NOT USABLE, not converged: {convergence['reason']}"
-
-
-def _summary_lines(run: Run) -> list[str]:
-    lines = [f"{'parameter':<26}{'unit':<6}{'median':>10}{'5 %':>10}{'95 %':>10}"]
-    refits = _refits(run)
-    for row in run.summary.itertuples():
-        name = str(row.parameter)
-        ends = refits.get(name, (row.q05, row.q95))
-        cells = "".join(f"{_number(float(str(v))):>10}" for v in (row.q50, *ends))
-        cells += "  not identified: range of refits" if name in refits else ""
-        lines.append(f"{printable(str(row.parameter))[:25]:<26}{row.unit:<6}{cells}")
-    if len(lines) > 24:
-        hidden = len(lines) - 22
-        lines = [*lines[:22], f"... and {hidden} more rows in summary.csv"]
-    return lines
-
-
-def _refits(run: Run) -> dict[str, tuple[float, float]]:
-    """Ranges that stand in place of an interval which the data contradict."""
-    table = _verdicts(run)
-    if table is None or "refit_low" not in table:
-        return {}
-    lost = table[table["verdict"] == "not identified"]
-    return {
-        str(r.parameter): (float(str(r.refit_low)), float(str(r.refit_high)))
-        for r in lost.itertuples()
-    }
-
-
-def _number(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.4g}"
-
-
-def _readings(record: dict[str, Any]) -> str:
-    noise = record["noise"]
-    if noise["effective_readings"] is None:
-        return (
-            f"{noise['readings']} readings taken as independent; if the model misses smoothly, "
-            "the intervals are too narrow (--noise effective)"
-        )
-    return (
-        f"your {noise['readings']} readings carry as much information as "
-        f"{noise['effective_readings']:.0f} independent ones"
-    )
-
-
-def _thinning(record: dict[str, Any]) -> list[str]:
-    noise = record["noise"]
-    rows, used = noise.get("rows"), noise.get("rows_used")
-    if not rows or not used or used >= rows:
-        return []
-    return [
-        f"{rows:,} rows were averaged to {used:,} along the path; the answer does not "
-        "depend on it (--thin none)"
-    ]
-
-
-def _identifiability(run: Run) -> list[str]:
-    table = _verdicts(run)
-    if table is None:
-        return []
-    loose = [f"{r.parameter}: {r.verdict}" for r in table.itertuples() if r.verdict != "identified"]
-    if not loose:
-        return ["every parameter is identified"]
-    said = ["not determined on its own: " + "; ".join(printable(t) for t in loose)]
-    if _refits(run):
-        said.append(
-            "the mounting stretch rests on the toe of the model, which these data contradict; "
-            "nominal stresses at measured stretches (report.html) do not"
-        )
-    return said
-
-
-def _stated(run: Run) -> list[str]:
-    """What is stated of the mounting stretch of the tissue, and a law that fits better."""
-    lines = []
-    for name, stated in run.stated.items():
-        said = stated.in_words(run.quantities[name].parameter)
-        lines.append(printable(f"{name} of the tissue: {said}; {stated.reason}"))
-    cure = mounting_cure(run)
-    lines += [printable(cure)] if cure else []
-    better = run.provenance.get("identifiability", {}).get("better_law", "")
-    return [*lines, *([printable(better)] if better else [])]
-
-
-def _held(run: Run) -> list[str]:
-    """What holds with a parameter at an end of its range that the data do not exclude."""
-    return [printable(held.summary(run.law.names, run.quantities)) for held in kept_edges(run)]
-
-
-def _verdicts(run: Run) -> pd.DataFrame | None:
-    path = run.path / "identifiability.csv"
-    if not path.is_file():
-        return None
-    return read_csv(path)
-
-
-def _misses(run: Run) -> list[str]:
-    """Paths that the model must not be used for, two at most."""
-    said = missed_paths(run)
-    more = [f"... and {len(said) - 2} more protocols (report.html)"] if len(said) > 2 else []
-    return [printable(text) for text in said[:2]] + more

@@ -9,22 +9,21 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from biaxbayes.identifiability.report_table import ReportRow
 from biaxbayes.options import REPORTS
+from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
 from biaxbayes.reports.facts import (
     citations,
-    held_rows,
+    fixed_rows,
     law_rows,
-    missed_paths,
-    mounting_cure,
-    not_inferred,
-    record_findings,
+    narrowing_rows,
     settings_facts,
     specimen_facts,
     state_words,
     test_rows,
     version_facts,
 )
-from biaxbayes.reports.parameters import Row, methods, parameter_rows, percent_stretch
+from biaxbayes.reports.parameters import convergence_rows, determined_rows, methods
 from biaxbayes.reports.words import (
     GLOSSARY,
     as_html,
@@ -152,7 +151,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     explore : bool
         Whether explore.html stands beside it, to point to.
     """
-    rows = parameter_rows(run)
+    result = run.result
     verdict, reason = state_words(run)
     noise, sampler = run.provenance["noise"], run.provenance["sampler"]
     return page_template(TEMPLATE).render(
@@ -161,17 +160,22 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         explore=EXPLORE if explore else "",
         verdict=verdict,
         reason=reason,
-        findings=record_findings(run),
+        findings=result.findings,
+        warnings=result.warnings,
+        fit=result.fit,
+        advice=result.advice,
         facts=specimen_facts(run),
         tests=test_rows(run),
         unit=run.specimen.unit,
         load="force" if run.specimen.stress_pair == "force" else "nominal stress",
-        rows=rows,
-        words=[row for row in rows if row.words],
-        mounting=percent_stretch(rows, run),
-        not_inferred=not_inferred(run),
+        rows=result.rows,
+        convergence_rows=convergence_rows(run),
+        narrowing=narrowing_rows(run),
+        directions=[result.directions[0]["in_words"], result.same_curves_in_words]
+        if result.directions
+        else [],
         figures=pictures(run.path, FIGURES),
-        determined=_determined(run),
+        determined=determined_rows(run),
         noise=noise,
         beta=run.beta,
         sampler=sampler,
@@ -181,88 +185,62 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         settings_facts=settings_facts(run),
         version_facts=version_facts(run),
         citations=citations(run),
-        methods=methods(run, rows),
-        held=held_rows(run),
+        methods=methods(run),
+        fixed=fixed_rows(run),
         laws=law_rows(run),
-        better_law=run.provenance.get("identifiability", {}).get("better_law", ""),
-        cure=mounting_cure(run),
+        better_law=result.better_law,
         glossary=list(GLOSSARY.items()),
     )
-
-
-def _determined(run: Run) -> list[dict[str, str]]:
-    if run.state == "unusable":
-        return []
-    from biaxbayes.reports.parameters import determined_rows
-
-    return determined_rows(run)
 
 
 def _misfit(run: Run) -> dict[str, Any]:
     """The posterior predictive check in words and as a table."""
     if run.state == "unusable":
-        return {"words": [], "rows": [], "warnings": []}
-    from biaxbayes.prediction.predictive_checks import (
-        checks_in_words,
-        misfit_in_words,
-        path_warnings,
+        return {"words": [], "rows": []}
+    table = run.result.checks
+    words = dict.fromkeys(
+        [*checks_in_words(table, run.specimen.unit, run.law.name), *misfit_in_words(table)]
     )
-    from biaxbayes.reports.facts import model_checks
-
-    table, unit = model_checks(run), run.specimen.unit
-    words = dict.fromkeys([*checks_in_words(table, unit, run.law.name), *misfit_in_words(table)])
-    return {
-        "words": list(words),
-        "rows": table.to_dict("records"),
-        "warnings": path_warnings(table, unit, run.law.name),
-    }
+    rows = [row | {"protocol": cut(row["protocol"], 60)} for row in table.to_dict("records")]
+    return {"words": [cut(text, 400) for text in words], "rows": rows}
 
 
-# --- the parameter table of a run for a paper, as LaTeX ------------------------------------------
-
-STATED = "stated of the tissue"
-"""Head of what is stated of a mounting stretch."""
+# --- the reported table of a run for a paper, as LaTeX -------------------------------------------
 
 
 def latex_table(run: Run) -> str:
     """A floating table with booktabs rules, as LaTeX; the methods paragraph as a comment.
 
-    Paths that the model misses stand below the table.
+    Protocols that the law misses stand below the table.
     """
-    rows = parameter_rows(run)
     name = latex_text(run.specimen.name)
-    more = any(row.stated for row in rows)
-    within = f" within the law; {STATED}: whatever its law" if more else ""
-    caption = f"{name}: posterior median and central 90\\,\\% interval{within}."
+    caption = f"{name}: reported 90\\,\\% intervals and 95\\,\\% bounds."
     if run.state != "converged":
         caption += f" {latex_text(state_words(run)[0])}"
-    body = [_latex_row(row, stated=more) for row in rows]
-    text = methods(run, rows)
     return "\n".join(
         [
             "% needs \\usepackage{booktabs}",
-            f"% {text}",
+            f"% {methods(run)}",
             "\\begin{table}",
             "  \\centering",
             f"  \\caption{{{caption}}}",
-            f"  \\begin{{tabular}}{{llrl{'l' if more else ''}l}}",
+            "  \\begin{tabular}{lllll}",
             "    \\toprule",
-            "    Parameter & Unit & Median & 90\\,\\% interval & "
-            f"{f'{STATED.capitalize()} & ' if more else ''}Verdict \\\\",
+            "    Parameter & Interval & Unit & Verdict & Reason \\\\",
             "    \\midrule",
-            *body,
+            *[_latex_row(row) for row in run.result.rows],
             "    \\bottomrule",
             "  \\end{tabular}",
-            *[f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in missed_paths(run)],
+            *[
+                f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}"
+                for t in run.result.warnings
+            ],
             "\\end{table}",
             "",
         ]
     )
 
 
-def _latex_row(row: Row, *, stated: bool) -> str:
-    interval = row.interval.replace(" to ", "--") if row.interval[:1] != "f" else row.interval
-    cells = (as_latex(row.quantity), latex_text(row.unit), latex_text(row.median))
-    of_tissue = (latex_text(row.stated.replace(" to ", "--")),) if stated else ()
-    rest = (latex_text(interval).replace("–", "--"), *of_tissue, latex_text(row.verdict))
-    return f"    {' & '.join((*cells, *rest))} \\\\"
+def _latex_row(row: ReportRow) -> str:
+    text = [latex_text(t, 300) for t in (row.interval, row.unit, row.verdict, row.reason)]
+    return f"    {' & '.join((as_latex(row.quantity), *text))} \\\\"

@@ -10,9 +10,8 @@ from typing import Any
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.identifiability.verdict_names import FIXED
-from biaxbayes.parameters import STRETCH, unit_words
+from biaxbayes.parameters import unit_words
 from biaxbayes.populations.result import SDS
 from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text
@@ -60,12 +59,10 @@ TERMS = (
     "donor effect",
     "new specimen",
     "new donor",
-    "determined",
     *VERDICT_TERMS,
     "predictive p",
     "mounting stretch",
     "within the law",
-    "stated of the tissue",
     "structure tensor",
     "tangent stiffness, small-strain stiffness",
     "Cauchy stress, nominal stress",
@@ -118,7 +115,6 @@ def population_page(
             (named(n), unit_text(KNOWN_QUANTITIES[n].unit)) for n in names if n in KNOWN_QUANTITIES
         ],
         own=_specimens(tables["specimens"], [n for n in names if n in KNOWN_QUANTITIES]),
-        stated=bool(tables["specimens"][["stated_low", "stated_high"]].notna().any(axis=None)),
         more=any(n not in KNOWN_QUANTITIES for n in names),
         contrasts=_contrasts(tables["contrasts"]),
         methods=population_methods(tables, record),
@@ -207,13 +203,10 @@ def _specimens(table: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
                 cells.append(None)
                 continue
             parameter = KNOWN_QUANTITIES[name].parameter
-            ends = (float(r["stated_low"]), float(r["stated_high"]))
-            told = ""
-            if parameter.kind == STRETCH:
-                told = Stated(*ends, "").in_words(parameter)
+            reported = r["reported"] if isinstance(r["reported"], str) else ""
             cells.append(
                 _three(r, "pooled", parameter.number)
-                | {"alone": _three(r, "single", parameter.number)["interval"], "stated": told}
+                | {"alone": reported or DASH}
                 | {"known": r["pooled_verdict"] in (*KNOWN, FIXED)}
             )
         first = part.iloc[0]

@@ -13,13 +13,11 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.quantities import number
-from biaxbayes.identifiability.mounting_stretch.stated import Stated
 from biaxbayes.identifiability.verdict_names import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
 from biaxbayes.reports.page import page_template, pictures
 from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms, cut, derived_words
-from biaxbayes.studies.groups import KNOWN
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
@@ -29,9 +27,6 @@ TERMS = (
     "prior",
     "median, 90 % interval",
     "mounting stretch",
-    "within the law",
-    "stated of the tissue",
-    "determined",
     *VERDICT_TERMS,
     "converged, tentative, unusable",
     "structure tensor",
@@ -75,26 +70,10 @@ def study_page(result: StudyResult) -> str:
         compared=result.distances.empty is False,
         warning=WARNING,
         notes=[cut(n, 400) for n in result.notes],
-        stated=bool(_stated_rows(result.table)),
-        reasons=_reasons(result.table),
+        own=[cut(name, 40) for name in result.own_columns],
         glossary=chosen_terms(*TERMS),
         version=biaxbayes.__version__,
     )
-
-
-def _stated_rows(table: pd.DataFrame) -> list[dict[Any, Any]]:
-    """Rows of mounting stretches of which something was to be stated, if only nothing."""
-    rows: list[dict[Any, Any]] = table.dropna(subset=["stated_reason"]).to_dict("records")
-    return [r for r in rows if r["stated_reason"]]
-
-
-def _reasons(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Why mounting stretches are stated so (the laws stand in the reports), and of whom."""
-    of: dict[str, list[str]] = {}
-    for r in _stated_rows(table):
-        reason = cut(str(r["stated_reason"]).split(":")[0], 200)
-        of.setdefault(reason, []).append(cut(r["specimen"], 60))
-    return [(", ".join(dict.fromkeys(labels)), reason) for reason, labels in of.items()]
 
 
 def unit_text(text: object) -> str:
@@ -116,6 +95,7 @@ def _specimens(result: StudyResult, names: list[str]) -> list[dict[str, Any]]:
                 "page": page if there else "",
                 "donor": cut(s["donor"], 40),
                 "layer": cut(s["layer"], 40),
+                "own": [cut(s[name], 40) for name in result.own_columns],
                 "state": s["state"],
                 "cells": [_cell(found.get((str(s["specimen"]), n))) for n in names],
             }
@@ -124,36 +104,26 @@ def _specimens(result: StudyResult, names: list[str]) -> list[dict[str, Any]]:
 
 
 def _cell(row: dict[Any, Any] | None) -> dict[str, Any]:
-    """Median and interval as text, and whether the specimen determines them."""
-    if row is None or not math.isfinite(float(row["q50"])):
-        return {"median": DASH, "interval": "", "stated": "", "known": True}
-    low, median, high = (float(row[k]) for k in ("q05", "q50", "q95"))
-    log = low > 0.0 and high / low > WIDE
-    told = [number(v, low, high, log=log) for v in (median, low, high)]
-    fixed = row["verdict"] == FIXED or low == high
-    interval = "fixed" if fixed else f"{told[1]} to {told[2]}"
-    known = fixed or (row["state"] == "converged" and row["verdict"] in KNOWN)
-    return {"median": told[0], "interval": interval, "stated": _stated(row), "known": known}
+    """The reported interval and its verdict as text."""
+    if row is None:
+        return {"interval": DASH, "verdict": ""}
+    if row["verdict"] == FIXED:
+        return {"interval": f"{float(row['q50']):.4g}", "verdict": FIXED}
+    interval, verdict = (str(row[k]) if isinstance(row[k], str) else "" for k in CELL)
+    return {"interval": interval or DASH, "verdict": verdict}
 
 
-def _stated(row: dict[Any, Any]) -> str:
-    """What is stated of a mounting stretch of the tissue; empty where nothing was asked."""
-    reason = row["stated_reason"]
-    quantity = KNOWN_QUANTITIES.get(str(row["quantity"]))
-    if quantity is None or not isinstance(reason, str) or not reason:
-        return ""
-    found = Stated(float(row["stated_low"]), float(row["stated_high"]), reason)
-    return found.in_words(quantity.parameter)
+CELL = ("reported", "verdict")
 
 
 def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
-    """Tables of the groups, one each, with the rows that a group determines anything of."""
+    """Tables of the groups, one each, with the rows that a group identifies anything of."""
     out = []
     for group, part in groups[groups["group_by"] == by].groupby("group", sort=False):
         rows = [
             _group_row(r)
             for r in part.to_dict("records")
-            if r["determined"] > 0 and _told(str(r["quantity"]))
+            if r["identified"] > 0 and _told(str(r["quantity"]))
         ]
         first = part.iloc[0]
         out.append(
@@ -181,7 +151,7 @@ def _group_row(r: dict[Any, Any]) -> dict[str, Any]:
     return {
         "quantity": named(r["quantity"]),
         "unit": unit_text(r["unit"]),
-        "determined": f"{r['determined']} of {r['converged']}",
+        "identified": f"{r['identified']} of {r['converged']}",
         "centre": numbers[0],
         "range": f"{numbers[1]} to {numbers[2]}" if low < high else DASH,
         "between": told,
@@ -207,13 +177,13 @@ def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
         rows = []
         for r in part.to_dict("records"):
             low, mean, high = (float(r[f"{k}_difference"]) for k in ("lowest", "mean", "highest"))
-            known = r["determined"] > 0
+            known = r["identified"] > 0
             numbers = [number(v, low, high) for v in (mean, low, high)] if known else []
             rows.append(
                 {
                     "quantity": named(r["quantity"]),
                     "unit": unit_text(r["unit"]),
-                    "determined": f"{r['determined']} of {r['pairs']}",
+                    "identified": f"{r['identified']} of {r['pairs']}",
                     "greater": str(r["b_greater"]) if known else DASH,
                     "less": str(r["b_less"]) if known else DASH,
                     "mean": numbers[0] if known else DASH,

@@ -93,13 +93,11 @@ GLOSSARY = {
     "measured stretches are relative to the mounted one",
     "verdict": "what the test shows about a parameter, in the terms that follow",
     "identified": "the data determine the parameter from both sides",
-    "one-sided": "the data give an upper or a lower limit only",
+    "bounded": "the data give an upper or a lower limit only",
     "only in combination": "the parameter is correlated with others: a combination of them is "
     "known well, each alone is not",
-    "not identified": "a mounting stretch for which fits to parts of the record disagree; only "
-    "their range is given",
-    "prior-dominated": "the interval is mostly that of the prior: the data contain little "
-    "information on the parameter",
+    "not identified": "the data, or the laws that fit them, leave both ends open: no number is "
+    "reported",
     "no verdict, fixed": "the chains have not converged; a value that was given and not inferred",
     "credible band": "region that contains the curve of the model with 90 % probability",
     "predictive band": "the credible band widened by the inferred error: region that contains a "
@@ -118,10 +116,15 @@ GLOSSARY = {
     "corner plot": "distributions of all parameters (diagonal) and of all pairs; a narrow, "
     "slanted cloud is a correlated pair",
     "residual, misfit": "reading minus the curve of the median parameters; its root mean square",
-    "edge, hypothesis": "a limit of a parameter's range, such as perfectly aligned fibres; the "
-    "data cannot show whether it is exactly reached",
-    "stated of the tissue": "what all laws that fit the record agree on; an interval within the "
-    "law is right only if that law is",
+    "trades with": "is correlated with: a change of one can be made up by a change of the other",
+    "refits": "range of a mounting stretch in fits to parts of the record, where the law misses it",
+    "sensitivity": "how far the posterior moves if the prior, or the data, count a little more",
+    "end of a range": "a limit of a parameter, such as perfectly aligned fibres; the data cannot "
+    "show whether it is exactly reached",
+    "contraction": "share of the prior's variance that the data remove: 0 % nothing learnt, "
+    "100 % exactly known",
+    "reported": "what goes into a paper; for a mounting stretch, what all laws that fit the record "
+    "agree on",
     "other laws, alike": "material laws fitted to the same record; alike where their misfits are "
     "about as small as the best one",
     "runs": "sequences of residuals of one sign; far fewer than expected mean that the model "
@@ -143,11 +146,7 @@ GLOSSARY = {
 }
 """Terms of a run's report, figures and tables."""
 SEVERAL = {
-    "determined": "the data narrow the quantity clearly; otherwise its interval is mostly that "
-    "of the prior",
     "within the law": "under the assumption that the material law is exact",
-    "contraction": "share of the prior's variance that the data remove: 0 % nothing learnt, "
-    "100 % exactly known",
     "sd (standard deviation)": "about two thirds of the values lie within one sd of the mean",
     "factor": "sd of a quantity that varies in ratios: 1.2 means typically 20 % up or down",
     "mean": "of the medians of several specimens; for stiffnesses and exponents the geometric mean",
@@ -184,10 +183,9 @@ SEVERAL = {
 VERDICT_TERMS = (
     "verdict",
     "identified",
-    "one-sided",
+    "bounded",
     "only in combination",
     "not identified",
-    "prior-dominated",
     "no verdict, fixed",
 )
 """Of the glossary, what verdicts are told in."""

@@ -27,7 +27,7 @@ from typing import Any
 from biaxbayes.errors import BiaxbayesError, InputError, RunError
 from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Settings
 from biaxbayes.runs.provenance import parse_options
-from biaxbayes.text_files import read_bytes, sync_folder
+from biaxbayes.text_files import atomic_write_text, read_bytes, sync_folder
 
 __all__ = [
     "CARDS",
@@ -47,6 +47,8 @@ __all__ = [
     "other_kind",
     "read_json",
     "read_record",
+    "record_text",
+    "refresh_manifest",
     "staged",
     "trusted_path",
 ]
@@ -60,6 +62,8 @@ PROVENANCE = "provenance.json"
 POPULATION = "population.json"
 """The same of a population."""
 KINDS = {PROVENANCE: "run", POPULATION: "population"}
+EVIDENCE = "evidence"
+"""Sub-folder of a run: the tables that what is reported rests on."""
 STUDY, RUNS = "study.json", "runs"
 """The record of a study's folder, and where its runs are."""
 WRITING, READY = ".writing-", ".ready"
@@ -69,12 +73,14 @@ CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD
 PICTURE = r"\.(pdf|png|svg)"
 DERIVED = re.compile(
     rf"(prediction|inflation|ledger|design|profile)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
-    rf"|(identifiability|determined|same-curves|law-fits|edges)\.csv|report\.(html|md|tex)|explore\.html"
+    rf"|(identifiability|determined|same-curves|law-fits|edges|misfit|report)\.csv"
+    r"|report\.(html|md|tex)|explore\.html|results\.json|README\.txt"
     r"|(identify|study-rows|study-layers)\.json"
     rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
     rf"|(population-forest|population-pairs|new-specimen-bands)(\.csv|{PICTURE})"
 )
 """Files that are made of draws in their folder: worth nothing beside other draws."""
+PLAIN_NAME = re.compile(rf"({EVIDENCE}/)?[^./\\][^/\\]*")
 TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 """Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
 
@@ -106,7 +112,7 @@ def staged(
         aside = Path(tempfile.mkdtemp(prefix=WRITING, dir=folder))
         try:
             yield aside
-            for path in aside.iterdir():
+            for path in _files(aside):
                 _sync(path)
             sync_folder(aside)
             aside.replace(folder / READY)
@@ -142,14 +148,31 @@ def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
     other = is_finished(folder, record) and _posterior(folder / record) != _posterior(
         ready / record
     )
-    waiting = sorted(p for p in ready.iterdir() if p.is_file() and not p.is_symlink())
-    new = {p.name for p in waiting}
+    waiting = _files(ready)
+    new = {_name(p, ready) for p in waiting}
     gone = _without_derived(folder, {*listed, *new, *before}) if listed and other else []
+    if any(p.parent != ready for p in waiting):
+        if (folder / EVIDENCE).is_symlink():
+            (folder / EVIDENCE).unlink()
+        (folder / EVIDENCE).mkdir(exist_ok=True)
     for path in sorted(waiting, key=lambda p: p.name == record):
-        path.replace(folder / path.name)
+        path.replace(folder / _name(path, ready))
     sync_folder(folder)
     shutil.rmtree(ready, ignore_errors=True)
     return gone
+
+
+def _files(folder: Path) -> list[Path]:
+    """Files of a run folder and of its evidence; no links."""
+    evidence = folder / EVIDENCE
+    inner = evidence.iterdir() if evidence.is_dir() and not evidence.is_symlink() else ()
+    found = (*folder.iterdir(), *inner)
+    return sorted(p for p in found if p.is_file() and not p.is_symlink())
+
+
+def _name(path: Path, folder: Path) -> str:
+    """Name of a file in a manifest, as ``evidence/law-fits.csv``."""
+    return path.relative_to(folder).as_posix()
 
 
 def _posterior(path: Path) -> tuple[Any, ...]:
@@ -161,8 +184,9 @@ def _posterior(path: Path) -> tuple[Any, ...]:
 def _without_derived(folder: Path, kept: set[str]) -> list[str]:
     """Remove what verbs made of the draws before; what the user changed or added stays."""
     gone = []
-    for path in sorted(folder.iterdir()):
-        if path.is_symlink() or path.name in kept:
+    cards = [p for p in folder.iterdir() if p.is_dir()]
+    for path in sorted([*_files(folder), *cards]):
+        if path.is_symlink() or _name(path, folder) in kept:
             continue
         if path.is_file() and DERIVED.fullmatch(path.name):
             path.unlink()
@@ -170,7 +194,7 @@ def _without_derived(folder: Path, kept: set[str]) -> list[str]:
             shutil.rmtree(path)
         else:
             continue
-        gone.append(path.name)
+        gone.append(_name(path, folder))
     return gone
 
 
@@ -188,8 +212,22 @@ def clear_leftovers(folder: Path) -> None:
 def manifest(folder: Path, *, without: Sequence[str] = ()) -> dict[str, str]:
     """SHA-256 of every file in a folder, but for the provenance that is to hold them."""
     left = (PROVENANCE, *without)
-    names = sorted(p.name for p in folder.iterdir() if p.is_file() and p.name not in left)
-    return {name: _digest(folder / name) for name in names}
+    names = [_name(p, folder) for p in _files(folder)]
+    return {name: _digest(folder / name) for name in names if name not in left}
+
+
+def refresh_manifest(folder: Path, record: dict[str, Any], names: Sequence[str]) -> None:
+    """Write the provenance of a run again, with the digests of files that were written anew."""
+    files = record.get("files")
+    if isinstance(files, dict):
+        digests = {name: _digest(folder / name) for name in names if (folder / name).exists()}
+        new = record | {"files": dict(sorted((files | digests).items()))}
+        atomic_write_text(folder / PROVENANCE, record_text(new))
+
+
+def record_text(record: Any) -> str:
+    """A record as JSON text."""
+    return json.dumps(record, indent=2, ensure_ascii=False, allow_nan=True, default=str) + "\n"
 
 
 def _digest(path: Path) -> str:
@@ -213,15 +251,11 @@ def is_finished(folder: Path, record: str) -> bool:
 
 
 def _listed(path: Path) -> dict[str, str]:
-    """Files that a provenance lists, by plain names only; empty where it cannot be read."""
+    """Files that a provenance lists, of the folder and its evidence; empty if unreadable."""
     files = _record(path).get("files")
     if not isinstance(files, dict):
         return {}
-    return {
-        name: digest
-        for name, digest in files.items()
-        if digest and Path(name).name == name and not name.startswith(".")
-    }
+    return {name: digest for name, digest in files.items() if digest and PLAIN_NAME.fullmatch(name)}
 
 
 def _record(path: Path) -> dict[str, Any]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -30,28 +29,28 @@ from biaxbayes.runs.folder import (
 )
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import parse_options, stored_law
-from biaxbayes.sampling.convergence import Convergence
+from biaxbayes.sampling.convergence import Convergence, assess
+from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.text_files import read_csv, write_csv
+from biaxbayes.text_files import one_line, write_csv
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from biaxbayes.identifiability.mounting_stretch.stated import Stated
+    from biaxbayes.identifiability.identify import Identifiability
+    from biaxbayes.runs.result import RunResult
 
 __all__ = [
     "COLUMNS",
     "Run",
     "open_run",
-    "read_summary",
     "summarise",
-    "with_verdicts",
     "write_summary",
 ]
 
 
-# --- summary.csv: one row a quantity, and only numbers that can be trusted -----------------------
+# --- summary.csv: what ArviZ would say of the draws ----------------------------------------------
 
 COLUMNS = (
     "parameter",
@@ -64,9 +63,8 @@ COLUMNS = (
     "ess_bulk",
     "ess_tail",
     "rhat",
-    "verdict",
+    "posterior_within",
 )
-TEXT = ("parameter", "unit", "verdict")
 
 
 def summarise(
@@ -74,8 +72,9 @@ def summarise(
     names: tuple[str, ...],
     known: Quantities,
     convergence: Convergence,
+    law: str,
 ) -> pd.DataFrame:
-    """Summary table.
+    """Summary table: the posterior within the law, which is not yet what to report of the tissue.
 
     Where the chains are ``tentative`` the effective sample sizes are left empty, where they are
     ``unusable`` every number but R-hat is.
@@ -88,13 +87,15 @@ def summarise(
     known : Quantities
         What each name is.
     convergence : Convergence
+    law : str
+        Name of the law, which every row states.
     """
     position = {name: i for i, name in enumerate(convergence.names)}
     rows = []
     for name in names:
         draws = quantities[name]
         row: dict[str, object] = dict.fromkeys(COLUMNS, np.nan)
-        row |= {"parameter": name, "unit": known[name].unit}
+        row |= {"parameter": name, "unit": known[name].unit, "posterior_within": law}
         i = position.get(name)
         if convergence.state != "unusable" and draws.size:
             q05, q50, q95 = np.quantile(draws, [0.05, 0.5, 0.95])
@@ -109,49 +110,14 @@ def summarise(
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def with_verdicts(table: pd.DataFrame, verdicts: Mapping[str, str]) -> pd.DataFrame:
-    """The same table with what the data say of each parameter.
-
-    Parameters
-    ----------
-    table : DataFrame
-    verdicts : mapping of str to str
-        By parameter; a quantity that is not judged has none.
-    """
-    told = [verdicts.get(str(name), np.nan) for name in table["parameter"]]
-    return table.assign(verdict=pd.Series(told, dtype=object))
-
-
 def write_summary(path: Path, table: pd.DataFrame) -> None:
     """Write summary.csv with eight significant digits."""
     write_csv(path, table, digits=8)
 
 
-def read_summary(path: Path) -> pd.DataFrame:
-    """Read summary.csv.
-
-    Raises
-    ------
-    RunError
-        If it is not a summary.
-    """
-    try:
-        table = read_csv(path, dtype=dict.fromkeys(TEXT, str), keep_default_na=True)
-        if "parameter" not in table:
-            raise KeyError("parameter")
-        numbers = [name for name in COLUMNS if name not in TEXT]
-        table[numbers] = table[numbers].astype(float)
-        if "verdict" not in table:  # of before verdicts stood here
-            table["verdict"] = np.nan
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
-        raise RunError(
-            f"{path}: cannot be read as the summary of a run ({type(error).__name__})"
-        ) from None
-    return table
-
-
 # --- the run -------------------------------------------------------------------------------------
 
+MOST_FINDINGS, LONGEST_FINDING = 8, 400
 MAKE_RUN = "make a run folder with 'biaxbayes sample'"
 
 
@@ -220,14 +186,52 @@ class Run:
         return out
 
     @cached_property
+    def result(self) -> RunResult:
+        """What the run found: ``results.json``, or computed anew in a folder of before it."""
+        from biaxbayes.runs.result import RESULTS, result_from_record
+
+        path = self.path / RESULTS
+        if os.path.lexists(path):
+            trusted_path(self.path, RESULTS, self.provenance)
+            record = read_json(self.path, RESULTS)
+            return result_from_record(record, self.law, self.quantities, path)
+        return self.analysed()[0]
+
+    def analysed(self) -> tuple[RunResult, Identifiability]:
+        """What the run found and the verdicts with their densities, computed from the draws."""
+        from biaxbayes.identifiability.identify import identify
+        from biaxbayes.runs.result import run_result
+
+        posterior = self.posterior()
+        missing = [name for name in posterior.parameter_names if name not in self.draws]
+        if missing:
+            raise RunError(f"{self.path / 'posterior.nc'}: holds no draws of {missing[0]:.60}")
+        # In the order in which the chains were summed when they were drawn.
+        chains = {name: np.ascontiguousarray(v) for name, v in self.chains.items()}
+        names = tuple(n for n in posterior.parameter_names if n in chains)
+        judged = replace(assess(chains, target_ess=0.0), state=self.state)
+        summary = summarise(chains, names, self.quantities, judged, self.law.called)
+        found = identify(self)
+        return run_result(
+            found, posterior, self.draws, summary, self.provenance["convergence"], self.findings
+        ), found
+
+    @property
     def summary(self) -> pd.DataFrame:
-        """summary.csv as a table, a row for each parameter: ``run.summary.loc["C1", "q50"]``."""
-        path = trusted_path(self.path, "summary.csv", self.provenance)
-        table = read_summary(path)
-        for row, name in enumerate(table["parameter"], start=2):
-            if name not in self.quantities:
-                raise RunError(f"{path}: row {row}: no quantity of this run is called {name!s:.40}")
+        """The posterior within the law, as in summary.csv: ``run.summary.loc["C1", "q50"]``."""
+        table = self.result.summary
         return table.set_axis(table["parameter"].to_list(), axis="index")
+
+    @property
+    def findings(self) -> list[str]:
+        """What was odd about the record of the test before it was sampled, a sentence each."""
+        found, out = self.provenance.get("findings"), []
+        for finding in found if isinstance(found, list) else []:
+            try:
+                out.append(one_line(str(Finding(**finding)))[:LONGEST_FINDING])
+            except TypeError:
+                continue  # a stranger's file
+        return out[:MOST_FINDINGS]
 
     @cached_property
     def fit(self) -> list[dict[str, Any]]:
@@ -257,28 +261,6 @@ class Run:
         states = ("",) if shared else tuple(p.name for p in self.specimen.protocols)
         return Quantities(self.law.parameters, states, self.specimen.unit)
 
-    @cached_property
-    def stated(self) -> dict[str, Stated]:
-        """What identifiability.csv states of the mounting stretches of the tissue, by name.
-
-        Empty where there is no such file, or it states nothing of them.
-        """
-        from biaxbayes.identifiability.mounting_stretch.stated import Stated
-
-        path, out = self.path / "identifiability.csv", {}
-        if path.is_symlink() or not path.is_file():
-            return {}
-        try:
-            table = read_csv(path, dtype=str, keep_default_na=False)
-            for row in table.to_dict("records"):
-                reason = str(row["stated_reason"])
-                if reason:
-                    low, high = (float(row[f"stated_{end}"] or "nan") for end in ("low", "high"))
-                    out[str(row["parameter"])] = Stated(low, high, reason)
-        except (OSError, ValueError, KeyError, MemoryError):
-            return {}
-        return out
-
     def posterior(self) -> Posterior:
         """The posterior that was sampled, rebuilt from the stored settings."""
         return Posterior(
@@ -286,10 +268,9 @@ class Run:
         )
 
     def _repr_html_(self) -> str:
-        """State and summary table for notebooks."""
+        """State and reported table for notebooks."""
         head = f"<p>{escape(str(self.provenance['specimen']))}: {escape(self.state)}</p>"
-        table = self.summary.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
-        return head + table
+        return head + self.result._repr_html_()
 
 
 def open_run(path: str | Path) -> Run:

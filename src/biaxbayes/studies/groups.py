@@ -1,31 +1,29 @@
 """Many specimens: groups across donors and layers, and the layers of each donor apart.
 
-A median over specimens is worth something only where the specimens determine the quantity. What
+A median over specimens is worth something only where the specimens identify the quantity. What
 follows counts those that do, and takes numbers from them alone.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.verdict_names import IDENTIFIED, ONE_SIDED
+from biaxbayes.identifiability.verdict_names import BOUNDED, IDENTIFIED
 
 __all__ = [
     "CONTRAST_COLUMNS",
-    "DETERMINED",
     "GROUP_COLUMNS",
     "KNOWN",
     "group_summaries",
     "layer_contrasts",
 ]
 
-DETERMINED = "determined"
-"""Verdict on what follows from the parameters, where the data narrow it."""
-KNOWN = (IDENTIFIED, ONE_SIDED, DETERMINED)
+KNOWN = (IDENTIFIED, BOUNDED)
 """Verdicts with which a number is one of the specimen."""
 GROUP_COLUMNS = (
     "group_by",
@@ -34,7 +32,7 @@ GROUP_COLUMNS = (
     "unit",
     "specimens",
     "converged",
-    "determined",
+    "identified",
     "centre",
     "lowest",
     "highest",
@@ -49,7 +47,7 @@ CONTRAST_COLUMNS = (
     "quantity",
     "unit",
     "pairs",
-    "determined",
+    "identified",
     "b_greater",
     "b_less",
     "mean_difference",
@@ -61,19 +59,23 @@ KEPT = ("parameter", "structure tensor", "stiffness")
 tests end."""
 
 
-def group_summaries(table: pd.DataFrame) -> pd.DataFrame:
+def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFrame:
     """Summaries across the specimens of a layer, of a donor, and of the whole study.
+
+    Specimens that differ in a column of the study's own, such as ``disease``, are never pooled.
 
     Parameters
     ----------
     table : DataFrame
         The study table, one row a specimen and quantity: specimen, donor, layer, state, kind,
         quantity, unit, verdict, q50, scale and scale_sd.
+    own : sequence of str
+        The study's own columns.
 
     Returns
     -------
     DataFrame
-        One row a group and quantity. ``determined`` specimens have converged and their verdict is
+        One row per group and quantity. ``identified`` specimens have converged and their verdict is
         one of :data:`KNOWN`; the numbers are theirs. ``centre`` is the mean of their medians
         (the geometric one where the scale is ``log``), ``lowest`` and ``highest`` the extreme
         medians. ``sd_of_medians``, ``sd_within`` (root mean square of the posterior sd) and
@@ -83,7 +85,13 @@ def group_summaries(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for group_by in ("layer", "donor", "all"):
         named = table if group_by == "all" else table[table[group_by].fillna("") != ""]
-        keys = ["all"] * len(named) if group_by == "all" else named[group_by].tolist()
+        parts = [named[c].astype(str) for c in own]
+        parts += (
+            []
+            if group_by == "all" and own
+            else [pd.Series("all", index=named.index) if group_by == "all" else named[group_by]]
+        )
+        keys = [", ".join(key) for key in zip(*parts, strict=True)]
         groups = named.assign(_group=keys)
         for group, members in groups.groupby("_group", sort=False):
             total = int(members["specimen"].nunique())
@@ -109,7 +117,7 @@ def _summary(part: pd.DataFrame) -> dict[str, Any]:
         "unit": units[0] if units else "",
         "scale": scales[0] if scales else "",
         "converged": int(converged["specimen"].nunique()),
-        "determined": len(known),
+        "identified": len(known),
     }
     if known.empty:
         return out
@@ -146,9 +154,9 @@ def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row a pair of layers and quantity. ``pairs`` of specimens, those where both determine
+        One row a pair of layers and quantity. ``pairs`` of specimens, those where both identify
         the quantity, and in how many of these the 90 % interval of the difference b - a lies above
-        and below zero; the differences are medians, of the ``determined`` pairs.
+        and below zero; the differences are medians, of the ``identified`` pairs.
     """
     if distances.empty:
         return pd.DataFrame(columns=list(CONTRAST_COLUMNS))
@@ -163,14 +171,14 @@ def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
         for (a, b, quantity), part in turned.groupby(
             ["layer_a", "layer_b", "quantity"], sort=False
         ):
-            known = part[part["determined_in_both"]]
+            known = part[part["identified_in_both"]]
             row = {
                 "layer_a": a,
                 "layer_b": b,
                 "quantity": quantity,
                 "unit": part["unit"].iloc[0],
                 "pairs": len(part),
-                "determined": len(known),
+                "identified": len(known),
                 "b_greater": int((known["difference_q05"] > 0.0).sum()),
                 "b_less": int((known["difference_q95"] < 0.0).sum()),
             }

@@ -40,7 +40,7 @@ class Tried:
 
 
 def study_table(entries: list[Entry], tried: Mapping[str, Tried]) -> pd.DataFrame:
-    """The study table: rows of every specimen in their order."""
+    """The study table: rows of every specimen in their order, with the study's own columns."""
     rows: list[dict[str, Any]] = []
     for e in entries:
         head = {
@@ -49,9 +49,12 @@ def study_table(entries: list[Entry], tried: Mapping[str, Tried]) -> pd.DataFram
             "layer": e.layer,
             "file": os.fspath(e.entry.file),
             "folder": e.folder,
+            **e.entry.columns,
         }
         rows += [head | row for row in tried[e.slug].rows]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    own = [name for e in entries for name in e.entry.columns]
+    names = dict.fromkeys([*COLUMNS[:3], *own, *COLUMNS[3:]])
+    return pd.DataFrame(rows, columns=list(names))
 
 
 # --- the study table: rows of every specimen -----------------------------------------------------
@@ -71,17 +74,17 @@ COLUMNS = (
     "quantity",
     "unit",
     "verdict",
+    "reported_low",
+    "reported_high",
+    "reported",
+    "reported_reason",
     "mean",
     "sd",
     "q05",
     "q50",
     "q95",
-    "stated_low",
-    "stated_high",
-    "stated_reason",
     "scale",
     "scale_sd",
-    "contraction",
     "ess_bulk",
     "ess_tail",
     "rhat",
@@ -90,7 +93,6 @@ COLUMNS = (
     "beta",
 )
 LOG, LINEAR = "log", "linear"
-NOT_DETERMINED = "not determined"
 
 
 def rows_without_run(state: str, reason: str, law: str = DEFAULT_LAW) -> list[dict[str, Any]]:
@@ -180,16 +182,22 @@ class StudyResult:
     distances: pd.DataFrame = field(repr=False)
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def own_columns(self) -> list[str]:
+        """What the study file states of every specimen beside its donor and layer."""
+        return [str(c) for c in self.table.columns if c not in COLUMNS]
+
     @cached_property
     def specimens(self) -> pd.DataFrame:
-        """One row a specimen: donor, layer, state, reason, file, folder."""
-        kept = ["specimen", "donor", "layer", "state", "reason", "file", "folder"]
+        """One row per specimen: donor, layer, own columns, state, reason, file, folder."""
+        kept = ["specimen", "donor", "layer", *self.own_columns]
+        kept += ["state", "reason", "file", "folder"]
         return self.table[kept].drop_duplicates("specimen").reset_index(drop=True)
 
     @cached_property
     def groups(self) -> pd.DataFrame:
-        """Summaries across layers, donors and the whole; see :func:`group_summaries`."""
-        return group_summaries(self.table)
+        """Summaries across layers, donors and groups; see :func:`group_summaries`."""
+        return group_summaries(self.table, self.own_columns)
 
     @cached_property
     def contrasts(self) -> pd.DataFrame:
@@ -216,14 +224,14 @@ class StudyResult:
         return f"StudyResult({self.name!r}: {_counts(self.states)})"
 
     def _repr_html_(self) -> str:
-        """States and medians, for notebooks."""
+        """States and reported intervals, for notebooks."""
         parameters = self.table[self.table["kind"] == "parameter"]
-        wide = parameters.pivot(index="specimen", columns="quantity", values="q50")
+        wide = parameters.pivot(index="specimen", columns="quantity", values="reported")
         names = list(dict.fromkeys(parameters["quantity"]))
         shown = self.specimens[["specimen", "donor", "layer", "state"]].merge(
             wide[names].reset_index(), on="specimen"
         )
-        head = f"<p>{escape(self.name)}: {escape(_counts(self.states))}; posterior medians</p>"
+        head = f"<p>{escape(self.name)}: {escape(_counts(self.states))}; reported intervals</p>"
         return head + shown.to_html(index=False, float_format=lambda v: f"{v:.4g}", na_rep="–")
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import click
 
 import biaxbayes
-from biaxbayes.comparison.compare import Member, distances_between, judged_member
+from biaxbayes.comparison.compare import Member, distances_between
 from biaxbayes.compilation import first_alone
 from biaxbayes.errors import (
     BiaxbayesError,
@@ -206,13 +206,12 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            members, verdicts = [], []
+            members = []
             for label, folder in zip(task.labels, task.folders, strict=True):
                 run = open_run(folder)
-                member = Member(label, run.posterior(), run.draws, run.state, run.stated)
-                members.append(member)
-                verdicts.append(judged_member(member).verdicts)
-            table, notes = distances_between(members, verdicts)
+                reported = run.result.reported
+                members.append(Member(label, run.posterior(), run.draws, run.state, reported))
+            table, notes = distances_between(members, [m.reported for m in members])
         except BiaxbayesError as error:
             return ComparedLayers(task.donor, notes=[f"no comparison: {error}"])
     return compared_layers(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from biaxbayes.errors import InputError
+from biaxbayes.errors import InputError, printable
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.specimens.specimen import Specimen
@@ -54,7 +54,7 @@ def compare(
     stop: Stop = never,
     **options: Any,
 ) -> Comparison:
-    """Runs side by side: verdicts, and how far apart they are in what both determine.
+    """Runs side by side: what each reports, and how far apart they are in what both identify.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def compare(
     states = ["tentative" if r.state == "unusable" else r.state for r in opened]
     result = lay_out(
         [
-            Member(name, run.posterior(), run.draws, state, run.stated)
+            Member(name, run.posterior(), run.draws, state, run.result.reported)
             for name, run, state in zip(names, opened, states, strict=True)
         ]
     )
@@ -180,20 +180,25 @@ def command(
 
 def _print_comparison(result: Comparison, out: Path) -> None:
     from biaxbayes.comparison.compare import WARNING
+    from biaxbayes.identifiability.report_table import report_rows, row_lines
 
-    for label, verdicts in zip(result.labels, result.verdicts, strict=True):
-        click.echo(f"{label}:")
-        for parameter in verdicts.parameters:
-            share = ""
-            if parameter.evidence is not None:
-                share = f"{min(100.0 * max(parameter.evidence.contraction, 0.0), 99.9):.1f} %"
-            click.echo(f"  {parameter.name:<21} {parameter.verdict:<21} {share:>8}")
-    apart = result.distances[result.distances["determined_in_both"]]
-    click.echo("\ndetermined in both, largest distances (in sd):")
+    for member, reported in zip(result.members, result.reported, strict=True):
+        click.echo(f"{printable(member.label)}: 90 % intervals and 95 % bounds")
+        for line in row_lines(report_rows(reported, member.posterior.quantities)):
+            click.echo(f"  {line}")
+    apart = result.distances[result.distances["identified_in_both"]]
+    if len(apart):
+        click.echo(
+            "\nlargest differences among what both identify or bound, as 90 % intervals and in "
+            "common sd:"
+        )
     for (a, b), rows in apart.groupby(["run_a", "run_b"], sort=False):
         most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
-        cells = [f"{_name(r)} {r['standardised']:+.1f}" for r in most.to_dict("records")]
-        click.echo(f"  {b} minus {a}: {', '.join(cells)}")
+        click.echo(f"  {printable(str(b))} minus {printable(str(a))}")
+        for r in most.to_dict("records"):
+            unit = "" if r["unit"] == "1" else str(r["unit"])
+            ends = f"{r['difference_q05']:.4g} to {r['difference_q95']:.4g} {unit}".rstrip()
+            click.echo(f"    {_name(r):<24}{ends:<32}{r['standardised']:+.1f}")
     for note in result.notes:
         click.echo(f"note: {note}")
     click.echo(f"note: {WARNING}")

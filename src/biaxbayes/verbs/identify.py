@@ -1,4 +1,4 @@
-"""``biaxbayes identify``: which parameters the data determine."""
+"""``biaxbayes identify``: what to report of each parameter."""
 
 from __future__ import annotations
 
@@ -7,50 +7,52 @@ from typing import TYPE_CHECKING
 
 import click
 
-from biaxbayes.errors import printable
 from biaxbayes.verbs.inputs import PathLike, RunLike, make_folder, opened_run
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, flag, json_option
 
 if TYPE_CHECKING:
-    from biaxbayes.verbs.identified import Identified
+    from biaxbayes.runs.result import RunResult
 
 
-def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) -> Identified:
-    """Which parameters the data determine: a verdict with its evidence for each.
+def identify(run: RunLike, *, out: PathLike | None = None, figure: bool = True) -> RunResult:
+    """What a run found, computed anew: what to report of each parameter, with the evidence.
 
     Parameters
     ----------
     run : Run or path-like
     out : path-like, optional
-        Folder, such as the run's, for identifiability.csv and .pdf, determined.csv and
-        same-curves.csv.
+        Folder, such as the run's, for results.json, report.csv, the tables of evidence and
+        identifiability.pdf.
     figure : bool
         Whether to draw the figure there.
     """
     from biaxbayes.figures.run.identifiability import identifiability_figure
-    from biaxbayes.figures.style import save_figure
-    from biaxbayes.verbs.identified import identified, write_tables
+    from biaxbayes.figures.style import save_pictures
+    from biaxbayes.runs.folder import refresh_manifest
+    from biaxbayes.runs.result import write_result
 
     opened = opened_run(run)
-    posterior = opened.posterior()
-    result = identified(posterior, opened.draws, opened.state)
+    result, found = opened.analysed()
     if out is not None:
         folder = make_folder(out)
-        write_tables(result, posterior, folder)
+        names = write_result(result, folder)
         if figure:
-            save_figure(identifiability_figure(result.verdicts), folder / "identifiability.pdf")
+            drawn = identifiability_figure(found, result.rows)
+            names += [path.name for path in save_pictures(drawn, folder, "identifiability")]
+        if folder.resolve() == opened.path.resolve():
+            refresh_manifest(folder, opened.provenance, names)
     return result
 
 
 @click.command("identify")
 @argument("run")
-@json_option("Verdicts and evidence as JSON.")
+@json_option("The content of results.json.")
 @flag("no-figure", "Leave the figure out.")
 def command(run: Path, as_json: bool, no_figure: bool) -> int:
-    """Say which parameters of RUN the data determine, alone or only in combination.
+    """Say what to report of each parameter of RUN: an interval or a bound, a verdict, a reason.
 
-    Writes identifiability.csv and .pdf, determined.csv and same-curves.csv into the run folder.
-    Exit code 3 where the chains have not converged: there is no verdict then.
+    Writes results.json, report.csv, the tables in evidence and identifiability.pdf into the run
+    folder. Exit code 3 where the chains have not converged: nothing is reported then.
     """
     from biaxbayes.verbs.identified import as_json as identified_as_json
     from biaxbayes.verbs.identified import terminal_lines
@@ -60,6 +62,6 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
         click.echo(identified_as_json(result))
     else:
         for line in terminal_lines(result):
-            click.echo(printable(line))
-        click.echo(f"\nevidence in {run / 'identifiability.csv'}")
+            click.echo(line)
+        click.echo(f"\nevidence in {run / 'evidence'}")
     return 0 if result.state == "converged" else NOT_CONVERGED

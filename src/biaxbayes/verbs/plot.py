@@ -106,7 +106,7 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
     if kind == "corner":
         from biaxbayes.figures.run.corner import corner_figure
 
-        return corner_figure(run.draws, known=run.quantities, **how)
+        return corner_figure(run.draws, known=run.quantities, law=run.law.called, **how)
     if kind == "bands":
         from biaxbayes.figures.run.bands import bands_figure
 
@@ -123,9 +123,10 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
         return trace_figure(run.chains, unit=unit, rhat=rhat, known=run.quantities, **how)
     if kind == "identifiability":
         from biaxbayes.figures.run.identifiability import identifiability_figure
-        from biaxbayes.identifiability.identify import identify
+        from biaxbayes.identifiability.identify import identify_draws
 
-        return identifiability_figure(identify(run), **how)
+        judged = identify_draws(run.posterior(), run.draws, run.state)
+        return identifiability_figure(judged, run.result.rows, **how)
     from biaxbayes.figures.run.profile import profile_figure
     from biaxbayes.identifiability.profile.profile import profiles
 

@@ -422,13 +422,13 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 def closing_message(result: PopulationFound) -> str:
     """One screen that says what was result."""
-    from biaxbayes.identifiability.verdict_names import PRIOR
+    from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
     from biaxbayes.populations.result import SDS
     from biaxbayes.reports.population import three_digits
     from biaxbayes.reports.words import counted
 
     def sd(row: dict[Any, Any], side: str) -> str:
-        mark = MARK if row[f"{side}_verdict"] == PRIOR else " "
+        mark = MARK if row[f"{side}_verdict"] == NOT_IDENTIFIED else " "
         return f" {three_digits(row[f'{side}_q50']) + mark:>10}"
 
     state = (
@@ -452,8 +452,8 @@ def closing_message(result: PopulationFound) -> str:
             head = f"{str(r['quantity'])[:21]:<21} {unit:<5} "
             lines.append(f"{head}{mean}{sds}   {new:<19}{_qualified(r)}")
     lines += ["", "sds of logs where the scale is log (population.csv)"]
-    if any((result.groups[f"{side}_verdict"] == PRIOR).any() for side in SDS):
-        lines.append(f"{MARK} {PRIOR}: the specimens say little of this sd")
+    if any((result.groups[f"{side}_verdict"] == NOT_IDENTIFIED).any() for side in SDS):
+        lines.append(f"{MARK} {NOT_IDENTIFIED}: the specimens say little of this sd")
     lines += [f"note: {printable(note)}" for note in result.notes]
     lines += ["", f"all tables and draws are in {result.folder}"]
     return "\n".join(lines)

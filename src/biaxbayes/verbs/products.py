@@ -1,33 +1,49 @@
-"""What a run folder holds besides the draws: figures, verdicts, a page to explore."""
+"""What a run folder holds besides the draws: what was found, figures, a page to explore."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import pandas as pd
 
 from biaxbayes.figures.run.bands import bands_figure
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.trace import trace_figure
 from biaxbayes.figures.style import save_pictures
-from biaxbayes.identifiability.identify import Identifiability
+from biaxbayes.identifiability.held_edges import held_edges
+from biaxbayes.identifiability.identify import fits_of_laws, identify_draws
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.reports.explore import EXPLORE, can_be_explored, explore_page
 from biaxbayes.reports.page import NAME
 from biaxbayes.runs.archive import draw_table
+from biaxbayes.runs.result import RunResult, run_result, write_result
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_text
-from biaxbayes.verbs.identified import identified, write_tables
 
 
-def write_products(folder: Path, posterior: Posterior, draws: Draws) -> Identifiability:
-    """Write the products of a run into its folder; the verdicts.
+def write_products(
+    folder: Path,
+    posterior: Posterior,
+    draws: Draws,
+    summary: pd.DataFrame,
+    convergence: Mapping[str, Any],
+    findings: Sequence[str],
+) -> RunResult:
+    """Write what a run found and its figures into its folder.
 
     Unusable draws get the traces that show why, and no figure of a posterior that is none.
     """
     state, known = draws.convergence.state, posterior.quantities
     table = draw_table(draws.quantities)
-    result = identified(posterior, table, state)
-    write_tables(result, posterior, folder)
+    fits = fits_of_laws(posterior) if state == "converged" else None
+    found = identify_draws(posterior, table, state, fits=fits)
+    found = replace(found, held=held_edges(posterior, found.open_edges()))
+    result = run_result(found, posterior, table, summary, convergence, findings)
+    write_result(result, folder)
     if state != "converged":
         save_pictures(
             trace_figure(draws.quantities, unit=posterior.specimen.unit, known=known),
@@ -35,12 +51,12 @@ def write_products(folder: Path, posterior: Posterior, draws: Draws) -> Identifi
             "trace",
         )
     if state == "unusable":
-        return result.verdicts
+        return result
     bands = bands_figure(posterior.specimen, table, settings=posterior.settings)
-    save_pictures(corner_figure(table, known=known), folder, "corner")
+    save_pictures(corner_figure(table, known=known, law=posterior.law.called), folder, "corner")
     save_pictures(bands, folder, "stress-bands")
-    save_pictures(identifiability_figure(result.verdicts), folder, "identifiability")
+    save_pictures(identifiability_figure(found, result.rows), folder, "identifiability")
     if can_be_explored(known, table):
         page = explore_page(posterior, table, state, report=NAME)
         atomic_write_text(folder / EXPLORE, page)
-    return result.verdicts
+    return result

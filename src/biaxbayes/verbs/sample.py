@@ -32,11 +32,12 @@ from biaxbayes.runs.folder import (
     is_run,
     manifest,
     names_in,
+    record_text,
     staged,
 )
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
-from biaxbayes.runs.run import Run, open_run, summarise, with_verdicts, write_summary
+from biaxbayes.runs.run import Run, open_run, summarise, write_summary
 from biaxbayes.sampling.sampler import (
     Draws,
     Plan,
@@ -164,8 +165,8 @@ class Sampling:
             if draws.interrupted:
                 raise self._interruption(draws, stop())
             tell(Progress("sampling", 1.0))
-            stretches = posterior.quantities.of_kind(STRETCH)
-            drawn = {q.name: draws.quantities[q.name] for q in stretches}
+            names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
+            drawn = {n: draws.quantities[n] for n in names if n in draws.quantities}
             for finding in bracket_findings(drawn):
                 self.findings = (*self.findings, finding)
                 tell(Progress("sampling", note=str(finding)))
@@ -204,7 +205,6 @@ class Sampling:
 
     def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
         from biaxbayes.reports.page import write_report
-        from biaxbayes.verbs.identified import thresholds_record
         from biaxbayes.verbs.products import write_products
 
         specimen = self.specimen
@@ -221,28 +221,26 @@ class Sampling:
         }
         write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
         table = summarise(
-            draws.quantities, posterior.parameter_names, posterior.quantities, draws.convergence
+            draws.quantities,
+            posterior.parameter_names,
+            posterior.quantities,
+            draws.convergence,
+            posterior.law.called,
         )
-        atomic_write_text(folder / "fit.json", _json([deterministic_fit(posterior).record()]))
-        found = write_products(folder, posterior, draws)
-        verdicts = {p.name: p.verdict for p in found.parameters}
-        write_summary(folder / "summary.csv", with_verdicts(table, verdicts))
-        record["identifiability"] = thresholds_record(found)
-        record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
+        atomic_write_text(folder / "fit.json", record_text([deterministic_fit(posterior).record()]))
+        write_summary(folder / "summary.csv", table)
         run = Run(folder, record).with_draws(draw_table(draws.quantities))
+        write_products(folder, posterior, draws, table, record["convergence"], run.findings)
+        record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
         write_report(folder, run)
         record["files"] = manifest(folder)
-        atomic_write_text(folder / PROVENANCE, _json(record))
+        atomic_write_text(folder / PROVENANCE, record_text(record))
 
 
 def _warn(progress: Progress) -> None:
     """Where nobody watches the progress, what must be known becomes a warning."""
     if progress.note:
         warnings.warn(progress.note, RuntimeWarning, stacklevel=4)
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=True, default=str) + "\n"
 
 
 def _safe_stem(name: str) -> str:

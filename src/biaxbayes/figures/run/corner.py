@@ -31,7 +31,7 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.identifiability.bounded_density import Span, at_edges, curve, interval, span
 from biaxbayes.options import CONTENT
-from biaxbayes.parameters import Quantities, mounting_names
+from biaxbayes.parameters import Quantities
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,6 +84,7 @@ def corner_figure(
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
     known: Quantities | None = None,
+    law: str = "",
 ) -> Figure:
     """Pairwise and marginal posterior of the material parameters and mounting stretches.
 
@@ -108,6 +109,8 @@ def corner_figure(
         From :func:`biaxbayes.figures.style.read_style`.
     known : Quantities, optional
         What each name is, where it is not the default law with one mounted state.
+    law : str
+        Name of the law of the run, for the legend.
 
     Returns
     -------
@@ -144,7 +147,7 @@ def corner_figure(
                 ax.axvline(value, color="black", linewidth=0.7, linestyle=DASHES)
             for ax in grid[i, :i]:
                 ax.axhline(value, color="black", linewidth=0.7, linestyle=DASHES)
-        notes = _notes(columns, names if compare is not None else None, truth=bool(true))
+        notes = _notes(columns, names if compare is not None else None, truth=bool(true), law=law)
         _add_table(figure, columns, intervals, true, notes, probability)
     return figure
 
@@ -350,7 +353,7 @@ def _draw_marginal(
 
 
 def _notes(
-    columns: list[Column], names: tuple[str, str] | None, *, truth: bool
+    columns: list[Column], names: tuple[str, str] | None, *, truth: bool, law: str
 ) -> list[tuple[str, str]]:
     """What the regions and lines are, each with its colour."""
     notes = [(f"regions: {', '.join(f'{100 * c:g}' for c in CONTENTS)} % of the draws", "0.3")]
@@ -358,8 +361,7 @@ def _notes(
         first, second = (shortened(name, 28.0, "legend.fontsize") for name in names)
         notes.insert(0, (first, colour(RUNS[0])))
         notes.append((f"outlines, 90 %: {second}", colour(RUNS[1])))
-    if any(c.name in mounting_names("stretch") for c in columns):
-        notes.append(("all within the law", "0.3"))
+    notes.insert(0, (f"posterior within {law or 'the law'}", "0.3"))
     if truth:
         notes.append(("dashed: truth", "0.3"))
     if any(MEAN in c.quantity.symbol for c in columns):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,17 +19,16 @@ from biaxbayes.figures.style import (
     text_colour,
 )
 from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict
+from biaxbayes.identifiability.report_table import ReportRow
 from biaxbayes.identifiability.verdict_names import (
+    BOUNDED,
     COMBINATION,
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
-    ONE_SIDED,
-    PRIOR,
 )
 from biaxbayes.model.priors import Prior
-from biaxbayes.parameters import Quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,28 +37,32 @@ if TYPE_CHECKING:
 # Okabe and Ito, from known to unknown; the word stands in the box, colour is only an aid.
 VERDICT_COLOURS = {
     IDENTIFIED: "#009E73",
-    ONE_SIDED: "#56B4E9",
+    BOUNDED: "#56B4E9",
     COMBINATION: "#E69F00",
-    PRIOR: "#D55E00",
     NOT_IDENTIFIED: "#CC79A7",
     NO_VERDICT: "#999999",
     FIXED: "#DDDDDD",
 }
 PRIOR_GREY, POSTERIOR = "0.82", "#0072B2"
-WIDE_ROW_MM, NARROW_ROW_MM, MOST_ROWS = 11.5, 15.0, 16
+WIDE_ROW_MM, NARROW_ROW_MM, MOST_ROWS = 12.5, 24.0, 16
+WIDE_LINE, NARROW_LINE = 40, 26
+"""Letters of a line of a reason."""
 
 
 def identifiability_figure(
     found: Identifiability,
+    reported: Sequence[ReportRow],
     *,
     width_mm: float = PAGE_MM,
     style: Mapping[str, Any] | None = None,
 ) -> Figure:
-    """Prior and posterior of every parameter, how much the data tell, and the verdict.
+    """Prior and posterior of every inferred parameter beside its row of the reported table.
 
     Parameters
     ----------
     found : Identifiability
+        For the densities.
+    reported : sequence of ReportRow
     width_mm : float
     style : mapping, optional
         From :func:`biaxbayes.figures.style.read_style`.
@@ -68,8 +72,7 @@ def identifiability_figure(
     matplotlib.figure.Figure
         The first 16 parameters.
     """
-    rows = found.parameters[:MOST_ROWS]
-    known = {p.name: p.scale.quantity for p in found.parameters}
+    rows = reported[:MOST_ROWS]
     wide = width_mm >= SIDE_BY_SIDE_MM
     row_mm = WIDE_ROW_MM if wide else NARROW_ROW_MM
     with print_style(style):
@@ -77,13 +80,13 @@ def identifiability_figure(
         widths = (0.34, 0.12, 0.5) if wide else (0.52, 0.0001, 0.48)
         grid = figure.subplots(len(rows), 3, squeeze=False, width_ratios=widths)
         for (density, contraction, words), row in zip(grid, rows, strict=True):
-            _draw_densities(density, row)
-            _draw_contraction(contraction, row, shown=wide)
-            _write_verdict(words, row, known, wide=wide)
+            _draw_densities(density, found[row.name])
+            _draw_contraction(contraction, found[row.name], shown=wide)
+            _write_row(words, row, wide=wide)
         heads = (
-            ("prior (grey), posterior (blue)", "contraction", "verdict, 90 % interval")
+            ("prior (grey), posterior within the law", "contraction", "to report")
             if wide
-            else ("prior, posterior", "", "verdict, 90 %")
+            else ("prior, posterior", "", "to report")
         )
         for ax, head in zip(grid[0], heads, strict=True):
             size = font_points("legend.fontsize")
@@ -135,41 +138,14 @@ def _draw_contraction(ax: Axes, row: ParameterVerdict, *, shown: bool) -> None:
     ax.text(1.06, 0.0, text, va="center", fontsize=font_points("legend.fontsize"))
 
 
-def _write_verdict(
-    ax: Axes, row: ParameterVerdict, known: Mapping[str, Quantity], *, wide: bool
-) -> None:
-    """The verdict in a box; beside it, or below, its interval."""
+def _write_row(ax: Axes, row: ReportRow, *, wide: bool) -> None:
+    """The verdict in a box; beside it, or below, interval and reason."""
     ax.set_axis_off()
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     face = VERDICT_COLOURS[row.verdict]
     how: dict[str, Any] = {"va": "center", "fontsize": font_points("legend.fontsize")}
     box = {"boxstyle": "round,pad=0.3", "facecolor": face, "edgecolor": "none"}
-    ax.text(0.02, 0.5 if wide else 0.85, row.verdict, color=text_colour(face), bbox=box, **how)
-    place = (0.45, 0.5) if wide else (0.0, 0.25)
-    ax.text(*place, _aside(row, known, short=not wide), **how)
-
-
-def _aside(row: ParameterVerdict, known: Mapping[str, Quantity], *, short: bool) -> str:
-    """What stands beside the verdict: the number a reader wants, or the partners."""
-    e = row.evidence
-    if e is None or row.verdict == NO_VERDICT:
-        return "" if e is None else "the chains have not converged"
-    p = row.scale.parameter
-    unit = p.unit_symbol()
-    unit = f" {unit}" if unit.isalpha() else unit
-    interval = f"{p.number(e.low)} to {p.number(e.high)}{unit}"
-    if row.stated is not None:
-        # what a refit or a verdict says of the law is not said of the tissue
-        head = "law:" if short else "within the law"
-        return f"{head} {interval}\ntissue: {row.stated.in_words(p)}"
-    if row.verdict == COMBINATION:
-        names = ", ".join(axis_text(known[name]).symbol for name in row.partners)
-        return f"with {names}\n(alone {interval})"
-    if row.verdict == NOT_IDENTIFIED and e.refits:
-        low, high = (p.number(v) for v in e.refits)
-        return f"refits {low} to {high}\n(model {interval})"
-    if row.verdict == ONE_SIDED:
-        low_open = e.edges[0].support >= e.edges[-1].support
-        value = p.number(e.high if low_open else e.low)
-        return f"{'below' if low_open else 'above'} {value}{unit} (95 %)"
-    return interval
+    ax.text(0.02, 0.5 if wide else 0.9, row.verdict, color=text_colour(face), bbox=box, **how)
+    reason = fill(row.reason, WIDE_LINE if wide else NARROW_LINE, break_on_hyphens=False)
+    place = (0.42, 0.5) if wide else (0.0, 0.3)
+    ax.text(*place, f"{row.interval_with_unit}\n{reason}", **how)

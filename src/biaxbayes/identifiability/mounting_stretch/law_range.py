@@ -17,8 +17,6 @@ from biaxbayes.specimens.specimen import Specimen
 if TYPE_CHECKING:
     import pandas as pd
 
-LAW_FITS = "law-fits.csv"
-"""The table of a run folder."""
 ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
 ALIKE = 1.15

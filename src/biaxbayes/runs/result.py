@@ -1,0 +1,351 @@
+"""results.json: what a run found. It is written once, and everything else is printed from it.
+
+The CSV files of a run are exports for spreadsheets and scripts: nothing reads them back.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from biaxbayes.errors import RunError
+from biaxbayes.identifiability.determined import determined, mounting_stated
+from biaxbayes.identifiability.held_edges import held_table
+from biaxbayes.identifiability.identify import Identifiability
+from biaxbayes.identifiability.mounting_stretch.stated import cure
+from biaxbayes.identifiability.report_table import ReportRow, report_frame, report_rows
+from biaxbayes.identifiability.reported import Reported
+from biaxbayes.identifiability.sloppiness import sloppiness
+from biaxbayes.identifiability.verdict_names import COMBINATION, IDENTIFIED, VERDICTS
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import INFERRING
+from biaxbayes.parameters import STRETCH, Quantities, mounting_names
+from biaxbayes.prediction.predictive_checks import fit_in_words, path_warnings, predictive_checks
+from biaxbayes.runs.folder import EVIDENCE
+from biaxbayes.text_files import atomic_write_text, write_csv
+
+if TYPE_CHECKING:
+    from biaxbayes.laws.law import Law
+
+RESULTS, REPORT, README = "results.json", "report.csv", "README.txt"
+DIGITS = 8
+"""Of the exported tables."""
+TABLES = {
+    "identifiability": "identifiability.csv: how much the data narrow each parameter, which others "
+    "it trades with, and which ends of its range stay open (prior and posterior within the law).",
+    "law_fits": "law-fits.csv: every material law fitted to the same record. Laws that fit alike "
+    "and disagree on a mounting stretch are why it has no value.",
+    "fixed_ends": "edges.csv: the posterior with a parameter fixed at an end of its range that the "
+    "data do not exclude. It shows what that assumption would change.",
+    "determined": "determined.csv: stresses, stiffnesses and structure tensors. The data can fix "
+    "these where they leave single parameters open.",
+    "same_curves": "same-curves.csv: sets of parameters that give the same curves.",
+    "checks": "misfit.csv: by how much the law misses each curve, beside the noise of a reading.",
+}
+"""The tables of evidence, and the sentence on what each shows."""
+
+
+def file_of(table: str) -> str:
+    """Name of the exported file of a table of evidence."""
+    return TABLES[table].partition(":")[0]
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """What a run found.
+
+    Attributes
+    ----------
+    law : str
+    state : {"converged", "tentative", "unusable"}
+    reported : tuple of Reported
+        What to report of every inferred parameter: one interval or bound, verdict and reason.
+    fit : str
+        How well the law fits the record.
+    advice : str
+        What would help most; empty where every parameter is identified.
+    warnings : tuple of str
+        Protocols that the parameters must not be used for.
+    findings : tuple of str
+        What was odd about the record before it was sampled.
+    better_law : str
+        A law that describes the record distinctly better; empty where none does.
+    convergence : dict
+    thresholds : dict of float
+        Of the verdicts.
+    directions : tuple of dict
+        Of the posterior, the best known first: spread, loadings and a sentence.
+    same_curves_in_words : str
+    summary : DataFrame
+        The posterior within the law, as in ``summary.csv``.
+    identifiability, law_fits, fixed_ends, determined, same_curves, checks : DataFrame
+        Evidence; see :data:`TABLES`. Empty where there is none.
+    quantities : Quantities
+        What each name is.
+    """
+
+    law: str
+    state: str
+    reported: tuple[Reported, ...]
+    fit: str
+    advice: str
+    warnings: tuple[str, ...]
+    findings: tuple[str, ...]
+    better_law: str
+    convergence: dict[str, Any]
+    thresholds: dict[str, float]
+    directions: tuple[dict[str, Any], ...]
+    same_curves_in_words: str
+    summary: pd.DataFrame
+    identifiability: pd.DataFrame
+    law_fits: pd.DataFrame
+    fixed_ends: pd.DataFrame
+    determined: pd.DataFrame
+    same_curves: pd.DataFrame
+    checks: pd.DataFrame
+    quantities: Quantities
+
+    def __repr__(self) -> str:
+        rows = ", ".join(f"{r.name}: {r.verdict}" for r in self.reported)
+        return f"RunResult({rows})"
+
+    def __getitem__(self, name: str) -> Reported:
+        """What to report of a parameter."""
+        for row in self.reported:
+            if row.name == name:
+                return row
+        raise KeyError(name)
+
+    @property
+    def rows(self) -> list[ReportRow]:
+        """The reported table as text."""
+        return report_rows(self.reported, self.quantities)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The reported table, as in ``report.csv``."""
+        return report_frame(self.reported, self.quantities)
+
+    def _repr_html_(self) -> str:
+        """The reported table, for notebooks."""
+        shown = self.to_frame().drop(columns=["low", "high"])
+        return str(shown.to_html(index=False)) + f"<p>{self.fit}</p>"
+
+
+def run_result(
+    found: Identifiability,
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    summary: pd.DataFrame,
+    convergence: Mapping[str, Any],
+    findings: Sequence[str] = (),
+) -> RunResult:
+    """What a run found, from its draws and what they determine.
+
+    Parameters
+    ----------
+    found : Identifiability
+    posterior : Posterior
+    draws : DataFrame
+        Natural quantities, one row per draw.
+    summary : DataFrame
+        As in ``summary.csv``.
+    convergence : mapping
+        As in the provenance.
+    findings : sequence of str
+        What was odd about the record.
+    """
+    specimen, law, settings = posterior.specimen, posterior.law, posterior.settings
+    nothing = pd.DataFrame()
+    usable, converged = found.state != "unusable", found.state == "converged"
+    checks = predictive_checks(specimen, draws, settings=settings) if usable else nothing
+    curves = sloppiness(posterior, draws) if converged else None
+    directions = () if curves is None else curves.directions
+    reported = found.reported
+    fits = nothing
+    if found.fits is not None:
+        fits = found.fits.to_frame(posterior.mounts if settings.infers_mounting else ())
+    table = nothing
+    if converged:
+        table = determined(
+            draws,
+            specimen,
+            law,
+            refits=found.refits(),
+            values=found.values(),
+            mounting_known=mounting_stated(settings.priors),
+        )
+    return RunResult(
+        law=law.name,
+        state=found.state,
+        reported=reported,
+        fit=fit_in_words(checks, specimen.unit, law.called) if usable else "",
+        advice=_advice(reported, found, settings.mounting, posterior.quantities),
+        warnings=tuple(path_warnings(checks, specimen.unit, law.name)) if usable else (),
+        findings=tuple(findings),
+        better_law=found.better_law,
+        convergence=dict(convergence),
+        thresholds=dict(found.limits()),
+        directions=tuple(
+            {"spread": d.spread, "loadings": d.loadings, "in_words": d.words} for d in directions
+        ),
+        same_curves_in_words="" if curves is None else curves.words,
+        summary=summary,
+        identifiability=found.to_frame(),
+        law_fits=fits,
+        fixed_ends=held_table(found.held) if found.held else nothing,
+        determined=table,
+        same_curves=nothing if curves is None else curves.path.to_frame(),
+        checks=checks,
+        quantities=posterior.quantities,
+    )
+
+
+def _advice(
+    reported: Sequence[Reported],
+    found: Identifiability,
+    mounting: str,
+    quantities: Quantities,
+) -> str:
+    """What would help most: to converge, another law, the mounting stretch, a further test."""
+    if found.state != "converged":
+        return "the chains have not converged: continue with --resume and a larger --max-steps"
+    if mounting not in INFERRING:
+        return (
+            f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry "
+            "its error"
+        )
+    if found.better_law:
+        return f"another law describes this record better: {found.better_law}"
+    lost = [r for r in reported if r.verdict != IDENTIFIED]
+    axes = {quantities[r.name].axis for r in lost if quantities[r.name].parameter.kind == STRETCH}
+    if axes:
+        names = mounting_names("stretch")
+        return cure([names[axis] for axis in (0, 1) if axis in axes])
+    if lost:
+        names_of_lost = ", ".join(r.name for r in lost)
+        together = "separate" if all(r.verdict == COMBINATION for r in lost) else "narrow"
+        return f"to {together} {names_of_lost}: biaxbayes design RUN says which test to add"
+    return ""
+
+
+# --- results.json, written and read --------------------------------------------------------------
+
+
+def write_result(result: RunResult, folder: Path) -> list[str]:
+    """Write ``results.json``, ``report.csv`` and the tables of evidence; the names of the files.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    text = json.dumps(as_record(result), indent=1, ensure_ascii=False, allow_nan=False)
+    atomic_write_text(folder / RESULTS, text + "\n")
+    write_csv(folder / REPORT, result.to_frame(), digits=DIGITS)
+    evidence = folder / EVIDENCE
+    evidence.mkdir(exist_ok=True)
+    names = [RESULTS, REPORT, f"{EVIDENCE}/{README}"]
+    lines = ["What the reported table rests on. No interval here is the one to report.", ""]
+    for name, sentence in TABLES.items():
+        table: pd.DataFrame = getattr(result, name)
+        if table.empty:
+            (evidence / file_of(name)).unlink(missing_ok=True)
+            continue
+        write_csv(evidence / file_of(name), table, digits=DIGITS)
+        lines.append(sentence)
+        names.append(f"{EVIDENCE}/{file_of(name)}")
+    atomic_write_text(evidence / README, "\n".join(lines) + "\n")
+    return names
+
+
+PLAIN = ("law", "state", "fit", "advice", "better_law", "same_curves_in_words")
+LISTS = ("warnings", "findings", "directions")
+MAPPINGS = ("convergence", "thresholds")
+
+
+def as_record(result: RunResult) -> dict[str, Any]:
+    """The result as JSON values; NaN and infinity become null."""
+    record: dict[str, Any] = {name: getattr(result, name) for name in (*PLAIN, *MAPPINGS, *LISTS)}
+    record["reported"] = [vars(r) for r in result.reported]
+    record["summary"] = result.summary.to_dict("records")
+    record["evidence"] = {name: getattr(result, name).to_dict("records") for name in TABLES}
+    cleaned = _finite(record)
+    assert isinstance(cleaned, dict)
+    return cleaned
+
+
+def _finite(value: Any) -> Any:
+    """A value that JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(k): _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, bool | str) or value is None:
+        return value
+    number = value.item() if hasattr(value, "item") else value
+    return None if isinstance(number, float) and not math.isfinite(number) else number
+
+
+def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path) -> RunResult:
+    """The result of a ``results.json``, which may be a stranger's.
+
+    Raises
+    ------
+    RunError
+        If it is not that of the run.
+    """
+    try:
+        plain = {name: str(record[name]) for name in PLAIN}
+        tables = {name: _table(record["evidence"][name]) for name in TABLES}
+        reported = tuple(_reported(r, quantities) for r in record["reported"])
+        values: dict[str, Any] = {**plain, **tables}
+        result = RunResult(
+            reported=reported,
+            warnings=tuple(str(v) for v in record["warnings"]),
+            findings=tuple(str(v) for v in record["findings"]),
+            directions=tuple(dict(v) for v in record["directions"]),
+            convergence=dict(record["convergence"]),
+            thresholds={str(k): float(v) for k, v in record["thresholds"].items()},
+            summary=_table(record["summary"]),
+            quantities=quantities,
+            **values,
+        )
+        for name in result.summary["parameter"]:
+            if name not in quantities:
+                raise ValueError(f"no quantity of this run is called {name!s:.40}")
+        if result.law != law.name:
+            raise ValueError("another law")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RunError(
+            f"{path}: is not the result of this run ({error}); delete it, and it is computed anew"
+        ) from None
+    return result
+
+
+def _reported(record: Mapping[str, Any], quantities: Quantities) -> Reported:
+    low, high = (math.nan if record[k] is None else float(record[k]) for k in ("low", "high"))
+    verdict = str(record["verdict"])
+    if verdict not in VERDICTS:
+        raise ValueError(f"no verdict {verdict:.40}")
+    return Reported(
+        quantities[str(record["name"])].name,
+        str(record["unit"]),
+        low,
+        high,
+        verdict,
+        str(record["reason"]),
+        tuple(str(p) for p in record["partners"]),
+    )
+
+
+def _table(records: Any) -> pd.DataFrame:
+    """A table from its rows; columns without any value are numbers that are missing."""
+    table = pd.DataFrame(list(records))
+    empty = [c for c in table.columns if table[c].isna().all()]
+    return table.astype(dict.fromkeys(empty, float))

@@ -1,0 +1,127 @@
+"""The reported table stands word for word the same wherever a run is written about."""
+
+import csv
+import html
+import json
+import re
+import shutil
+
+import pytest
+
+import biaxbayes
+from biaxbayes.figures.run.identifiability import identifiability_figure
+from biaxbayes.identifiability.identify import identify_draws
+from biaxbayes.identifiability.report_table import NONE, interval_text
+from biaxbayes.identifiability.verdict_names import VERDICTS
+from biaxbayes.laws import law_named
+from biaxbayes.parameters import MOUNTED
+from biaxbayes.reports.comparison import write_comparison
+from biaxbayes.reports.facts import MOST_LINES, closing_message
+from biaxbayes.reports.page import latex_table, report_page
+from biaxbayes.reports.parameters import methods
+from biaxbayes.studies.rows import rows_of_run
+
+
+@pytest.fixture(scope="module")
+def rows(media_run):
+    with (media_run.path / "report.csv").open(newline="", encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == 7
+    return table
+
+
+def one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def test_every_row_has_one_interval_one_verdict_and_one_reason(media_run, rows):
+    for row in rows:
+        assert row["verdict"] in VERDICTS and row["reason"]
+        ends = [row["low"] != "", row["high"] != ""]
+        known = {"identified": 2, "only in combination": 2, "bounded": 1, "not identified": 0}
+        assert sum(ends) == known[row["verdict"]]
+        assert (row["interval"] == NONE) == (sum(ends) == 0)
+    record = json.loads((media_run.path / "results.json").read_text(encoding="utf-8"))
+    assert [r["name"] for r in record["reported"]] == [row["parameter"] for row in rows]
+    assert [r["reason"] for r in record["reported"]] == [row["reason"] for row in rows]
+
+
+def test_terminal(media_run, rows):
+    lines = closing_message(media_run).splitlines()
+    assert len(lines) <= MOST_LINES
+    table = [re.split(r" {2,}", line) for line in lines[1 : 1 + len(rows)]]
+    for cells, row in zip(table, rows, strict=True):
+        columns = ("parameter", "interval", "unit", "verdict", "reason")
+        assert cells == [row[k] for k in columns if row[k]]
+
+
+def test_page(media_run, rows):
+    page = report_page(media_run)
+    assert page.index("What to report") < page.index("<table")
+    first = page.partition("<tbody>")[2].partition("</tbody>")[0]
+    found = []
+    for line in first.strip().splitlines():
+        cells = [html.unescape(re.sub(r"<[^>]+>", "", c)) for c in line.split("</t")][1:5]
+        found.append([c.split(">", 1)[-1] for c in cells])
+    for cells, row in zip(found, rows, strict=True):
+        assert cells == [row[k] for k in ("interval", "unit", "verdict", "reason")]
+
+
+def test_latex_and_methods(media_run, rows):
+    latex, paragraph = latex_table(media_run), methods(media_run)
+    body = latex.partition("\\midrule")[2].partition("\\bottomrule")[0].strip().splitlines()
+    for line, row in zip(body, rows, strict=True):
+        cells = [c.strip().removesuffix("\\\\").strip() for c in re.split(r"(?<!\\)&", line)][1:]
+        plain = [re.sub(r"\\(.)", r"\1", c) for c in cells]
+        assert plain == [row[k] for k in ("interval", "unit", "verdict", "reason")]
+        if row["interval"] == NONE:
+            assert row["parameter"] in paragraph.partition("do not identify")[2]
+        else:
+            with_unit = f"{row['interval']} {row['unit']}".strip()
+            assert f"{with_unit} ({row['verdict']})" in paragraph
+    # no interval of a parameter that is not in the table
+    said = paragraph.partition("Reported are")[2]
+    assert said.count(" to ") == sum(" to " in row["interval"] for row in rows)
+
+
+def test_figure(media_run, rows):
+    judged = identify_draws(media_run.posterior(), media_run.draws, media_run.state)
+    for width in (85.0, 180.0):
+        figure = identifiability_figure(judged, media_run.result.rows, width_mm=width)
+        texts = [t.get_text() for ax in figure.axes for t in ax.texts]
+        verdicts = [t for t in texts if t in VERDICTS]
+        assert verdicts == [row["verdict"] for row in rows]
+        others = [one_line(t) for t in texts if t not in VERDICTS]
+        for row in rows:
+            unit = row["unit"] if row["interval"] != NONE else ""
+            assert one_line(f"{row['interval']} {unit} {row['reason']}") in others
+
+
+def test_comparison_and_study(media_run, rows, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(media_run.path, other)
+    both = biaxbayes.compare([media_run, other], labels=["a", "b"])
+    write_comparison(both, tmp_path / "compare")
+    with (tmp_path / "compare" / "compare-report.csv").open(encoding="utf-8") as file:
+        table = [r for r in csv.DictReader(file) if r["run"] == "a"]
+    columns = ("parameter", "interval", "verdict", "reason")
+    assert [[r[k] for k in columns] for r in table] == [[r[k] for k in columns] for r in rows]
+    page = (tmp_path / "compare" / "compare.html").read_text(encoding="utf-8")
+    for row in rows:
+        assert f"<td>{row['interval']}</td>" in page
+    study = {r["quantity"]: r for r in rows_of_run(media_run)}
+    for row in rows:
+        found = study[row["parameter"]]
+        assert (found["reported"], found["verdict"]) == (row["interval"], row["verdict"])
+
+
+def test_digits():
+    C1, alpha = (p for p in law_named("goh").parameters if p.name in ("C1", "alpha"))
+    stretch = MOUNTED[0]
+    nan = float("nan")
+    assert interval_text(1.01493, 1.02118, stretch) == "1.0149 to 1.0212"
+    assert interval_text(1.00712, nan, stretch) == "above 1.0071"
+    assert interval_text(nan, 38.44, alpha) == "below 38.4"
+    assert interval_text(33.07, 41.02, alpha) == "33.1 to 41.0"
+    assert interval_text(0.1453, 27.11, C1) == "0.15 to 27"
+    assert interval_text(nan, nan, C1) == NONE
