@@ -38,7 +38,7 @@ OF_STUDIES = frozenset(
         above adventitia aneurysm apart below best between both by chains cauchy determines
         differ difference differences donor donors each far files fit found groups healthy
         how intima intervals in inside kpa layer layers left media medians minus mixture out
-        part parts run runs seen soft specimens states tested unit against whose not width
+        part parts reports run runs seen soft specimens states tested unit against whose not width
         """,
     )
 )
