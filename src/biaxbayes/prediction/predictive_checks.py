@@ -232,7 +232,7 @@ def fit_in_words(checks: pd.DataFrame, unit: str, called: str) -> str:
         return f"{text}, {100.0 * rms / max(peak, 1e-300):.2g} % of the peak"
     ratio = rms / noise
     if ratio < EXPLAINED:
-        return f"{text}, no more than the noise of the load cell explains"
+        return f"{text}, about the noise of the load cell"
     times = "twice" if 1.75 <= ratio < 2.25 else f"{ratio:.2g} times"
     return f"{text}, {times} the noise of the load cell"
 

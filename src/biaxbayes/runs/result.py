@@ -226,7 +226,7 @@ def _advice(
     axes = {quantities[r.name].axis for r in lost if quantities[r.name].parameter.kind == STRETCH}
     if axes:
         names = mounting_names("stretch")
-        return cure([names[axis] for axis in (0, 1) if axis in axes])
+        return f"mounting stretch: {cure([names[axis] for axis in (0, 1) if axis in axes])}"
     if lost:
         names_of_lost = ", ".join(r.name for r in lost)
         together = "separate" if all(r.verdict == COMBINATION for r in lost) else "narrow"
