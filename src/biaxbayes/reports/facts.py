@@ -240,6 +240,8 @@ def closing_message(run: Run) -> str:
         else (f"{record['specimen']} ({record['layer']})")
     )
     lines = [f"{printable(cut(name, 80))}: {_verdict(record)}"]
+    serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
+    lines += [printable(cut(f["message"], 400)) for f in serious[:1]]
     rest = [printable(text) for text in (result.fit, result.advice) if text]
     rest += [printable(text) for text in result.warnings[:1]]
     rest.append(f"report: {run.path}/report.html")
