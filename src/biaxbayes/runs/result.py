@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
 
 RESULTS, REPORT, README = "results.json", "report.csv", "README.txt"
-DIGITS = 8
-"""Of the exported tables."""
+DIGITS, STORED_DIGITS = 8, 12
+"""Significant digits of the exported tables and of results.json."""
 TABLES = {
     "identifiability": "identifiability.csv: how much the data narrow each parameter, which others "
     "it trades with, and which ends of its range stay open (prior and posterior within the law).",
@@ -270,7 +270,7 @@ MAPPINGS = ("convergence", "thresholds")
 
 
 def as_record(result: RunResult) -> dict[str, Any]:
-    """The result as JSON values; NaN and infinity become null."""
+    """The result as JSON values of twelve digits; NaN and infinity become null."""
     record: dict[str, Any] = {name: getattr(result, name) for name in (*PLAIN, *MAPPINGS, *LISTS)}
     record["reported"] = [vars(r) for r in result.reported]
     record["summary"] = result.summary.to_dict("records")
@@ -289,7 +289,10 @@ def _finite(value: Any) -> Any:
     if isinstance(value, bool | str) or value is None:
         return value
     number = value.item() if hasattr(value, "item") else value
-    return None if isinstance(number, float) and not math.isfinite(number) else number
+    if not isinstance(number, float):
+        return number
+    # Sums of the same draws differ in the last digit with where an array lies in memory.
+    return float(f"{number:.{STORED_DIGITS}g}") if math.isfinite(number) else None
 
 
 def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path) -> RunResult:
