@@ -6,8 +6,9 @@ advance the ensembles. Compiled densities release the interpreter's lock while t
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, CancelledError, ThreadPoolExecutor, wait
 from typing import Any
 
 import emcee
@@ -54,6 +55,7 @@ class Ensemble:
         )
         self.evaluations = len(start)
         self.independence_share = 0.0
+        self.stop = threading.Event()
         # In the neck of a funnel only steps much shorter than the usual ones are accepted.
         self._de = [
             (emcee.moves.DEMove(), 0.4),
@@ -64,6 +66,8 @@ class Ensemble:
         ]
 
     def _counted(self, x: np.ndarray) -> np.ndarray:
+        if self.stop.is_set():
+            raise CancelledError
         self.evaluations += len(x)
         return self.log_density(x)
 
@@ -139,8 +143,19 @@ class Ensembles:
 
     def run(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Advance every ensemble; (ensembles, steps, walkers, d), (ensembles, steps, walkers)."""
+        for member in self.members:
+            member.stop.clear()
         with one_blas_thread(), ThreadPoolExecutor(self.workers) as pool:
-            runs = list(pool.map(lambda member: member.run(steps), self.members))
+            futures = [pool.submit(member.run, steps) for member in self.members]
+            try:
+                first = wait(futures, return_when=FIRST_EXCEPTION).done
+                for future in first:
+                    future.result()
+                runs = [future.result() for future in futures]
+            except BaseException:  # an error of one, or a signal: the others end at their next step
+                for member in self.members:
+                    member.stop.set()
+                raise
         return np.stack([c for c, _ in runs]), np.stack([p for _, p in runs])
 
     @property
