@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -16,7 +17,7 @@ import click
 from biaxbayes.cli import VERBS, group
 from biaxbayes.options import WHICH_FIT
 from biaxbayes.reports.words import GLOSSARY, SEVERAL, fit_terms
-from biaxbayes.specimens.keys import COLUMNS, KEYS, Meaning
+from biaxbayes.specimens.keys import COLUMNS, KEYS, Column, Key
 from biaxbayes.text_files import atomic_write_text
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "cli.md"
@@ -135,12 +136,12 @@ def specimen_file() -> str:
     )
 
 
-def _meanings(of: dict[str, Meaning]) -> str:
+def _meanings(names: Mapping[str, Column | Key]) -> str:
     rows = ["| name | unit | meaning | without it |", "|---|---|---|---|"]
-    for name, (words, default) in of.items():
+    for name, meaning in names.items():
         ending = name.rpartition("_")[2]
         unit = ending if ending in IN_NAMES else ""
-        rows.append(f"| `{name}` | {unit} | {words} | {default} |")
+        rows.append(f"| `{name}` | {unit} | {meaning.words} | {meaning.default} |")
     return "\n".join(rows) + "\n"
 
 

@@ -12,8 +12,9 @@ import pytest
 import docs_verbs
 import study
 from biaxbayes.cli import VERBS, group
-from biaxbayes.specimens.header import METADATA_KEYS, measured_stretch
-from biaxbayes.specimens.plausibility import NUMBER_RANGES, STRESS_LIMIT_KPA
+from biaxbayes.specimens.header import measured_stretch
+from biaxbayes.specimens.keys import METADATA_KEYS, NUMBER_RANGES
+from biaxbayes.specimens.plausibility import STRESS_LIMIT_KPA
 from biaxbayes.specimens.specimen import STRESS_PAIRS
 from biaxbayes.specimens.table import STRETCHES
 

@@ -8,34 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import KEYS
-from biaxbayes.specimens.plausibility import NUMBER_RANGES
-from biaxbayes.specimens.protocol import STRETCH_RANGE
-from biaxbayes.specimens.specimen import REFERENCES
+from biaxbayes.specimens.keys import CHOICES, KEYS, NUMBER_RANGES, STRETCH_RANGE
 from biaxbayes.tables.units import likely_name
 from biaxbayes.text_files import cells_of, number_in, one_line
 
-MEASURED_STRETCH_KEYS = ("mounting_stretch_x", "mounting_stretch_y")
-METADATA_KEYS = (
-    "donor",
-    *MEASURED_STRETCH_KEYS,
-    "edge_sd_mm",
-    "thickness_sd_mm",
-    "load_offset_sd_N",
-    "load_offset_sd_kPa",
-    "stress_limit_kPa",
-    "largest_shear",
-    "largest_shear_angle_deg",
-    "source",
-    "conversion",
-    "cycle",
-    "branch",
-)
-"""Keys that a specimen keeps as they are, in ``metadata``."""
-KNOWN_KEYS = tuple(KEYS)
-GEOMETRIES = ("unloaded", "mounted")
 MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
 """Measured stretch of the mounted state, in a record with one common reference."""
+CHOICE_REMEDIES = {
+    "geometry": "say in which state the dimensions were measured",
+    "reference": "say what the stretches are relative to: the first rows of each protocol, or "
+    "one state for all",
+    "missing_rows": "leave the line out to have such rows refused",
+}
 
 
 @dataclass(frozen=True)
@@ -59,7 +43,7 @@ class Header:
 
     @property
     def rest_rows(self) -> tuple[int, ...] | None:
-        """Leading rows at rest as the file states them: one for all protocols, or one each."""
+        """Leading rows at rest where the file gives them: one for all protocols, or one each."""
         value = self.values.get("rest_rows")
         return None if value is None else tuple(int(part) for part in str(value).split(","))
 
@@ -67,28 +51,42 @@ class Header:
 def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
     """Header of a file, and the index of the line with the column names.
 
-    Raises
-    ------
-    InputError
-        For an unknown or repeated key, a value that cannot be, or a file without a table.
+    Unknown or repeated keys, values that cannot be, and a file without a table are refused.
     """
     values: dict[str, float | str] = {}
     rows: dict[str, int] = {}
-    for index, line in enumerate(lines):
-        stripped = _as_written(line)
+    for row, line in enumerate(lines, start=1):
+        stripped = line.strip()
+        # A spreadsheet quotes header lines and pads them with separators.
+        if stripped.startswith('"#'):
+            stripped = cells_of(stripped)[0].strip()
+        if stripped.endswith(",,"):
+            stripped = stripped.rstrip(",").rstrip()
         if not stripped:
             continue
         if not stripped.startswith("#"):
             _check_mounted_state(values, rows, path)
-            return Header(values, rows), index
+            return Header(values, rows), row - 1
         key, colon, value = stripped.lstrip("#").partition(":")
         if not colon:
             continue  # a plain comment
         key, value = key.strip(), one_line(value)
-        _check_key(key, values, index + 1, path)
+        if key in values:
+            raise InputError(
+                f"header key {key!r} appears twice", file=path, row=row, remedy="keep one"
+            )
+        if key not in KEYS:
+            _, hint = likely_name(key, KEYS)
+            raise InputError(
+                f"unknown header key {key[:60]!r}",
+                file=path,
+                row=row,
+                remedy=f"{hint}known keys are {', '.join(KEYS)}; drop the colon for a plain "
+                "comment",
+            )
         if value:
-            values[key] = checked_value(key, value, index + 1, path)
-            rows[key] = index + 1
+            values[key] = checked_value(key, value, row, path)
+            rows[key] = row
     raise InputError(
         "the file has no table",
         file=path,
@@ -97,7 +95,6 @@ def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
 
 
 def _check_mounted_state(values: Mapping[str, object], rows: Mapping[str, int], path: Path) -> None:
-    """The mounted state is stated apart only where the protocols share a reference."""
     for key in MOUNTED_STATE:
         if key in values and values.get("reference") != "common":
             raise InputError(
@@ -108,69 +105,21 @@ def _check_mounted_state(values: Mapping[str, object], rows: Mapping[str, int], 
             )
 
 
-def _as_written(line: str) -> str:
-    """A header line as it was before a spreadsheet quoted it and padded it with separators."""
-    stripped = line.strip()
-    if stripped.startswith('"#'):
-        stripped = cells_of(stripped)[0].strip()
-    return stripped.rstrip(",").rstrip() if stripped.endswith(",,") else stripped
-
-
-def _check_key(key: str, values: Mapping[str, object], row: int, path: Path) -> None:
-    if key in values:
-        raise InputError(f"header key {key!r} appears twice", file=path, row=row, remedy="keep one")
-    if key in KNOWN_KEYS:
-        return
-    _, hint = likely_name(key, KNOWN_KEYS)
-    raise InputError(
-        f"unknown header key {key[:60]!r}",
-        file=path,
-        row=row,
-        remedy=f"{hint}known keys are {', '.join(KNOWN_KEYS)}; drop the colon for a plain comment",
-    )
-
-
 def checked_value(key: str, value: str, row: int | None = None, path: object = None) -> float | str:
-    """Value of a known key from its text.
-
-    Raises
-    ------
-    InputError
-        If it cannot be.
-    """
+    """Value of a known key from its text; one that cannot be is refused."""
     if key in NUMBER_RANGES:
         return _number(key, value, row, path)
-    if key in MEASURED_STRETCH_KEYS:
+    problem = remedy = ""
+    if key in ("mounting_stretch_x", "mounting_stretch_y"):
         measured_stretch(value, path, row)
-    if key == "geometry" and value not in GEOMETRIES:
-        raise InputError(
-            f"geometry must be {' or '.join(map(repr, GEOMETRIES))}, not {value[:40]!r}",
-            file=path,
-            row=row,
-            remedy="say in which state the dimensions were measured",
-        )
-    if key == "reference" and value not in REFERENCES:
-        raise InputError(
-            f"reference must be {' or '.join(map(repr, REFERENCES))}, not {value[:40]!r}",
-            file=path,
-            row=row,
-            remedy="say what the stretches are relative to: the first rows of each protocol, or "
-            "one state for all",
-        )
-    if key == "missing_rows" and value != "drop":
-        raise InputError(
-            f"missing_rows must be 'drop', not {value[:40]!r}",
-            file=path,
-            row=row,
-            remedy="leave the line out to have such rows refused",
-        )
-    if key == "rest_rows" and not re.fullmatch(r"\d{1,9}(\s*,\s*\d{1,9})*", value):
-        raise InputError(
-            f"rest_rows must be a whole number from 1, not {value[:40]!r}",
-            file=path,
-            row=row,
-            remedy="give one for all protocols, or one each, separated by commas",
-        )
+    elif key in CHOICES and value not in CHOICES[key]:
+        problem = f"{key} must be {' or '.join(map(repr, CHOICES[key]))}"
+        remedy = CHOICE_REMEDIES[key]
+    elif key == "rest_rows" and not re.fullmatch(r"\d{1,9}(\s*,\s*\d{1,9})*", value):
+        problem = "rest_rows must be a whole number from 1"
+        remedy = "give one for all protocols, or one each, separated by commas"
+    if problem:
+        raise InputError(f"{problem}, not {value[:40]!r}", file=path, row=row, remedy=remedy)
     return value
 
 
@@ -182,13 +131,12 @@ def _number(key: str, value: str, row: int | None, path: object) -> float:
         number = None
     if number is None or number < 0.0 or (number == 0.0 and low > 0.0):
         kind = "a positive number" if low > 0.0 else "a number from 0"
+        remedy = "write it with a decimal point and without unit, as in '# thickness_mm: 1.35'"
         raise InputError(
             f"{key} must be {kind}, not {value[:40]!r}",
             file=path,
             row=row,
-            remedy="leave the line out where it is not known"
-            if number == 0.0
-            else "write it with a decimal point and without unit, as in '# thickness_mm: 1.35'",
+            remedy="leave the line out where it is not known" if number == 0.0 else remedy,
         )
     if not low <= number <= high:
         unit = "" if key in MOUNTED_STATE else f" in {key.rsplit('_', 1)[1]}"
@@ -202,24 +150,7 @@ def _number(key: str, value: str, row: int | None, path: object) -> float:
 
 
 def measured_stretch(text: str, path: object = None, row: int | None = None) -> tuple[float, float]:
-    """Mean and standard deviation from text such as ``1.03 +- 0.01``.
-
-    Parameters
-    ----------
-    text : str
-        Value, ``+-`` or ``±``, standard deviation.
-    path, row : optional
-        For the message.
-
-    Returns
-    -------
-    float, float
-
-    Raises
-    ------
-    InputError
-        If the text reads otherwise, or a number is not positive.
-    """
+    """Mean and standard deviation from text such as ``1.03 +- 0.01`` (or ``±``)."""
     parts = text.replace("±", "+-").split("+-")
     try:
         mean, sd = (number_in(part) for part in parts)

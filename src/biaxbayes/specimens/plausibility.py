@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from biaxbayes.specimens.findings import Finding
-from biaxbayes.specimens.protocol import LOAD_ROWS, STRETCH_RANGE, ReadingError
+from biaxbayes.specimens.protocol import LOAD_ROWS, ReadingError
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 
 # --- ranges --------------------------------------------------------------------------------------
@@ -20,23 +20,6 @@ STRESS_LIMIT_KPA = 5_000.0
 STRESS_FLOOR_KPA = 1e-6
 OUTLIER = 1e4
 """So many times the limit is no question of units."""
-NUMBER_RANGES = {
-    "edge_x_mm": (0.01, 10_000.0),
-    "edge_y_mm": (0.01, 10_000.0),
-    "thickness_mm": (1e-4, 1_000.0),
-    "load_noise_N": (1e-15, 1e9),
-    "load_noise_kPa": (1e-15, 1e9),
-    "edge_sd_mm": (1e-9, 1_000.0),
-    "thickness_sd_mm": (1e-9, 1_000.0),
-    "load_offset_sd_N": (1e-15, 1e9),
-    "load_offset_sd_kPa": (1e-15, 1e9),
-    "mounted_state_x": STRETCH_RANGE,
-    "mounted_state_y": STRETCH_RANGE,
-    "stress_limit_kPa": (1.0, 1e9),
-    "largest_shear": (0.0, 10.0),
-    "largest_shear_angle_deg": (0.0, 90.0),
-}
-"""Numbers of a header, and the range outside of which the unit or the value must be wrong."""
 USUAL_PEAK_KPA = (1.0, 2_000.0)
 USUAL_STRETCH = (1.01, 2.0)
 USUAL_EDGE_MM = (2.0, 100.0)

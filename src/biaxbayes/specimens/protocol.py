@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.keys import STRETCH_RANGE
 
 REST_FRACTION = 0.25
 """Rows count as at rest while they stay within this share of the mean increment."""
 LOAD_ROWS = ("load_x", "load_y")
 CURVES = ("stretch_x", "stretch_y", *LOAD_ROWS)
-FOUND = -1
-"""Stands for a number of rows at rest that is found from the curves."""
-STRETCH_RANGE = (0.2, 5.0)
+AUTOMATIC = -1
+"""Stands for a number of rows at rest that is counted from the curves."""
 STRETCH_REMEDY = "stretches are ratios near 1, not strains or per cent"
 TIME_LIMIT_S = 1e9
 
@@ -105,7 +105,7 @@ class Protocol:
     load_x: np.ndarray
     load_y: np.ndarray
     time_s: np.ndarray | None = None
-    rest_rows: int = FOUND
+    rest_rows: int = AUTOMATIC
     reference: tuple[float, float] = (1.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -113,7 +113,7 @@ class Protocol:
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, self._column(key))
         self._check_stretches()
-        if self.rest_rows == FOUND:
+        if self.rest_rows == AUTOMATIC:
             load = np.column_stack([self.load_x, self.load_y])
             object.__setattr__(self, "rest_rows", rest_rows(self.stretch_x, self.stretch_y, load))
         if not 0 <= self.rest_rows <= self.rows:

@@ -8,10 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from biaxbayes.specimens.keys import GEOMETRIES, REFERENCES
 from biaxbayes.specimens.protocol import CURVES, Protocol, ReadingError
 
-REFERENCES = ("each protocol", "common")
-"""What measured stretches are relative to: the first rows of each protocol, or one state."""
 STRESS_PAIRS = {
     "force": ("force_x_N", "force_y_N"),
     "piola": ("piola_x_kPa", "piola_y_kPa"),
@@ -81,7 +80,7 @@ class Specimen:
     def _check_arguments(self) -> None:
         for argument, choices in (
             ("stress_pair", tuple(STRESS_PAIRS)),
-            ("geometry", ("unloaded", "mounted")),
+            ("geometry", GEOMETRIES),
             ("reference", (*REFERENCES, None)),
         ):
             value = getattr(self, argument)

@@ -8,75 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.header import (
-    GEOMETRIES,
-    METADATA_KEYS,
-    MOUNTED_STATE,
-    Header,
-    read_header,
-)
+from biaxbayes.specimens.header import MOUNTED_STATE, Header, read_header
+from biaxbayes.specimens.keys import METADATA_KEYS
 from biaxbayes.specimens.plausibility import check_readings
-from biaxbayes.specimens.protocol import FOUND, Protocol, ReadingError
+from biaxbayes.specimens.protocol import AUTOMATIC, Protocol, ReadingError
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.table import STRETCHES, Table, read_table
 from biaxbayes.text_files import atomic_write_text, one_line, read_lines, rows_text
 
-# --- whether header and table belong together ----------------------------------------------------
-
-
-def stress_pair_of(table: Table, path: Path) -> str:
-    """The one stress pair of a table, with both its columns."""
-    present = [
-        pair for pair, columns in STRESS_PAIRS.items() if any(c in table.columns for c in columns)
-    ]
-    row = table.names_line
-    if not present:
-        raise InputError(
-            "no stress pair",
-            file=path,
-            row=row,
-            remedy="give force_x_N and force_y_N, or piola_x_kPa and piola_y_kPa, "
-            "or cauchy_x_kPa and cauchy_y_kPa",
-        )
-    if len(present) > 1:
-        raise InputError(
-            f"more than one stress pair ({', '.join(present)})",
-            file=path,
-            row=row,
-            remedy="keep the one that was measured",
-        )
-    for column in STRESS_PAIRS[present[0]]:
-        if column not in table.columns:
-            raise InputError(
-                "missing column", file=path, row=row, column=column, remedy="give both directions"
-            )
-    return present[0]
-
-
-def check_keys(header: Header, stress_pair: str, path: Path) -> None:
-    """Refuse a force file without dimensions, and noise in the unit of another pair."""
-    if stress_pair == "force":
-        for key in ("edge_x_mm", "edge_y_mm", "thickness_mm", "geometry"):
-            if key not in header:
-                values = "|".join(GEOMETRIES) if key == "geometry" else "..."
-                state = ", the state that dimensions refer to" if key == "geometry" else ""
-                raise InputError(
-                    f"a force file must state {key}",
-                    file=path,
-                    remedy=f"add a line '# {key}: {values}' at the top{state}",
-                )
-    wrong, right = ("kPa", "N") if stress_pair == "force" else ("N", "kPa")
-    for key in (f"load_noise_{wrong}", f"load_offset_sd_{wrong}"):
-        if key in header:
-            raise InputError(
-                f"{key} does not fit the file's columns",
-                file=path,
-                row=header.rows[key],
-                remedy=f"give it in {right}",
-            )
-
-
-# --- reading and writing -------------------------------------------------------------------------
+# --- reading -------------------------------------------------------------------------------------
 
 
 def read_specimen(path: str | os.PathLike) -> Specimen:
@@ -102,17 +42,11 @@ def read_specimen(path: str | os.PathLike) -> Specimen:
 
 
 def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
-    """A specimen from the lines of its file; ``path`` serves messages and the default name.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_specimen`.
-    """
+    """A specimen from the lines of its file; ``path`` serves messages and the default name."""
     header, first = read_header(lines, path)
     table = read_table(lines, first, path, drop_missing=header.text("missing_rows") == "drop")
-    stress_pair = stress_pair_of(table, path)
-    check_keys(header, stress_pair, path)
+    stress_pair = _stress_pair(table, path)
+    _check_keys(header, stress_pair, path)
     try:
         specimen = _specimen(table, header, stress_pair, path)
         check_readings(specimen)
@@ -121,17 +55,63 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     return specimen
 
 
+def _stress_pair(table: Table, path: Path) -> str:
+    """The one stress pair of a table, with both its columns."""
+
+    def refusal(problem: str, remedy: str, column: str | None = None) -> InputError:
+        row = table.names_line
+        return InputError(problem, file=path, row=row, column=column, remedy=remedy)
+
+    present = [
+        pair for pair, columns in STRESS_PAIRS.items() if any(c in table.columns for c in columns)
+    ]
+    if not present:
+        pairs = ", or ".join(" and ".join(columns) for columns in STRESS_PAIRS.values())
+        raise refusal("no stress pair", f"give {pairs}")
+    if len(present) > 1:
+        raise refusal(
+            f"more than one stress pair ({', '.join(present)})", "keep the one that was measured"
+        )
+    for column in STRESS_PAIRS[present[0]]:
+        if column not in table.columns:
+            raise refusal("missing column", "give both directions", column)
+    return present[0]
+
+
+def _check_keys(header: Header, stress_pair: str, path: Path) -> None:
+    """Refuse a force file without dimensions, and noise in the unit of another pair."""
+    if stress_pair == "force":
+        for key in ("edge_x_mm", "edge_y_mm", "thickness_mm", "geometry"):
+            if key not in header:
+                values = "unloaded|mounted" if key == "geometry" else "..."
+                state = ", the state that dimensions refer to" if key == "geometry" else ""
+                raise InputError(
+                    f"a force file must state {key}",
+                    file=path,
+                    remedy=f"add a line '# {key}: {values}' at the top{state}",
+                )
+    wrong, right = ("kPa", "N") if stress_pair == "force" else ("N", "kPa")
+    for key in (f"load_noise_{wrong}", f"load_offset_sd_{wrong}"):
+        if key in header:
+            raise InputError(
+                f"{key} does not fit the file's columns",
+                file=path,
+                row=header.rows[key],
+                remedy=f"give it in {right}",
+            )
+
+
 def _specimen(table: Table, header: Header, stress_pair: str, path: Path) -> Specimen:
     reference = header.text("reference")
     protocols = _protocols(table, header, stress_pair, path)
     mounted = [header.number(key) for key in MOUNTED_STATE]
     if reference == "common" and mounted != [None, None]:
         state = [1.0 if value is None else value for value in mounted]
-        protocols = tuple(p.divided_by(state, stress_pair) for p in protocols)
+        protocols = [p.divided_by(state, stress_pair) for p in protocols]
     unit = "N" if stress_pair == "force" else "kPa"
     specimen = Specimen(
         name=one_line(header.text("specimen") or path.stem),
-        protocols=protocols,
+        protocols=tuple(protocols),
         stress_pair=stress_pair,
         geometry=header.text("geometry") or "unloaded",
         edge_x_mm=header.number("edge_x_mm"),
@@ -153,30 +133,58 @@ def _specimen(table: Table, header: Header, stress_pair: str, path: Path) -> Spe
     return replace(specimen, notes=(*table.notes, *notes))
 
 
+def _protocols(table: Table, header: Header, stress_pair: str, path: Path) -> list[Protocol]:
+    given, count = header.rest_rows, len(table.groups)
+    if given is not None and len(given) not in (1, count):
+        raise InputError(
+            f"rest_rows states {len(given)} numbers where the protocols are {count}",
+            file=path,
+            row=header.rows["rest_rows"],
+            remedy="give one for all protocols, or one each",
+        )
+    names = (*STRETCHES, *STRESS_PAIRS[stress_pair])
+    protocols = []
+    for index, (name, rows) in enumerate(table.groups):
+        resting = AUTOMATIC if given is None else given[index % len(given)]
+        if resting >= rows.stop - rows.start:
+            raise InputError(
+                f"rest_rows of {resting} leaves no stretched row in protocol {name[:40]!r}",
+                file=path,
+                row=header.rows["rest_rows"],
+                remedy="rest_rows counts the leading rows recorded before the test starts",
+            )
+        time = table.columns["time_s"][rows] if "time_s" in table.columns else None
+        x, y, load_x, load_y = (table.columns[column][rows] for column in names)
+        protocols.append(Protocol(name, x, y, load_x, load_y, time, resting))
+    return protocols
+
+
 def _in_file(
     error: ReadingError, table: Table, header: Header, stress_pair: str, path: Path
 ) -> InputError:
     """An error about an array, by row and column of the file."""
-    load_x, load_y = STRESS_PAIRS[stress_pair]
-    columns = {key: key for key in (*STRETCHES, "time_s")} | {"load_x": load_x, "load_y": load_y}
-    rows = dict(table.groups).get(error.protocol or "", slice(None))
-    found = error.at(path, table.lines[rows], columns)
     unit = "N" if stress_pair == "force" else "kPa"
     key = f"load_noise_{unit}" if error.argument == "load_noise" else error.argument
     if error.index is None and key in header:
         return InputError(error.fault, file=path, row=header.rows[key], remedy=error.remedy)
-    return found
+    load_x, load_y = STRESS_PAIRS[stress_pair]
+    columns = {key: key for key in (*STRETCHES, "time_s")} | {"load_x": load_x, "load_y": load_y}
+    rows = dict(table.groups).get(error.protocol or "", slice(None))
+    return error.at(path, table.lines[rows], columns)
+
+
+# --- writing -------------------------------------------------------------------------------------
 
 
 def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
     """Write a specimen CSV that :func:`read_specimen` reads back equal.
 
-    The file appears under its name only when it is complete.
-
     Parameters
     ----------
     specimen : Specimen
+        The specimen, with a name of its own for each protocol.
     path : path-like
+        The file appears under its name only when it is complete.
 
     Raises
     ------
@@ -189,17 +197,8 @@ def write_specimen(specimen: Specimen, path: str | os.PathLike) -> None:
 def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None) -> str:
     """Text of a specimen file; numbers are written with the digits that read back the same.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    recorded : sequence of Protocol, optional
-        Its protocols as they were recorded, before their stretches were divided; written in
-        place of its own, so that a reader sees where each protocol started.
-
-    Raises
-    ------
-    InputError
-        If two protocols have the same name, or a metadata key is unknown.
+    ``recorded`` are its protocols before their stretches were divided, written in place of its
+    own, so that a reader sees where each protocol started.
     """
     _check_writable(specimen)
     protocols = specimen.protocols if recorded is None else recorded
@@ -216,13 +215,13 @@ def specimen_text(specimen: Specimen, recorded: Sequence[Protocol] | None = None
         "reference": specimen.reference,
         **specimen.metadata,
     }
-    found = [replace(p, rest_rows=FOUND) for p in protocols]
     common = specimen.reference == "common"
-    stated, automatic = (
-        [(p.at_one() if common else p).rest_rows for p in some] for some in (protocols, found)
+    counted = [replace(p, rest_rows=AUTOMATIC) for p in protocols]
+    given, automatic = (
+        [(p.at_one() if common else p).rest_rows for p in some] for some in (protocols, counted)
     )
-    if stated != automatic:
-        keys["rest_rows"] = ", ".join(map(str, stated))
+    if given != automatic:
+        keys["rest_rows"] = ", ".join(map(str, given))
     lines = []
     for key, value in keys.items():
         if value is not None and value != "":
@@ -262,30 +261,3 @@ def _rows(stress_pair: str, protocols: Sequence[Protocol]) -> Iterator[Sequence]
         curves = (p.time_s, p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         columns += [curve.tolist() for curve in curves if curve is not None]
         yield from zip(*columns, strict=True)
-
-
-def _protocols(table: Table, header: Header, stress_pair: str, path: Path) -> tuple[Protocol, ...]:
-    stated = header.rest_rows
-    count = len(table.groups)
-    if stated is not None and len(stated) not in (1, count):
-        raise InputError(
-            f"rest_rows states {len(stated)} numbers where the protocols are {count}",
-            file=path,
-            row=header.rows["rest_rows"],
-            remedy="give one for all protocols, or one each",
-        )
-    protocols = []
-    for index, (name, rows) in enumerate(table.groups):
-        resting = FOUND if stated is None else stated[index % len(stated)]
-        if resting >= rows.stop - rows.start:
-            raise InputError(
-                f"rest_rows of {resting} leaves no stretched row in protocol {name[:40]!r}",
-                file=path,
-                row=header.rows["rest_rows"],
-                remedy="rest_rows counts the leading rows recorded before the test starts",
-            )
-        time = table.columns["time_s"][rows] if "time_s" in table.columns else None
-        x, y = table.pair(STRETCHES, rows).T
-        fx, fy = table.pair(STRESS_PAIRS[stress_pair], rows).T
-        protocols.append(Protocol(name, x, y, fx, fy, time, resting))
-    return tuple(protocols)

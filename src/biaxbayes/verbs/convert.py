@@ -182,7 +182,7 @@ def header_options() -> Decorator:
 
     def add(function: Any) -> Any:
         for key, metavar in reversed(HEADER_OPTIONS.items()):
-            words, default = KEYS[key]
+            words, default = KEYS[key].words, KEYS[key].default
             default = "name of the first file" if key == "specimen" else default
             without = default if default == OF_FORCES else f"default: {default}"
             text = f"{words}." if default == NONE else f"{words} ({without})."
