@@ -27,30 +27,9 @@ from biaxbayes.studies.result import StudyResult
 from goh_functions import GOH_LAW
 from quick_posteriors import sampled, specimen
 from test_study_page import distances, table
-from test_words import PLAIN, Headings
 
 LEVELS = ("q05", "q50", "q95")
 REASON = "laws that describe the record alike differ above it: goh, fung"
-OF_STUDIES = frozenset(
-    re.findall(
-        r"\w+",
-        """
-        above adventitia aneurysm apart below best between both by chains cauchy determines
-        differ difference differences donor donors each far files fit found groups healthy
-        how intima intervals in inside kpa layer layers left media medians minus mixture out
-        part parts reports run runs seen soft specimens states tested unit against whose not width
-        """,
-    )
-)
-"""What needs no explanation in a study, besides words of a single test."""
-
-
-class Heads(Headings):
-    """Words of headings and of the heads of rows and columns, without prose."""
-
-    def handle_data(self, data):
-        if {"h2", "h3", "th", "caption"} & set(self.open):
-            self.told.append(data)
 
 
 def population_tables() -> dict[str, pd.DataFrame]:
@@ -225,23 +204,6 @@ def test_the_page_explains_its_words(page):
     # the bytes of an image can spell anything
     written = re.sub(r"base64,[A-Za-z0-9+/=]+", "", html.split("</style>")[1])
     assert "<script" not in html and "http" not in written
-
-
-@pytest.mark.long
-def test_headings_and_tables_say_what_is_plain_or_explained(page):
-    path, terms = page
-    told = Heads()
-    told.feed(path.read_text(encoding="utf-8"))
-    found = {w.lower() for text in told.told for w in re.findall(r"[A-Za-z][\w-]{2,}", text)}
-    explained = " ".join(terms).lower()
-    unknown = {
-        w
-        for w in found - PLAIN - OF_STUDIES
-        if not re.search(rf"\b{re.escape(w.rstrip('s'))}", explained)
-    }
-    # of the tests' specimens
-    names = {"specimen", "img", "src", "onerror", "alert", "x_1", "goh", "fung"}
-    assert unknown - names == set()
 
 
 def test_terms_are_half_a_line_and_said_once():
