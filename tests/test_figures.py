@@ -15,6 +15,7 @@ from scipy.integrate import trapezoid
 from scipy.stats import norm
 
 from biaxbayes.errors import InputError
+from biaxbayes.figures.quantities import number
 from biaxbayes.figures.run.bands import bands_figure
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.mounting import mounting_figure
@@ -227,7 +228,9 @@ def test_truth_and_comparison_are_drawn_and_named():
     assert_readable(figure, 180.0)
     written = [text for text, _ in in_view(figure)]
     assert "truth" in written and "media" in written
-    assert written.count("median") == written.count("90 %") == 2
+    for draws in (one, other):  # median and interval of both
+        low, median, high = np.quantile(draws["C1"], [0.05, 0.5, 0.95])
+        assert f"$C_1$ (kPa)  {number(median, low, high)} ({low:.1f}–{high:.1f})" in written
     ax = panel(figure, 0, 0)
     assert ax.get_xlim()[0] < 9.0 < ax.get_xlim()[1]
     assert any(np.allclose(line.get_xdata(), 9.0) for line in ax.lines)

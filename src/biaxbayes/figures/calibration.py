@@ -2,55 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from biaxbayes.calibration.ranks import count_band, rank_counts, uniformity_p_value
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.style import PAGE_MM, blank_figure, colour, print_style
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from biaxbayes.figures.style import PAGE_MM, Style, blank_figure, colour, print_style
 
 COLUMNS = 4
 
 
-def rank_figure(ranks: pd.DataFrame, draws: int, style: Mapping[str, Any] | None = None) -> Figure:
+def rank_figure(ranks: pd.DataFrame, draws: int, style: Style = None) -> Figure:
     """One panel per quantity: the empirical distribution of the ranks less the uniform one.
 
-    Parameters
-    ----------
-    ranks : DataFrame
-        One row per replication and quantity, with ``parameter``, ``unit`` and ``rank``.
-    draws : int
-        Draws that a true value was ranked among.
-    style : mapping, optional
-        From :func:`~biaxbayes.figures.style.read_style`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The grey band holds all of a uniform study's curve with probability 0.95.
+    The grey band holds all of a uniform study's curve with probability 0.95. ``ranks`` has a row
+    per replication and quantity with ``parameter``, ``unit`` and ``rank`` among so many draws.
     """
     groups = list(ranks.groupby("parameter", sort=False))
     rows = -(-len(groups) // COLUMNS)
     with print_style(style):
         figure = blank_figure(PAGE_MM, 36.0 * rows + 12.0)
         axes = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False)
+        for ax in axes.flat[len(groups) :]:
+            ax.remove()
         for ax, (name, group) in zip(axes.flat, groups, strict=False):
             values, unit = group["rank"].to_numpy(dtype=int), str(group["unit"].iloc[0])
             _draw_ranks(ax, values, draws)
-            p = uniformity_p_value(values, draws)
-            symbol = quantity(str(name), "" if unit == "-" else unit).symbol
-            ax.set_title(f"{symbol}  ($p$ = {p:.2g})")
-        for ax in axes.flat[len(groups) :]:
-            ax.remove()
-        for ax in axes.flat[max(len(groups) - COLUMNS, 0) : len(groups)]:
             ax.tick_params(labelbottom=True)
+            symbol = quantity(str(name), "" if unit == "-" else unit).symbol
+            ax.set_title(f"{symbol}  ($p$ = {uniformity_p_value(values, draws):.2g})")
         figure.supxlabel("rank of the true value among the posterior draws, relative")
         figure.supylabel("distribution of the ranks\nless the uniform one")
     return figure

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
-from biaxbayes.figures.cells import draw_cells
+from biaxbayes.figures.panels import draw_cells
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.style import PAGE_MM, add_note, blank_figure, colour, print_style
+from biaxbayes.figures.style import (
+    PAGE_MM,
+    Style,
+    add_note,
+    blank_figure,
+    colour,
+    print_style,
+)
 from biaxbayes.optimal_design.design import Design
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ROW_MM, NOTE_MM, LETTER_MM = 6.5, 3.6, 1.35
 """Height of a candidate and of a line of the notes, and mean width of a letter."""
@@ -24,40 +29,31 @@ CAUTION = "\N{DOUBLE DAGGER}"
 """Marks candidates that come with a caution."""
 
 
-def design_figure(
-    design: Design, *, width_mm: float = PAGE_MM, style: Mapping[str, Any] | None = None
-) -> Figure:
-    """Expected reduction of every quantity's standard deviation, and the information gain.
-
-    Parameters
-    ----------
-    design : Design
-    width_mm : float
-    style : mapping, optional
-        From :func:`biaxbayes.figures.style.read_style`.
-    """
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
+def design_figure(design: Design, *, width_mm: float = PAGE_MM, style: Style = None) -> Figure:
+    """Expected reduction of every quantity's standard deviation, and the information gain."""
     cautions, expected = design.cautions(), design.expected
     # Where each protocol has a mounted state of its own, these are left to the table.
     own = {q.name for q in design.known.values() if q.state}
     shown = [i for i, name in enumerate(design.quantities) if name not in own]
     reduction = np.array([e.reduction[shown] for e in expected])
-    shades = np.clip(reduction / LARGEST, 0.0, 1.0) / 1.35
-    notes = _notes(design, width_mm)
+    faces = colormaps["Blues"](np.clip(reduction / LARGEST, 0.0, 1.0) / 1.35)
+    notes = ["expected reduction of the sd, per cent; below a symbol: total stretch"]
+    if not all(e.trusted for e in expected):
+        notes.append("* too few effective draws: a rough number, see at_least in design.csv")
+    for name, words in cautions.items():
+        notes += textwrap.wrap(f"{CAUTION} {name} {words}", int(width_mm / LETTER_MM))
     with print_style(style):
         figure = blank_figure(width_mm, 20.0 + ROW_MM * len(expected) + NOTE_MM * len(notes))
         cells, bars = figure.subplots(1, 2, width_ratios=(0.78, 0.22), sharey=True)
         draw_cells(
             cells,
             [[f"{100.0 * max(v, 0.0):.0f}" for v in row] for row in reduction],
-            [[to_hex(colormaps["Blues"](v)) for v in row] for row in shades],
+            [[to_hex(face) for face in row] for row in faces],
             rows=[
                 (f"{CAUTION} " if e.name in cautions else "") + e.name + ("" if e.trusted else " *")
                 for e in expected
             ],
-            columns=[_symbol(design.quantities[i]) for i in shown],
+            columns=[quantity(design.quantities[i]).symbol.replace(" at ", "\n") for i in shown],
         )
         bars.barh(
             range(len(expected)),
@@ -72,23 +68,3 @@ def design_figure(
         bars.set_xlabel("information gain (nats)")
         add_note(figure, "\n".join(notes))
     return figure
-
-
-def _notes(design: Design, width_mm: float) -> list[str]:
-    notes = ["expected reduction of the sd, per cent; below a symbol: total stretch"]
-    if not all(e.trusted for e in design.expected):
-        notes.append("* too few effective draws: a rough number, see at_least in design.csv")
-    for name, words in design.cautions().items():
-        notes += textwrap.wrap(f"{CAUTION} {name} {words}", int(width_mm / LETTER_MM))
-    return notes
-
-
-def _symbol(name: str) -> str:
-    """Symbol of a quantity; derived ones with their stretch on a second line."""
-    stem, _, at = name.partition(" at ")
-    axis = stem[-1]
-    known = {"stiffness": f"$c_{{{axis}{axis}}}$", "cauchy": rf"$\sigma_{axis}$"}
-    symbol = known.get(stem[:-2])
-    if symbol is None:
-        symbol = f"$H_{axis}$" if stem in ("Hx", "Hy") else quantity(stem).symbol
-    return f"{symbol}\n{at}" if at else symbol

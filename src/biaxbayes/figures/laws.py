@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.figures.quantities import quantity
 from biaxbayes.figures.run.bands import figure_from_bands, shown_protocols
-from biaxbayes.figures.style import PAGE_MM, blank_figure, colour, few_ticks, print_style
+from biaxbayes.figures.style import PAGE_MM, Style, blank_figure, colour, few_ticks, print_style
 from biaxbayes.parameters import STRETCH, Quantities
 from biaxbayes.specimens.specimen import Specimen
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 ROW_MM, HEAD_MM = 5.5, 14.0
 
@@ -38,40 +33,27 @@ def _label_rows(ax: Axes, rows: pd.DataFrame, places: np.ndarray) -> None:
 
 
 def law_misfit_figure(
-    compared: LawComparison,
-    *,
-    width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    compared: LawComparison, *, width_mm: float = PAGE_MM, style: Style = None
 ) -> Figure:
     """Misfit of the record beside that of left-out parts, and the weights."""
     rows, places = _judged_rows(compared)
+    laws = rows["law"] != STACKED
     with print_style(style):
-        height = HEAD_MM + 6.0 + ROW_MM * (len(rows) + 0.4)
-        figure = blank_figure(width_mm, height)
+        blue = colour("run")
+        figure = blank_figure(width_mm, HEAD_MM + 6.0 + ROW_MM * (len(rows) + 0.4))
         misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
         misfit.hlines(places, rows["rms"], rows["left_out_rms"], color="0.75", linewidth=0.8)
         for column, face, label in (
             ("rms", "white", "of the fit to all"),
-            ("left_out_rms", colour("run"), "of parts left out"),
+            ("left_out_rms", blue, "of parts left out"),
         ):
-            misfit.plot(
-                rows[column],
-                places,
-                linestyle="none",
-                marker="o",
-                markersize=4.0,
-                markerfacecolor=face,
-                markeredgecolor=colour("run"),
-                label=label,
-            )
+            misfit.plot(rows[column], places, "o", ms=4.0, mfc=face, mec=blue, label=label)
         misfit.set_xlim(left=0.0)
         misfit.set_xlabel("rms misfit (kPa)")
         _label_rows(misfit, rows, places)
-        laws = rows["law"] != STACKED
-        weights.barh(places[laws], rows["weight"][laws], height=0.5, color=colour("run"), alpha=0.5)
-        weights.hlines(
-            places[laws], rows["weight_low"][laws], rows["weight_high"][laws], color="0.2"
-        )
+        weights.barh(places[laws], rows["weight"][laws], height=0.5, color=blue, alpha=0.5)
+        ends = rows["weight_low"][laws], rows["weight_high"][laws]
+        weights.hlines(places[laws], *ends, color="0.2")
         weights.set_xlim(0.0, 1.0)
         weights.set_xlabel("weight, and range with a part dropped")
         for ax in (misfit, weights):
@@ -81,41 +63,36 @@ def law_misfit_figure(
 
 
 def law_mounting_figure(
-    compared: LawComparison,
-    *,
-    width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    compared: LawComparison, *, width_mm: float = PAGE_MM, style: Style = None
 ) -> Figure | None:
     """Mounting stretches, law by law: median and 90 % interval; None where none is inferred.
 
     Grey is the interval reported for the tissue, whatever its law.
     """
     rows, places = _judged_rows(compared)
-    known = Quantities(())
-    names = [q.name for q in known.of_kind(STRETCH) if f"{q.name}_q50" in rows]
+    names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
+    reported = compared.stated.set_index("quantity")
     with print_style(style):
-        height = HEAD_MM + ROW_MM * (len(rows) + 0.4)
-        figure = blank_figure(width_mm, height)
+        figure = blank_figure(width_mm, HEAD_MM + ROW_MM * (len(rows) + 0.4))
         panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
-        reported = compared.stated.set_index("quantity")
         for ax, name in zip(panels, names, strict=True):
             low, median, high = (rows[f"{name}_q{q}"].to_numpy() for q in ("05", "50", "95"))
             # a law that hardly predicts is drawn lightly
-            for place, a, m, b, w in zip(places, low, median, high, rows["weight"], strict=True):
-                hue = colour("run") if w >= 0.05 else "0.65"
-                ax.hlines(place, a, b, color=hue, linewidth=1.6)
-                ax.plot([m], [place], marker="o", markersize=3.5, color=hue)
+            hues = np.where(rows["weight"] >= 0.05, colour("run"), "0.65")
+            ax.hlines(places, low, high, color=hues, linewidth=1.6)
+            for place, m, hue in zip(places, median, hues, strict=True):
+                ax.plot(m, place, "o", markersize=3.5, color=hue)
             ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
-            ends = reported.loc[name, ["stated_low", "stated_high"]].to_numpy(dtype=float)
-            if np.isfinite(ends[0]):
+            first, last = reported.loc[name, ["stated_low", "stated_high"]].to_numpy(dtype=float)
+            if np.isfinite(first):
                 # an open end reaches as far as the panel does
                 left, right = ax.get_xlim()
-                last = ends[1] if np.isfinite(ends[1]) else max(right, ends[0] + 0.1)
-                ax.axvspan(ends[0], last, color="0.9", linewidth=0.0, zorder=-5)
-                ax.set_xlim(min(left, ends[0]), max(right, ends[1] if np.isfinite(ends[1]) else 0))
-            ax.set_xlabel(quantity(name, known=known).label)
+                end = last if np.isfinite(last) else max(right, first + 0.1)
+                ax.axvspan(first, end, color="0.9", linewidth=0.0, zorder=-5)
+                ax.set_xlim(min(left, first), max(right, last if np.isfinite(last) else 0.0))
+            ax.set_xlabel(quantity(name).label)
             few_ticks(ax.xaxis)
         _label_rows(panels[0], rows, places)
     return figure
@@ -126,7 +103,7 @@ def law_bands_figure(
     specimen: Specimen,
     *,
     width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    style: Style = None,
 ) -> Figure:
     """Bands of the mixture over the record."""
     names = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]

@@ -1,40 +1,32 @@
-"""Quantities as figures and pages print them: their names, where physics ends them, their digits.
+"""Quantities as figures and pages print them: symbol, unit, physical range, digits.
 
-A number has as many digits as its interval deserves. Nothing of matplotlib is imported here.
+Pages need them without drawing, so nothing of matplotlib is imported here.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.figures.style import plain
+from biaxbayes.identifiability.bounded_density import Span, span
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import MATERIAL, STRETCH, Quantities, Quantity
+from biaxbayes.text_files import one_line
 
 MEAN = r"\bar{\lambda}"
 """Symbol of a mean over the mounted states."""
 OTHERS = {"lp": "log density", "log_likelihood": "log likelihood"}
+DERIVED = {"H": "$H_{0}$", "stiffness_": "$c_{{{0}{0}}}$", "cauchy_": r"$\sigma_{0}$"}
+"""Symbols of what follows from the parameters, by name without the direction."""
+LOG_SPREAD = 8.0
+"""Ratio of the 99.5 % to the 0.5 % point above which a positive scale gets a logarithmic axis."""
 
 
-@dataclass(frozen=True)
-class AxisText:
-    """What an axis says of its quantity.
-
-    Attributes
-    ----------
-    symbol : str
-        In mathematical text.
-    unit : str
-        Empty for pure numbers.
-    edges : (float, float)
-        Physical range.
-    scale : bool
-        Whether the quantity is a positive scale, which may need a logarithmic axis.
-    """
+class AxisText(NamedTuple):
+    """What an axis shows of its quantity: symbol, unit, range; ``scale``: may be logarithmic."""
 
     symbol: str
     unit: str = ""
@@ -45,6 +37,14 @@ class AxisText:
     def label(self) -> str:
         """Symbol with unit, for an axis."""
         return f"{self.symbol} ({self.unit})" if self.unit else self.symbol
+
+
+def plain(text: object, length: int = 40) -> str:
+    """Text from a file, safe to draw: one line, at most ``length`` long, no mathematics."""
+    line = one_line(str(text))
+    if len(line) > length:
+        line = line[: length - 1].rstrip() + "…"
+    return line.replace("$", r"\$")
 
 
 def known_or_default(known: Quantities | None, unit: str = "") -> Quantities:
@@ -62,21 +62,26 @@ def axis_text(q: Quantity) -> AxisText:
 
 
 def quantity(name: str, unit: str = "", known: Quantities | None = None) -> AxisText:
-    """Axis of a column of the draws.
+    """Axis of a column of the draws, or of what follows from them, such as ``cauchy_x at 1.2``.
 
-    Parameters
-    ----------
-    name : str
-        As in ``summary.csv``; what is not known stands as it is.
-    unit : str
-        Unit of the specimen's loads, N or kPa.
-    known : Quantities, optional
-        What each name is; default those of all laws with one mounted state.
+    An unknown name stands as it is.
     """
     match = known_or_default(known, unit).get(name)
     if match is not None:
         return axis_text(match)
+    stem, at, stretch = name.partition(" at ")
+    if stem[:-1] in DERIVED:
+        symbol, stress = DERIVED[stem[:-1]].format(stem[-1]), stem[:-1] != "H"
+        edges = (0.0, np.inf if stress else 1.0)
+        return AxisText(f"{symbol}{at}{stretch}", "kPa" if stress else "", edges, stress)
     return AxisText(OTHERS.get(name) or plain(name, 24))
+
+
+def axis_span(q: AxisText, *values: np.ndarray, include: tuple[float, ...] = ()) -> Span:
+    """Axis that shows the draws of one or more runs; logarithmic where a scale spreads widely."""
+    low, high = np.quantile(np.concatenate(values), [0.005, 0.995])
+    log = bool(q.scale and low > 0.0 and high > LOG_SPREAD * low)
+    return span(*values, edges=q.edges, log=log, include=include)
 
 
 def corner_columns(
@@ -86,13 +91,6 @@ def corner_columns(
 
     Where each protocol has a mounted state of its own, the mean over them stands for all, its
     symbol under a bar: the mounting figure shows them one by one.
-
-    Parameters
-    ----------
-    draws : DataFrame
-        One row a draw.
-    known : Quantities, optional
-        What each name is; default those of all laws with one mounted state.
     """
     out: dict[str, tuple[AxisText, np.ndarray]] = {}
     judged = known_or_default(known).of_kind(MATERIAL, STRETCH)
@@ -103,8 +101,7 @@ def corner_columns(
         values = draws[states].to_numpy(dtype=float).mean(axis=1)
         shown = axis_text(Quantity(p))
         if len(states) > 1:
-            mean = shown.symbol.replace(r"\lambda", MEAN)
-            shown = AxisText(mean, shown.unit, shown.edges, shown.scale)
+            shown = shown._replace(symbol=shown.symbol.replace(r"\lambda", MEAN))
         # Constant columns are fixed parameters; a tie shows as a line and stays.
         if np.ptp(values) > 1e-12 * max(float(np.abs(values).max()), 1e-300):
             out[p.name] = (shown, values)
@@ -115,23 +112,16 @@ def corner_columns(
 
 
 def number(value: float, low: float, high: float, *, log: bool = False) -> str:
-    """A value with two digits of the width of its interval.
-
-    Parameters
-    ----------
-    value, low, high : float
-        The value and its interval.
-    log : bool
-        Two significant digits of the value itself, for quantities that span decades.
-    """
+    """A value with two digits of the width of its interval; ``log``: two significant digits."""
     width = abs(high - low)
     if log or not (width > 0.0 and math.isfinite(width)):
         text = f"{value:.{2 if log else 4}g}"
-        return _signed(f"{float(text):g}" if 1e-3 <= abs(value) < 1e5 else text)
-    digits = 1 - math.floor(math.log10(width))
-    if digits > 8 or digits < -4:
-        return _signed(f"{value:.4g}")
-    return _signed(f"{round(value, digits):.{max(digits, 0)}f}")
+        text = f"{float(text):g}" if 1e-3 <= abs(value) < 1e5 else text
+    else:
+        digits = 1 - math.floor(math.log10(width))
+        usual = -4 <= digits <= 8
+        text = f"{round(value, digits):.{max(digits, 0)}f}" if usual else f"{value:.4g}"
+    return text.replace("-", "\N{MINUS SIGN}")
 
 
 def range_text(low: float, high: float, piled: tuple[bool, bool], *, log: bool = False) -> str:
@@ -142,7 +132,3 @@ def range_text(low: float, high: float, piled: tuple[bool, bool], *, log: bool =
     if piled == (False, True):
         return f"> {first}"
     return f"{first}–{last}"
-
-
-def _signed(text: str) -> str:
-    return text.replace("-", "\N{MINUS SIGN}")

@@ -8,24 +8,44 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
+
+import matplotlib as mpl
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import (
+    LogFormatterMathtext,
+    LogLocator,
+    MaxNLocator,
+    NullLocator,
+    StrMethodFormatter,
+)
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import PICTURES
 from biaxbayes.text_files import atomic_write_bytes
 
-if TYPE_CHECKING:
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
+Style: TypeAlias = Mapping[str, Any] | None
+"""Settings of matplotlib that override :data:`STYLE`."""
 
 MM = 1.0 / 25.4
-"""Inches in a millimetre; matplotlib counts in inches."""
+"""Inches per millimetre; matplotlib counts in inches."""
 COLUMN_MM, PAGE_MM = 85.0, 180.0
 """Widths of one column and of a page."""
-CREDIBLE, PREDICTIVE = 0.45, 0.18
-"""Opacity of the two bands."""
 SIDE_BY_SIDE_MM = 120.0
 """Width from which panels stand side by side."""
+CREDIBLE, PREDICTIVE = 0.45, 0.18
+"""Opacity of the two bands."""
+MARKERS = {"x": "o", "y": "s"}
+DASHES = (0, (3, 2))
+LOADS = {
+    "force": "force (N)",
+    "piola": "first Piola-Kirchhoff\nstress (kPa)",
+    "cauchy": "Cauchy stress (kPa)",
+}
+"""Labels of the load axis by the kind of loads in a file."""
 FINER_UNIT = {"N": "mN", "kPa": "Pa"}
 PRINT_AND_SCREEN = ("pdf", "png")
 """Formats of a figure that stands beside its tables."""
@@ -75,7 +95,7 @@ STYLE: dict[str, Any] = {
 }
 """Matplotlib settings of every figure; a style file overrides them one by one."""
 
-# What a style file cannot change. The width in millimetres is a promise, so nothing is cut to fit;
+# What a style file cannot change. The width in millimetres is fixed, so nothing is cut to fit;
 # names in specimen files are no TeX.
 _FIXED: dict[str, Any] = {
     "text.parse_math": True,
@@ -88,27 +108,11 @@ _IGNORED = ("backend", "backend_fallback", "interactive", "toolbar", "timezone")
 
 
 def read_style(path: Path | str) -> dict[str, Any]:
-    """Settings of a matplotlib style file.
+    """Settings of a matplotlib style file (``.mplstyle``, lines ``key: value``).
 
-    Parameters
-    ----------
-    path : path-like
-        Lines ``key: value``, as in a ``.mplstyle`` file. The first colour of
-        ``axes.prop_cycle`` is that of direction x (and of the run), the second that of
-        direction y (and of a run compared with it).
-
-    Returns
-    -------
-    dict
-        For the ``style`` argument of the figures.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or holds a key or value that matplotlib does not know.
+    The first colour of ``axes.prop_cycle`` is that of direction x (and of the run), the second that
+    of direction y (and of a run compared with it).
     """
-    import matplotlib as mpl
-
     path = Path(path)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -116,18 +120,15 @@ def read_style(path: Path | str) -> dict[str, Any]:
         reason = error.strerror if isinstance(error, OSError) else "not a text file"
         raise InputError(f"the style cannot be read ({reason})", file=path) from None
     for row, line in enumerate(lines, start=1):
-        entry = line.split("#", 1)[0].strip()
-        if not entry:
-            continue
-        key = entry.split(":", 1)[0].strip()
-        if ":" not in entry or key not in mpl.rcParams:
+        key, colon, value = (part.strip() for part in line.split("#", 1)[0].partition(":"))
+        if key and not (colon and key in mpl.rcParams):
             raise InputError(
                 f"{key[:60]!r} is no setting of matplotlib",
                 file=path,
                 row=row,
                 remedy="a style holds lines 'key: value', such as 'font.family: Arial'",
             )
-        if key == "text.usetex" and "t" in entry.split(":", 1)[1].lower():
+        if key == "text.usetex" and "t" in value.lower():
             raise InputError(
                 "text.usetex cannot be used: names in specimen files are no TeX",
                 file=path,
@@ -146,18 +147,8 @@ _one_thread_draws = threading.RLock()
 
 
 @contextmanager
-def print_style(style: Mapping[str, Any] | None = None) -> Iterator[None]:
-    """Draw in the style of a paper, whatever the session's own settings are.
-
-    Other threads that draw wait.
-
-    Parameters
-    ----------
-    style : mapping, optional
-        Settings that override :data:`STYLE`, from :func:`read_style`.
-    """
-    import matplotlib as mpl
-
+def print_style(style: Style = None) -> Iterator[None]:
+    """Draw in the style of a paper, whatever the session's own settings; other threads wait."""
     settings: Any = {k: v for k, v in mpl.rcParamsDefault.items() if k not in _IGNORED}
     settings |= {**STYLE, **(style or {}), **_FIXED}
     with _one_thread_draws, mpl.rc_context(), warnings.catch_warnings():
@@ -167,41 +158,19 @@ def print_style(style: Mapping[str, Any] | None = None) -> Iterator[None]:
 
 
 def colour(role: str) -> str:
-    """Colour of a role in the active style, from its property cycle.
-
-    Parameters
-    ----------
-    role : {"x", "y", "run", "other", "third", "fourth", "fifth", "sixth"}
-    """
-    import matplotlib as mpl
-    from matplotlib.colors import to_hex
-
+    """Colour of ``x``, ``y`` or one of :data:`RUNS` in the active style."""
     cycle = mpl.rcParams["axes.prop_cycle"].by_key().get("color", _COLOURS)
     return to_hex(cycle[_ROLES[role] % len(cycle)])
 
 
 def text_colour(face: str) -> str:
     """White on a dark ground, black on a light one."""
-    from matplotlib.colors import to_rgb
-
     red, green, blue = to_rgb(face)
     return "white" if 0.299 * red + 0.587 * green + 0.114 * blue < 0.5 else "black"
 
 
-def font_points(setting: str) -> float:
-    """Size in points of a font setting of the active style, such as ``legend.fontsize``."""
-    import matplotlib as mpl
-    from matplotlib.font_manager import FontProperties
-
-    settings: Any = mpl.rcParams
-    return float(FontProperties(size=settings[setting]).get_size_in_points())
-
-
 def blank_figure(width_mm: float, height_mm: float) -> Figure:
     """An empty figure with constrained layout; an Agg canvas needs no backend and no window."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure((width_mm * MM, height_mm * MM), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -209,14 +178,6 @@ def blank_figure(width_mm: float, height_mm: float) -> Figure:
 
 def few_ticks(axis: Axis, most: int = 4) -> None:
     """At most so many intervals between labelled ticks at round values; no minor ticks."""
-    from matplotlib.ticker import (
-        LogFormatterMathtext,
-        LogLocator,
-        MaxNLocator,
-        NullLocator,
-        StrMethodFormatter,
-    )
-
     if axis.get_scale() == "log":
         low, high = axis.get_view_interval()
         if high > 100.0 * low:
@@ -230,79 +191,37 @@ def few_ticks(axis: Axis, most: int = 4) -> None:
     axis.set_minor_locator(NullLocator())
 
 
+def small_text(**more: Any) -> dict[str, Any]:
+    """Keywords of a note or an annotation: its size in the active style."""
+    return {"fontsize": mpl.rcParams["legend.fontsize"], **more}
+
+
 def add_note(figure: Figure, text: str) -> None:
     """What a reader has to know, in grey at the foot."""
     if text:
-        size = font_points("legend.fontsize")
-        figure.supxlabel(text, x=0.995, ha="right", color="0.35", fontsize=size)
+        figure.supxlabel(text, x=0.995, ha="right", **small_text(color="0.35"))
 
 
-def plain(text: object, length: int = 40) -> str:
-    """Text from a file, made safe to draw: one line, dollar signs that start no mathematics.
+def figure_bytes(figure: Figure, suffix: str, style: Style = None) -> bytes:
+    """The figure as a file of a kind (pdf, svg, png): letters as text, equal for equal figures.
 
-    Parameters
-    ----------
-    text : object
-    length : int
-        Longer texts are cut, with an ellipsis.
-    """
-    line = " ".join("".join(ch if ch.isprintable() else " " for ch in str(text)).split())
-    if len(line) > length:
-        line = line[: length - 1].rstrip() + "…"
-    return line.replace("$", r"\$")
-
-
-def text_width_mm(text: str, setting: str) -> float:
-    """Width of a line of text at the size of a font setting such as ``legend.fontsize``."""
-    from matplotlib.textpath import TextPath
-
-    if not text:
-        return 0.0
-    path = TextPath((0.0, 0.0), text, size=font_points(setting))
-    return float(path.get_extents().x1) / 72.0 / MM
-
-
-def shortened(text: object, width_mm: float, setting: str) -> str:
-    """A text from a file, made safe to draw and cut to a width."""
-    for length in range(60, 2, -1):
-        line = plain(text, length)
-        if text_width_mm(line, setting) <= width_mm:
-            return line
-    return plain(text, 2)
-
-
-def figure_bytes(figure: Figure, suffix: str, style: Mapping[str, Any] | None = None) -> bytes:
-    """The figure as a file: letters as text, the same bytes for the same figure.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    suffix : {"pdf", "svg", "png"}
-    style : mapping, optional
-        The settings that it was drawn with; some act when a figure is written.
+    ``style`` are the settings that it was drawn with; some act when a figure is written.
     """
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     with print_style(style), warnings.catch_warnings():
         # Characters that the font lacks are drawn as boxes; that is no error.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        engine = figure.get_layout_engine()
-        if engine is not None:
-            # Places the panels once and for all; repeated, they would move by fractions of a dot.
+        if (engine := figure.get_layout_engine()) is not None:
+            # The layout is made once; each time anew it would move panels by fractions of a dot.
             engine.execute(figure)
-            figure.set_layout_engine(None)
+            figure.set_layout_engine("none")
         figure.savefig(out, format=suffix, metadata=undated.get(suffix))
     return out.getvalue()
 
 
 def picture_suffix(path: Path) -> str:
-    """The format that a file name ends with.
-
-    Raises
-    ------
-    InputError
-        If the ending is none of :data:`biaxbayes.options.PICTURES`.
-    """
+    """The format that a file name ends with; refuses one that cannot be drawn."""
     suffix = path.suffix.lower().removeprefix(".")
     if suffix not in PICTURES:
         raise InputError(
@@ -313,33 +232,14 @@ def picture_suffix(path: Path) -> str:
     return suffix
 
 
-def save_figure(figure: Figure, path: Path | str, style: Mapping[str, Any] | None = None) -> None:
-    """Write a figure in the format that the file name ends with, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the ending is none of :data:`biaxbayes.options.PICTURES`, or the file cannot be written.
-    """
+def save_figure(figure: Figure, path: Path | str, style: Style = None) -> None:
+    """Write a figure in the format that the file name ends with, whole or not at all."""
     path = Path(path)
     atomic_write_bytes(path, figure_bytes(figure, picture_suffix(path), style))
 
 
 def save_pictures(figure: Figure | None, folder: Path, stem: str) -> list[Path]:
-    """Write a figure for print and for the screen; what was written.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure or None
-        None where there is nothing to draw: pictures that are there go.
-    folder : Path
-    stem : str
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
-    """
+    """Write a figure for print and for the screen; None removes pictures that are there."""
     paths = [folder / f"{stem}.{suffix}" for suffix in PRINT_AND_SCREEN]
     for path in paths:
         if figure is None:

@@ -17,10 +17,9 @@ import pandas as pd
 from markupsafe import Markup
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.quantities import corner_columns, number
-from biaxbayes.figures.run.bands import LOADS, abscissa, residual_unit, shown_protocols
-from biaxbayes.figures.run.corner import axis_span
-from biaxbayes.figures.style import CREDIBLE, PAGE_MM, colour, print_style
+from biaxbayes.figures.quantities import axis_span, corner_columns, number
+from biaxbayes.figures.run.bands import abscissa, residual_unit, shown_protocols
+from biaxbayes.figures.style import CREDIBLE, LOADS, PAGE_MM, colour, print_style
 from biaxbayes.identifiability.bounded_density import Span
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FAMILIES, Prior

@@ -94,7 +94,7 @@ def predict(
     **options
         As in :class:`~biaxbayes.options.PredictionOptions` and :class:`FigureOptions`.
     """
-    from biaxbayes.figures.stress import stress_figure
+    from biaxbayes.figures.prediction import stress_figure
     from biaxbayes.prediction.stress import measured_stress, predict_stress
 
     bands, rest = PredictionOptions.split(options)
@@ -216,7 +216,7 @@ def inflate(
     **options
         As in :class:`~biaxbayes.options.PredictionOptions` and :class:`FigureOptions`.
     """
-    from biaxbayes.figures.inflation import inflation_figure
+    from biaxbayes.figures.prediction import inflation_figure
     from biaxbayes.prediction.inflation import Tube, predict_diameter, predict_pressure
 
     bands, rest = PredictionOptions.split(options)

@@ -5,48 +5,46 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
+from biaxbayes.figures.quantities import plain
 from biaxbayes.figures.style import (
     CREDIBLE,
+    DASHES,
     FINER_UNIT,
-    MM,
+    LOADS,
+    MARKERS,
     PAGE_MM,
     PREDICTIVE,
     SIDE_BY_SIDE_MM,
+    Style,
     add_note,
     blank_figure,
     colour,
     few_ticks,
     print_style,
-    shortened,
+    small_text,
 )
 from biaxbayes.options import CONTENT, Settings
 from biaxbayes.prediction.bands import bands, true_loads
 from biaxbayes.specimens.specimen import Specimen
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 ROWS, DRAWS = 200, 500
 """Readings of a curve and draws that the bands are computed from; of longer records every n-th
 reading is drawn, as the figure then says."""
-MAX_ROWS, LEAST_MM, LEFT_MM, STRIP_MM = 3, 32.0, 16.0, 10.5
+MAX_ROWS, LEAST_MM, LEFT_MM, STRIP_MM = 3, 32.0, 16.0, 12.0
 """Rows of panels, least width of a panel, space at their left, height of the residuals."""
-LOADS = {
-    "force": "force (N)",
-    "piola": "first Piola-Kirchhoff\nstress (kPa)",
-    "cauchy": "Cauchy stress (kPa)",
-}
-MARKERS = {"x": "o", "y": "s"}
-TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (3, 2))}
+TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": DASHES}
 """How true loads are drawn."""
-LARGEST_MARKER, LEAST_MARKER, OPEN_MARKER = 2.4, 0.9, 1.8
-"""Sizes of a marker in points, and that from which it is open."""
+OPEN_UP_TO = 60
+"""Readings of a curve up to which markers are large and open."""
 QUANTILES = (
     "credible_low",
     "median",
@@ -66,36 +64,13 @@ def bands_figure(
     truth: Mapping[str, float] | None = None,
     probability: float = CONTENT,
     width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    style: Style = None,
 ) -> Figure:
-    """Load against measured stretch with both bands, and what the median misses.
+    """Load against measured stretch with both bands, and below the residuals about the median.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    draws : DataFrame
-        One row per draw, columns as in ``summary.csv``.
-    settings : Settings, optional
-        Those of the run.
-    truth : mapping, optional
-        Known material and mounting stretches, by the names of the draws: their loads are dashed.
-    probability : float
-        Content of each band.
-    width_mm : float
-        Width in print.
-    style : mapping, optional
-        From :func:`biaxbayes.figures.style.read_style`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One panel per protocol (the first 12) with its residuals below. All readings are drawn, of
-        protocols of more than 200 rows every n-th.
-
-    Raises
-    ------
-    InputError
-        If the truth lacks a parameter of the law or a mounting stretch.
+    One panel per protocol (the first 12). All readings are drawn, of protocols of more than 200
+    rows every n-th. The loads of a ``truth`` (material and mounting stretches by the names of the
+    draws) are dashed; :class:`~biaxbayes.errors.InputError` if it lacks one.
     """
     shown = replace(specimen, protocols=specimen.protocols[: shown_protocols(specimen, width_mm)])
     table = bands(
@@ -114,48 +89,40 @@ def figure_from_bands(
     truth: np.ndarray | None = None,
     probability: float = CONTENT,
     width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    style: Style = None,
 ) -> Figure:
-    """Draw bands that have been computed.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    table : DataFrame
-        From :func:`~biaxbayes.prediction.bands.bands`, for the protocols that have panels.
-    truth : ndarray, shape (rows,), optional
-        True loads at the rows of the table.
-    probability, width_mm, style
-        As in :func:`bands_figure`.
-    """
+    """Draw a table of :func:`~biaxbayes.prediction.bands.bands`, with true loads at its rows."""
     # The quantiles are named after their levels; here they go by their order.
     table = table.set_axis(pd.Index([*table.columns[:5], *QUANTILES]), axis=1)
+    columns = [*QUANTILES, "measured"]
     if truth is not None:
-        table["truth"] = truth
+        table, columns = table.assign(truth=truth), [*columns, "truth"]
     scale, unit = residual_unit(table, specimen.unit)
     with print_style(style):
-        figure, panels, across, panel_mm = _panels(specimen, width_mm)
+        figure, panels = _panels(specimen, width_mm)
         groups = table.groupby("protocol", sort=False)
-        for k, ((load, *strips), (name, group)) in enumerate(zip(panels, groups, strict=True)):
+        for (load, *strips), (name, group) in zip(panels, groups, strict=True):
             test = {str(axis): part for axis, part in group.groupby("direction")}
             places, label = abscissa(test)
+            first = load.get_subplotspec().is_first_col()  # type: ignore[union-attr]
             for (axis, part), strip in zip(test.items(), strips, strict=True):
-                marker = _marker(axis, len(part), panel_mm)
-                _draw(load, places[axis], part, axis, marker)
-                columns = [*QUANTILES, "measured", *(["truth"] if truth is not None else [])]
+                _draw(load, places[axis], part, axis)
                 missed = scale * part[columns].sub(part["median"], axis=0)
-                _draw(strip, places[axis], missed, axis, marker, residual=True)
+                _draw(strip, places[axis], missed, axis)
+                if first:
+                    strip.set_ylabel(f"residual\n({unit})", linespacing=1.1, **small_text())
             strips[-1].set_xlabel(label)
             few_ticks(load.xaxis, 5)
             if len(specimen.protocols) > 1:
-                load.set_title(shortened(name, panel_mm, "axes.titlesize"), pad=2.0)
-            if k % across == 0:
+                load.set_title(plain(name, int(width_mm / len(panels) ** 0.5 / 3.0)), pad=2.0)
+            if first:
                 load.set_ylabel(LOADS[specimen.stress_pair], linespacing=1.1)
-                # In the middle of both strips, whose heights do not depend on it.
-                strips[-1].set_ylabel(f"residual ({unit})", y=1.1)
-                strips[-1].yaxis.label.set_in_layout(False)
         figure.align_ylabels()
-        _legend(figure, specimen, probability, truth is not None)
+        handles = _handles(specimen, probability, truth is not None)
+        columns_of_legend = len(handles) if width_mm >= SIDE_BY_SIDE_MM else 2
+        figure.legend(
+            handles=handles, loc="outside upper left", ncols=columns_of_legend, columnspacing=1.4
+        )
         add_note(figure, _note(len(panels), specimen, table))
     return figure
 
@@ -170,13 +137,12 @@ def _most_columns(specimen: Specimen, width_mm: float) -> int:
     return min(most, 3 if len(specimen.protocols) <= 6 else 4)
 
 
-def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes]], int, float]:
+def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes]]]:
     """For each protocol a panel of the loads and below it the residuals in x and in y."""
     count = shown_protocols(specimen, width_mm)
     down = math.ceil(count / _most_columns(specimen, width_mm))
     across = math.ceil(count / down)
-    panel_mm = (width_mm - LEFT_MM) / across - 3.0
-    load_mm = min(panel_mm, 66.0 if across == 1 else 50.0)
+    load_mm = min((width_mm - LEFT_MM) / across - 3.0, 66.0 if across == 1 else 50.0)
     legend_mm = 5.0 if width_mm >= SIDE_BY_SIDE_MM else 13.0
     figure = blank_figure(width_mm, legend_mm + down * (load_mm + 2.0 * STRIP_MM + 18.0))
     grid = figure.add_gridspec(3 * down, across, height_ratios=[load_mm, STRIP_MM, STRIP_MM] * down)
@@ -191,32 +157,20 @@ def _panels(specimen: Specimen, width_mm: float) -> tuple[Figure, list[list[Axes
             few_ticks(ax.yaxis, 5 if ax is load else 3)
             ax.tick_params(labelbottom=ax is y, labelleft=column == 0)
         panels.append([load, x, y])
-    return figure, panels, across, panel_mm
+    return figure, panels
 
 
 def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
-    """Factor and unit that spare the residuals leading zeros.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With ``measured`` and ``median``.
-    unit : {"N", "kPa"}
-    """
+    """Factor and unit that spare the residuals, measured less median, leading zeros."""
     largest = float((table["measured"] - table["median"]).abs().max())
     return (1000.0, FINER_UNIT[unit]) if largest < 0.05 else (1.0, unit)
 
 
 def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]:
-    """What to draw the curves of a test against, and its name.
+    """What to draw the curves of a test in x and y against, and its name.
 
     Each direction's own stretch, if the model is a curve over it; else (a fixed direction, or a
     path that turns back) the stretch of the leading direction; else the number of the row.
-
-    Parameters
-    ----------
-    test : dict of DataFrame
-        ``x`` and ``y``, each with ``stretch``, ``row`` and ``median``.
     """
     own = {axis: part["stretch"].to_numpy() for axis, part in test.items()}
     leading = max(own, key=lambda axis: float(np.ptp(own[axis])))
@@ -241,41 +195,29 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
     return float(np.abs(np.diff(y)).sum()) <= 1.5 * float(np.ptp(y)) + 1e-300
 
 
-def _marker(axis: str, readings: int, panel_mm: float) -> dict[str, Any]:
-    """Marker of the readings of a curve, small enough to be distinguished along the panel."""
-    spacing = 0.8 * panel_mm * MM * 72.0 / readings
-    size, hue = float(np.clip(spacing, LEAST_MARKER, LARGEST_MARKER)), colour(axis)
-    opened = size >= OPEN_MARKER
+def _marker(axis: str, readings: int) -> dict[str, Any]:
+    """Marker of the readings of a curve: large and open where there are few."""
+    hue, few = colour(axis), readings <= OPEN_UP_TO
+    size, edge = (2.4, 0.6) if few else (1.4, 0.0)
     return {
         "marker": MARKERS[axis],
         "markersize": size,
-        "markerfacecolor": "white" if opened else hue,
+        "markerfacecolor": "white" if few else hue,
         "markeredgecolor": hue,
-        "markeredgewidth": 0.6 if opened else 0.0,
+        "markeredgewidth": edge,
     }
 
 
-def _draw(
-    ax: Axes,
-    x: np.ndarray,
-    part: pd.DataFrame,
-    axis: str,
-    marker: Mapping[str, Any],
-    *,
-    residual: bool = False,
-) -> None:
-    """Both bands, the median (zero of the residuals), the readings and the true loads."""
+def _draw(ax: Axes, x: np.ndarray, part: pd.DataFrame, axis: str) -> None:
+    """Both bands, the median, the readings and the true loads."""
     order = np.argsort(x, kind="stable")
-    curves = {name: part[name].to_numpy()[order] for name in part if name in (*QUANTILES, "truth")}
+    curves = part.iloc[order]
     for kind, opacity in KINDS:
         low, high = curves[f"{kind}_low"], curves[f"{kind}_high"]
         ax.fill_between(x[order], low, high, color=colour(axis), alpha=opacity, linewidth=0.0)
-    if residual:
-        ax.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
-    else:
-        ax.plot(x[order], curves["median"], color=colour(axis), linewidth=0.8)
-    ax.plot(x, part["measured"], linestyle="none", **marker)
-    if "truth" in curves:
+    ax.plot(x[order], curves["median"], color=colour(axis), linewidth=0.8)
+    ax.plot(x, part["measured"], linestyle="none", **_marker(axis, len(part)))
+    if "truth" in part:
         ax.plot(x[order], curves["truth"], **TRUE)
 
 
@@ -292,20 +234,16 @@ def _note(count: int, specimen: Specimen, table: pd.DataFrame) -> str:
     return "; ".join(notes)
 
 
-def _legend(figure: Figure, specimen: Specimen, probability: float, truth: bool) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
+def _handles(specimen: Specimen, probability: float, truth: bool) -> list[Any]:
+    """Entries of the legend."""
     handles: list[Any] = []
     for axis, name in (("x", specimen.axis_x), ("y", specimen.axis_y)):
-        label = f"{axis}: {shortened(name, 26.0, 'legend.fontsize')}" if name else axis
-        how: dict[str, Any] = {**_marker(axis, 1, LEAST_MM), "color": colour(axis), "label": label}
-        handles.append(Line2D([], [], linewidth=0.8, **how))
+        label = f"{axis}: {plain(name, 16)}" if name else axis
+        line = Line2D([], [], color=colour(axis), linewidth=0.8, label=label, **_marker(axis, 1))
+        handles.append(line)
     for kind, opacity in reversed(KINDS):
         label = f"{kind} band, {100 * probability:g} %"
         handles.append(Patch(facecolor="0.3", alpha=opacity, linewidth=0.0, label=label))
     if truth:
         handles.append(Line2D([], [], label="truth", **TRUE))
-    wide = figure.get_figwidth() / MM >= SIDE_BY_SIDE_MM
-    columns = len(handles) if wide else 2
-    figure.legend(handles=handles, loc="outside upper left", ncols=columns, columnspacing=1.4)
+    return handles

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from biaxbayes.figures.quantities import axis_text
 from biaxbayes.figures.style import (
     PAGE_MM,
     SIDE_BY_SIDE_MM,
+    Style,
     blank_figure,
     few_ticks,
-    font_points,
     print_style,
+    small_text,
     text_colour,
 )
 from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict
@@ -30,10 +33,6 @@ from biaxbayes.identifiability.verdict_names import (
 )
 from biaxbayes.model.priors import Prior
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 # Okabe and Ito, from known to unknown; the word stands in the box, colour is only an aid.
 VERDICT_COLOURS = {
     IDENTIFIED: "#009E73",
@@ -44,53 +43,42 @@ VERDICT_COLOURS = {
     FIXED: "#DDDDDD",
 }
 PRIOR_GREY, POSTERIOR = "0.82", "#0072B2"
-WIDE_ROW_MM, NARROW_ROW_MM, MOST_ROWS = 12.5, 24.0, 16
-WIDE_LINE, NARROW_LINE = 40, 26
-"""Letters of a line of a reason."""
+WIDE_ROW_MM, NARROW_ROW_MM, LINE_MM, MOST_ROWS = 12.5, 24.0, 3.4, 16
+"""Least heights of a row, and that of a line of its reason."""
+WIDE_LINE, NARROW_LINE = 40, 24
+"""Letters per line of a reason."""
 
 
 def identifiability_figure(
-    found: Identifiability,
+    judged: Identifiability,
     reported: Sequence[ReportRow],
     *,
     width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    style: Style = None,
 ) -> Figure:
-    """Prior and posterior of every inferred parameter beside its row of the reported table.
-
-    Parameters
-    ----------
-    found : Identifiability
-        For the densities.
-    reported : sequence of ReportRow
-    width_mm : float
-    style : mapping, optional
-        From :func:`biaxbayes.figures.style.read_style`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The first 16 parameters.
-    """
+    """Prior and posterior of the first 16 parameters beside their rows of the reported table."""
     rows = reported[:MOST_ROWS]
     wide = width_mm >= SIDE_BY_SIDE_MM
-    row_mm = WIDE_ROW_MM if wide else NARROW_ROW_MM
+    letters, least = (WIDE_LINE, WIDE_ROW_MM) if wide else (NARROW_LINE, NARROW_ROW_MM)
+    reasons = [fill(row.reason, letters, break_on_hyphens=False) for row in rows]
+    above = 2 if wide else 4  # lines of interval and verdict
+    heights = [max(least, LINE_MM * (text.count("\n") + above)) for text in reasons]
+    widths = (0.34, 0.12, 0.5) if wide else (0.52, 0.48)
+    heads = ["prior (grey), posterior within the law", "contraction", "to report"]
     with print_style(style):
-        figure = blank_figure(width_mm, 7.0 + row_mm * len(rows))
-        widths = (0.34, 0.12, 0.5) if wide else (0.52, 0.0001, 0.48)
-        grid = figure.subplots(len(rows), 3, squeeze=False, width_ratios=widths)
-        for (density, contraction, words), row in zip(grid, rows, strict=True):
-            _draw_densities(density, found[row.name])
-            _draw_contraction(contraction, found[row.name], shown=wide)
-            _write_row(words, row, wide=wide)
-        heads = (
-            ("prior (grey), posterior within the law", "contraction", "to report")
-            if wide
-            else ("prior, posterior", "", "to report")
+        figure = blank_figure(width_mm, 7.0 + sum(heights))
+        grid = figure.subplots(
+            len(rows), len(widths), squeeze=False, width_ratios=widths, height_ratios=heights
         )
-        for ax, head in zip(grid[0], heads, strict=True):
-            size = font_points("legend.fontsize")
-            ax.set_title(head, loc="left", color="0.35", fontsize=size)
+        for axes, row, reason in zip(grid, rows, reasons, strict=True):
+            _draw_densities(axes[0], judged[row.name])
+            if wide:
+                _draw_contraction(axes[1], judged[row.name])
+            _write_row(axes[-1], row, reason, wide=wide)
+        for ax, head in zip(
+            grid[0], heads if wide else ["prior, posterior", "to report"], strict=True
+        ):
+            ax.set_title(head, loc="left", **small_text(color="0.35"))
     return figure
 
 
@@ -125,27 +113,26 @@ def _axis_range(row: ParameterVerdict) -> tuple[float, float]:
     return min(first, float(ends[0])), max(last, float(ends[1]))
 
 
-def _draw_contraction(ax: Axes, row: ParameterVerdict, *, shown: bool) -> None:
+def _draw_contraction(ax: Axes, row: ParameterVerdict) -> None:
     """A bar of the share of the prior's variance that the data removed."""
     ax.set_axis_off()
-    if row.evidence is None or not shown:
+    if row.evidence is None:
         return
     share = max(row.evidence.contraction, 0.0)
     ax.barh(0.0, 1.0, height=0.4, color="0.92")
     ax.barh(0.0, share, height=0.4, color="0.35")
     ax.set(xlim=(0.0, 1.9), ylim=(-0.6, 0.6))
     text = f"{100.0 * min(share, 0.999):.1f} %" if share > 0.99 else f"{100.0 * share:.0f} %"
-    ax.text(1.06, 0.0, text, va="center", fontsize=font_points("legend.fontsize"))
+    ax.text(1.06, 0.0, text, va="center", **small_text())
 
 
-def _write_row(ax: Axes, row: ReportRow, *, wide: bool) -> None:
+def _write_row(ax: Axes, row: ReportRow, reason: str, *, wide: bool) -> None:
     """The verdict in a box; beside it, or below, interval and reason."""
     ax.set_axis_off()
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     face = VERDICT_COLOURS[row.verdict]
-    how: dict[str, Any] = {"va": "center", "fontsize": font_points("legend.fontsize")}
+    how: dict[str, Any] = small_text(va="center")
     box = {"boxstyle": "round,pad=0.3", "facecolor": face, "edgecolor": "none"}
     ax.text(0.02, 0.5 if wide else 0.9, row.verdict, color=text_colour(face), bbox=box, **how)
-    reason = fill(row.reason, WIDE_LINE if wide else NARROW_LINE, break_on_hyphens=False)
     place = (0.42, 0.5) if wide else (0.0, 0.3)
     ax.text(*place, f"{row.interval_with_unit}\n{reason}", **how)

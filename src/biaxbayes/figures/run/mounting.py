@@ -3,45 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.quantities import number, quantity
-from biaxbayes.figures.run.regions import CONTENTS, project, regions
+from biaxbayes.figures.quantities import number, plain, quantity
+from biaxbayes.figures.run.regions import CONTENTS, regions
 from biaxbayes.figures.style import (
     FINER_UNIT,
     PAGE_MM,
     RUNS,
     SIDE_BY_SIDE_MM,
+    Style,
     blank_figure,
     colour,
     few_ticks,
-    font_points,
     print_style,
-    shortened,
+    small_text,
 )
 from biaxbayes.identifiability.bounded_density import span
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
-from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.specimens.specimen import Specimen
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-MAX_DRAWS = 20_000
 MAX_STATES = 12
 ROW_MM = 9.0
 
 
-class State(NamedTuple):
-    """A mounted state: draws of its stretches and forces, shape (n, 2), reading and truth."""
+@dataclass(frozen=True)
+class MountedState:
+    """Draws of the stretches and forces of a mounted state, shape (n, 2), reading and truth."""
 
     label: str
     colour: str
@@ -60,32 +57,12 @@ def mounting_figure(
     truth: Mapping[str, float] | None = None,
     probability: float = CONTENT,
     width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    style: Style = None,
 ) -> Figure:
     """Joint posterior of the mounting stretches; posterior of the mounting force and its reading.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    draws : DataFrame
-        One row per draw, columns as in ``summary.csv``.
-    truth : mapping, optional
-        Known values by the same names.
-    probability : float
-        Content of the intervals.
-    width_mm : float
-        Width in print. From 120 mm the panels stand side by side.
-    style : mapping, optional
-        From :func:`biaxbayes.figures.style.read_style`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        If the run did not infer the mounted state.
+    From 120 mm the panels stand side by side. ``truth`` are known values by the names of the draws.
+    Raises :class:`~biaxbayes.errors.InputError` if the run did not infer the mounted state.
     """
     if not mounting_labels(draws, specimen):
         raise InputError(
@@ -93,22 +70,23 @@ def mounting_figure(
             remedy="sample with `mounting` noisy, exact or free",
         )
     with print_style(style):
-        drawn = draws.iloc[evenly_chosen(len(draws), MAX_DRAWS)]
-        states = _states(specimen, drawn, dict(truth or {}))
+        states = _states(specimen, draws, dict(truth or {}))
         bars = 2 * len(states) * ROW_MM
         if width_mm >= SIDE_BY_SIDE_MM:
-            figure = blank_figure(width_mm, max(0.4 * width_mm, bars + 13.0))
+            figure = blank_figure(width_mm, max(0.4 * width_mm, bars + 17.0))
             left, right = figure.subplots(1, 2, width_ratios=(0.42, 0.58))
         else:
             side = width_mm - 22.0
-            figure = blank_figure(width_mm, side + bars + 26.0)
+            figure = blank_figure(width_mm, side + bars + 34.0)
             left, right = figure.subplots(2, 1, height_ratios=(side, bars))
         _draw_stretches(left, states)
         _draw_forces(right, states, specimen.unit, probability)
     return figure
 
 
-def _states(specimen: Specimen, draws: pd.DataFrame, truth: Mapping[str, float]) -> list[State]:
+def _states(
+    specimen: Specimen, draws: pd.DataFrame, truth: Mapping[str, float]
+) -> list[MountedState]:
     labels = mounting_labels(draws, specimen)[:MAX_STATES]
     shared = labels == ("",)
     readings, sds = specimen.mounting_readings(shared=shared)
@@ -123,8 +101,8 @@ def _states(specimen: Specimen, draws: pd.DataFrame, truth: Mapping[str, float])
         return None
 
     return [
-        State(
-            shortened(label, 28.0, "ytick.labelsize"),
+        MountedState(
+            plain(label, 16),
             colour(RUNS[i % len(RUNS)]),
             draws[list(mounting_names("stretch", label))].to_numpy(dtype=float),
             draws[list(mounting_names("force", label))].to_numpy(dtype=float),
@@ -137,7 +115,7 @@ def _states(specimen: Specimen, draws: pd.DataFrame, truth: Mapping[str, float])
     ]
 
 
-def _draw_stretches(ax: Axes, states: list[State]) -> None:
+def _draw_stretches(ax: Axes, states: list[MountedState]) -> None:
     """Regions of the joint posterior of the mounting stretches."""
     true_values = [s.true_stretch for s in states if s.true_stretch is not None]
     axes = [
@@ -150,8 +128,7 @@ def _draw_stretches(ax: Axes, states: list[State]) -> None:
         if (np.ptp(state.stretch, axis=0) == 0.0).any():
             ax.plot(*median, marker="+", color=state.colour)
         else:
-            pair = [project(d, axis) for d, axis in zip(state.stretch.T, axes, strict=True)]
-            regions(ax, pair, state.colour, filled=single)
+            regions(ax, list(state.stretch.T), axes, state.colour, filled=single)
         if not single:
             ax.plot(*median, marker=".", ms=4.0, color=state.colour)
     for value in true_values:
@@ -168,10 +145,10 @@ def _draw_stretches(ax: Axes, states: list[State]) -> None:
     few_ticks(ax.yaxis, 5)
     contents = ", ".join(f"{100 * c:g}" for c in (CONTENTS if single else (0.9,)))
     note = f"within the law, regions: {contents} %"
-    _add_note(ax, note + (r";  $\times$ truth" if true_values else ""))
+    _set_head(ax, note + (r";  $\times$ truth" if true_values else ""))
 
 
-def _draw_forces(ax: Axes, states: list[State], unit: str, probability: float) -> None:
+def _draw_forces(ax: Axes, states: list[MountedState], unit: str, probability: float) -> None:
     """Intervals of the mounting force and of its reading, both about the reading."""
     tail = 0.5 * (1.0 - probability)
     rows = [(state, k) for state in states for k in (0, 1)]
@@ -196,16 +173,15 @@ def _draw_forces(ax: Axes, states: list[State], unit: str, probability: float) -
         value = number(state.reading[k], 0.0, max(2.0 * half[row], abs(state.reading[k]) / 50.0))
         names.append(f"{state.label} {'xy'[k]}\n{value} {unit}".strip())
     ax.set_yticks(range(len(names)), names)
-    ax.set_ylim(len(names) - 0.4, -1.1)
+    ax.set_ylim(len(names) - 0.5, -0.5)
     reach = 1.05 * (float(np.abs(ax.dataLim.intervalx).max()) or 1e-3)
     ax.set_xlim(-reach, reach)
     few_ticks(ax.xaxis, 5)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=":", zorder=0.5)
     ax.set_xlabel(f"mounting force less its reading ({shown_unit})")
     content = f"{100 * probability:g} %"
-    _add_note(ax, f"grey: reading, {content};  colour: posterior, {content}")
+    _set_head(ax, f"grey: reading, {content};  colour: posterior, {content}")
 
 
-def _add_note(ax: Axes, text: str) -> None:
-    size = font_points("legend.fontsize")
-    ax.text(0.98, 0.99, text, transform=ax.transAxes, ha="right", va="top", color="0.3", size=size)
+def _set_head(ax: Axes, text: str) -> None:
+    ax.set_title(text, loc="right", **small_text(color="0.3"))

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.interpolate import PchipInterpolator
 
-from biaxbayes.figures.quantities import axis_text
+from biaxbayes.figures.quantities import axis_text, plain
 from biaxbayes.figures.style import (
     PAGE_MM,
     SIDE_BY_SIDE_MM,
+    Style,
     blank_figure,
     colour,
     few_ticks,
-    font_points,
-    plain,
     print_style,
+    small_text,
 )
 from biaxbayes.identifiability.profile.profile import THRESHOLD, Profile
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, STRETCH
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 ROW_MM, NARROW_MM, HEAD_MM = 46.0, 40.0, 2.0
 CEILING = THRESHOLD + 2.0
@@ -38,172 +37,133 @@ def profile_figure(
     *,
     titles: Sequence[str] | None = None,
     width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    style: Style = None,
 ) -> Figure:
-    """One row per profile.
+    """One row per profile, with a title such as the layer.
 
-    Parameters
-    ----------
-    profiles : sequence of Profile
-    titles : sequence of str, optional
-        One per row, such as the layer.
-    width_mm : float
-    style : mapping, optional
-        From :func:`biaxbayes.figures.style.read_style`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        From left to right the deviance with the threshold and interval, and the values that
-        C1, k1 and k2 (relative to the best fit), alpha and kappa, and the mounting stretches take;
-        below 120 mm two and two.
+    From left to right the deviance with the threshold and interval, and the values that the
+    stiffnesses (relative to the best fit), angle and dispersion, and the mounting stretches take;
+    below 120 mm two and two.
     """
+    lines = 1 if width_mm >= SIDE_BY_SIDE_MM else 2
+    height = HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)
     with print_style(style):
-        lines = 1 if width_mm >= SIDE_BY_SIDE_MM else 2
-        height = HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)
         figure = blank_figure(width_mm, height)
         panels = figure.subplots(lines * len(profiles), 4 // lines, squeeze=False)
-        grid = panels.reshape(len(profiles), 4)
-        for i, (row, profile) in enumerate(zip(grid, profiles, strict=True)):
-            _deviance(row[0], profile)
-            _stiffness(row[1], profile)
-            _structure(row[2], profile)
-            _mounting(row[3], profile)
-            label = axis_text(profile.quantity).label
+        for i, (row, profile) in enumerate(
+            zip(panels.reshape(len(profiles), 4), profiles, strict=True)
+        ):
+            drawn = _Curves(profile)
+            drawn.deviance(row[0])
+            drawn.stiffness(row[1])
+            drawn.structure(row[2])
+            drawn.mounting(row[3])
             for ax in row:
-                ax.set_xlabel(label)
-                _set_scale(ax, profile)
+                ax.set_xlabel(axis_text(profile.quantity).label)
+                drawn.set_scale(ax)
             if titles is not None:
                 row[0].set_title(plain(titles[i]), loc="left", fontweight="bold")
     return figure
 
 
-def _smooth(profile: Profile, y: Any, *, log: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """A curve through the points of a profile that overshoots none of them (PCHIP)."""
-    from scipy.interpolate import PchipInterpolator
+class _Curves:
+    """The part of a profile up to a little beyond the threshold, drawn panel by panel."""
 
-    value = profile.table["value"].to_numpy()[_shown(profile)]
-    value, first = np.unique(value, return_index=True)
-    y = np.asarray(y, dtype=float)[first]
-    if value.size < 2:
-        return value, y
-    fine = np.linspace(value[0], value[-1], 300)
-    if profile.quantity.parameter.logarithmic:
-        fine = np.geomspace(value[0], value[-1], 300)
-    curve = PchipInterpolator(value, np.log(y) if log else y)(fine)
-    return fine, np.exp(curve) if log else curve
+    def __init__(self, profile: Profile) -> None:
+        table = profile.table
+        self.profile = profile
+        self.log = profile.quantity.parameter.logarithmic
+        self.best = table.iloc[int(table["deviance"].argmin())]
+        shown = table["deviance"] <= CEILING
+        self.table = table[shown & (table["value"] > 0.0)] if self.log else table[shown]
 
+    def smooth(self, y: Any) -> tuple[np.ndarray, np.ndarray]:
+        """A curve through the points that overshoots none of them (PCHIP)."""
+        value, first = np.unique(self.table["value"].to_numpy(), return_index=True)
+        y = np.asarray(y, dtype=float)[first]
+        if value.size < 2:
+            return value, y
+        fine = (np.geomspace if self.log else np.linspace)(value[0], value[-1], 300)
+        return fine, PchipInterpolator(value, y)(fine)
 
-def _shown(profile: Profile) -> np.ndarray:
-    """Rows of the table that are drawn: up to a little beyond the threshold."""
-    table = profile.table
-    shown = table["deviance"].to_numpy() <= CEILING
-    if profile.quantity.parameter.logarithmic:
-        shown &= table["value"].to_numpy() > 0.0
-    return shown
+    def set_scale(self, ax: Axes) -> None:
+        value = self.table["value"]
+        if self.log and value.max() > 5.0 * value.min():
+            ax.set_xscale("log")
+        else:
+            ax.margins(x=0.03)
+        few_ticks(ax.xaxis, 3)
 
+    def deviance(self, ax: Axes) -> None:
+        table, blue = self.table, colour("run")
+        ends = [max(self.profile.low, table["value"].min())]
+        ends.append(min(self.profile.high, table["value"].max()))
+        if ends[0] < ends[1]:
+            ax.axvspan(*ends, color=blue, alpha=0.12, linewidth=0.0)
+        # in the square root of the deviance, which is straight where the likelihood is normal
+        signs = np.sign(table["value"] - self.best["value"])
+        x, root = self.smooth(signs * np.sqrt(np.maximum(table["deviance"], 0.0)))
+        ax.plot(x, root**2, color=blue)
+        ax.plot(table["value"], table["deviance"], "o", color=blue, markersize=1.6)
+        ax.axhline(THRESHOLD, color="0.35", linewidth=0.8, linestyle=(0, (4, 2)))
+        at, how = ax.get_yaxis_transform(), small_text(ha="center", va="bottom", color="0.35")
+        ax.text(0.5, THRESHOLD + 0.05, f"{100.0 * CONTENT:g} %", transform=at, **how)
+        ax.set_ylim(0.0, CEILING)
+        few_ticks(ax.yaxis)
+        ax.set_ylabel(r"$-2\,\Delta\ln L$")
 
-def _set_scale(ax: Axes, profile: Profile) -> None:
-    value = profile.table["value"].to_numpy()[_shown(profile)]
-    if profile.quantity.parameter.logarithmic and value.max() > 5.0 * value.min():
-        ax.set_xscale("log")
-    else:
-        ax.margins(x=0.03)
-    few_ticks(ax.xaxis, 3)
+    def stiffness(self, ax: Axes) -> None:
+        """Stiffnesses and exponents relative to the best fit, on a logarithmic axis."""
+        scales = [q for q in self.profile.known.of_kind(MATERIAL) if q.parameter.logarithmic]
+        for (role, line), q in zip(cycle(STYLES), scales, strict=False):
+            if q.name == self.profile.parameter or not self.best[q.name] > 0.0:
+                continue
+            ratio = np.maximum(self.table[q.name].to_numpy() / self.best[q.name], 1e-4)
+            x, log_ratio = self.smooth(np.log(ratio))
+            label = axis_text(q).symbol
+            ax.plot(x, np.exp(log_ratio), color=colour(role), linestyle=line, label=label)
+        ax.set_yscale("log")
+        low, high = ax.get_ylim()
+        ax.set_ylim(min(low, 0.5), max(high, 2.0))
+        ax.set_ylabel("relative to best")
+        few_ticks(ax.yaxis)
+        ax.legend(handlelength=1.8)
 
+    def structure(self, ax: Axes) -> None:
+        """Angle on the left, dispersion on the right, but for the one that is profiled."""
+        bounded = [q for q in self.profile.known.of_kind(MATERIAL) if q.parameter.bounded]
+        shown = [q for q in bounded if q.name != self.profile.parameter][:2]
+        for k, q in enumerate(shown):
+            side = ax if k == 0 else ax.twinx()
+            role, line = STYLES[k]
+            values = self.table[q.name]
+            side.plot(*self.smooth(values), color=colour(role), linestyle=line)
+            side.set_ylabel(axis_text(q).label, color=colour(role) if len(shown) > 1 else "black")
+            least = 1.0 if q.parameter.unit == DEGREE else 0.005
+            pad, top = max(0.08 * float(np.ptp(values)), least), q.parameter.high
+            side.set_ylim(max(values.min() - pad, -0.02 * top), min(values.max() + pad, 1.02 * top))
+            few_ticks(side.yaxis)
+            side.spines["right"].set_visible(k == 1)
 
-def _deviance(ax: Axes, profile: Profile) -> None:
-    shown = profile.table[_shown(profile)]
-    blue = colour("run")
-    best = int(profile.table["deviance"].argmin())
-    inside = shown[(shown["value"] >= profile.low) & (shown["value"] <= profile.high)]
-    if len(inside):
-        ax.axvspan(
-            max(profile.low, float(shown["value"].min())),
-            min(profile.high, float(shown["value"].max())),
-            color=blue,
-            alpha=0.12,
-            linewidth=0.0,
-        )
-    # in the square root of the deviance, which is straight where the likelihood is normal
-    signs = np.sign(shown["value"] - profile.table["value"].iloc[best])
-    x, root = _smooth(profile, signs * np.sqrt(np.maximum(shown["deviance"], 0.0)))
-    ax.plot(x, root**2, color=blue)
-    ax.plot(shown["value"], shown["deviance"], "o", color=blue, markersize=1.6)
-    ax.axhline(THRESHOLD, color="0.35", linewidth=0.8, linestyle=(0, (4, 2)))
-    ax.annotate(
-        f"{100.0 * CONTENT:g} %",
-        (0.5, THRESHOLD),
-        xycoords=("axes fraction", "data"),
-        xytext=(0, 1.5),
-        textcoords="offset points",
-        ha="center",
-        va="bottom",
-        fontsize=font_points("legend.fontsize"),
-        color="0.35",
-    )
-    ax.set_ylim(0.0, CEILING)
-    few_ticks(ax.yaxis)
-    ax.set_ylabel(r"$-2\,\Delta\ln L$")
-
-
-def _stiffness(ax: Axes, profile: Profile) -> None:
-    """C1, k1 and k2 relative to the best fit, on a logarithmic axis."""
-    shown = profile.table[_shown(profile)]
-    best = profile.table.iloc[int(profile.table["deviance"].argmin())]
-    scales = [q for q in profile.known.of_kind(MATERIAL) if q.parameter.logarithmic]
-    for (role, line), q in zip(cycle(STYLES), scales, strict=False):
-        name = q.name
-        if name == profile.parameter or not best[name] > 0.0:
-            continue
-        ratio = np.maximum(shown[name].to_numpy() / best[name], 1e-4)
-        label = axis_text(q).symbol
-        curve = _smooth(profile, ratio, log=True)
-        ax.plot(*curve, color=colour(role), linestyle=line, label=label)
-    ax.set_yscale("log")
-    low, high = ax.get_ylim()
-    ax.set_ylim(min(low, 0.5), max(high, 2.0))
-    ax.set_ylabel("relative to best")
-    few_ticks(ax.yaxis)
-    ax.legend(loc="best", handlelength=1.8)
-
-
-def _structure(ax: Axes, profile: Profile) -> None:
-    """Angle on the left, dispersion on the right, but for the one that is profiled."""
-    shown = profile.table[_shown(profile)]
-    bounded = [q for q in profile.known.of_kind(MATERIAL) if q.parameter.bounded]
-    names = [q for q in bounded if q.name != profile.parameter][:2]
-    for k, q in enumerate(names):
-        name, angle = q.name, q.parameter.unit == DEGREE
-        side = ax if k == 0 else ax.twinx()
-        role, line = STYLES[k]
-        side.plot(*_smooth(profile, shown[name]), color=colour(role), linestyle=line)
-        side.set_ylabel(axis_text(q).label, color=colour(role) if len(names) > 1 else "black")
-        values = shown[name].to_numpy()
-        pad = max(0.08 * float(np.ptp(values)), 1.0 if angle else 0.005)
-        top = q.parameter.high
-        side.set_ylim(max(values.min() - pad, -0.02 * top), min(values.max() + pad, 1.02 * top))
-        few_ticks(side.yaxis)
-        if k == 1:
-            side.spines["right"].set_visible(True)
-
-
-def _mounting(ax: Axes, profile: Profile) -> None:
-    """Mounting stretches; the mean over the protocols where each has its own."""
-    shown = profile.table[_shown(profile)]
-    stretches = profile.known.of_kind(STRETCH)
-    for k, (role, line, axis) in enumerate((("x", "-", "x"), ("y", "--", "y"))):
-        columns = [q.name for q in stretches if q.axis == k and q.name in shown.columns]
-        if not columns:
-            continue
-        lm = shown[columns].mean(axis=1)
-        ax.plot(*_smooth(profile, lm), color=colour(role), linestyle=line, label=f"${axis}$")
-    if not ax.lines:
-        ax.axhline(1.0, color="0.6", linewidth=0.8)
-    low, high = ax.get_ylim()
-    middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.004)
-    ax.set_ylim(middle - half, middle + half)
-    few_ticks(ax.yaxis)
-    ax.set_ylabel("mounting stretch")
-    if len(ax.lines) > 1:
-        ax.legend(loc="best", handlelength=1.8)
+    def mounting(self, ax: Axes) -> None:
+        """Mounting stretches; the mean over the protocols where each has its own."""
+        stretches = self.profile.known.of_kind(STRETCH)
+        for k, line in enumerate(("-", "--")):
+            columns = [q.name for q in stretches if q.axis == k and q.name in self.table]
+            if columns:
+                mean, axis = self.table[columns].mean(axis=1), "xy"[k]
+                look: dict[str, Any] = {
+                    "color": colour(axis),
+                    "linestyle": line,
+                    "label": f"${axis}$",
+                }
+                ax.plot(*self.smooth(mean), **look)
+        if not ax.lines:
+            ax.axhline(1.0, color="0.6", linewidth=0.8)
+        low, high = ax.get_ylim()
+        middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.004)
+        ax.set_ylim(middle - half, middle + half)
+        few_ticks(ax.yaxis)
+        ax.set_ylabel("mounting stretch")
+        if len(ax.lines) > 1:
+            ax.legend(handlelength=1.8)

@@ -1,6 +1,6 @@
 """The joint posterior of two quantities as regions of given content, drawn by the corner package.
 
-Ours is the density: draws in cells, smoothed by a kernel whose width suits each pair and run, wider
+The density is ours: draws in cells, smoothed by a kernel whose width suits each pair and run, wider
 where few draws lie.
 """
 
@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from scipy.ndimage import gaussian_filter
 
 from biaxbayes.identifiability.bounded_density import Span, robust_sd
 from biaxbayes.prediction.bands import evenly_chosen
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 CONTENTS = (0.5, 0.9, 0.99)
 """Shares of the draws that the regions hold."""
@@ -31,42 +30,39 @@ WIDER = 1.25
 """Width of the kernel of a pair, relative to Scott's."""
 WIDEST = 1.5
 """Times that the kernel of a pair is doubled at most, for draws beyond the region of 90 %."""
-VISIBLE_PAIR = 20_000
-"""Draws of a pair that are looked at; more would change nothing to the eye."""
+VISIBLE = 20_000
+"""Draws of a pair that are drawn; more would change nothing to the eye."""
 
 
-class Projected(NamedTuple):
-    """Draws of a quantity on its axis, from 0 to 1, and their spread there."""
-
-    along: np.ndarray
-    axis: Span
-    sd: float
-
-
-def project(draws: np.ndarray, axis: Span, most: int = VISIBLE_PAIR) -> Projected:
-    """As many draws as are looked at on their axis; those of a pair once for all its panels."""
-    along = axis.forward(draws[evenly_chosen(len(draws), most)])
-    return Projected(along, axis, max(robust_sd(along), 1e-6))
-
-
-def regions(ax: Axes, pair: Sequence[Projected], hue: str, *, filled: bool | None) -> None:
+def regions(
+    ax: Axes,
+    pair: Sequence[np.ndarray],
+    axes: Sequence[Span],
+    hue: str,
+    *,
+    filled: bool | None,
+) -> None:
     """Draw a joint posterior as regions of given content.
 
     Parameters
     ----------
     ax : matplotlib.axes.Axes
-    pair : two Projected
-        Draws on the ranges that they are smoothed on.
+    pair : two ndarray, shape (n,)
+        Draws in x and y.
+    axes : two Span
+        Ranges that they are smoothed on.
     hue : str
     filled : bool or None
         Three shaded regions, or the outline of the one that holds 90 %, or None: the region of
         50 % in that outline.
     """
-    import corner  # takes a second or two: it imports ArviZ
+    import corner  # imports ArviZ, which takes a second or two
 
-    axes, bins = [one.axis for one in pair], cells(pair)
+    shown = evenly_chosen(len(pair[0]), VISIBLE)
+    along = np.array([a.forward(draws[shown]) for a, draws in zip(axes, pair, strict=True)])
+    bins = cells(along)
     centres = [a.back((np.arange(n) + 0.5) / n) for a, n in zip(axes, bins, strict=True)]
-    density, at_draws = _smooth([one.along for one in pair], bins)
+    density, at_draws = _smooth(along, bins)
     look = _look(hue, filled)
     # corner counts the mass of the density; smoothing has spread that of the draws
     edges = np.quantile(at_draws, 1.0 - np.array(look["levels"]))
@@ -82,16 +78,17 @@ def regions(ax: Axes, pair: Sequence[Projected], hue: str, *, filled: bool | Non
     )
 
 
-def _smooth(along: Sequence[np.ndarray], bins: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+def _smooth(along: np.ndarray, bins: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Draws of a pair counted in cells and smoothed, the wider the fewer lie about a draw.
 
     The density in the cells, and at the draws. Width of the kernel (Abramson 1982):
     h (f90 / f)^(1/2) where the density f is below that at the edge of the region of 90 %. One
     width for all leaves islands of single draws.
     """
-    at = [u * n for u, n in zip(along, bins, strict=True)]
-    seen = np.all([(u >= 0.0) & (u <= n) for u, n in zip(at, bins, strict=True)], axis=0)
-    cell = [np.minimum(u[seen].astype(int), n - 1) for u, n in zip(at, bins, strict=True)]
+    inside = np.all((along >= 0.0) & (along <= 1.0), axis=0)
+    cell = [
+        np.minimum((u * n).astype(int), n - 1) for u, n in zip(along[:, inside], bins, strict=True)
+    ]
     counts = np.bincount(np.ravel_multi_index(cell, bins), minlength=bins[0] * bins[1])
     counts = counts.reshape(bins).astype(float)
     pilot = gaussian_filter(counts, CELLS)
@@ -105,14 +102,12 @@ def _smooth(along: Sequence[np.ndarray], bins: Sequence[int]) -> tuple[np.ndarra
     return density, density[tuple(cell)]
 
 
-def cells(draws: Sequence[Projected]) -> list[int]:
+def cells(along: np.ndarray) -> list[int]:
     """Cells of each axis, such that a kernel of so many cells is as wide as it should be.
 
-    Silverman's h = 0.9 sd n^(-1/5) for one quantity, Scott's h = sd n^(-1/6) for a pair, narrower
-    on a ridge so that it stays narrow.
+    Scott's h = sd n^(-1/6) for a pair, narrower on a ridge so that it stays narrow.
     """
-    along = [one.along for one in draws]
-    sd, n = np.array([one.sd for one in draws]), min(len(along[0]), 20_000)
+    sd, n = np.array([max(robust_sd(u), 1e-6) for u in along]), along.shape[1]
     r = np.corrcoef(np.clip(along, 0.0, 1.0))[0, 1] if n > 2 else 0.0
     # sd of one quantity where the other is known: sd sqrt(1 - r^2); halfway to it, in logs
     ridge = (1.0 - min(abs(np.nan_to_num(r)), 0.999) ** 2) ** 0.25
@@ -121,8 +116,6 @@ def cells(draws: Sequence[Projected]) -> list[int]:
 
 def _look(hue: str, filled: bool | None) -> dict[str, Any]:
     """Colours and levels of :func:`corner.hist2d`."""
-    from matplotlib.colors import to_rgb
-
     look: dict[str, Any] = {"color": hue, "plot_datapoints": False, "plot_density": False}
     look |= {"quiet": True, "no_fill_contours": True, "fill_contours": filled is not False}
     if filled is False:

@@ -3,35 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from biaxbayes.errors import InputError
-from biaxbayes.figures.quantities import AxisText, known_or_default, quantity
+from biaxbayes.figures.quantities import LOG_SPREAD, AxisText, known_or_default, quantity
 from biaxbayes.figures.style import (
     PAGE_MM,
     RUNS,
+    SIDE_BY_SIDE_MM,
+    Style,
     blank_figure,
     colour,
     few_ticks,
-    font_points,
     print_style,
+    small_text,
 )
 from biaxbayes.parameters import MATERIAL, NOISE_SD, STRETCH, Parameter, Quantities
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 STEPS = 200
 """Steps that are drawn; more could not be distinguished in print."""
 LEVELS = (0.05, 0.5, 0.95)
 """Quantiles of the walkers of an ensemble that are drawn at each step."""
 RANK_BINS = 20
-ROW_MM, NARROW_MM = 17.2, 120.0
-LOG_SPREAD = 20.0
-"""Ratio of the ends of a trace above which a positive scale gets a logarithmic axis."""
+ROW_MM = 17.2
 
 
 def trace_figure(
@@ -41,7 +39,7 @@ def trace_figure(
     unit: str = "",
     rhat: Mapping[str, float] | None = None,
     width_mm: float = PAGE_MM,
-    style: Mapping[str, Any] | None = None,
+    style: Style = None,
     known: Quantities | None = None,
 ) -> Figure:
     """Traces of the ensembles, and the ranks of each ensemble's draws among all.
@@ -60,16 +58,8 @@ def trace_figure(
         Unit of the specimen's loads.
     rhat : mapping, optional
         Split R-hat by name, printed in the rows.
-    width_mm : float
-        Width in print.
-    style : mapping, optional
-        From :func:`biaxbayes.figures.style.read_style`.
     known : Quantities, optional
         What each name is, where it is not the default law with one mounted state.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Raises
     ------
@@ -83,7 +73,7 @@ def trace_figure(
             raise InputError(
                 f"no quantity {name!r} in this run", remedy=f"it has {', '.join(chains)}"
             )
-    narrow = width_mm < NARROW_MM
+    narrow = width_mm < SIDE_BY_SIDE_MM
     with print_style(style):
         figure = blank_figure(width_mm, 18.0 + ROW_MM * len(rows))
         panels = figure.subplots(
@@ -93,13 +83,23 @@ def trace_figure(
             _draw_trace(left, chains[name], quantity(name, unit, quantities))
             _draw_ranks(right, chains[name])
             if rhat is not None and np.isfinite(rhat.get(name, np.nan)):
-                text = rf"$\hat R$ = {rhat[name]:.3f}"
-                size = font_points("legend.fontsize")
-                right.text(0.98, 0.06, text, transform=right.transAxes, ha="right", size=size)
-        panels[-1, 0].set_xlabel("kept step")
+                text, where = rf"$\hat R$ = {rhat[name]:.3f}", right.transAxes
+                right.text(0.98, 0.06, text, transform=where, ha="right", **small_text())
+        panels[-1, 0].set_xlabel("stored step")
         panels[-1, 1].set_xlabel("rank among all" if narrow else "rank among all draws")
         figure.align_ylabels()
-        _legend(figure, len(chains[rows[0]]))
+        ensembles = min(len(chains[rows[0]]), len(RUNS))
+        handles = [Line2D([], [], color=colour(RUNS[i]), label=i + 1) for i in range(ensembles)]
+        first, last = (f"{100.0 * q:g}" for q in (LEVELS[0], LEVELS[-1]))
+        figure.legend(
+            handles=[Line2D([], [], linestyle="none", label="ensemble"), *handles],
+            title=f"thick: median, thin: {first} and {last} % of the walkers of an ensemble",
+            alignment="left",
+            loc="outside upper left",
+            ncols=ensembles + 1,
+            handlelength=1.2,
+            columnspacing=0.9,
+        )
     return figure
 
 
@@ -140,20 +140,3 @@ def _draw_ranks(ax: Axes, values: np.ndarray) -> None:
     ax.axhline(1.0, color="0.6", linewidth=0.6, linestyle=":", zorder=0.5)
     ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.05 * max(ax.dataLim.y1, 1.5)))
     few_ticks(ax.yaxis, 3)
-
-
-def _legend(figure: Figure, ensembles: int) -> None:
-    from matplotlib.lines import Line2D
-
-    shown = min(ensembles, len(RUNS))
-    handles = [Line2D([], [], color=colour(RUNS[i]), label=f"{i + 1}") for i in range(shown)]
-    first, last = (f"{100.0 * q:g}" for q in (LEVELS[0], LEVELS[-1]))
-    figure.legend(
-        handles=[Line2D([], [], linestyle="none", label="ensemble"), *handles],
-        title=f"thick: median, thin: {first} and {last} % of the walkers of an ensemble",
-        alignment="left",
-        loc="outside upper left",
-        ncols=shown + 1,
-        handlelength=1.2,
-        columnspacing=0.9,
-    )

@@ -1,0 +1,88 @@
+"""What several figures share: panels of intervals with common rows, tables of coloured cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from biaxbayes.figures.quantities import plain
+from biaxbayes.figures.style import RUNS, add_note, blank_figure, colour, small_text, text_colour
+
+COLUMNS = 4
+LABEL_LENGTH, LEAST_LABEL_MM = 18, 2.6
+"""Characters of a label, and the least distance of rows that are labelled one by one."""
+MARKERS = ("o", "s", "^", "D", "v", "P")
+
+
+def row_panels(
+    count: int,
+    tall_mm: float,
+    places: Sequence[float],
+    labels: Sequence[str],
+    width_mm: float,
+    note: str,
+) -> tuple[Figure, list[Axes]]:
+    """A figure of equal panels, four per line, with labelled rows and a note at its foot."""
+    lines = max(-(-count // COLUMNS), 1)
+    figure = blank_figure(width_mm, lines * (tall_mm + 13.0) + 7.0)
+    panels = figure.subplots(lines, COLUMNS, squeeze=False)
+    for ax in panels.flat[count:]:
+        ax.remove()
+    for ax in panels.flat[:count]:
+        ax.set_yticks(places, labels)
+        ax.tick_params(axis="y", length=0.0, labelleft=ax.get_subplotspec().is_first_col())
+        ax.spines["left"].set_visible(False)
+    add_note(figure, note)
+    return figure, list(panels.flat[:count])
+
+
+def group_colour(k: int) -> str:
+    """Colour of the k-th group, layer or run."""
+    return colour(RUNS[k % len(RUNS)])
+
+
+def group_marker(k: int) -> str:
+    """Marker of the k-th group or layer."""
+    return MARKERS[k % len(MARKERS)]
+
+
+def group_handle(k: int, label: str, note: str = "") -> Line2D:
+    """Entry of the k-th group or layer in a legend."""
+    look: dict[str, Any] = {
+        "color": group_colour(k),
+        "marker": group_marker(k),
+        "ms": 3.4,
+        "linewidth": 1.0,
+    }
+    return Line2D([], [], label=plain(label, LABEL_LENGTH) + note, **look)
+
+
+def draw_cells(
+    ax: Axes,
+    texts: Sequence[Sequence[str]],
+    colours: Sequence[Sequence[str]],
+    *,
+    rows: Sequence[str],
+    columns: Sequence[str],
+) -> None:
+    """Fill an axes with cells, a label at the left of each row and above each column."""
+    image = np.array([[to_rgb(face) for face in row] for row in colours])
+    ax.imshow(image, aspect="auto", interpolation="nearest")
+    for i, line in enumerate(texts):
+        for j, text in enumerate(line):
+            how = small_text(ha="center", va="center", linespacing=1.1)
+            ax.text(j, i, text, color=text_colour(colours[i][j]), **how)
+    ax.set_yticks(range(len(rows)), rows)
+    ax.set_xticks(range(len(columns)), columns)
+    ax.xaxis.tick_top()
+    ax.set_xticks(np.arange(len(columns) - 1) + 0.5, minor=True)
+    ax.set_yticks(np.arange(len(rows) - 1) + 0.5, minor=True)
+    ax.grid(which="minor", color="white", linewidth=1.5)
+    ax.tick_params(which="both", length=0.0)
+    ax.spines[:].set_visible(False)

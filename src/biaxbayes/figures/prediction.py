@@ -1,0 +1,214 @@
+"""Predictions with both bands: stress along a path, and pressure over diameter of a tube."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from scipy.spatial.distance import cdist
+
+from biaxbayes.figures.quantities import plain
+from biaxbayes.figures.style import (
+    COLUMN_MM,
+    CREDIBLE,
+    DASHES,
+    MARKERS,
+    PREDICTIVE,
+    SIDE_BY_SIDE_MM,
+    Style,
+    blank_figure,
+    colour,
+    few_ticks,
+    print_style,
+    small_text,
+)
+from biaxbayes.options import CONTENT
+from biaxbayes.prediction.inflation import MMHG_PER_KPA
+from biaxbayes.prediction.stress import INSIDE
+
+STRESS_NAMES = {"cauchy": "Cauchy stress", "piola": "first Piola-Kirchhoff stress"}
+CURVE_MM, STRIP_MM = 56.0, 16.0
+"""Heights of the curves and of the bands less their median."""
+GREY = "0.3"
+BANDS = {"predictive": PREDICTIVE, "credible": CREDIBLE}
+READINGS: dict[str, Any] = {"markersize": 1.3, "markeredgewidth": 0.0, "linestyle": "none"}
+
+
+def stress_figure(
+    table: pd.DataFrame,
+    *,
+    reference: str = "total",
+    probability: float = CONTENT,
+    directions: tuple[str, str] = ("x", "y"),
+    measured: pd.DataFrame | None = None,
+    width_mm: float = COLUMN_MM,
+    style: Style = None,
+) -> Figure:
+    """Stress against stretch with both bands; dashed where nothing was tested.
+
+    Below, the bands less their median: beside the stress itself they are often too narrow to see.
+    From 120 mm the directions stand side by side. ``table`` is that of
+    :func:`biaxbayes.prediction.stress.predict_stress` at stretches of a ``reference`` (total or
+    measured), ``measured`` that of :func:`biaxbayes.prediction.stress.measured_stress`.
+    """
+    stress = "cauchy" if "cauchy_x_kPa_median" in table else "piola"
+    along, label, name = _abscissa(table, reference)
+    read = measured if measured is not None and len(measured) else None
+    wide = width_mm >= SIDE_BY_SIDE_MM
+    with print_style(style):
+        heights = [CURVE_MM, *[STRIP_MM] * (1 if wide else 2)]
+        figure = blank_figure(width_mm, sum(heights) + 16.0)
+        grid = figure.add_gridspec(len(heights), 2 if wide else 1, height_ratios=heights)
+        first = figure.add_subplot(grid[0, 0])
+        second = figure.add_subplot(grid[0, 1], sharex=first, sharey=first) if wide else first
+        places = (grid[1, 0], grid[1, 1]) if wide else (grid[1, 0], grid[2, 0])
+        strips = [figure.add_subplot(place, sharex=first) for place in places]
+        for k, (axis, ax, strip) in enumerate(zip("xy", (first, second), strips, strict=True)):
+            stem, tint = f"{stress}_{axis}_kPa", colour(axis)
+            median = table[f"{stem}_median"]
+            known = "" if directions[k] == axis else f": {plain(directions[k], 24)}"
+            _draw_bands(ax, along, table, stem, tint)
+            _draw_line(ax, along, median, table, tint, label=f"{axis}{known}")
+            about = table[_bands(stem)].sub(median, axis=0)
+            _draw_bands(strip, along, about, stem, tint)
+            strip.axhline(0.0, color="0.4", linewidth=0.5, zorder=0.5)
+            if read is not None:
+                at = read[name] if name else 1.0 + _nearest(read, table)
+                ax.plot(at, read[stem], MARKERS[axis], color=tint, **READINGS)
+                strip.plot(at, read[f"{stem}_residual"], MARKERS[axis], color=tint, **READINGS)
+            if k == 0 or not wide:
+                strip.set_ylabel("less median\n(kPa)", linespacing=1.1, **small_text())
+            few_ticks(strip.yaxis, 3)
+            ax.margins(x=0.0)
+            ax.tick_params(labelbottom=False, labelleft=k == 0 or not wide)
+            strip.tick_params(labelbottom=wide or k == 1)
+            if wide or k == 1:
+                strip.set_xlabel(label)
+        first.set_ylabel(f"{STRESS_NAMES[stress]} (kPa)")
+        figure.align_ylabels()
+        handles = _band_handles(table, probability)
+        if read is not None:
+            handles.insert(0, Line2D([], [], marker="o", color=GREY, label="measured", **READINGS))
+        _add_legend(first, handles)
+        if wide:
+            _add_legend(second, [])
+    return figure
+
+
+def _abscissa(table: pd.DataFrame, reference: str) -> tuple[np.ndarray, str, str]:
+    """The stretch that varies most along the path, if it orders the rows; else their number."""
+    x, y = table["stretch_x"].to_numpy(), table["stretch_y"].to_numpy()
+    axis, leading = ("x", x) if np.ptp(x) >= np.ptp(y) else ("y", y)
+    steps = np.diff(leading)
+    if len(leading) > 1 and not ((steps > 0).all() or (steps < 0).all()):
+        return np.arange(1, len(leading) + 1, dtype=float), "state (row of the path)", ""
+    direction = "" if np.allclose(x, y) else f" in {axis}"
+    return leading, f"{reference} stretch{direction}", f"stretch_{axis}"
+
+
+def _nearest(read: pd.DataFrame, table: pd.DataFrame) -> np.ndarray:
+    """The state of the path that is nearest to each reading."""
+    stretches = ["stretch_x", "stretch_y"]
+    return cdist(read[stretches], table[stretches]).argmin(axis=1)
+
+
+def inflation_figure(
+    table: pd.DataFrame,
+    *,
+    probability: float = CONTENT,
+    width_mm: float = COLUMN_MM,
+    style: Style = None,
+) -> Figure:
+    """Pressure against outer diameter with both bands; dashed where nothing was tested.
+
+    Below, or beside, the bands less their median, which they hardly leave on the scale of the test.
+    ``table`` is that of :func:`biaxbayes.prediction.inflation.predict_pressure` or
+    :func:`biaxbayes.prediction.inflation.predict_diameter`.
+    """
+    upright = "pressure_kPa_median" in table
+    stem, other = ("pressure_kPa", "outer_diameter_mm")[:: 1 if upright else -1]
+    along, median = table[other].to_numpy(), table[f"{stem}_median"]
+    with print_style(style):
+        tint = colour("run")
+        figure = blank_figure(width_mm, 0.85 * width_mm)
+        if upright:
+            ax, strip = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
+            _draw_line(ax, along, median, table, tint, label="median")
+            strip.set(xlabel="outer diameter (mm)", ylabel="less median\n(kPa)")
+            strip.axhline(0.0, color=tint)
+        else:
+            ax, strip = figure.subplots(1, 2, sharey=True, width_ratios=(3.0, 1.0))
+            _draw_line(ax, median, along, table, tint, label="median")
+            ax.set_xlabel("outer diameter (mm)")
+            strip.set_xlabel("less median\n(mm)")
+            strip.axvline(0.0, color=tint)
+        _draw_bands(ax, along, table, stem, tint, upright=upright)
+        about = table[_bands(stem)].sub(median, axis=0)
+        _draw_bands(strip, along, about, stem, tint, upright=upright)
+        strip.locator_params(nbins=3, axis="y" if upright else "x")
+        ax.set_ylabel("pressure (kPa)")
+        ax.margins(y=0.0)
+        mercury = (ax if upright else strip).secondary_yaxis("right", functions=(_mmHg, _kPa))
+        mercury.set_ylabel("pressure (mmHg)")
+        mercury.spines["right"].set_visible(True)
+        _add_legend(ax, _band_handles(table, probability))
+    return figure
+
+
+def _mmHg(kPa: Any) -> Any:
+    return kPa * MMHG_PER_KPA
+
+
+def _kPa(mmHg: Any) -> Any:
+    return mmHg / MMHG_PER_KPA
+
+
+# --- bands, lines and legends of both figures ----------------------------------------------------
+
+
+def _bands(stem: str) -> list[str]:
+    return [f"{stem}_{kind}_{end}" for kind in BANDS for end in ("low", "high")]
+
+
+def _draw_bands(
+    ax: Axes, along: np.ndarray, table: pd.DataFrame, stem: str, tint: str, *, upright: bool = True
+) -> None:
+    """Credible and predictive band of a column of the table, over or beside ``along``."""
+    fill = ax.fill_between if upright else ax.fill_betweenx
+    for kind, opacity in BANDS.items():
+        low, high = (table[f"{stem}_{kind}_{end}"] for end in ("low", "high"))
+        fill(along, low, high, color=tint, alpha=opacity, linewidth=0.0)
+
+
+def _draw_line(ax: Axes, x: Any, y: Any, table: pd.DataFrame, tint: str, label: str) -> None:
+    """A line, solid where the states were tested and dashed elsewhere."""
+    x, y = np.asarray(x), np.asarray(y)
+    tested = table["extrapolation"].to_numpy() == INSIDE
+    edges = [0, *(np.flatnonzero(np.diff(tested.astype(int))) + 1), tested.size]
+    for first, last in pairwise(edges):
+        # each segment ends where the next begins, so that the line is whole
+        part = slice(first, min(last + 1, tested.size))
+        ax.plot(x[part], y[part], color=tint, linestyle="-" if tested[first] else DASHES)
+    ax.plot([], [], color=tint, label=label)
+
+
+def _band_handles(table: pd.DataFrame, probability: float) -> list[Any]:
+    """Legend entries of the bands and of states that were not tested."""
+    handles: list[Any] = [
+        Patch(fc=GREY, alpha=alpha, lw=0.0, label=f"{kind}, {100 * probability:g} %")
+        for kind, alpha in reversed(BANDS.items())
+    ]
+    if (table["extrapolation"] != INSIDE).any():
+        handles.append(Line2D([], [], color=GREY, linestyle=DASHES, label="not tested"))
+    return handles
+
+
+def _add_legend(ax: Axes, handles: list[Any]) -> None:
+    own, _ = ax.get_legend_handles_labels()
+    ax.legend(handles=[*own, *handles], loc="upper left", borderaxespad=0.2)
