@@ -18,7 +18,6 @@ from biaxbayes.fitting.residuals import (
     FreeMounting,
     GivenMounting,
     Readings,
-    mounting_roots,
     readings,
 )
 from biaxbayes.fitting.result import FitResult, fit_result
@@ -118,7 +117,7 @@ def alternate(
     lm = np.ones_like(data.mounting_load) if first is None else first
     cost, settled, count = np.inf, False, 0
     for count in range(1, most + 1):  # noqa: B007 - reported
-        root, _ = mounting_roots(data, point, data.mounting_load, law)
+        root = data.forward(law).mounting_roots(point, data.mounting_load)
         found_root = bool(np.isfinite(root).all())
         new_lm = root if found_root else lm
         problem = GivenMounting(data, "cauchy", point, free, scale, new_lm, law)

@@ -23,7 +23,7 @@ from biaxbayes.fitting.constrained import (
     starting_points,
 )
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
-from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, mounting_roots
+from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting
 from biaxbayes.fitting.smooth_misfit import pseudo_inverse, smooth_misfit
 from biaxbayes.laws import law_named
 from biaxbayes.options import FitOptions
@@ -150,11 +150,9 @@ def _with_errors(
     }
     sd, mounting_widening = plain.sd, None
     if isinstance(problem, BalancedMounting):
-        lm, inverse = mounting_roots(
-            setup.data, problem.theta(unknowns), problem.mounting_load(unknowns), law, False
-        )
-        state = law.response(problem.theta(unknowns), lm)
-        slope = problem.log_stretch_by_unknowns(unknowns, lm, inverse, state)[:, moved]
+        lm = problem.mounting(unknowns)
+        state = problem.forward.response(problem.theta(unknowns), 1.0, lm)
+        slope = problem.log_stretch_by_unknowns(unknowns, state)[:, moved]
         total, within = (
             (np.sqrt(np.einsum("ij,jk,ik->i", slope, c, slope)).reshape(lm.shape) * lm).T
             for c in (misfit.covariance, own)

@@ -18,23 +18,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from biaxbayes.laws.law import Law, StressResponse
-from biaxbayes.mechanics.mounting import load_per_stress, solve_balance
+from biaxbayes.laws.law import Law
+from biaxbayes.model.forward import ForwardModel, LoadResponse
 from biaxbayes.specimens.specimen import Specimen
-
-__all__ = [
-    "BalancedMounting",
-    "FreeMounting",
-    "GivenMounting",
-    "Readings",
-    "mounting_roots",
-    "readings",
-]
-
 
 # --- all rows of a specimen in flat arrays, as a fit needs them ----------------------------------
 
@@ -72,6 +61,10 @@ class Readings:
     area: np.ndarray
     mounted: bool
     rows: tuple[slice, ...]
+
+    def forward(self, law: Law) -> ForwardModel:
+        """The forward model of a law on the specimen."""
+        return ForwardModel(law, self.area, self.mounted)
 
     @property
     def peak(self) -> float:
@@ -161,6 +154,11 @@ class GivenMounting:
         self._last = (unknowns.copy(), found)
         return found
 
+    @property
+    def forward(self) -> ForwardModel:
+        """The forward model of the law."""
+        return self.data.forward(self.law)
+
     def theta(self, unknowns: np.ndarray) -> np.ndarray:
         """Coordinates of the fit with the fixed ones filled in."""
         point = self.point.copy()
@@ -184,30 +182,24 @@ class GivenMounting:
 
     def _rows(
         self, point: np.ndarray, lm: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, StressResponse]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, LoadResponse]:
         """Residuals (2n,), by theta (p, 2n), by all ln lm (2n, 2m), and the mounted states."""
         data = self.data
         lmr = lm if lm.shape[1] == 1 else lm[:, data.group]
         # one call for rows and mounted states: NumPy's calls take longer than the arithmetic
-        all_of_it = self.law.response(point, np.hstack([data.stretch * lmr, lm]))
-        rows, state = all_of_it.split(data.group.size)
-        s, by_lm = rows.stress, rows.by_log_stretch.copy()
-        # model: A0 s / (l lm) (unloaded), Am s / l (mounted)
-        factor = load_per_stress(data.area[:, None], data.stretch, lmr, data.mounted)
-        measured = data.load
+        stretch = np.hstack([data.stretch, np.ones_like(lm)])
+        mounting = np.hstack([np.broadcast_to(lmr, data.stretch.shape), lm])
+        rows, state = self.forward.response(point, stretch, mounting).split(data.group.size)
+        miss, by_point, by_lm = rows.load - data.load, rows.by_coordinate, rows.by_log_mounting
         if self.quantity == "cauchy":
-            # data: f l lm / A0 (unloaded), f l / Am (mounted)
-            measured, factor = measured / factor, np.ones_like(s)
-            moves = measured
-        else:
-            moves = s
-        if not data.mounted:
-            by_lm[0, 0] -= moves[0]
-            by_lm[1, 1] -= moves[1]
-        factor = factor / self.scale
-        r = factor * s - measured / self.scale
-        by_point = (factor * rows.by_coordinate.transpose(1, 0, 2)).reshape(point.size, -1)
-        return r.ravel(), by_point, self._spread(factor[:, None, :] * by_lm), state
+            # s - f l lm / A0 (unloaded), s - f l / Am (mounted)
+            miss, by_point = miss / rows.per_stress, by_point / rows.per_stress[:, None]
+            by_lm = by_lm / rows.per_stress[:, None]
+            if not data.mounted:
+                by_lm[0, 0] += miss[0]
+                by_lm[1, 1] += miss[1]
+        by_point = by_point.transpose(1, 0, 2).reshape(point.size, -1) / self.scale
+        return miss.ravel() / self.scale, by_point, self._spread(by_lm / self.scale), state
 
     def _spread(self, by_lm: np.ndarray) -> np.ndarray:
         """(2, 2, n) by a row's own ln lm to (2n, 2m) by all, columns ordered (k, group)."""
@@ -239,8 +231,8 @@ class BalancedMounting(GivenMounting):
     """The mounting stretch is the root of the force balance at the mounted state.
 
     With ``reading_sd`` (2, m) the mounting loads are unknowns too, in units of their sd from
-    their readings, and add one residual each. Not ``compiled``, the same code looks for the root in
-    Python: for laws that are fitted once, compiling takes longer than that.
+    their readings, and add one residual each. ``compiled`` as in
+    :meth:`.ForwardModel.mounting_roots`.
     """
 
     reading_sd: np.ndarray | None = None
@@ -257,71 +249,35 @@ class BalancedMounting(GivenMounting):
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m); NaN where no root exists."""
         load = self.mounting_load(unknowns)
-        return mounting_roots(self.data, self.theta(unknowns), load, self.law, self.compiled)[0]
+        return self.forward.mounting_roots(self.theta(unknowns), load, compiled=self.compiled)
 
-    def log_stretch_by_unknowns(
-        self, unknowns: np.ndarray, lm: np.ndarray, inverse: np.ndarray, state: StressResponse
-    ) -> np.ndarray:
-        """Derivative of all ln lm by the unknowns, shape (2m, unknowns), by the balance.
+    def log_stretch_by_unknowns(self, unknowns: np.ndarray, state: LoadResponse) -> np.ndarray:
+        """Derivative of all ln lm by the unknowns, shape (2m, unknowns).
 
-        Parameters
-        ----------
-        unknowns : ndarray
-        lm, inverse : ndarray
-            From :func:`mounting_roots`.
-        state : StressResponse
-            Of the mounted states.
+        By the implicit function theorem: with the mounting load f0 = q(theta, lm),
+
+            dq/d(ln lm) d(ln lm) = d f0 - dq/d(theta) d(theta)
         """
-        # Implicit function theorem: J d(ln lm) = -ds/dtheta d theta + lm^(unloaded) d p0
+        inverse = np.linalg.inv(state.by_log_mounting.transpose(2, 0, 1))
         by_theta = -np.einsum("gij,jpg->igp", inverse, state.by_coordinate)
-        by_theta = by_theta[..., self.free].reshape(lm.size, -1)
+        groups = len(inverse)
+        by_theta = by_theta[..., self.free].reshape(2 * groups, -1)
         if self.reading_sd is None:
             return by_theta
-        load = self.reading_sd / self.data.area[:, None] * (1.0 if self.data.mounted else lm)
-        groups = lm.shape[1]
         by_offset = np.zeros((2, groups, 2, groups))
         for g in range(groups):
-            by_offset[:, g, :, g] = inverse[g] * load[:, g]
+            by_offset[:, g, :, g] = inverse[g] * self.reading_sd[:, g]
         return np.hstack([by_theta, by_offset.reshape(2 * groups, -1)])
 
     def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        point, data = self.theta(unknowns), self.data
-        load = self.mounting_load(unknowns)
-        lm, inverse = mounting_roots(data, point, load, self.law, self.compiled)
         offsets = unknowns[self.free.size :]
+        lm = self.mounting(unknowns)
         if not np.isfinite(lm).all():
-            rows = 2 * data.group.size + offsets.size
+            rows = 2 * self.data.group.size + offsets.size
             return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
-        r, by_point, by_lm, state = self._rows(point, lm)
-        jacobian = by_lm @ self.log_stretch_by_unknowns(unknowns, lm, inverse, state)
+        r, by_point, by_lm, state = self._rows(self.theta(unknowns), lm)
+        jacobian = by_lm @ self.log_stretch_by_unknowns(unknowns, state)
         jacobian[:, : self.free.size] += by_point[self.free].T
         # an offset has itself for a residual
         pin = np.eye(offsets.size, unknowns.size, self.free.size)
         return np.concatenate([r, offsets]), np.vstack([jacobian, pin])
-
-
-def mounting_roots(
-    data: Readings, point: np.ndarray, load: np.ndarray, law: Law, compiled: bool = True
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mounting stretches (2, m) and inverse Jacobians of the balance (m, 2, 2); NaN without root.
-
-    Parameters
-    ----------
-    data : Readings
-    point : ndarray, shape (p,)
-    load : ndarray, shape (2, m)
-        Mounting loads.
-    law : Law
-    compiled : bool
-    """
-    solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
-    constants = law.at_point(point).constants
-    groups = load.shape[1]
-    lm, inverse = np.full((2, groups), np.nan), np.full((groups, 2, 2), np.nan)
-    for g in range(groups):
-        px, py = load[:, g] / data.area
-        ok, x, y, jxx, jxy, jyy = solve(constants, px, py, data.mounted)
-        if ok:
-            lm[:, g] = np.exp(x), np.exp(y)
-            inverse[g] = np.array([[jyy, -jxy], [-jxy, jxx]]) / (jxx * jyy - jxy * jxy)
-    return lm, inverse

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.fitting.residuals import Readings
-from biaxbayes.laws.law import Law, StressResponse
-from biaxbayes.mechanics.mounting import BRACKET, load_per_stress
+from biaxbayes.laws.law import Law
+from biaxbayes.mechanics.mounting import BRACKET
+from biaxbayes.model.forward import LoadResponse
 from biaxbayes.specimens.specimen import Specimen
-
-__all__ = ["FitResult", "fit_result", "half_digits", "rounding_bound"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,25 +116,20 @@ def fit_result(
     whatever its descent says.
     """
     lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
-    lmr = lm[:, data.group]
-    area = data.area[:, None]
+    forward = data.forward(law)
     with np.errstate(all="ignore"):
-        response = law.response(point, data.stretch * lmr)
-        model = response.stress
-        rest = law.response(point, lm).stress
-        factor = load_per_stress(area, data.stretch, lmr, data.mounted)
+        response = forward.response(point, data.stretch, lm[:, data.group])
+        mounting_load = forward.response(point, 1.0, lm).load
         # Cauchy stress of the data: f l lm / A0 (unloaded), f l / Am (mounted)
-        measured = data.load / factor
-        load = model * factor
-        mounting_load = rest * load_per_stress(area, 1.0, lm, data.mounted)
-        miss = measured - model
+        measured = data.load / response.per_stress
+        miss = measured - response.stress.stress
         total = float(((measured - measured.mean()) ** 2).sum())
         r2 = 1.0 - float((miss**2).sum()) / total if total > 0.0 else math.nan
         rmse = float(np.sqrt((miss**2).mean()))
         solved = bool(np.isfinite(mounting_stretch).all())
         if not converged and solved:
-            converged = rmse <= rounding_bound(specimen, data, lm, response)
-        left = data.load - load
+            converged = rmse <= rounding_bound(specimen, data, response)
+        left = data.load - response.load
         if np.sqrt((left**2).mean()) < specimen.load_resolution:
             left = np.zeros_like(left)
     residuals = tuple(left[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
@@ -200,9 +194,7 @@ def half_digits(values: np.ndarray) -> np.ndarray:
     return 0.5 * 10.0 ** np.maximum(-decimals, by_significance)
 
 
-def rounding_bound(
-    specimen: Specimen, data: Readings, mounting_stretch: np.ndarray, response: StressResponse
-) -> float:
+def rounding_bound(specimen: Specimen, data: Readings, response: LoadResponse) -> float:
     """Largest root mean square miss of the Cauchy stress that rounding explains, in kPa.
 
     Parameters
@@ -210,17 +202,15 @@ def rounding_bound(
     specimen : Specimen
     data : Readings
         All its rows.
-    mounting_stretch : ndarray, shape (2, m)
-    response : StressResponse
-        At the total stretches of ``data``.
+    response : LoadResponse
+        At these rows.
     """
     stretch, load = _written(specimen)
-    lm = mounting_stretch[:, data.group]
-    factor = load_per_stress(data.area[:, None], data.stretch, lm, data.mounted)
+    stress = response.stress
     # data: f l lm / A0 (unloaded), f l / Am (mounted); model: s(l lm). Their difference moves by
     #   df / factor + s dl / l - sum_j ds/d(ln l_j) dl_j / l_j
-    slope = np.abs(response.by_log_stretch) + np.eye(2)[:, :, None] * np.abs(response.stress)
-    bound = load / factor + np.einsum("kjn,jn->kn", slope, stretch / data.stretch)
+    slope = np.abs(stress.by_log_stretch) + np.eye(2)[:, :, None] * np.abs(stress.stress)
+    bound = load / response.per_stress + np.einsum("kjn,jn->kn", slope, stretch / data.stretch)
     return float(np.sqrt((bound**2).mean()))
 
 

@@ -15,9 +15,6 @@ from biaxbayes.errors import InputError
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.screening import Screening, screen
-from biaxbayes.mechanics.mounting import load_per_stress
-
-__all__ = ["held_and_free", "screened_points"]
 
 ROWS = 24  # of each protocol, enough to rank starting points
 CANDIDATES = 512
@@ -61,7 +58,7 @@ def screened_points(
         load = np.hstack([data.mounting_load, load])
 
     def factor(total: np.ndarray) -> np.ndarray:
-        return load_per_stress(data.area[:, None], stretch, total / stretch, data.mounted)
+        return data.forward(law).per_stress(stretch, total / stretch)
 
     readings = Screening(stretch, load, data.area, with_mounting, point, free, CANDIDATES, factor)
     with np.errstate(all="ignore"):

@@ -17,10 +17,8 @@ from biaxbayes.fitting.residuals import (
     BalancedMounting,
     GivenMounting,
     Readings,
-    mounting_roots,
     readings,
 )
-from biaxbayes.mechanics.mounting import load_per_stress
 from biaxbayes.options import Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
@@ -165,13 +163,10 @@ class _Ridge:
         return self._loads(self.full, point)
 
     def _loads(self, data: Readings, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lm = np.ones_like(data.mounting_load)
+        forward, lm = data.forward(self.law), np.ones_like(data.mounting_load)
         if self.balanced:
-            lm, _ = mounting_roots(data, point, data.mounting_load, self.law)
-        lmr = lm[:, data.group]
-        stress = self.law.response(point, data.stretch * lmr).stress
-        factor = load_per_stress(data.area[:, None], data.stretch, lmr, data.mounted)
-        return factor * stress, lm
+            lm = forward.mounting_roots(point, data.mounting_load)
+        return forward.response(point, data.stretch, lm[:, data.group]).load, lm
 
     def follow(self, values: np.ndarray) -> list[np.ndarray]:
         """Fitted materials at a series of values of the moved parameter, until one has no fit."""

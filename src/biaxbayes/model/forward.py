@@ -12,6 +12,10 @@ functions.
 *Values* are numbers or arrays of shape (draws,) by the names of ``summary.csv``: a dictionary or a
 table of draws. What they do not name is as the file states it: lm = 1, factors of one, z = 0.
 Results have the shape (draws, rows, 2), x and y last.
+
+Least squares move in the coordinates of the law (:meth:`.Law.point`) and need derivatives:
+:meth:`ForwardModel.response` and :meth:`ForwardModel.mounting_roots` take one point and arrays of
+shape (2, n), one column a state.
 """
 
 from __future__ import annotations
@@ -21,8 +25,13 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.mounting import load_per_stress, sections, unloaded_section
+from biaxbayes.laws.law import Law, StressResponse
+from biaxbayes.mechanics.mounting import (
+    load_per_stress,
+    sections,
+    solve_balance,
+    unloaded_section,
+)
 from biaxbayes.model.error_model import error_model, error_sd
 from biaxbayes.parameters import DIMENSIONS, mounting_names
 from biaxbayes.specimens.path import ThinnedSpecimen
@@ -69,6 +78,51 @@ class MeasuredRows:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class LoadResponse:
+    """Loads of one material at n states, and their derivatives.
+
+    Attributes
+    ----------
+    stress : StressResponse
+    per_stress : ndarray, shape (2, n)
+        Load per Cauchy stress.
+    mounted : bool
+        Whether the dimensions are those of the mounted state.
+    """
+
+    stress: StressResponse
+    per_stress: np.ndarray
+    mounted: bool
+
+    @property
+    def load(self) -> np.ndarray:
+        """Loads, shape (2, n)."""
+        return self.per_stress * self.stress.stress
+
+    @property
+    def by_coordinate(self) -> np.ndarray:
+        """By the coordinates that fits move in, shape (2, p, n)."""
+        return self.per_stress[:, None] * self.stress.by_coordinate
+
+    @property
+    def by_log_mounting(self) -> np.ndarray:
+        """By the log mounting stretches, the second axis; shape (2, 2, n)."""
+        slope = self.stress.by_log_stretch.copy()
+        if not self.mounted:  # f = A0 s / (l lm)
+            slope[0, 0] -= self.stress.stress[0]
+            slope[1, 1] -= self.stress.stress[1]
+        return self.per_stress[:, None] * slope
+
+    def split(self, at: int) -> tuple[LoadResponse, LoadResponse]:
+        """The first ``at`` states and the others."""
+        first, second = self.stress.split(at)
+        return (
+            LoadResponse(first, self.per_stress[:, :at], self.mounted),
+            LoadResponse(second, self.per_stress[:, at:], self.mounted),
+        )
+
+
 @dataclass(frozen=True)
 class ForwardModel:
     """Loads of a law on a specimen.
@@ -89,6 +143,35 @@ class ForwardModel:
     def from_specimen(cls, specimen: Specimen, law: Law) -> ForwardModel:
         """The forward model of a specimen."""
         return cls(law, specimen.area, specimen.geometry == "mounted")
+
+    # --- one point of the law, one column a state ---
+
+    def per_stress(self, stretch: Any, mounting: Any) -> np.ndarray:
+        """Load per Cauchy stress at measured and mounting stretches, shape (..., 2, n)."""
+        factor = load_per_stress(self.area[:, None], stretch, mounting, self.mounted)
+        return np.asarray(factor)
+
+    def response(self, point: np.ndarray, stretch: Any, mounting: np.ndarray) -> LoadResponse:
+        """Loads at measured and mounting stretches of shape (2, n), with derivatives."""
+        stress = self.law.response(point, stretch * mounting)
+        return LoadResponse(stress, self.per_stress(stretch, mounting), self.mounted)
+
+    def mounting_roots(
+        self, point: np.ndarray, load: np.ndarray, *, compiled: bool = True
+    ) -> np.ndarray:
+        """Mounting stretches that balance mounting loads, both (2, m); NaN where there is no root.
+
+        Not ``compiled``, the same code runs in Python: for laws that are fitted once, compiling
+        takes longer.
+        """
+        solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
+        constants = self.law.at_point(point).constants
+        roots = np.full(load.shape, np.nan)
+        for m, (px, py) in enumerate((load / self.area[:, None]).T):
+            ok, x, y, *_ = solve(constants, px, py, self.mounted)
+            if ok:
+                roots[:, m] = np.exp(x), np.exp(y)
+        return roots
 
     # --- its parts, (draws, 1, 2) unless noted ---
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.laws.law import Law
-from biaxbayes.mechanics.mounting import load_per_stress
+from biaxbayes.model.forward import ForwardModel
 from biaxbayes.parameters import MATERIAL, STRETCH
 from biaxbayes.populations.ensemble import Design
 from biaxbayes.populations.model import LINEAR, LOG, Grouping, PooledValue
@@ -396,8 +396,9 @@ class Population:
                 off = (stretch * lm)[-1] - 1.0
                 if abs(off[0] - off[1]) > EQUIBIAXIAL * np.abs(off).max():
                     continue
-                mounted = specimen.geometry == "mounted"
-                stress = specimen.load(p) / load_per_stress(specimen.area, stretch, lm, mounted)
+                forward = ForwardModel.from_specimen(specimen, source.run.law)
+                per_stress = forward.per_stress(stretch.T, lm[:, None]).T
+                stress = specimen.load(p) / per_stress
                 out.append((self.grouping.group[i], stretch * lm, stress))
         return out
 

@@ -17,7 +17,7 @@ import numpy as np
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import SMOOTH_RUNS, misses_smoothly
 from biaxbayes.fitting.fit import fit
-from biaxbayes.fitting.residuals import mounting_roots, readings
+from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.options import FitOptions
 from biaxbayes.parameters import mounting_names
@@ -381,14 +381,15 @@ class _Work:
         data = readings(self.data, shared=shared)
         law = self.posterior.law
         point = law.point(full.material.values)
-        lm, inverse = mounting_roots(data, point, data.mounting_load, law)
+        forward = data.forward(law)
+        lm = forward.mounting_roots(point, data.mounting_load)
+        # d f0 = df/d(ln lm) d(ln lm)
+        slope = forward.response(point, 1.0, lm).by_log_mounting.transpose(2, 0, 1)
         toes = [np.abs(_toe(r)).max(axis=0) for r in full.residuals]
         miss = [np.max(toes, axis=0)] if shared else toes
         out = {}
         for i, label in enumerate(self.posterior.mounts):
-            # J d(ln lm) = lm dp0 (unloaded dimensions); mounted ones: without the lm
-            scale = 1.0 if data.mounted else lm[:, i]
-            by_load = lm[:, i, None] * inverse[i] * scale / data.area
+            by_load = lm[:, i, None] * np.linalg.inv(slope[i])
             error = np.hypot(*(by_load * miss[i]).T)
             for axis, name in enumerate(mounting_names("stretch", label)):
                 out[name] = float(error[axis])

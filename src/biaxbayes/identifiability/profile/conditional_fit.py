@@ -19,7 +19,7 @@ import numpy as np
 from biaxbayes.fitting.least_squares import descend
 from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, Readings, readings
 from biaxbayes.fitting.starting_points import screened_points
-from biaxbayes.mechanics.mounting import BRACKET, load_per_stress
+from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import Settings
 from biaxbayes.specimens.specimen import Specimen
 
@@ -68,22 +68,19 @@ class ReadMounting(GivenMounting):
         return out
 
     def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        full, data = self.all(unknowns), self.data
+        full = self.all(unknowns)
         size = self.point.size
         point, lm = full[:size], full[size:].reshape(self.mounting_stretch.shape)
         r, by_point, by_lm, state = self._rows(point, lm)
         by_all = np.hstack([by_point.T, by_lm / lm.ravel()])
-        weight = load_per_stress(data.area[:, None], 1.0, lm, data.mounted) / self.reading_sd
-        z = weight * state.stress - self.reading / self.reading_sd
-        slope = state.by_log_stretch.copy()
-        if not data.mounted:
-            slope[0, 0] -= state.stress[0]
-            slope[1, 1] -= state.stress[1]
-        z_point = (weight[:, None, :] * state.by_coordinate).transpose(0, 2, 1).reshape(-1, size)
+        z = (state.load - self.reading) / self.reading_sd
+        z_point = state.by_coordinate / self.reading_sd[:, None, :]
+        z_point = z_point.transpose(0, 2, 1).reshape(-1, size)
+        slope = state.by_log_mounting / self.reading_sd[:, None, :] / lm
         groups = self.reading.shape[1]
         z_lm = np.zeros((2, groups, 2, groups))
         for g in range(groups):
-            z_lm[:, g, :, g] = weight[:, g, None] * slope[:, :, g] / lm[:, g]
+            z_lm[:, g, :, g] = slope[:, :, g]
         z_all = np.hstack([z_point, z_lm.reshape(2 * groups, -1)])
         return (
             np.concatenate([r, z.ravel()]),
