@@ -82,7 +82,7 @@ def test_an_interval_is_widened_about_its_median_where_the_law_misses(clean):
 def test_what_the_misfit_leaves_open_is_not_identified(clean):
     row = rows(with_fit(clean, widening={"C1": 400.0}, misfit=0.2))["C1"]
     assert row.verdict == "not identified" and math.isnan(row.low) and math.isnan(row.high)
-    assert "GOH misses smoothly" in row.reason
+    assert "the smooth misfit of GOH" in row.reason
     # as wide as that, the dispersion is bounded or open, never a value
     kappa = rows(with_fit(clean, widening={"kappa": 20.0}))["kappa"]
     assert kappa.verdict != "identified"
@@ -90,7 +90,9 @@ def test_what_the_misfit_leaves_open_is_not_identified(clean):
 
 def test_a_value_spans_no_order_of_magnitude(clean):
     evidence = clean["k1"].evidence
-    wide = replace(evidence, low=evidence.median / 20.0, high=evidence.median * 20.0)
+    alone = replace(evidence.partners, spread_given_partners=1.0)
+    ends = {"low": evidence.median / 20.0, "high": evidence.median * 20.0}
+    wide = replace(evidence, partners=alone, **ends)
     parameters = tuple(
         replace(p, evidence=wide, verdict="identified") if p.name == "k1" else p
         for p in clean.parameters

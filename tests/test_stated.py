@@ -164,7 +164,12 @@ def test_a_better_law_is_named_only_where_it_is_distinctly_better():
     told = distinctly_better(LawRange((fung, goh), 0.1, 100.0), "goh")
     assert told == "fung misses by 2.4 kPa where goh misses by 4 kPa: see biaxbayes laws"
     assert not distinctly_better(LawRange((replace(fung, rms=3.5), goh), 0.1, 100.0), "goh")
-    assert not distinctly_better(LawRange((fung, goh), 2.0, 100.0), "goh")
+    # a difference below the noise counts where it rests on many independent readings, and where
+    # the other law fits without a smooth misfit
+    assert distinctly_better(LawRange((fung, goh), 2.0, 100.0), "goh")
+    smooth, few = replace(fung, smooth=True), replace(fung, independent=3.0)
+    for best in (smooth, few):
+        assert not distinctly_better(LawRange((best, goh), 2.0, 100.0), "goh")
     assert not distinctly_better(LawRange((goh, replace(fung, rms=5.0)), 0.1, 100.0), "goh")
 
 

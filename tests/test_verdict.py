@@ -38,6 +38,7 @@ LOOSE = Evidence(
     likelihood_sensitivity=0.5,
 )
 SHARP = replace(LOOSE, low=0.10, high=0.19)
+WIDE = replace(LOOSE, low=0.04)  # wider than twice a sharp interval
 TRADED = Partners(("k1", "alpha"), 0.3, 0.4)
 T = Thresholds()
 
@@ -60,10 +61,11 @@ LOW, HIGH = edge(0), edge(1, value=1 / 3)
         # separate peaks are wide and no prior, unless they exclude little of it
         (replace(LOOSE, posterior_sd=0.08, modes=2, prior_excluded=0.5), IDENTIFIED),
         (replace(LOOSE, posterior_sd=0.08, modes=2, prior_excluded=0.49), NOT_IDENTIFIED),
-        # a trade counts where the partners cut the spread to half, and not for a sharp interval
-        (replace(LOOSE, partners=TRADED), COMBINATION),
-        (replace(LOOSE, partners=replace(TRADED, spread_given_partners=0.5)), COMBINATION),
-        (replace(LOOSE, partners=replace(TRADED, spread_given_partners=0.51)), IDENTIFIED),
+        # a trade counts where the partners cut the spread to half and the interval is wide
+        (replace(WIDE, partners=TRADED), COMBINATION),
+        (replace(WIDE, partners=replace(TRADED, spread_given_partners=0.5)), COMBINATION),
+        (replace(WIDE, partners=replace(TRADED, spread_given_partners=0.51)), IDENTIFIED),
+        (replace(LOOSE, partners=TRADED), IDENTIFIED),
         (replace(SHARP, partners=TRADED), IDENTIFIED),
         # ends
         (replace(LOOSE, edges=(LOW,)), BOUNDED),
@@ -78,7 +80,7 @@ LOW, HIGH = edge(0), edge(1, value=1 / 3)
         (replace(LOOSE, edges=(LOW,), prior_excluded=0.24, posterior_sd=0.09), NOT_IDENTIFIED),
         (replace(LOOSE, edges=(LOW,), prior_excluded=0.24), BOUNDED),
         # a trade comes before an open end
-        (replace(LOOSE, edges=(LOW,), partners=TRADED), COMBINATION),
+        (replace(WIDE, edges=(LOW,), partners=TRADED), COMBINATION),
         # refits more than twice as wide as the interval (0.2) come before all else
         (replace(LOOSE, refits=(0.0, 0.41), partners=TRADED), NOT_IDENTIFIED),
         (replace(LOOSE, refits=(0.1, 0.49)), IDENTIFIED),

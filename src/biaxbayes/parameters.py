@@ -155,9 +155,11 @@ class Parameter:
         """A value with the digits that it deserves."""
         return format(value, self.digits)
 
-    def is_sharp(self, low: float, high: float) -> bool:
-        """Whether an interval in natural units is sharp."""
-        return high <= self.sharp * low if self.logarithmic else high - low <= self.sharp
+    def is_sharp(self, low: float, high: float, times: float = 1.0) -> bool:
+        """Whether an interval in natural units is at most so many times as wide as a sharp one."""
+        if self.logarithmic:
+            return high <= self.sharp**times * low
+        return high - low <= self.sharp * times
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether draws lie in the physical range, which is open at zero for a stretch."""

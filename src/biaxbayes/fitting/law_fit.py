@@ -4,7 +4,8 @@ Two errors are computed at the least squares. That of the fit itself holds the n
 readings, the mounting one among them, and the smooth misfit of the law
 (:mod:`~biaxbayes.fitting.smooth_misfit`). That of the posterior is by its own curvature, rows
 weighed by what they are worth. Their ratio says how much wider than the posterior's an interval has
-to be.
+to be. The prior limits both errors of a material parameter: where it, and not the data, ends an
+interval, a misfit of the law does not widen it.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class LawFit:
     widening : dict of float
         By material parameter: error of the fit over that of the posterior, at least one.
     mounting_widening : ndarray, shape (m, 2), optional
-        The same of the mounting stretches.
+        The same of the mounting stretches, without any prior.
     """
 
     law: str
@@ -90,6 +91,7 @@ def fit_law(
     fixed: Mapping[str, float] | None = None,
     fibre_switch: bool = False,
     weighted: bool = True,
+    prior_sd: Mapping[str, float] | None = None,
 ) -> LawFit:
     """Least squares of a law on the measured load, with its errors.
 
@@ -99,6 +101,9 @@ def fit_law(
     law : str
     mounting, mounting_stretch, starts, seed, fixed, fibre_switch, weighted
         As in :func:`~biaxbayes.fitting.constrained.constrained_fit`.
+    prior_sd : mapping, optional
+        Prior standard deviations of material parameters, for stiffnesses and exponents of the
+        natural log and for angles of cos^2; they limit the errors whose ratio is ``widening``.
 
     Returns
     -------
@@ -123,11 +128,18 @@ def fit_law(
     if not np.isfinite(found.cost):
         return plain
     with np.errstate(all="ignore"):
-        return _with_errors(plain, setup, problem, found.unknowns, specimen.noise_sd)
+        return _with_errors(
+            plain, setup, problem, found.unknowns, specimen.noise_sd, prior_sd or {}
+        )
 
 
 def _with_errors(
-    plain: LawFit, setup: FitSetup, problem: GivenMounting, unknowns: np.ndarray, noise_sd: float
+    plain: LawFit,
+    setup: FitSetup,
+    problem: GivenMounting,
+    unknowns: np.ndarray,
+    noise_sd: float,
+    prior_sd: Mapping[str, float],
 ) -> LawFit:
     law, rows = setup.law, 2 * setup.stretched.group.size
     r, jacobian = problem.residual(unknowns), problem.jacobian(unknowns)
@@ -141,7 +153,8 @@ def _with_errors(
     reading_sd = problem.reading_sd if isinstance(problem, BalancedMounting) else None
     misfit = smooth_misfit(setup.stretched, r, jacobian, problem.scale, noise_sd, reading_sd)
     own = _posterior_covariance(setup, r, jacobian, rows)
-    ratio = np.sqrt(np.diag(misfit.covariance) / np.diag(own))
+    prior = _prior_precision(setup, theta, moved, prior_sd)
+    ratio = np.sqrt(np.diag(_limited(misfit.covariance, prior)) / np.diag(_limited(own, prior)))
     by_name = dict(zip(moved.tolist(), ratio.tolist(), strict=True))
     # parameters on a bound: the typical one of the others
     usual = float(np.median(ratio[moved < theta.size])) if inside.any() else 1.0
@@ -182,6 +195,29 @@ def _posterior_covariance(
     scaled = np.vstack([jacobian[:rows] / unit, jacobian[rows:]])
     root = pseudo_inverse(scaled)
     return root @ root.T
+
+
+def _prior_precision(
+    setup: FitSetup, theta: np.ndarray, moved: np.ndarray, prior_sd: Mapping[str, float]
+) -> np.ndarray:
+    """Precision of the prior by the unknowns that moved; zero where none is given."""
+    law, precision = setup.law, np.zeros(moved.size)
+    for k, unknown in enumerate(moved):
+        if unknown >= theta.size or law.names[i := setup.free[unknown]] not in prior_sd:
+            continue
+        value, parameter = float(theta[unknown]), law.parameters[i]
+        slope = 1.0 / value if parameter.logarithmic else 1.0
+        precision[k] = (slope / prior_sd[parameter.name]) ** 2
+    return precision
+
+
+def _limited(covariance: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """(C^-1 + P)^-1 = C - C P^1/2 (1 + P^1/2 C P^1/2)^-1 P^1/2 C with P diagonal."""
+    root = np.sqrt(precision)
+    half = covariance * root
+    inner = np.eye(root.size) + root[:, None] * half
+    limited: np.ndarray = covariance - half @ np.linalg.solve(inner, half.T)
+    return limited
 
 
 def _at_least_one(ratio: float) -> float:

@@ -16,6 +16,7 @@ import pandas as pd
 from biaxbayes.identifiability.evidence import Found, Refits, evidence_of_run
 from biaxbayes.identifiability.held_edges import HeldEdge, held_edges
 from biaxbayes.identifiability.marginals import (
+    LEVELS,
     Density,
     Edge,
     Scale,
@@ -68,6 +69,9 @@ class ParameterVerdict:
         On the sampling scale, for figures.
     stated : Stated or None
         Of a mounting stretch: what is stated of the tissue, whatever its law.
+    meaningless : str
+        Where the data leave an end of another parameter possible at which this one means nothing:
+        words that say so.
     """
 
     scale: Scale
@@ -77,6 +81,7 @@ class ParameterVerdict:
     prior: Density | None = field(default=None, repr=False)
     posterior: Density | None = field(default=None, repr=False)
     stated: Stated | None = None
+    meaningless: str = ""
 
     @property
     def name(self) -> str:
@@ -238,6 +243,7 @@ def fits_of_laws(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> Law
         "fixed": {k: v for k, v in settings.fixed.items() if k in posterior.law.names},
         "fibre_switch": settings.fibre_switch,
         "weighted": settings.noise == "effective",
+        "prior_sd": _prior_sds(posterior),
     }
     return law_fits(
         posterior.specimen,
@@ -246,6 +252,22 @@ def fits_of_laws(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> Law
         mounting_stretch=settings.mounting_stretch,
         own={settings.law: run},
     )
+
+
+def _prior_sds(posterior: Posterior) -> dict[str, float]:
+    """Prior sd of the material parameters: of the log, or the cos^2 of an angle, or as it is."""
+    out = {}
+    for p in posterior.law.parameters:
+        prior = posterior.priors[p.name]
+        if not isinstance(prior, Prior | DrawnPrior):
+            continue
+        values = prior.ppf(LEVELS)
+        if p.logarithmic:
+            values = np.log(values)
+        elif p.mirror:
+            values = np.cos(np.deg2rad(values)) ** 2
+        out[p.name] = float(values.std())
+    return out
 
 
 def identify_draws(
@@ -345,7 +367,7 @@ def judged(
         if of_tissue is not None:
             words += f"; of the tissue {of_tissue.in_words(scale.parameter)} is stated"
             words += f": {of_tissue.reason}"
-        out.append(ParameterVerdict(scale, verdict, words, found, before, after, of_tissue))
+        out.append(ParameterVerdict(scale, verdict, words, found, before, after, of_tissue, told))
     return tuple(out)
 
 

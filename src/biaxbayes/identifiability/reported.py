@@ -14,7 +14,7 @@ those on which all laws that fit agree (:mod:`.mounting_stretch.stated`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +22,7 @@ import numpy as np
 from biaxbayes.identifiability.marginals import Scale
 from biaxbayes.identifiability.mounting_stretch.law_range import LawRange, distinctly_better
 from biaxbayes.identifiability.mounting_stretch.stated import widened
-from biaxbayes.identifiability.verdict import Evidence, Thresholds
+from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, listed
 from biaxbayes.identifiability.verdict_names import (
     BOUNDED,
     COMBINATION,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from biaxbayes.identifiability.identify import ParameterVerdict
 
 OPEN = float("nan")
+PRIOR_DECIDES = "the prior, not the data, determines it"
 WIDEST = 10.0
 """Ratio of the ends of an interval of a stiffness or an exponent beyond which it is no value."""
 NAMED_WIDENING = 1.2
@@ -128,22 +129,25 @@ def _material(
     if p.verdict == NOT_IDENTIFIED:
         bounds = [edge for edge in e.open_edges(thresholds) if edge.kind == "user"]
         if bounds:
-            return nothing(
-                f"held by the bound {scale.parameter.number(bounds[0].value)} of its prior"
-            )
-        return nothing("the prior decides it")
+            bound = scale.parameter.number(bounds[0].value)
+            return nothing(f"limited by the bound {bound} of its prior")
+        return nothing(p.meaningless or PRIOR_DECIDES)
     factor = 1.0 if own is None else own.widening.get(scale.kind, 1.0)
     low, high, open_low, open_high = _interval(scale, e, factor)
     misfit = ""
     if own is not None and factor >= NAMED_WIDENING:
         misfit = (
-            f"widened {factor:.2g} times, as {law.called} misses smoothly by "
-            f"{100.0 * own.misfit:.2g} % of the load"
+            f"widened {factor:.2g} times for the smooth misfit of {law.called} "
+            f"({100.0 * own.misfit:.2g} % of the load)"
         )
-    if p.verdict == COMBINATION:
-        partners = e.partners.names
-        reason = f"trades with {' and '.join(partners)}"
-        return Reported(name, unit, low, high, COMBINATION, reason, partners)
+    wide = replace(e, low=low, high=high, posterior_sd=factor * e.posterior_sd)
+    verdict = decide(wide, thresholds, meaningless=bool(p.meaningless))
+    partners = e.partners.names if thresholds.traded(e) else ()
+    trades = f"trades with {listed(partners)}" if partners else ""
+    if verdict == COMBINATION:
+        if wide.contraction <= 0.0:  # wider than the prior
+            return nothing(misfit or PRIOR_DECIDES)
+        return Reported(name, unit, low, high, COMBINATION, trades, partners)
     # one-sided where the data do not exclude an end of the range, or the misfit carries it there
     sides = [edge.side for edge in e.open_edges(thresholds)]
     sides += [side for side, at in ((0, open_low), (1, open_high)) if at]
@@ -152,14 +156,13 @@ def _material(
     if sides:
         ends = (OPEN, high) if sides[0] == 0 else (low, OPEN)
         return Reported(name, unit, *ends, BOUNDED, misfit or _end_words(p, sides[0]))
-    contraction = 1.0 - (factor * e.posterior_sd / e.prior_sd) ** 2
-    if contraction < thresholds.contraction and e.modes < 2:
-        return nothing(misfit or "the prior decides it")
+    if verdict == NOT_IDENTIFIED:
+        return nothing(misfit or PRIOR_DECIDES)
     if scale.logarithmic and high > WIDEST * low:
-        return nothing(
-            f"known only to a factor of {high / low:.2g}" + (f"; {misfit}" * bool(misfit))
-        )
-    return Reported(name, unit, low, high, IDENTIFIED, misfit or "the data determine it")
+        factor_words = f"known only to a factor of {high / low:.2g}"
+        return nothing("; ".join(filter(None, (factor_words, misfit))))
+    reason = "; ".join(filter(None, (misfit or "the data determine it", trades)))
+    return Reported(name, unit, low, high, IDENTIFIED, reason)
 
 
 def _interval(scale: Scale, e: Evidence, factor: float) -> tuple[float, float, bool, bool]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
 from biaxbayes.identifiability.marginals import Edge, Scale, end_in_words
@@ -99,7 +99,7 @@ def _one_sided(scale: Scale, e: Evidence, t: Thresholds) -> str:
 def _combination(scale: Scale, e: Evidence, t: Thresholds) -> str:
     share = 100.0 * e.partners.spread_given_partners
     text = (
-        f"only in combination with {_listed(e.partners.names)}; alone {interval_words(scale, e)}; "
+        f"only in combination with {listed(e.partners.names)}; alone {interval_words(scale, e)}; "
         f"if {'it was' if len(e.partners.names) == 1 else 'they were'} known, the interval would "
         f"shrink to {share:.0f} % of that width"
     )
@@ -131,7 +131,8 @@ def _end(scale: Scale, edge: Edge) -> str:
     return end_in_words(edge.value, edge.meaning(scale.parameter))
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: ``k2, alpha and kappa``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -152,6 +153,9 @@ class Thresholds:
     combination_spread : float
         A parameter is traded where knowing its partners cuts its standard deviation to this
         share, or less.
+    traded_width : float
+        A traded parameter is known on its own where its interval is at most so many times as wide
+        as a sharp one.
     one_sided_excluded : float
         One-sided needs data that exclude at least this share of the prior.
     contraction, prior_excluded : float
@@ -169,11 +173,16 @@ class Thresholds:
 
     edge_support: float = 0.147
     combination_spread: float = 0.5
+    traded_width: float = 2.0
     one_sided_excluded: float = 0.25
     contraction: float = 0.75
     prior_excluded: float = 0.5
     refit_errors: float = 1.645
     refit_share: float = 0.5
+
+    def traded(self, evidence: Evidence) -> bool:
+        """Whether a parameter is traded with its partners."""
+        return evidence.partners.spread_given_partners <= self.combination_spread
 
     def items(self, parameters: Iterable[Parameter]) -> list[tuple[str, float]]:
         """Names and values, with the widths of sharp intervals, for the header of a file."""
@@ -247,7 +256,7 @@ def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = Fa
     """The verdict on a sampled parameter of converged draws.
 
     A mounting stretch that the data contradict is not identified, whatever else. Else traded with
-    others comes first, unless the interval is sharp: then it is known in practice.
+    others comes first, unless the interval is narrow enough to use the parameter on its own.
 
     Parameters
     ----------
@@ -260,10 +269,10 @@ def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = Fa
     e, t = evidence, thresholds
     if contradicted(e, t):
         return NOT_IDENTIFIED
-    traded = e.partners.spread_given_partners <= t.combination_spread
+    traded = t.traded(e)
     if meaningless:
         return COMBINATION if traded else NOT_IDENTIFIED
-    if traded and not e.parameter.is_sharp(e.low, e.high):
+    if traded and not e.parameter.is_sharp(e.low, e.high, t.traded_width):
         return COMBINATION
     ends = e.open_edges(t)
     if any(edge.kind != "physical" for edge in ends) or len(ends) == 2:
