@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from biaxbayes.model.error_model import (
+from biaxbayes.error_model import (
     curve_log_likelihood,
     error_model,
     error_sd,

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.goh import GOH
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.model.posterior import Posterior
 from goh_functions import GOH_LAW
 from quick_posteriors import specimen

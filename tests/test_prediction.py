@@ -6,9 +6,9 @@ import pytest
 from scipy.stats import norm
 
 from biaxbayes.errors import InputError
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.virtual_test import virtual_test
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.prediction.bands import mixture_percentiles
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.inflation import (

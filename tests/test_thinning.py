@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
-from biaxbayes.model.error_model import log_likelihood
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior

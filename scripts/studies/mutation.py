@@ -20,7 +20,7 @@ from studies.common import ROOT, options_of, parser
 
 PARTS: dict[str, tuple[str, str]] = {
     "density": (
-        "laws/*.py mechanics/mounting.py model/priors.py model/error_model.py model/density.py",
+        "laws/*.py mechanics/mounting.py model/priors.py error_model.py model/density.py",
         "laws law_statements goh priors error_model posterior hostile_inputs",
     ),
     "verdicts": (

@@ -60,7 +60,7 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
 # --- where compiled code is kept ------------------------------------------------------------------
 
 
-COMPILED_ROOMS = ("laws", "mechanics", "model", "populations")
+COMPILED = ("laws/*.py", "mechanics/*.py", "error_model.py", "model/*.py", "populations/*.py")
 FREE_BYTES = 100_000_000
 """Least space of a disk that compiled code is kept on; that of all laws takes some 20 MB."""
 
@@ -72,8 +72,8 @@ def _cache_folder() -> Path | None:
     can leave, is emptied.
     """
     digest = hashlib.sha256(Path(__file__).read_bytes())
-    for room in COMPILED_ROOMS:
-        for source in sorted((Path(__file__).parent / room).glob("*.py")):
+    for pattern in COMPILED:
+        for source in sorted(Path(__file__).parent.glob(pattern)):
             digest.update(source.read_bytes())
     numba_config: Any = numba.config
     base = numba_config.CACHE_DIR or platformdirs.user_cache_dir("biaxbayes")

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from biaxbayes.error_model import simulate
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET, balance, mounted_state
-from biaxbayes.model.error_model import simulate
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.model.priors import Prior, Tie, default_priors, prior_value
 from biaxbayes.options import Settings
 from biaxbayes.parameters import NOISE_GROWTH, NOISE_SD, Quantities, mounting_names

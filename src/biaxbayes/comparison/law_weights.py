@@ -34,10 +34,10 @@ from biaxbayes.comparison.pooling import (
     stacking_weights,
     weighted_density,
 )
+from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, stated_by_predictions
-from biaxbayes.model.error_model import log_likelihood
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import ALL_ROWS, CONTENT
 from biaxbayes.parameters import mounting_names

@@ -10,7 +10,7 @@ import pandas as pd
 
 from biaxbayes.comparison.law_comparison import KEPT_DRAWS, WHOLE, Prediction
 from biaxbayes.comparison.pooling import calibrated_levels, mixed_percentiles
-from biaxbayes.model.forward import MeasuredRows
+from biaxbayes.forward import MeasuredRows
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import evenly_chosen, tails

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import betaincinv, betaln
 
-from biaxbayes.model.error_model import standard_cdf
+from biaxbayes.error_model import standard_cdf
 from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles
 
 PRIOR_READINGS = 1.0

@@ -21,8 +21,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from biaxbayes.forward import ForwardModel, LoadResponse
 from biaxbayes.laws.law import Law
-from biaxbayes.model.forward import ForwardModel, LoadResponse
 from biaxbayes.specimens.specimen import Specimen
 
 # --- all rows of a specimen in flat arrays, as a fit needs them ----------------------------------

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.fitting.residuals import Readings
+from biaxbayes.forward import LoadResponse
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.model.forward import LoadResponse
 from biaxbayes.specimens.specimen import Specimen
 
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from biaxbayes.forward import ForwardModel
 from biaxbayes.identifiability.marginals import INTERVAL
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import Material
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import mixture_percentiles
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting

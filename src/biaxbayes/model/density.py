@@ -5,8 +5,8 @@ fixed or tied to another: the parameters of the law first, then those of the err
 dimensions, then two a mounted state. They are turned into material, mounted state and errors, and
 the curves are compared with the readings. The stress is that of the law
 (:mod:`biaxbayes.laws.response`), the mounted state and the load law those of
-:mod:`biaxbayes.mechanics.mounting`, the errors those of :mod:`biaxbayes.model.error_model`; one
-kernel is compiled for each law and error model. In NumPy :mod:`biaxbayes.model.forward` does the
+:mod:`biaxbayes.mechanics.mounting`, the errors those of :mod:`biaxbayes.error_model`; one
+kernel is compiled for each law and error model. In NumPy :mod:`biaxbayes.forward` does the
 same.
 """
 
@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from biaxbayes.compilation import WITHIN, compiled, inlined
+from biaxbayes.error_model import HALF_LOG_2PI, curve_log_likelihood, misfit
 from biaxbayes.laws.response import cauchy_stress, constants_at, to_natural
 from biaxbayes.mechanics.mounting import (
     LOG_HIGH,
@@ -28,7 +29,6 @@ from biaxbayes.mechanics.mounting import (
     sections,
     solve_balance,
 )
-from biaxbayes.model.error_model import HALF_LOG_2PI, curve_log_likelihood, misfit
 
 # Slots behind those of the law; natural values are kept in the same order.
 NOISE, GROWTH, EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(7)

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from biaxbayes.error_model import error_model
 from biaxbayes.errors import InputError
+from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, SamplingLayout
 from biaxbayes.model import density
 from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem
-from biaxbayes.model.error_model import error_model
-from biaxbayes.model.forward import ForwardModel, MeasuredRows
 from biaxbayes.model.priors import Prior, Tie, default_priors
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (

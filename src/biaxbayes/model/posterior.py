@@ -16,11 +16,11 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.effective_readings import EffectiveReadings
+from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws import law_named
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law
 from biaxbayes.model import density as kernel
-from biaxbayes.model.forward import ForwardModel, MeasuredRows
 from biaxbayes.model.layout import (
     Assembly,
     assemble,

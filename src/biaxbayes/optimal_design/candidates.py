@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.options import DesignOptions

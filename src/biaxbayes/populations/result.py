@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.parameters import MATERIAL, STRETCH
 from biaxbayes.populations.ensemble import Design
 from biaxbayes.populations.model import LINEAR, LOG, Grouping, PooledValue

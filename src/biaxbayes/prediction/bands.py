@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from biaxbayes.error_model import standard_cdf, standard_quantile
 from biaxbayes.errors import InputError
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import DEFAULT_LAW
-from biaxbayes.model.error_model import standard_cdf, standard_quantile
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import CONTENT, Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.protocol import Protocol

@@ -22,10 +22,10 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import Material, MaterialResponse
 from biaxbayes.mechanics.mounting import BRACKET
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.bands import (
     BANDS,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from biaxbayes.error_model import standard_cdf
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import DEFAULT_LAW, law_named
-from biaxbayes.model.error_model import standard_cdf
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import Settings
 from biaxbayes.prediction.bands import compared_protocols, evenly_chosen
 from biaxbayes.specimens.specimen import Specimen

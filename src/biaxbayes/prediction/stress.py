@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError
+from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
-from biaxbayes.model.forward import ForwardModel
 from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.bands import band_columns, evenly_chosen, evenly_spaced, tails
 from biaxbayes.prediction.draws import (

@@ -19,9 +19,9 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
+from biaxbayes.error_model import log_likelihood, simulate
 from biaxbayes.errors import RunError
-from biaxbayes.model.error_model import log_likelihood, simulate
-from biaxbayes.model.forward import MeasuredRows
+from biaxbayes.forward import MeasuredRows
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.sampling.sampler import Draws
 from biaxbayes.text_files import atomic_write_bytes

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from biaxbayes.error_model import error_model, error_sd
 from biaxbayes.laws.law import Law, StressResponse
 from biaxbayes.mechanics.mounting import (
     load_per_stress,
@@ -32,7 +33,6 @@ from biaxbayes.mechanics.mounting import (
     solve_balance,
     unloaded_section,
 )
-from biaxbayes.model.error_model import error_model, error_sd
 from biaxbayes.parameters import DIMENSIONS, mounting_names
 from biaxbayes.specimens.path import ThinnedSpecimen
 from biaxbayes.specimens.specimen import Specimen
