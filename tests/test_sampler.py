@@ -25,9 +25,7 @@ from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import COLUMNS
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.ensembles import Ensemble, Ensembles
-from biaxbayes.sampling.proposal import MixtureProposal
-from biaxbayes.sampling.sampler import Plan, State, _assess
-from biaxbayes.sampling.target import Target
+from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
 from quick_posteriors import runs_without_figures, small_specimen, without_figures
 
@@ -176,32 +174,6 @@ def test_what_stops_an_ensemble_is_said_by_who_asked_for_it(capfd):
     with pytest.raises(KeyboardInterrupt):
         ensemble.run(100)
     assert capfd.readouterr() == ("", "")
-
-
-def test_judging_is_cut_short_where_it_can_only_say_go_on():
-    target = Target(lambda x: -0.5 * (x**2).sum(axis=1), np.full((2, 2), [-np.inf, np.inf]))
-    chain = np.random.default_rng(5).standard_normal((4, 120, 8, 2))
-    state = State(
-        frame={},
-        proposal=MixtureProposal(np.ones(1), ()),
-        members=[],
-        chain=chain,
-        steps=120,
-        thin=1,
-        warmup=None,
-        evaluations=0,
-        rejected=target.counts,
-    )
-    plan = Plan(ess=200, max_steps=240)
-    assert _assess(target, state, plan).state == "converged"
-    stands = chain.copy()
-    stands[2, 30:72, 5] = stands[2, 30, 5]  # 42 of 120 steps
-    state = replace(state, chain=stands)
-    assert _assess(target, state, plan) is None
-    # with no step left the diagnostics are computed
-    assert _assess(target, state, replace(plan, max_steps=120)).state != "converged"
-    stands[2, 68:72, 5] += 1.0  # 38 of them
-    assert _assess(target, replace(state, chain=stands), plan) is not None
 
 
 @pytest.fixture(scope="module")

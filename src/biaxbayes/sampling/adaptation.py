@@ -33,7 +33,7 @@ MAX_COMPONENTS = 24
 LOW_EXCESS, HIGH_EXCESS = 1.6, 4.0
 """Excess, how far the largest log weights (their 0.998 quantile) lie above the median one: up to
 the first walkers move freely, from the second they hardly do."""
-DE_SHARES = (0.15, 0.25, 0.5)
+DE_SHARES = (0.2, 0.35, 0.5)
 """Share of differential evolution, another way to move: at a low excess, between, at a high one."""
 MAX_ROUNDS = 8
 GOOD_ACCEPTANCE = 0.45

@@ -69,13 +69,10 @@ def _effective_sample_size(draws: np.ndarray, **method: Any) -> float:
     return size if np.isfinite(size) else 0.0
 
 
-def longest_stand(quantities: dict[str, np.ndarray]) -> int:
-    """Most steps that any walker stood still for, of draws of shape (ensembles, steps, walkers)."""
-    draws = list(quantities.values())
-    moved = np.zeros(draws[0][:, 1:].shape, dtype=bool)
-    for values in draws:
-        moved |= values[:, 1:] != values[:, :-1]
-    steps = np.arange(1, draws[0].shape[1])[None, :, None]
+def longest_stand(chain: np.ndarray) -> int:
+    """Most steps that any walker stood still for; shape (ensembles, steps, walkers, d)."""
+    moved = (chain[:, 1:] != chain[:, :-1]).any(axis=-1)
+    steps = np.arange(1, chain.shape[1])[None, :, None]
     last_move = np.maximum.accumulate(np.where(moved, steps, 0), axis=1)
     return int((steps - last_move).max(initial=0)) + 1
 
@@ -149,7 +146,7 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     names, rhat = list(moving), np.array([split_rhat(draws) for draws in moving.values()])
     ess_bulk, ess_tail = np.array(bulk), np.array(tail)
     state, reason = _state(names, ess_bulk, ess_tail, rhat, np.array(tau), steps, target_ess)
-    stand = longest_stand(quantities) if names else 0
+    stand = longest_stand(np.stack(list(moving.values()), axis=-1)) if names else 0
     if state == "converged" and stand > MAX_STAND * steps:
         state, reason = "tentative", f"a walker stood still for {stand} of {steps} kept steps"
     return Convergence(tuple(names), ess_bulk, ess_tail, rhat, np.array(tau), steps, state, reason)

@@ -28,7 +28,7 @@ from biaxbayes.sampling.population_monte_carlo import (
 from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.target import Target
 
-FIRST_BLOCK = 128
+FIRST_BLOCK = 64
 LONGEST_BLOCK = 8 * FIRST_BLOCK
 """Steps after which the state is saved and may be stopped at."""
 ASSESSMENT_GROWTH = 1.5
@@ -192,7 +192,10 @@ def draw(
             on_block(state)
     clock = time.perf_counter()
     due = _next_assessment(state.steps, plan)
-    convergence = _assess(target, state, plan) if state.steps == due else None
+    convergence: Convergence | None = None
+    quantities: dict[str, np.ndarray] = {}  # of the chain, while it is the one that was assessed
+    if state.steps == due:
+        quantities, convergence = _assess(target, state.chain, plan)
     rate = 0.0  # share of the effective sample size that a step brings
     interrupted = False
     while convergence is None or (
@@ -204,23 +207,28 @@ def draw(
         if state.steps == due:
             due = _next_assessment(due + 1, plan)
         state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
-        if state.steps == due:
-            convergence = _assess(target, state, plan)
-            if convergence is not None:
-                state.finished = convergence.state == "converged"
-                rate = convergence.worst_ess / plan.ess / state.steps
+        quantities = {}
+        # A walker that stands still is seen at once; the other diagnostics take longer.
+        moving = longest_stand(state.chain) <= MAX_STAND * state.chain.shape[1]
+        if state.steps == due and (moving or state.steps == plan.max_steps):
+            quantities, convergence = _assess(target, state.chain, plan)
+            state.finished = convergence.state == "converged"
+            rate = convergence.worst_ess / plan.ess / state.steps
         progress(Progress("sampling", min(rate * state.steps, 0.99)))
         if on_block:
             on_block(state)
     seconds["sampling"] = time.perf_counter() - clock
-    quantities = _quantities(target, state.chain)
-    if convergence is None and state.steps >= plan.first_block:
-        convergence = assess(_assessed(target, quantities), target_ess=plan.ess)
+    if not quantities and state.steps >= plan.first_block:
+        quantities, convergence = _assess(target, state.chain, plan)
+    elif not quantities:
+        quantities = _quantities(target, state.chain)
+        convergence = replace(assess({}, target_ess=plan.ess), reason="stopped")
+    assert convergence is not None
     return Draws(
         target=target,
         chain=state.chain,
         quantities=quantities,
-        convergence=convergence or replace(assess({}, target_ess=plan.ess), reason="stopped"),
+        convergence=convergence,
         warmup=state.warmup,
         proposal=state.proposal,
         evaluations=state.evaluations,
@@ -313,24 +321,16 @@ def _next_assessment(steps: int, plan: Plan) -> int:
     return due
 
 
-def _assess(target: Target, state: State, plan: Plan) -> Convergence | None:
-    """Convergence of the draws; None where a walker stands still and the run has to go on.
-
-    A walker that stands is seen at once, the rest of the diagnostics takes a third of a second.
-    """
-    quantities = _assessed(target, _quantities(target, state.chain))
-    standing = longest_stand(quantities) > MAX_STAND * state.chain.shape[1]
-    if standing and state.steps < plan.max_steps:
-        return None
-    return assess(quantities, target_ess=plan.ess)
+def _assess(
+    target: Target, chain: np.ndarray, plan: Plan
+) -> tuple[dict[str, np.ndarray], Convergence]:
+    """The target's quantities, and the convergence of those that are judged."""
+    quantities = _quantities(target, chain)
+    judged = {name: v for name, v in quantities.items() if name not in target.unjudged}
+    return quantities, assess(judged, target_ess=plan.ess)
 
 
 def _quantities(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:
     """The target's quantities, each of shape (ensembles, steps, walkers)."""
     values = target.quantities(chain.reshape(-1, chain.shape[-1]))
     return {name: v.reshape(chain.shape[:3]) for name, v in values.items()}
-
-
-def _assessed(target: Target, quantities: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The quantities whose convergence counts."""
-    return {name: v for name, v in quantities.items() if name not in target.unjudged}
