@@ -84,7 +84,6 @@ class LoadResponse:
 
     Attributes
     ----------
-    stress : StressResponse
     per_stress : ndarray, shape (2, n)
         Load per Cauchy stress.
     mounted : bool

@@ -58,7 +58,6 @@ def constrained_fit(
 
     Parameters
     ----------
-    specimen : Specimen
     mounting : {"noisy", "exact", "ignored", "zeroed"}
         ``noisy``: the mounting force is unknown, its reading one datum with the load cell's sd.
         ``exact``: it is what was read; so it is too in a file without load noise. ``ignored`` and
@@ -72,7 +71,6 @@ def constrained_fit(
         Values held, by the law's parameters in their own units.
     starts : int
         Random starting points, the best of many screened ones; none with ``initial`` and 0.
-    seed : int
     initial : Material, optional
         A further starting point.
     law : str

@@ -29,18 +29,6 @@ from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIT_METHODS, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "METHODS",
-    "PRESTRETCH_METHODS",
-    "Alternation",
-    "FitResult",
-    "alternate",
-    "best_alternation",
-    "fit",
-    "fit_all",
-]
-
-
 # --- the method paper's own fit: root-find the mounting stretch, update the data, refit; repeat --
 
 
@@ -60,8 +48,6 @@ class Alternation:
     mounting : ndarray, shape (2, m)
     cost : float
         Sum of squared Cauchy residuals over the squared scale.
-    alternations : int
-    converged : bool
     """
 
     point: np.ndarray
@@ -101,16 +87,13 @@ def alternate(
 
     Parameters
     ----------
-    data : Readings
     point : ndarray, shape (p,)
         Starting coordinates of the fit.
     free : ndarray of int
     scale : float
         Stress in kPa that residuals are measured in.
-    law : Law
     first : ndarray, shape (2, m), optional
         Mounting stretches to fall back on while the material balances no root; default one.
-    most : int
     tolerance : float
         On the change of the mounting stretches and, relative, of the parameters.
     """
@@ -164,7 +147,6 @@ def fit(
 
     Parameters
     ----------
-    specimen : Specimen
     method : str
         ``standard``: the mounted state is the reference, loads as they are.
         ``zeroed``: the same with the first load subtracted.

@@ -42,7 +42,6 @@ class LawFit:
 
     Attributes
     ----------
-    law : str
     rms : float
         Misfit of the load, in the unit of the specimen.
     rmse_kPa : float
@@ -53,7 +52,6 @@ class LawFit:
         Of the mounting stretches: noise of all readings and smooth misfit.
     smooth : bool
         Whether the signs of the residuals show that the law misses smoothly.
-    converged : bool
     reading_chi2 : float
         Sum of squares of the mounting readings' residuals, each over its sd.
     independent : float
@@ -97,8 +95,6 @@ def fit_law(
 
     Parameters
     ----------
-    specimen : Specimen
-    law : str
     mounting, mounting_stretch, starts, seed, fixed, fibre_switch, weighted
         As in :func:`~biaxbayes.fitting.constrained.constrained_fit`.
     prior_sd : mapping, optional

@@ -16,9 +16,6 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ["Descent", "best_descent", "descend"]
-
-
 # --- bounded nonlinear least squares with parameters that end exactly on their bounds ------------
 
 
@@ -50,7 +47,6 @@ class Descent:
         Sum of squares; infinite where the start could not be evaluated.
     iterations : int
         Accepted steps.
-    converged : bool
     """
 
     unknowns: np.ndarray

@@ -100,7 +100,6 @@ def readings(specimen: Specimen, *, shared: bool, zeroed: bool = False) -> Readi
 
     Parameters
     ----------
-    specimen : Specimen
     shared : bool
         One mounted state for all protocols, or one each.
     zeroed : bool

@@ -29,7 +29,6 @@ class FitResult:
     ----------
     method : str
         ``standard``, ``zeroed``, ``fip``, ``linden`` or ``constrained``.
-    material : Material
     mounting_stretch : ndarray, shape (m, 2)
         One row, or one a protocol.
     mounting_load : ndarray, shape (m, 2)
@@ -39,7 +38,6 @@ class FitResult:
         directions pooled with one mean. R2 is NaN where the data do not vary.
     iterations : int
         Accepted steps; for ``fip`` the alternations.
-    converged : bool
     at_bound : tuple of str
         Unknowns that ended on a bound.
     residuals : tuple of ndarray, shape (n_p, 2)
@@ -199,7 +197,6 @@ def rounding_bound(specimen: Specimen, data: Readings, response: LoadResponse) -
 
     Parameters
     ----------
-    specimen : Specimen
     data : Readings
         All its rows.
     response : LoadResponse

@@ -34,10 +34,6 @@ def screened_points(
 
     Parameters
     ----------
-    data : Readings
-    count : int
-    rng : numpy.random.Generator
-    law : Law
     point : ndarray, shape (p,)
         Values of the fixed ones among the law's coordinates.
     free : ndarray of int
@@ -88,7 +84,6 @@ def held_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarr
     ----------
     fixed : mapping of str to float, optional
         By the law's parameters, in their own units.
-    law : Law
 
     Raises
     ------

@@ -35,7 +35,6 @@ def law_named(name: str, *, fibre_switch: bool = False) -> Law:
 
     Parameters
     ----------
-    name : str
     fibre_switch : bool
         Fibres carry no compression, for laws that leave it open.
 

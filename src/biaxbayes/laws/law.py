@@ -409,10 +409,8 @@ class Law(ABC):
 
         Parameters
         ----------
-        size : int
         largest : ndarray, shape (size, 2)
             Largest total stretches.
-        rng : numpy.random.Generator
 
         Returns
         -------

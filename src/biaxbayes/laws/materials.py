@@ -80,7 +80,6 @@ class Material(MaterialResponse):
 
     Attributes
     ----------
-    law : Law
     theta : tuple
         Natural values of the law's parameters in their order, angles in radians; arrays
         broadcast against the stretches.

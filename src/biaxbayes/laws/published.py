@@ -18,8 +18,6 @@ class PublishedMaterial:
 
     Attributes
     ----------
-    material : GOH or StatedMaterial
-    source : str
     mounting_stretch : (float, float)
     thickness_mm, measured_stretch : float or None
         None where the paper prints neither.

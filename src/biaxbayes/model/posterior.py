@@ -38,7 +38,6 @@ from biaxbayes.specimens.specimen import Specimen
 if TYPE_CHECKING:
     from biaxbayes.fitting.result import FitResult
 
-__all__ = ["Chart", "Posterior"]
 
 REASONS = ("out_of_range", "no_mounting_root", "overflow")
 """Why the density can be zero, in the order in which the kernel counts."""
@@ -66,7 +65,6 @@ class Posterior:
 
     Parameters
     ----------
-    specimen : Specimen
     mounting, noise, mounting_stretch, noise_growth, law, fibre_switch, mounting_sd
         As in :class:`~biaxbayes.options.Settings`.
     priors : mapping, optional

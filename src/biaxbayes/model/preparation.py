@@ -21,16 +21,6 @@ from biaxbayes.parameters import FORCE, STRETCH, mounting_names
 from biaxbayes.sampling.modes import find_modes
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "charted",
-    "deterministic_fit",
-    "fitted",
-    "modal_residuals",
-    "prepare",
-    "sampled_readings",
-    "start_parameters",
-]
-
 
 def prepare(
     specimen: Specimen, *, seed: int = 0, beta: float | None = None, **options: Any
@@ -39,7 +29,6 @@ def prepare(
 
     Parameters
     ----------
-    specimen : Specimen
     seed : int
         For the random starts of the deterministic fit.
     beta : float, optional
@@ -102,7 +91,6 @@ def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
 
     Parameters
     ----------
-    posterior : Posterior
     softening : float, optional
         Scale of the chart near isotropy; default that of the fit's own material.
     """

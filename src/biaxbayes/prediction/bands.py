@@ -17,22 +17,6 @@ from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "BANDS",
-    "DrawnCurves",
-    "band_columns",
-    "bands",
-    "credible_columns",
-    "curves_of_draws",
-    "evenly_chosen",
-    "evenly_spaced",
-    "known_percentiles",
-    "mixture_percentiles",
-    "tails",
-    "true_loads",
-]
-
-
 # --- percentile bands over posterior draws: of the model, and of a new measurement ---------------
 
 
@@ -93,7 +77,6 @@ def mixture_percentiles(
     ----------
     model, noise
         As in :func:`band_columns`.
-    levels : tuple of float
 
     Returns
     -------
@@ -154,7 +137,6 @@ def bands(
 
     Parameters
     ----------
-    specimen : Specimen
     draws : DataFrame
         One row a draw, columns as in ``summary.csv``.
     settings : Settings, optional
@@ -215,7 +197,6 @@ def true_loads(
 
     Parameters
     ----------
-    specimen : Specimen
     truth : mapping of str to float
         Material parameters and mounting stretches by the names of ``summary.csv``. Of the law of
         the run, or else of the default one.
@@ -265,7 +246,6 @@ class DrawnCurves:
 
     Attributes
     ----------
-    protocol : str
     rows : ndarray of int, shape (rows,)
         Of the protocol, from 0.
     stretch, measured : ndarray, shape (rows, 2)

@@ -38,17 +38,6 @@ from biaxbayes.prediction.bands import (
 from biaxbayes.prediction.stress import MAX_DRAWS, prediction_mounting, prediction_range
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "MMHG_PER_KPA",
-    "Tube",
-    "inflation_axial_force",
-    "inflation_pressure",
-    "inflation_stretch",
-    "predict_diameter",
-    "predict_pressure",
-]
-
-
 # --- the tube ------------------------------------------------------------------------------------
 
 MMHG_PER_KPA = 7.500616827
@@ -121,7 +110,6 @@ def inflation_pressure(
     ----------
     material : Material
         One, or one a draw.
-    tube : Tube
     circumferential_stretch : array_like
         Total stretch of the mid surface; broadcasts with the material.
     piola_offset_kPa : array_like
@@ -166,7 +154,6 @@ def inflation_stretch(
     ----------
     material : Material
         One, or one a draw: its values have shape (n, 1).
-    tube : Tube
     pressure_kPa : array_like, shape (m,)
     piola_offset_kPa : array_like, shape (n,) or scalar
 
@@ -248,7 +235,6 @@ def predict_pressure(
     ----------
     draws, specimen, law, probability
         As in :func:`biaxbayes.prediction.stress.predict_stress`.
-    tube : Tube
     circumferential_stretch : ndarray, shape (m,)
         Total stretches of the mid surface.
 

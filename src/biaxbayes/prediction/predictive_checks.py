@@ -12,15 +12,6 @@ from biaxbayes.options import Settings
 from biaxbayes.prediction.bands import compared_protocols, evenly_chosen
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "checks_in_words",
-    "fit_in_words",
-    "misfit_in_words",
-    "path_warnings",
-    "predictive_checks",
-]
-
-
 # --- what the model misses: its errors beside the load cell's noise -------------------------------
 
 
@@ -50,7 +41,6 @@ def predictive_checks(
 
     Parameters
     ----------
-    specimen : Specimen
     draws : DataFrame
         One row a draw, columns as in ``summary.csv``.
     settings : Settings, optional

@@ -24,20 +24,6 @@ from biaxbayes.prediction.draws import (
 )
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "BELOW",
-    "BEYOND",
-    "INSIDE",
-    "MAX_DRAWS",
-    "OFF_PATH",
-    "CoveredStretches",
-    "covered_stretches",
-    "measured_stress",
-    "predict_stress",
-    "stretch_path",
-]
-
-
 # --- what a test covered: the convex hull of its states of stretch, and what lies outside it -----
 
 
@@ -106,7 +92,6 @@ def covered_stretches(
 
     Parameters
     ----------
-    specimen : Specimen
     mounting_stretch : (float, float) or ndarray, shape (protocols, 2)
         Factor from measured to total stretch, one for all or one for each protocol; (1, 1) for
         the range of measured stretches.
@@ -181,7 +166,6 @@ def stretch_path(
         Largest stretch of the leading direction.
     ratio : (float, float)
         Share of the stretch beyond 1 that each direction takes, as in a ``1:0.5`` protocol.
-    points : int
 
     Returns
     -------
@@ -212,7 +196,6 @@ def predict_stress(
         Posterior draws by the names of ``summary.csv``.
     specimen : Specimen
         What was tested: the range, the sections, the unit of the noise.
-    law : Law
     path : ndarray, shape (m, 2)
         Stretches in x and y.
     reference : {"total", "measured"}

@@ -29,18 +29,6 @@ from biaxbayes.text_files import atomic_write_bytes
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = [
-    "FORMAT",
-    "StoredDraws",
-    "SuspiciousArchive",
-    "check_archive",
-    "draw_table",
-    "flatten",
-    "read_archive",
-    "stored_draws",
-    "write_archive",
-]
-
 
 # --- looking at an HDF5 file before its data are read --------------------------------------------
 
@@ -262,7 +250,6 @@ def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
 
     Parameters
     ----------
-    path : Path
     parameters : sequence of str
         What it must hold: the parameters of the run's law.
 

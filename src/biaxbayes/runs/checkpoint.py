@@ -23,19 +23,6 @@ from biaxbayes.sampling.proposal import MixtureProposal, TransportedMixture
 from biaxbayes.sampling.sampler import State
 from biaxbayes.text_files import atomic_write_bytes, read_bytes, sync_folder
 
-__all__ = [
-    "FORMAT",
-    "NAME",
-    "NAMES",
-    "PREVIOUS",
-    "DamagedCheckpoint",
-    "load",
-    "opened",
-    "save",
-    "sealed",
-    "unpack",
-]
-
 FORMAT = 5
 NAME = "checkpoint.npz"
 PREVIOUS = "checkpoint-previous.npz"
@@ -58,8 +45,6 @@ def save(
 
     Parameters
     ----------
-    folder : Path
-    state : State
     identity : dict
         What the run is a run of (hashes and settings, JSON values); a checkpoint of anything
         else will be refused.
@@ -95,8 +80,6 @@ def load(
 
     Parameters
     ----------
-    folder : Path
-    identity : dict
     reader : callable, optional
         Inverse of what :func:`save` was given.
 

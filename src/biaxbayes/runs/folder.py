@@ -29,31 +29,6 @@ from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Settings
 from biaxbayes.runs.provenance import parse_options
 from biaxbayes.text_files import atomic_write_text, read_bytes, sync_folder
 
-__all__ = [
-    "CARDS",
-    "KINDS",
-    "POPULATION",
-    "PROVENANCE",
-    "READY",
-    "RUNS",
-    "STATES",
-    "STUDY",
-    "clear_leftovers",
-    "finish_moving",
-    "is_finished",
-    "is_run",
-    "manifest",
-    "names_in",
-    "other_kind",
-    "read_json",
-    "read_record",
-    "record_text",
-    "refresh_manifest",
-    "staged",
-    "trusted_path",
-]
-
-
 # --- the files of a run appear together: written aside, then moved into place --------------------
 
 

@@ -15,7 +15,6 @@ from biaxbayes.errors import RunError
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-__all__ = ["NAME", "folder_lock"]
 
 NAME = ".lock"
 RELEASE_SECONDS = 0.25

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from biaxbayes.sampling.sampler import Draws, Plan
     from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["identity", "parse_options", "provenance", "specimen_digest"]
 
 LIBRARIES = (
     *("numpy", "scipy", "numba", "emcee"),

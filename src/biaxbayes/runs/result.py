@@ -62,7 +62,6 @@ class RunResult:
 
     Attributes
     ----------
-    law : str
     state : {"converged", "tentative", "unusable"}
     reported : tuple of Reported
         What to report of every inferred parameter: one interval or bound, verdict and reason.
@@ -76,12 +75,10 @@ class RunResult:
         What was odd about the record before it was sampled.
     better_law : str
         A law that describes the record distinctly better; empty where none does.
-    convergence : dict
     thresholds : dict of float
         Of the verdicts.
     directions : tuple of dict
         Of the posterior, the best known first: spread, loadings and a sentence.
-    same_curves_in_words : str
     summary : DataFrame
         The posterior within the law, as in ``summary.csv``.
     identifiability, law_fits, fixed_ends, determined, same_curves, checks : DataFrame
@@ -149,8 +146,6 @@ def run_result(
 
     Parameters
     ----------
-    found : Identifiability
-    posterior : Posterior
     draws : DataFrame
         Natural quantities, one row per draw.
     summary : DataFrame

@@ -41,14 +41,6 @@ if TYPE_CHECKING:
     from biaxbayes.identifiability.identify import Identifiability
     from biaxbayes.runs.result import RunResult
 
-__all__ = [
-    "COLUMNS",
-    "Run",
-    "open_run",
-    "summarise",
-    "write_summary",
-]
-
 
 # --- summary.csv: what ArviZ would say of the draws ----------------------------------------------
 
@@ -86,7 +78,6 @@ def summarise(
         Rows, in order.
     known : Quantities
         What each name is.
-    convergence : Convergence
     law : str
         Name of the law, which every row states.
     """
@@ -127,7 +118,6 @@ class Run:
 
     Attributes
     ----------
-    path : Path
     provenance : dict
         Input hash, settings, seed, versions, convergence, timings.
     """

@@ -82,7 +82,6 @@ def warm_up(
 
     Parameters
     ----------
-    ensembles : Ensembles
     proposal : MixtureProposal
         A first proposal.
     spread : ndarray, shape (n, d)

@@ -83,7 +83,6 @@ class Convergence:
 
     Attributes
     ----------
-    names : tuple of str
     ess_bulk, ess_tail, rhat, tau : ndarray, shape (quantities,)
         ``tau`` is the autocorrelation time in kept steps, of the rank-normalised draws.
     steps : int

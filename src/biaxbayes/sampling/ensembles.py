@@ -32,7 +32,6 @@ class Ensemble:
     log_density : callable
         Vectorised: (n, d) coordinates to (n,) values.
     start : ndarray, shape (walkers, d)
-    seed : numpy.random.SeedSequence
     bounds : ndarray, shape (d, 2), optional
         Bounds of the coordinates, for the independence move.
     """
@@ -115,10 +114,8 @@ class Ensembles:
 
     Parameters
     ----------
-    log_density : callable
     starts : sequence of ndarray, shape (walkers, d)
         One dispersed start per ensemble.
-    seed : numpy.random.SeedSequence
     bounds : ndarray, shape (d, 2), optional
         Bounds of the coordinates, for the independence move.
     workers : int

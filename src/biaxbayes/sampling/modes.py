@@ -190,7 +190,6 @@ def separate_groups(log_density: LogDensity, modes: list[Mode]) -> list[list[Mod
     ----------
     log_density : callable
         Vectorised, (n, d) to (n,).
-    modes : list of Mode
 
     Returns
     -------

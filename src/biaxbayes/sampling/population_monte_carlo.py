@@ -85,7 +85,6 @@ def search(
 
     Parameters
     ----------
-    target : Target
     starts : ndarray, shape (n, d)
         Points to climb from; the first is the best guess.
     scale : ndarray, shape (d,)
@@ -140,9 +139,7 @@ def explore(
     ----------
     log_density : callable
         Vectorised, (n, d) to (n,); -inf where the density is zero.
-    proposal : MixtureProposal
     bounds : ndarray, shape (d, 2)
-    rng : numpy.random.Generator
     population : int
         Points of a generation; twice as many where there are several parts.
     components : int
@@ -227,7 +224,6 @@ def resample_ridges(
         The ridge of each point, from zero; each has points of positive weight.
     size : int
         How many from all of them.
-    rng : numpy.random.Generator
     """
     ridges = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)]
     each = size // len(ridges)

@@ -35,7 +35,6 @@ class TransportedMixture:
 
     Attributes
     ----------
-    transport : TransportMap
     mixture : StudentMixture
         In the reference coordinates.
     bounds : ndarray, shape (d, 2)
@@ -117,7 +116,6 @@ def fit_transported_mixture(
     Parameters
     ----------
     points : ndarray, shape (n, d)
-    rng : numpy.random.Generator
     bounds : ndarray, shape (d, 2), optional
         Of the coordinates; infinite where there is none.
     components : int
@@ -210,7 +208,6 @@ def fit_mixture_proposal(
     Parameters
     ----------
     points : ndarray, shape (n, d)
-    rng : numpy.random.Generator
     bounds : ndarray, shape (d, 2), optional
         Of the coordinates; infinite where there is none.
     components : int

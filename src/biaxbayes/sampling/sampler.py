@@ -48,10 +48,8 @@ class Plan:
         Effective sample size of the worst quantity.
     max_steps : int
         Steps of each ensemble, after the warm-up, at which it gives up.
-    ensembles : int
     walkers : int
         At least; four times the number of coordinates if that is more.
-    seed : int
     workers : int
         Threads that advance ensembles; the draws do not depend on it.
     population : int
@@ -89,13 +87,11 @@ class State:
     ----------
     frame : mapping of str to float
         That of the target.
-    proposal : MixtureProposal
     members : list of dict
         Snapshot of each ensemble.
     chain : ndarray, shape (ensembles, stored steps, walkers, d)
     steps, thin : int
         Steps of each ensemble so far, of which every ``thin``-th is stored.
-    warmup : WarmUp
     evaluations : int
         Of the density by the ensembles, warm-up included.
     rejected : int64 ndarray
@@ -127,10 +123,6 @@ class Draws:
     chain : ndarray, shape (ensembles, steps, walkers, d)
     quantities : dict of ndarray, shape (ensembles, steps, walkers)
         The target's quantities.
-    convergence : Convergence
-    warmup : WarmUp
-    proposal : MixtureProposal
-    evaluations : int
     rejected : dict
         Evaluations, and those of zero density by reason, over the whole run; empty where the
         target does not count.
@@ -140,7 +132,6 @@ class Draws:
         Steps from one stored step to the next.
     seconds : dict
         Wall time of each phase in this process.
-    interrupted : bool
     """
 
     target: Target
@@ -170,13 +161,10 @@ def draw(
 
     Parameters
     ----------
-    target : Target
     start : Start or State
         The result of a search, or the state from which a run is continued.
-    plan : Plan
     on_block : callable, optional
         Called after the warm-up and every block with the state to save.
-    progress : callable
     stop : callable
         Called between blocks; True (or the number of a signal) ends the run early.
     """
