@@ -45,7 +45,7 @@ from biaxbayes.comparison.pooling import (
     weighted_density,
 )
 from biaxbayes.errors import InputError, Interrupted, NotConverged
-from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, stated_by_predictions
+from biaxbayes.identifiability.mounting_stretch.interval import MEASURED, interval_from_predictions
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
@@ -387,10 +387,12 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand()
     assert set(judged.draws["law"]) == {"goh", "hgo"}
     assert len(judged.bands) == mixture["readings"].sum()
     for axis, middle in (("x", 1.01), ("y", 1.02)):
-        stated = judged.stated.set_index("quantity").loc[f"mounting_stretch_{axis}"]
+        (row,) = (r for r in judged.reported if r.name == f"mounting_stretch_{axis}")
         margin = 0.09 * (middle - 1.0)
-        assert stated["stated_low"] == pytest.approx(middle - margin)
-        assert stated["stated_high"] == pytest.approx(middle + margin)
+        assert (row.low, row.high) == (
+            pytest.approx(middle - margin),
+            pytest.approx(middle + margin),
+        )
 
 
 def test_weights_of_the_other_parts_alone_and_of_none():
@@ -435,9 +437,9 @@ def test_a_measured_mounting_stretch_is_stated_as_the_mixture_has_it():
         specimen, metadata={**specimen.metadata, "mounting_stretch_x": "1.01 +- 0.01"}
     )
     judged = judged_laws(measured, {"noise": "independent"}, found, ["goh", "hgo"])
-    stated = judged.stated.set_index("quantity").loc["mounting_stretch_x"]
-    assert [stated["stated_low"], stated["stated_high"]] == pytest.approx([1.01, 1.01])
-    assert stated["stated_reason"] == MEASURED
+    row = judged.reported[0]
+    assert row.name == "mounting_stretch_x" and row.reason == MEASURED
+    assert [row.low, row.high] == pytest.approx([1.01, 1.01])
 
 
 def test_parts_make_up_the_record_and_are_left_out_of_the_rest():
@@ -518,21 +520,22 @@ def test_the_law_of_the_truth_predicts_best(compared):
 @pytest.mark.long
 def test_what_is_stated_is_the_same_in_table_page_and_terminal(compared, capsys):
     folder, _ = compared
-    stated = pd.read_csv(folder / "out" / "stated.csv").set_index("quantity")
+    reported = pd.read_csv(folder / "out" / "report.csv").set_index("parameter")
     laws = pd.read_csv(folder / "out" / "laws.csv").set_index("law")
     page = (folder / "out" / "laws.html").read_text(encoding="utf-8")
     for name, true in (("mounting_stretch_x", 1.01), ("mounting_stretch_y", 1.02)):
-        low, high = stated.loc[name, ["stated_low", "stated_high"]]
+        low, high = reported.loc[name, ["low", "high"]]
         both = laws.loc[LAWS.split(",")]  # two laws are compared, however much better one is
         margin = 0.09 * (both[f"{name}_q50"] - 1.0).abs()
         assert low == pytest.approx((both[f"{name}_q05"] - margin).min(), rel=1e-5)
         assert high == pytest.approx((both[f"{name}_q95"] + margin).max(), rel=1e-5)
         assert low < true < high
-        reason = stated["stated_reason"][name]
-        assert reason.startswith("the laws that predict best agree: goh, ")
-        assert f"<strong>{low:.4f} to {high:.4f}</strong>" in page
+        row = reported.loc[name]
+        assert row["reason"].startswith("the laws that predict best agree (goh")
+        assert row["verdict"] == "identified"
+        assert f"<strong>{row['interval']}</strong>" in page
     assert "2 <a" in page
-    assert "goh foretells best" in page
+    assert "goh best predicts" in page
     assert "src=" in page and "http://" not in page and "<script" not in page
     # the terminal: the same command with --resume says it again
     assert _run(
@@ -541,8 +544,8 @@ def test_what_is_stated_is_the_same_in_table_page_and_terminal(compared, capsys)
         "--resume",
     ) in (0, 3)
     told = capsys.readouterr().out
-    low, high = stated.loc["mounting_stretch_x", ["stated_low", "stated_high"]]
-    assert f"mounting_stretch_x of the tissue: {low:.4f} to {high:.4f}; the laws that" in told
+    row = reported.loc["mounting_stretch_x"]
+    assert f"mounting_stretch_x  {row['interval']}" in told and row["reason"] in told
 
 
 def three(middle, width):
@@ -552,27 +555,29 @@ def three(middle, width):
 def test_a_value_needs_the_laws_that_foretell_alike_to_agree():
     intervals = {"goh": three(1.02, 0.002), "fung": three(1.022, 0.002), "hgo": three(1.3, 0.01)}
     density = {"goh": 10.0, "fung": 8.0, "hgo": 2.0}
-    stated = stated_by_predictions(intervals, density, smooth=False)
+    stated = interval_from_predictions(intervals, density, smooth=False)
     assert stated.is_value
     assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
     assert stated.high == pytest.approx(1.024 + 0.09 * 0.022)
-    assert stated.reason == "the laws that predict best agree: goh, fung"
+    assert stated.reason == "the laws that predict best agree (goh and fung)"
     # a third law that foretells as well and lies elsewhere leaves the low end
-    stated = stated_by_predictions(intervals, density | {"hgo": 9.0}, smooth=False)
+    stated = interval_from_predictions(intervals, density | {"hgo": 9.0}, smooth=False)
     assert not stated.is_value
     assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
-    assert stated.reason == "the laws that predict best leave the high end open: goh, hgo, fung"
-    assert not stated_by_predictions(intervals, density, smooth=True).is_value
+    assert (
+        stated.reason == "the laws that predict best leave the upper end open (goh, hgo and fung)"
+    )
+    assert not interval_from_predictions(intervals, density, smooth=True).is_value
 
 
 def test_a_low_end_rests_on_two_laws_and_lies_not_too_far_below_the_best():
     intervals = {"goh": three(1.2, 0.04), "fung": three(1.1, 0.02)}
-    stated = stated_by_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
+    stated = interval_from_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
     assert stated.low == pytest.approx(1.08 - 0.09 * 0.1)
-    assert stated.reason == "the laws that predict best leave the high end open: goh, fung"
+    assert stated.reason == "the laws that predict best leave the upper end open (goh and fung)"
     intervals["goh"] = three(1.5, 0.04)
-    stated = stated_by_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
-    assert np.isnan(stated.low) and "both ends open: goh, fung" in stated.reason
+    stated = interval_from_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
+    assert np.isnan(stated.low) and "both ends open (goh and fung)" in stated.reason
 
 
 @pytest.mark.long

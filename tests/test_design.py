@@ -259,7 +259,19 @@ def test_loads_beyond_what_was_tested_come_with_a_caution(run, capsys):
     for text, box in in_view(figure):
         assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1, text
     print_design(found, "N")
-    assert f"caution: {further} {words}" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"caution: {further} {words}" in printed and printed.rstrip().endswith(found.conclusion)
+
+
+def test_a_design_ends_with_what_to_measure_next(run):
+    found = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 0.1)], outcomes=20)
+    share = 100.0 * found.expected[0].reduction[found.quantities.index("alpha")]
+    assert found.conclusion.startswith("measure next: angle. Expected reduction of the sd: ")
+    assert f"alpha by {share:.0f} %" in found.conclusion
+    useless = design(run.posterior(), run.draws, [Reading("angle", ("alpha",), 1e4)], outcomes=20)
+    assert useless.conclusion.startswith("no candidate narrows a material parameter by 10 %")
+    doubtful = replace(found, expected=(replace(found.expected[0], few=1.0),))
+    assert doubtful.conclusion.startswith("no candidate can be recommended")
 
 
 def test_a_design_is_the_same_twice(run):

@@ -15,10 +15,10 @@ from scipy.stats import norm
 
 from biaxbayes.identifiability.identify import (
     Identifiability,
-    ParameterVerdict,
-    fits_of_laws,
     identify_draws,
+    run_law_fits,
 )
+from biaxbayes.identifiability.verdict import ParameterVerdict
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
@@ -60,7 +60,7 @@ def judged(specimen: Specimen, seed: int = 4, **options: object) -> Identifiabil
     drawn = draw_posterior(posterior, Plan(ess=ESS, seed=seed))
     draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
     state = drawn.convergence.state
-    return identify_draws(posterior, draws, state, fits=fits_of_laws(posterior))
+    return identify_draws(posterior, draws, state, fits=run_law_fits(posterior))
 
 
 def end_error(sd: float) -> float:
@@ -83,16 +83,18 @@ def check_monotone(seed: int) -> None:
         first, second, wide = base[name], worse[name], loose[name]
         told = (seed, name, first.words, second.words, wide.words)
         assert strength(second) <= strength(first), told
-        assert first.stated is not None and second.stated is not None and wide.stated is not None
-        assert first.stated.is_value or not second.stated.is_value, told
+        assert (
+            first.mounting is not None and second.mounting is not None and wide.mounting is not None
+        )
+        assert first.mounting.is_value or not second.mounting.is_value, told
         assert first.evidence is not None and wide.evidence is not None
         # four ends, each with its error
         error = 2.0 * end_error((first.evidence.high - first.evidence.low) / 3.3)
         width = wide.evidence.high - wide.evidence.low
         assert width > first.evidence.high - first.evidence.low - 3.0 * error, told
-        if first.stated.is_value and wide.stated.is_value:
-            width = wide.stated.high - wide.stated.low
-            assert width > first.stated.high - first.stated.low - 3.0 * error, told
+        if first.mounting.is_value and wide.mounting.is_value:
+            width = wide.mounting.high - wide.mounting.low
+            assert width > first.mounting.high - first.mounting.low - 3.0 * error, told
 
 
 @pytest.mark.long

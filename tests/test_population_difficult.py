@@ -15,7 +15,7 @@ import pytest
 import quick_posteriors
 import shared
 from biaxbayes.cli import main
-from biaxbayes.identifiability.verdict_names import FIXED, NO_VERDICT, NOT_IDENTIFIED, VERDICTS
+from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, NOT_IDENTIFIED, VERDICTS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.sampler import Plan
 from biaxbayes.runs import checkpoint

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import ks_1samp, ks_2samp, norm
 
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.verdict_names import (
+from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
     IDENTIFIED,

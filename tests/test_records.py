@@ -117,11 +117,11 @@ def test_exchanged_force_columns_and_a_wrong_unit_are_said(tmp_path):
 
 
 def test_columns_that_fit_as_they_are_are_not_exchanged():
-    from biaxbayes.identifiability.mounting_stretch.toe import described, swapped_columns
+    from biaxbayes.identifiability.fit_quality import quick_fit, swapped_columns
 
     assert not called_swapped(GOOD)
     other = changed(GOOD, lambda c: c[:, [0, 1, 3, 2]])
-    found = swapped_columns(other, described(other).residuals)
+    found = swapped_columns(other, quick_fit(other).residuals)
     assert found is not None and found.code == "swapped"
 
 
@@ -164,9 +164,9 @@ def sound(seed: int) -> Specimen:
 
 
 def called_swapped(specimen: Specimen) -> bool:
-    from biaxbayes.identifiability.mounting_stretch.toe import described, swapped_columns
+    from biaxbayes.identifiability.fit_quality import quick_fit, swapped_columns
 
-    return swapped_columns(specimen, described(specimen).residuals) is not None
+    return swapped_columns(specimen, quick_fit(specimen).residuals) is not None
 
 
 @pytest.mark.parametrize("seed", range(20))

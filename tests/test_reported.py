@@ -8,8 +8,8 @@ import pytest
 
 import biaxbayes
 from biaxbayes.fitting.law_fit import LawFit
-from biaxbayes.identifiability.identify import Identifiability, fits_of_laws, identify_draws
-from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
+from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
+from biaxbayes.identifiability.mounting_stretch.law_fits import LawFits
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan
@@ -36,7 +36,7 @@ def clean() -> Identifiability:
     posterior = biaxbayes.prepare(specimen)
     result = draw_posterior(posterior, Plan(ess=300, max_steps=1500, ensembles=2, walkers=32))
     draws = draw_table(result.quantities)
-    return identify_draws(posterior, draws, "converged", fits=fits_of_laws(posterior))
+    return identify_draws(posterior, draws, "converged", fits=run_law_fits(posterior))
 
 
 def rows(found: Identifiability):
@@ -103,7 +103,7 @@ def test_a_value_spans_no_order_of_magnitude(clean):
 
 def test_a_law_that_another_beats_has_no_parameters(clean):
     fits = clean.fits.fits
-    worse = LawRange(
+    worse = LawFits(
         tuple(replace(f, rms=9.0, rmse_kPa=9.0) if f.law == "goh" else f for f in fits)[::-1],
         clean.fits.noise,
         clean.fits.peak,
@@ -125,7 +125,7 @@ def test_draws_that_have_not_converged_identify_nothing(clean):
 def test_stretches_are_those_of_the_laws_that_fit(clean):
     """Whatever the posterior says, an end that another law moves is moved in the one row."""
     for name in STRETCHES:
-        stated, row = clean[name].stated, rows(clean)[name]
+        stated, row = clean[name].mounting, rows(clean)[name]
         np.testing.assert_equal((row.low, row.high), (stated.low, stated.high))
         assert row.low <= clean[name].evidence.low and row.high >= clean[name].evidence.high
 

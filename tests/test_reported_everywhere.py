@@ -11,14 +11,14 @@ import pytest
 import biaxbayes
 from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.report_table import NONE, interval_text
-from biaxbayes.identifiability.verdict_names import VERDICTS
+from biaxbayes.identifiability.reported import DASH, interval_text
+from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
 from biaxbayes.parameters import MOUNTED
-from biaxbayes.reports.closing_message import MOST_LINES, closing_message
 from biaxbayes.reports.comparison import write_comparison
-from biaxbayes.reports.methods import latex_table, methods
-from biaxbayes.reports.page import report_page
+from biaxbayes.reports.facts import MOST_LINES, closing_message
+from biaxbayes.reports.page import latex_table, report_page
+from biaxbayes.reports.parameters import methods
 from biaxbayes.studies.rows import rows_of_run
 
 
@@ -40,7 +40,7 @@ def test_every_row_has_one_interval_one_verdict_and_one_reason(media_run, rows):
         ends = [row["low"] != "", row["high"] != ""]
         known = {"identified": 2, "only in combination": 2, "bounded": 1, "not identified": 0}
         assert sum(ends) == known[row["verdict"]]
-        assert (row["interval"] == NONE) == (sum(ends) == 0)
+        assert (row["interval"] == DASH) == (sum(ends) == 0)
     record = json.loads((media_run.path / "results.json").read_text(encoding="utf-8"))
     assert [r["name"] for r in record["reported"]] == [row["parameter"] for row in rows]
     assert [r["reason"] for r in record["reported"]] == [row["reason"] for row in rows]
@@ -74,7 +74,7 @@ def test_latex_and_methods(media_run, rows):
         cells = [c.strip().removesuffix("\\\\").strip() for c in re.split(r"(?<!\\)&", line)][1:]
         plain = [re.sub(r"\\(.)", r"\1", c) for c in cells]
         assert plain == [row[k] for k in ("interval", "unit", "verdict", "reason")]
-        if row["interval"] == NONE:
+        if row["interval"] == DASH:
             assert row["parameter"] in paragraph.partition("do not identify")[2]
         else:
             with_unit = f"{row['interval']} {row['unit']}".strip()
@@ -93,7 +93,7 @@ def test_figure(media_run, rows):
         assert verdicts == [row["verdict"] for row in rows]
         others = [one_line(t) for t in texts if t not in VERDICTS]
         for row in rows:
-            unit = row["unit"] if row["interval"] != NONE else ""
+            unit = row["unit"] if row["interval"] != DASH else ""
             assert one_line(f"{row['interval']} {unit} {row['reason']}") in others
 
 
@@ -124,4 +124,4 @@ def test_digits():
     assert interval_text(nan, 38.44, alpha) == "below 38.4"
     assert interval_text(33.07, 41.02, alpha) == "33.1 to 41.0"
     assert interval_text(0.1453, 27.11, C1) == "0.15 to 27"
-    assert interval_text(nan, nan, C1) == NONE
+    assert interval_text(nan, nan, C1) == DASH

@@ -11,7 +11,7 @@ import pytest
 
 import browser
 from biaxbayes.comparison.compare import Member, compare
-from biaxbayes.comparison.law_weights import STACKED, STATED_COLUMNS, LawComparison
+from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.figures.laws import law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
 from biaxbayes.figures.style import figure_bytes
@@ -162,12 +162,9 @@ def write_weighed_laws(folder) -> None:
         pd.DataFrame([part | {"law": law} for law in ("goh", "fung", STACKED)]),
         pd.DataFrame(),
         pd.DataFrame(),
-        pd.DataFrame(
-            [
-                ("mounting_stretch_x", 1.0123, np.nan, REASON),
-                ("mounting_stretch_y", 1.01, 1.03, "laws that foretell the record agree: goh"),
-            ],
-            columns=list(STATED_COLUMNS),
+        (
+            Reported("mounting_stretch_x", "", 1.0123, np.nan, "bounded", REASON),
+            Reported("mounting_stretch_y", "", 1.01, 1.03, "identified", "the laws agree (goh)"),
         ),
         {"hgo": "1:1: <img src=x onerror=alert(1)>"},
     )
@@ -220,7 +217,7 @@ def test_what_is_reported_stands_on_the_page(page):
     assert "above 1.0123" in html
     if path.name == "laws.html":
         assert "<strong>above 1.0123</strong>" in html
-        assert "<strong>1.0100 to 1.0300</strong>" in html
+        assert "<strong>1.010 to 1.030</strong>" in html
         assert "the header of the specimen: # mounting_stretch_x: VALUE +- SD<" in html
         assert "is left out: <bdi>1:1: &lt;img" in html
     if path.name == "study.html":

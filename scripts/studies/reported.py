@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import BiaxbayesError
-from biaxbayes.identifiability.identify import fits_of_laws, identify_draws
+from biaxbayes.identifiability.identify import identify_draws, run_law_fits
 from biaxbayes.laws import LAWS
 from biaxbayes.mechanics.virtual_test import smooth_misfit
 from biaxbayes.model.preparation import prepare
@@ -121,7 +121,7 @@ def judge(third: str, seed: int) -> dict[str, Any]:
     except BiaxbayesError:
         return {"rows": []}
     draws = draw_table(result.quantities)
-    fits = fits_of_laws(posterior, case.laws)
+    fits = run_law_fits(posterior, case.laws)
     found = identify_draws(posterior, draws, result.convergence.state, fits=fits)
     rows = [
         {

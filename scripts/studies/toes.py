@@ -20,8 +20,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes import Protocol, Specimen
-from biaxbayes.identifiability.mounting_stretch.law_range import law_fits
-from biaxbayes.identifiability.mounting_stretch.stated import stated_by_laws
+from biaxbayes.identifiability.mounting_stretch.interval import interval_from_laws
+from biaxbayes.identifiability.mounting_stretch.law_fits import fit_laws
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.model.priors import Prior
 from studies.common import BLUE, RED, options_of, parser, print_table, run_all, save_figure
@@ -95,10 +95,10 @@ def judge(study: str, kind: str, seed: int, protocols: int) -> dict[str, Any]:
     except ValueError:  # no material of the kind suits the mounted state
         return {"rows": []}
     withheld = () if sharp else KINDS[kind][1]
-    fits = law_fits(specimen, tuple(name for name in LAWS if name not in withheld))
+    fits = fit_laws(specimen, tuple(name for name in LAWS if name not in withheld))
     rows = []
     for axis in (0, 1):
-        stated = stated_by_laws(fits, 0, axis)
+        stated = interval_from_laws(fits, 0, axis)
         row = {"study": study, "kind": kind, "axis": "xy"[axis], "true": float(mounting[axis])}
         rows.append({**row, "low": stated.low, "high": stated.high})
     return {"rows": rows}

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 
 class BiaxbayesError(Exception):
@@ -105,6 +105,11 @@ class Interrupted(BiaxbayesError):
 def printable(text: str) -> str:
     """Text from a file may hold line breaks and control characters; a message may not."""
     return "".join(ch if ch.isprintable() else " " for ch in text)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: ``k2, alpha and kappa``."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def os_error_text(error: OSError) -> str:

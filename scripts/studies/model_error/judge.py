@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability.determined import MEASURED, determined
-from biaxbayes.identifiability.identify import Identifiability, fits_of_laws, identify_draws
-from biaxbayes.identifiability.mounting_stretch.law_range import LawRange
-from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
+from biaxbayes.identifiability.identify import Identifiability, identify_draws, run_law_fits
+from biaxbayes.identifiability.mounting_stretch.law_fits import LawFits
+from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.prediction.bands import bands
@@ -50,10 +50,10 @@ def judged(case: Case, seed: int, answer: Answer) -> pd.DataFrame:
 
 
 @cache
-def _posterior(seed: int) -> tuple[Posterior, LawRange | None]:
+def _posterior(seed: int) -> tuple[Posterior, LawFits | None]:
     """The default posterior of a specimen, and the fits of all laws to it."""
     posterior = prepare(make_case(seed).specimen)
-    return posterior, fits_of_laws(posterior)
+    return posterior, run_law_fits(posterior)
 
 
 def _verdicts(seed: int, answer: Answer) -> Identifiability:
@@ -65,7 +65,11 @@ def _verdicts(seed: int, answer: Answer) -> Identifiability:
 def _stresses(case: Case, found: Identifiability, answer: Answer) -> list[Row]:
     """Stresses as the tool states them: at half-way and the end of every protocol."""
     table = determined(
-        answer.draws, case.specimen, found.law, refits=found.refits(), values=found.values()
+        answer.draws,
+        case.specimen,
+        found.law,
+        refits=found.mounting_ranges(),
+        values=found.mounting_values(),
     )
     nominal = table["quantity"].str.contains(MEASURED, regex=False)
     table = table[nominal | table["quantity"].str.startswith("Cauchy stress")]
@@ -93,7 +97,7 @@ def _mounting(case: Case, found: Identifiability) -> list[Row]:
     for axis, true in enumerate(case.mounting):
         name = f"mounting_stretch_{'xy'[axis]}"
         row = found[name]
-        e, stated = row.evidence, row.stated
+        e, stated = row.evidence, row.mounting
         assert e is not None and stated is not None
         ends = (e.low, e.high)
         out.append(("mounting", name, float(true), *ends))

@@ -26,11 +26,9 @@ from biaxbayes.identifiability.determined import (
     some_draws,
 )
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.marginals import judged_scales
-from biaxbayes.identifiability.report_table import report_frame
-from biaxbayes.identifiability.reported import Reported
-from biaxbayes.identifiability.verdict import Thresholds
-from biaxbayes.identifiability.verdict_names import BOUNDED, IDENTIFIED
+from biaxbayes.identifiability.marginals import parameter_scales
+from biaxbayes.identifiability.reported import Reported, report_frame
+from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED, Thresholds
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL
@@ -374,7 +372,7 @@ def _distances(
     a, b = members[i], members[j]
     rows = []
     pairs: list[tuple[str, str, str, str, float | None, np.ndarray, np.ndarray]] = []
-    for scale in judged_scales(a.posterior.priors, a.posterior.quantities, a.draws):
+    for scale in parameter_scales(a.posterior.priors, a.posterior.quantities, a.draws):
         # A mounting stretch is a state of the test, not a property of the tissue.
         if scale.parameter.kind == MATERIAL:
             of_a, of_b = (m.draws[scale.name].to_numpy(dtype=float) for m in (a, b))

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability.determined import Derived
-from biaxbayes.identifiability.marginals import judged_scales
+from biaxbayes.identifiability.marginals import parameter_scales
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL
@@ -114,7 +114,7 @@ def prior_material(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
     rng = np.random.default_rng(0)
     level = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
     columns: dict[str, np.ndarray] = {}
-    scales = judged_scales(posterior.priors, posterior.quantities, draws)
+    scales = parameter_scales(posterior.priors, posterior.quantities, draws)
     for scale in scales:
         if scale.parameter.kind == MATERIAL and isinstance(scale.prior, Prior):
             columns[scale.name] = scale.prior.ppf(rng.permutation(level))

@@ -5,7 +5,7 @@ over its draws. A left-out curve has one weight n_eff / n for all laws, from the
 law that fits the whole record best: readings that miss together are no independent evidence. The
 mixture by the stacking weights is a prediction of stresses, with bands at levels that are learned
 from left-out parts as the weights are; it is no posterior of the mounting
-stretch, which lies where no reading does. What is stated of that is the union of the intervals of
+stretch, which lies where no reading does. What is reported of that is the union of the intervals of
 the laws that predict the record about as well as the best.
 """
 
@@ -37,7 +37,12 @@ from biaxbayes.comparison.pooling import (
 from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
-from biaxbayes.identifiability.mounting_stretch.stated import MEASURED, stated_by_predictions
+from biaxbayes.identifiability.mounting_stretch.interval import (
+    MEASURED,
+    MountingInterval,
+    interval_from_predictions,
+)
+from biaxbayes.identifiability.reported import Reported, mounting_row
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import ALL_ROWS, CONTENT
 from biaxbayes.parameters import mounting_names
@@ -67,9 +72,9 @@ class LawComparison:
     bands : DataFrame
         Bands of the mixture over the record, columns as of
         :func:`~biaxbayes.prediction.bands.bands`, read at the levels of the table.
-    stated : DataFrame
-        ``stated.csv``: what can be stated of each mounting stretch of the tissue, by
-        :func:`~biaxbayes.identifiability.mounting_stretch.stated.stated_by_predictions`.
+    reported : tuple of Reported
+        What to report of each mounting stretch of the tissue (``report.csv``), by
+        :func:`~biaxbayes.identifiability.mounting_stretch.interval.interval_from_predictions`.
     left_out : dict of str to str
         Laws that are not part of the mixture, and why.
     """
@@ -79,7 +84,7 @@ class LawComparison:
     parts: pd.DataFrame
     draws: pd.DataFrame
     bands: pd.DataFrame
-    stated: pd.DataFrame
+    reported: tuple[Reported, ...]
     left_out: dict[str, str]
 
     @property
@@ -180,7 +185,7 @@ def judged_laws(
         _part_table(parts, used, left, weight, blind, probability),
         draws,
         mixture_bands(specimen, used, weight, predictions, posteriors, probability, learned),
-        _stated_table(specimen, table, best, predictions[best, WHOLE].residuals),
+        _reported(specimen, table, best, predictions[best, WHOLE].residuals),
         bad,
     )
 
@@ -350,33 +355,27 @@ def _part_table(
     return pd.DataFrame(rows)
 
 
-STATED_COLUMNS = ("quantity", "stated_low", "stated_high", "stated_reason")
-
-
-def _stated_table(
+def _reported(
     specimen: Specimen, table: pd.DataFrame, best: str, residuals: Sequence[np.ndarray]
-) -> pd.DataFrame:
+) -> tuple[Reported, ...]:
     """Mounting stretches from the laws that predict the record about as well as the best."""
     names = mounting_names("stretch")
     laws = table[(table["law"] != STACKED) & table["left_out_density"].notna()].set_index("law")
     if f"{names[0]}_q50" not in laws:
-        return pd.DataFrame(columns=list(STATED_COLUMNS))
+        return ()
     smooth = misses_smoothly(residuals)
+    density = {str(law): float(value) for law, value in laws["left_out_density"].items()}
     rows = []
     for name in names:
         columns = [f"{name}_q{round(100 * q):02d}" for q in QUANTILES]
         if specimen.metadata.get(name) is not None:
             low, _, high = table.set_index("law").loc[STACKED, columns].to_numpy(dtype=float)
-            rows.append((name, low, high, MEASURED))
-            continue
-        intervals = {
-            str(law): (float(row.iloc[0]), float(row.iloc[1]), float(row.iloc[2]))
-            for law, row in laws[columns].iterrows()
-        }
-        stated = stated_by_predictions(
-            intervals,
-            {law: float(laws["left_out_density"][law]) for law in intervals},
-            smooth=smooth,
-        )
-        rows.append((name, stated.low, stated.high, stated.reason))
-    return pd.DataFrame(rows, columns=list(STATED_COLUMNS))
+            interval = MountingInterval(float(low), float(high), MEASURED)
+        else:
+            quantiles = {
+                str(law): (float(row.iloc[0]), float(row.iloc[1]), float(row.iloc[2]))
+                for law, row in laws[columns].iterrows()
+            }
+            interval = interval_from_predictions(quantiles, density, smooth=smooth)
+        rows.append(mounting_row(name, interval))
+    return tuple(rows)

@@ -20,7 +20,7 @@ from biaxbayes.identifiability.determined import (
     largest_equibiaxial,
     median_mounting,
 )
-from biaxbayes.identifiability.marginals import Scale, judged_scales
+from biaxbayes.identifiability.marginals import Scale, parameter_scales
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
@@ -220,7 +220,7 @@ def _parameter_rows(
     posterior: Posterior, draws: Mapping[str, pd.DataFrame]
 ) -> list[dict[str, Any]]:
     rows = []
-    for scale in judged_scales(posterior.priors, posterior.quantities, draws["inferred"]):
+    for scale in parameter_scales(posterior.priors, posterior.quantities, draws["inferred"]):
         row: dict[str, Any] = {
             "quantity": scale.name,
             "unit": scale.unit,
@@ -265,7 +265,7 @@ def _compared(values: Mapping[str, np.ndarray], scale: Scale | None) -> dict[str
     for name in TREATMENTS:
         q05, q50, q95 = np.quantile(values[name], [0.05, 0.5, 0.95])
         out |= {f"{name}_median": q50, f"{name}_q05": q05, f"{name}_q95": q95}
-    moved = {name: v if scale is None else scale.of(v) for name, v in values.items()}
+    moved = {name: v if scale is None else scale.to_scale(v) for name, v in values.items()}
     sd = float(moved["inferred"].std(ddof=1))
     out |= {"inferred_sd": sd}
     for name in TREATMENTS[1:]:

@@ -23,9 +23,8 @@ from biaxbayes.figures.style import (
 )
 from biaxbayes.identifiability.bounded_density import at_edges, curve, interval
 from biaxbayes.identifiability.determined import STRESS
-from biaxbayes.identifiability.report_table import report_rows
-from biaxbayes.identifiability.reported import Reported
-from biaxbayes.identifiability.verdict_names import COMBINATION
+from biaxbayes.identifiability.reported import Reported, report_rows
+from biaxbayes.identifiability.verdict import COMBINATION
 from biaxbayes.parameters import Quantity
 
 SHORT = {COMBINATION: "in combination"}

@@ -73,7 +73,7 @@ def law_mounting_figure(
     names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:
         return None
-    reported = compared.stated.set_index("quantity")
+    reported = {row.name: row for row in compared.reported}
     with print_style(style):
         figure = blank_figure(width_mm, HEAD_MM + ROW_MM * (len(rows) + 0.4))
         panels = np.atleast_1d(figure.subplots(1, len(names), sharey=True))
@@ -85,7 +85,7 @@ def law_mounting_figure(
             for place, m, hue in zip(places, median, hues, strict=True):
                 ax.plot(m, place, "o", markersize=3.5, color=hue)
             ax.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
-            first, last = reported.loc[name, ["stated_low", "stated_high"]].to_numpy(dtype=float)
+            first, last = reported[name].low, reported[name].high
             if np.isfinite(first):
                 # an open end reaches as far as the panel does
                 left, right = ax.get_xlim()

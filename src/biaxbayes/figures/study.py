@@ -19,7 +19,7 @@ from biaxbayes.figures.panels import (
 )
 from biaxbayes.figures.quantities import AxisText, axis_span, known_or_default, plain, quantity
 from biaxbayes.figures.style import PAGE_MM, Style, few_ticks, print_style
-from biaxbayes.identifiability.verdict_names import FIXED
+from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.studies.groups import KNOWN
 
 DERIVED = ("Hx", "Hy", "stiffness_x at 1", "stiffness_y at 1")

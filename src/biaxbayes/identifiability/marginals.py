@@ -33,28 +33,13 @@ from biaxbayes.parameters import MATERIAL, STRETCH, Parameter, Quantities, Quant
 from biaxbayes.prediction.draws import protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "INTERVAL",
-    "LEVELS",
-    "Density",
-    "Edge",
-    "Scale",
-    "count_modes",
-    "density",
-    "edge_distances",
-    "end_in_words",
-    "find_edges",
-    "judged_scales",
-]
-
-
 # --- the scale on which a parameter's prior and posterior are compared ---------------------------
 
 
 LEVELS = (np.arange(4096) + 0.5) / 4096
+"""Cumulative probabilities whose values represent a prior."""
 INTERVAL = (0.05, 0.95)
-"""Ends of the intervals that verdicts and tables speak of."""
-"""Cumulative probabilities whose values stand for a prior."""
+"""Ends of the intervals of verdicts and tables."""
 
 
 @dataclass(frozen=True)
@@ -102,17 +87,17 @@ class Scale:
         """Name of the scale."""
         return f"ln {self.name}" if self.logarithmic else self.name
 
-    def of(self, natural: np.ndarray) -> np.ndarray:
+    def to_scale(self, natural: np.ndarray) -> np.ndarray:
         """Natural values on the scale."""
         with np.errstate(divide="ignore"):
             return np.log(natural) if self.logarithmic else np.asarray(natural, dtype=float)
 
-    def natural(self, scaled: np.ndarray) -> np.ndarray:
-        """Inverse of :meth:`of`."""
+    def from_scale(self, scaled: np.ndarray) -> np.ndarray:
+        """Inverse of :meth:`to_scale`."""
         return np.exp(scaled) if self.logarithmic else np.asarray(scaled, dtype=float)
 
     @property
-    def walls(self) -> tuple[float, float]:
+    def limits(self) -> tuple[float, float]:
         """Natural values where the density ends; infinite where it does not."""
         p = self.parameter
         low, high = p.range if p.bounded else (-np.inf, np.inf)
@@ -121,7 +106,7 @@ class Scale:
         return low, high
 
 
-def judged_scales(
+def parameter_scales(
     priors: Mapping[str, Prior | DrawnPrior | Tie | float],
     quantities: Quantities,
     draws: pd.DataFrame,
@@ -165,31 +150,31 @@ class Density:
         return float(np.sum(np.gradient(self.x)[above]))
 
 
-def density(sample: np.ndarray, walls: tuple[float, float] = (-np.inf, np.inf)) -> Density:
-    """Density of a sample, reflected at walls.
+def density(sample: np.ndarray, limits: tuple[float, float] = (-np.inf, np.inf)) -> Density:
+    """Density of a sample, reflected at limits.
 
     Parameters
     ----------
     sample : ndarray, shape (n,)
-    walls : (float, float)
+    limits : (float, float)
         Where the density ends, infinite where it does not.
 
     Returns
     -------
     Density
-        Its grid spans the sample, and reaches a wall that is near.
+        Its grid spans the sample, and reaches a limit that is near.
     """
     low, high = float(sample.min()), float(sample.max())
     beyond = max(BEYOND * (high - low), 1e-9 * max(1.0, abs(low)))
-    low, high = max(low - beyond, walls[0]), min(high + beyond, walls[1])
-    axis = Span(low, high, closed_low=low == walls[0], closed_high=high == walls[1])
+    low, high = max(low - beyond, limits[0]), min(high + beyond, limits[1])
+    axis = Span(low, high, closed_low=low == limits[0], closed_high=high == limits[1])
     x, height = curve(sample, axis)
     return Density(x, np.maximum(height, 0.0) / (high - low))
 
 
 def count_modes(
     sample: np.ndarray,
-    walls: tuple[float, float] = (-np.inf, np.inf),
+    limits: tuple[float, float] = (-np.inf, np.inf),
     whole: Density | None = None,
 ) -> int:
     """Number of separate peaks, such that Monte Carlo noise does not add any.
@@ -198,10 +183,10 @@ def count_modes(
     5 % of the draws lie in it; in the whole sample, whose density may be given, and in both of two
     interleaved halves.
     """
-    fewest = _peaks(whole or density(sample, walls))
+    fewest = _peaks(whole or density(sample, limits))
     for half in (sample[::2], sample[1::2]):
         if fewest > 1 and half.size:
-            fewest = min(fewest, _peaks(density(half, walls)))
+            fewest = min(fewest, _peaks(density(half, limits)))
     return fewest
 
 
@@ -271,7 +256,7 @@ class Edge:
         return (parameter.at_low, parameter.at_high)[self.side]
 
 
-def end_in_words(value: float, meaning: str) -> str:
+def end_message(value: float, meaning: str) -> str:
     """An end of a range with what a material there is: ``0 (aligned fibres)``."""
     text = "1/3" if abs(value - 1.0 / 3.0) < 1e-12 else f"{value:g}"
     return f"{text} ({meaning})" if meaning else text

@@ -120,8 +120,10 @@ def log_prior(scales: tuple[Scale, ...], draws: pd.DataFrame) -> np.ndarray:
     for scale in scales:
         prior = scale.prior
         if isinstance(prior, DrawnPrior):
-            known = density(scale.of(prior.ppf(LEVELS)))
-            at = np.interp(scale.of(draws[scale.name].to_numpy(dtype=float)), known.x, known.height)
+            known = density(scale.to_scale(prior.ppf(LEVELS)))
+            at = np.interp(
+                scale.to_scale(draws[scale.name].to_numpy(dtype=float)), known.x, known.height
+            )
             total += np.log(np.maximum(at, 1e-12 * known.peak))
             continue
         if not isinstance(prior, Prior) or prior.family in ("uniform", "loguniform"):

@@ -8,34 +8,38 @@ A posterior holds within its law. Where the law misses the record smoothly, its 
 narrow: each is widened about its median by the ratio of two errors of the least squares, with the
 smooth misfit and without (:mod:`biaxbayes.fitting.law_fit`). Where another law describes the record
 distinctly better, a parameter of this law is no property of the tissue. Mounting stretches are
-those on which all laws that fit agree (:mod:`.mounting_stretch.stated`).
+those on which all laws that fit agree (:mod:`.mounting_stretch.interval`).
+
+The rows as text are the same words and digits wherever they are printed.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
+from biaxbayes.errors import listed, printable
 from biaxbayes.identifiability.marginals import Scale
-from biaxbayes.identifiability.mounting_stretch.law_range import LawRange, distinctly_better
-from biaxbayes.identifiability.mounting_stretch.stated import widened
-from biaxbayes.identifiability.verdict import Evidence, Thresholds, decide, listed
-from biaxbayes.identifiability.verdict_names import (
+from biaxbayes.identifiability.mounting_stretch.interval import MountingInterval, widened
+from biaxbayes.identifiability.mounting_stretch.law_fits import LawFits, better_law_message
+from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
+    Evidence,
+    ParameterVerdict,
+    Thresholds,
+    decide,
 )
 from biaxbayes.laws.law import Law
-from biaxbayes.parameters import MATERIAL
-
-if TYPE_CHECKING:
-    from biaxbayes.identifiability.identify import ParameterVerdict
+from biaxbayes.parameters import MATERIAL, Parameter, Quantities, Quantity
 
 OPEN = float("nan")
 PRIOR_DECIDES = "the prior, not the data, determines it"
@@ -73,7 +77,7 @@ class Reported:
 
 def reported(
     parameters: Sequence[ParameterVerdict],
-    fits: LawRange | None,
+    fits: LawFits | None,
     law: Law,
     state: str,
     thresholds: Thresholds,
@@ -83,7 +87,7 @@ def reported(
     Parameters
     ----------
     parameters : sequence of ParameterVerdict
-    fits : LawRange or None
+    fits : LawFits or None
         Fits of all laws to the record.
     law : Law
         Of the run.
@@ -101,37 +105,37 @@ def reported(
         elif p.scale.parameter.kind == MATERIAL:
             out.append(_material(p, p.evidence, fits, law, thresholds))
         else:
-            out.append(_mounting_stretch(p))
+            out.append(mounting_row(p.name, p.mounting))
     return tuple(out)
 
 
-def _mounting_stretch(p: ParameterVerdict) -> Reported:
-    unit = p.scale.unit
-    if p.stated is None:
-        return Reported(p.name, unit, OPEN, OPEN, NOT_IDENTIFIED, "no other law was fitted")
-    low, high, reason = p.stated.low, p.stated.high, p.stated.reason
-    verdict = {0: NOT_IDENTIFIED, 1: BOUNDED, 2: IDENTIFIED}[int(np.isfinite([low, high]).sum())]
-    return Reported(p.name, unit, low, high, verdict, reason)
+def mounting_row(name: str, interval: MountingInterval | None) -> Reported:
+    """What to report of a mounting stretch, from the interval that the laws agree on."""
+    if interval is None:
+        return Reported(name, "", OPEN, OPEN, NOT_IDENTIFIED, "no other law was fitted")
+    low, high = interval.low, interval.high
+    verdict = (NOT_IDENTIFIED, BOUNDED, IDENTIFIED)[int(np.isfinite([low, high]).sum())]
+    return Reported(name, "", low, high, verdict, interval.reason)
 
 
 def _material(
-    p: ParameterVerdict, e: Evidence, fits: LawRange | None, law: Law, thresholds: Thresholds
+    p: ParameterVerdict, e: Evidence, fits: LawFits | None, law: Law, thresholds: Thresholds
 ) -> Reported:
     scale = p.scale
     name, unit = p.name, scale.unit
 
-    def nothing(reason: str) -> Reported:
+    def not_identified(reason: str) -> Reported:
         return Reported(name, unit, OPEN, OPEN, NOT_IDENTIFIED, reason)
 
     own = None if fits is None else fits[law.name]
-    if fits is not None and (better := distinctly_better(fits, law.name)):
-        return nothing(better)
+    if fits is not None and (better := better_law_message(fits, law.name)):
+        return not_identified(better)
     if p.verdict == NOT_IDENTIFIED:
         bounds = [edge for edge in e.open_edges(thresholds) if edge.kind == "user"]
         if bounds:
             bound = scale.parameter.number(bounds[0].value)
-            return nothing(f"limited by the bound {bound} of its prior")
-        return nothing(p.meaningless or PRIOR_DECIDES)
+            return not_identified(f"limited by the bound {bound} of its prior")
+        return not_identified(p.meaningless or PRIOR_DECIDES)
     factor = 1.0 if own is None else own.widening.get(scale.kind, 1.0)
     low, high, open_low, open_high = _interval(scale, e, factor)
     misfit = ""
@@ -142,35 +146,35 @@ def _material(
         )
     wide = replace(e, low=low, high=high, posterior_sd=factor * e.posterior_sd)
     verdict = decide(wide, thresholds, meaningless=bool(p.meaningless))
-    partners = e.partners.names if thresholds.traded(e) else ()
+    partners = e.partners.names if e.is_traded(thresholds) else ()
     trades = f"trades with {listed(partners)}" if partners else ""
     if verdict == COMBINATION:
         if wide.contraction <= 0.0:  # wider than the prior
-            return nothing(misfit or PRIOR_DECIDES)
+            return not_identified(misfit or PRIOR_DECIDES)
         return Reported(name, unit, low, high, COMBINATION, trades, partners)
     # one-sided where the data do not exclude an end of the range, or the misfit carries it there
     sides = [edge.side for edge in e.open_edges(thresholds)]
     sides += [side for side, at in ((0, open_low), (1, open_high)) if at]
     if len(set(sides)) == 2:
-        return nothing(misfit or "the data exclude neither end of its range")
+        return not_identified(misfit or "the data exclude neither end of its range")
     if sides:
         ends = (OPEN, high) if sides[0] == 0 else (low, OPEN)
         return Reported(name, unit, *ends, BOUNDED, misfit or _end_words(p, sides[0]))
     if verdict == NOT_IDENTIFIED:
-        return nothing(misfit or PRIOR_DECIDES)
+        return not_identified(misfit or PRIOR_DECIDES)
     if scale.logarithmic and high > WIDEST * low:
         factor_words = f"known only to a factor of {high / low:.2g}"
-        return nothing("; ".join(filter(None, (factor_words, misfit))))
+        return not_identified("; ".join(filter(None, (factor_words, misfit))))
     reason = "; ".join(filter(None, (misfit or "the data determine it", trades)))
     return Reported(name, unit, low, high, IDENTIFIED, reason)
 
 
 def _interval(scale: Scale, e: Evidence, factor: float) -> tuple[float, float, bool, bool]:
     """The widened interval in natural units, and whether it reaches an end of the range."""
-    median = float(scale.of(np.array(e.median)))
-    ends = scale.of(np.array([e.low, e.high]))
-    low, high = scale.natural(np.array(widened(float(ends[0]), median, float(ends[1]), factor)))
-    bottom, top = scale.walls
+    median = float(scale.to_scale(np.array(e.median)))
+    ends = scale.to_scale(np.array([e.low, e.high]))
+    low, high = scale.from_scale(np.array(widened(float(ends[0]), median, float(ends[1]), factor)))
+    bottom, top = scale.limits
     mirror = scale.parameter.mirror
     out = max(float(low), bottom), min(float(high), top)
     return *out, low <= bottom and not mirror, high >= top and not mirror
@@ -181,3 +185,104 @@ def _end_words(p: ParameterVerdict, side: int) -> str:
     meaning = (parameter.at_low, parameter.at_high)[side]
     end = f"the {('lower', 'upper')[side]} end of its range"
     return f"the data do not exclude {meaning or end}"
+
+
+# --- the rows as text ----------------------------------------------------------------------------
+
+DASH = "–"
+"""In place of an interval where nothing is reported."""
+WIDE = 8.0
+"""Ratio of the ends of an interval from which each has two significant digits."""
+
+
+@dataclass(frozen=True)
+class ReportRow:
+    """One row of the reported table, as text.
+
+    Attributes
+    ----------
+    quantity : Quantity
+    interval : str
+        ``1.0149 to 1.0212``, ``above 1.0071``, ``below 0.21`` or a dash.
+    unit : str
+        Empty for pure numbers.
+    verdict : {"identified", "bounded", "only in combination", "not identified"}
+    reason : str
+    """
+
+    quantity: Quantity
+    interval: str
+    unit: str
+    verdict: str
+    reason: str
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.quantity.name
+
+    @property
+    def interval_with_unit(self) -> str:
+        """The interval with its unit behind it."""
+        unit = self.unit if self.interval != DASH else ""
+        return f"{self.interval} {unit}".strip()
+
+
+def report_rows(reported: Sequence[Reported], quantities: Quantities) -> list[ReportRow]:
+    """The rows as text, in their order."""
+    return [
+        ReportRow(
+            quantities[r.name],
+            interval_text(r.low, r.high, quantities[r.name].parameter),
+            r.unit,
+            r.verdict,
+            r.reason,
+        )
+        for r in reported
+    ]
+
+
+def report_frame(reported: Sequence[Reported], quantities: Quantities) -> pd.DataFrame:
+    """The table of ``report.csv``: ends as numbers, and the interval as it is printed."""
+    rows = report_rows(reported, quantities)
+    return pd.DataFrame(
+        [
+            (r.name, row.unit, r.low, r.high, row.interval, row.verdict, row.reason)
+            for r, row in zip(reported, rows, strict=True)
+        ],
+        columns=["parameter", "unit", "low", "high", "interval", "verdict", "reason"],
+    )
+
+
+def interval_text(low: float, high: float, parameter: Parameter) -> str:
+    """An interval or a bound as text, without its unit.
+
+    Both ends have two digits of the width of the interval; a bound has the digits of its parameter.
+    """
+    if math.isnan(low) and math.isnan(high):
+        return DASH
+    if math.isnan(high):
+        return f"above {parameter.number(low)}"
+    if math.isnan(low):
+        return f"below {parameter.number(high)}"
+    width = high - low
+    if parameter.logarithmic and low > 0.0 and high > WIDE * low:
+        return f"{float(f'{low:.2g}'):g} to {float(f'{high:.2g}'):g}"
+    if not (width > 0.0 and math.isfinite(width)):
+        return f"{parameter.number(low)} to {parameter.number(high)}"
+    digits = min(1 - math.floor(math.log10(width)), 8)
+    first, last = (f"{round(v, digits) + 0.0:.{max(digits, 0)}f}" for v in (low, high))
+    return f"{first} to {last}"
+
+
+def row_lines(rows: Sequence[ReportRow], most: int | None = None) -> list[str]:
+    """The table for a terminal, one line per parameter; at most so many, the last says so."""
+    cells = [(printable(r.name), r.interval, r.unit, r.verdict, printable(r.reason)) for r in rows]
+    if most is not None and len(cells) > most:
+        more = len(cells) - most + 1
+        cells = [*cells[: most - 1], (f"... {more} more in report.csv", "", "", "", "")]
+    widths = [max((len(row[k]) for row in cells), default=0) for k in range(4)]
+    return [
+        "  ".join([*(f"{c:<{w}}" for c, w in zip(row, widths, strict=False)), row[4]]).rstrip()
+        for row in cells
+    ]

@@ -22,7 +22,7 @@ from itertools import combinations, permutations
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.marginals import LEVELS, Scale, judged_scales
+from biaxbayes.identifiability.marginals import LEVELS, Scale, parameter_scales
 from biaxbayes.identifiability.same_curves import SameCurves, same_curves
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
@@ -80,7 +80,9 @@ def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partn
     few = values[::step]
     spread = few.std(axis=0)
     z = (few - few.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    known = _Regressions.of(np.clip(z, -6.0, 6.0))  # a far draw must not steer the polynomial
+    known = _Regressions.from_draws(
+        np.clip(z, -6.0, 6.0)
+    )  # a far draw must not steer the polynomial
     pair = np.ones((len(names), len(names)))
     for i, j in permutations(range(len(names)), 2):
         pair[i, j] = known.spread(i, (j,))
@@ -131,7 +133,7 @@ class _Regressions:
     draws: int
 
     @classmethod
-    def of(cls, z: np.ndarray) -> _Regressions:
+    def from_draws(cls, z: np.ndarray) -> _Regressions:
         """From standardised draws, shape (n, d)."""
         d = z.shape[1]
         product = np.zeros((d, d), dtype=int)
@@ -239,7 +241,7 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     scales = [
         s
-        for s in judged_scales(posterior.priors, posterior.quantities, few)
+        for s in parameter_scales(posterior.priors, posterior.quantities, few)
         if s.parameter.kind == MATERIAL and isinstance(s.prior, Prior)
     ]
     tied = any(isinstance(posterior.priors[name], Tie) for name in posterior.law.names)
@@ -267,8 +269,8 @@ def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ..
     columns, units = [], []
     for scale in scales:
         assert isinstance(scale.prior, Prior)
-        unit = float(scale.of(scale.prior.ppf(LEVELS)).std())
-        columns.append(scale.of(draws[scale.name].to_numpy(dtype=float)) / unit)
+        unit = float(scale.to_scale(scale.prior.ppf(LEVELS)).std())
+        columns.append(scale.to_scale(draws[scale.name].to_numpy(dtype=float)) / unit)
         units.append(unit)
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(np.array(columns))))
     out = []

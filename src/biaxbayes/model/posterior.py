@@ -1,6 +1,6 @@
 """The joint posterior of the material parameters, the mounted state and the noise.
 
-Posteriors are immutable: the constructor runs no fit, and evaluation has no side effects. What has
+A posterior is a value: constructing it fits nothing, and evaluating it changes nothing. What has
 to be fitted or estimated first - the deterministic fit, the weight of the likelihood, the chart -
 is given to it; :func:`.preparation.prepare` makes all three.
 """
@@ -10,7 +10,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +20,7 @@ from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws import law_named
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law
-from biaxbayes.model import density
-from biaxbayes.model.density import REASONS
+from biaxbayes.model import density as kernel
 from biaxbayes.model.layout import (
     Assembly,
     assemble,
@@ -39,6 +37,10 @@ from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
     from biaxbayes.fitting.result import FitResult
+
+
+REASONS = ("out_of_range", "no_mounting_root", "overflow")
+"""Why the density can be zero, in the order in which the kernel counts."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +75,14 @@ class Posterior:
     chart : Chart, optional
         Constants of the sampling coordinates.
     fit : FitResult, optional
-        The deterministic fit that the posterior was prepared from, for later steps.
+        The deterministic fit that the posterior was prepared from, kept for whoever needs it.
     readings : EffectiveReadings, optional
-        Effective number of readings; used for ``beta`` if ``beta`` is not given.
+        What the rows are worth; gives ``beta`` where that is not given.
     determinant : bool
-        Include the Jacobian of the mounted state. False only in tests that show its effect.
+        Whether the change of variables of the mounted state counts; left out only to show that
+        it matters.
     thin : int, "none" or "auto"
-        Maximum number of rows per protocol; longer protocols are averaged down to it. See
+        Rows of a protocol that longer ones are averaged to; see
         :func:`~biaxbayes.specimens.path.rows_to_keep`.
 
     Raises
@@ -125,7 +128,7 @@ class Posterior:
             beta = readings.beta
         if beta is None and noise != "independent":
             raise InputError(
-                f"noise={noise!r} needs the weight beta of the likelihood",
+                f"the weight beta of the curves under noise={noise!r} is estimated from a fit",
                 file=specimen.name,
                 remedy="use biaxbayes.prepare(specimen, ...), or give beta or noise='independent'",
             )
@@ -134,13 +137,14 @@ class Posterior:
         self.fit = fit
         self.chart = chart or Chart()
         self.determinant = determinant
-        self.assembly = self._assemble(sampling=True)
+        self._assembly = self._assemble(chart=True, structural=True)
+        self._natural = self._assemble(chart=False, structural=False)
 
     # --- layout ---
 
     @property
     def thinned(self) -> ThinnedSpecimen:
-        """The specimen as its rows enter the likelihood: zeroed and thinned as the settings say."""
+        """The specimen as its rows enter the likelihood: zeroed and thinned where asked for."""
         zeroed = self.settings.mounting == "zeroed"
         source = self.specimen.zeroed() if zeroed else self.specimen
         return thinned_specimen(source, self.settings.thin)
@@ -155,28 +159,23 @@ class Posterior:
         """From quantities of draws to loads."""
         return ForwardModel.from_specimen(self.specimen, self.law)
 
-    @cached_property
-    def natural_assembly(self) -> Assembly:
-        """The same density in natural coordinates, with logs of positive scales."""
-        return self._assemble(sampling=False)
-
-    def _assemble(self, *, sampling: bool) -> Assembly:
+    def _assemble(self, *, chart: bool, structural: bool) -> Assembly:
         return assemble(
             self.specimen,
             self.settings,
             beta=self.beta,
             reference_stretch=self.chart.reference_stretch,
-            chart=sampling,
+            chart=chart,
             softening=self.chart.softening,
-            structural=sampling,
+            structural=structural,
             determinant=self.determinant,
         )
 
     def replaced(self, **changes: Any) -> Posterior:
         """Another posterior with some arguments of the constructor changed."""
         own = ("beta", "chart", "fit", "readings", "determinant")
-        given = self.options() | {name: getattr(self, name) for name in own}
-        return Posterior(self.specimen, **{**given, **changes})
+        kept = self.options() | {name: getattr(self, name) for name in own}
+        return Posterior(self.specimen, **{**kept, **changes})
 
     def _check_noise(self) -> None:
         if self.settings.mounting not in ("noisy", "free"):
@@ -193,60 +192,63 @@ class Posterior:
     def free(self) -> tuple[str, ...]:
         """Natural names of what is sampled, in the order of the coordinates.
 
-        In mode ``noisy`` the mounting forces are sampled, in ``free`` the mounting stretches, in
-        the other modes neither.
+        In mounting modes ``noisy`` and ``exact`` the mounting coordinates are the forces.
         """
         return tuple(q.name for q in self.sampled)
 
     @property
     def sampled(self) -> tuple[Quantity, ...]:
-        """The sampled quantities, in the order of the coordinates."""
-        known = [self.quantities[name] for name in self.assembly.free]
+        """What is sampled, in the order of the coordinates."""
+        known = [self.quantities[name] for name in self._free]
         if self.settings.mounting != "noisy":
             return tuple(known)
         return tuple(self.quantities.force_of(q) for q in known)
 
     @property
+    def _free(self) -> tuple[str, ...]:
+        return self._assembly.free
+
+    @property
     def dimension(self) -> int:
         """Number of sampled coordinates."""
-        return len(self.assembly.free)
+        return len(self._free)
 
     @property
     def mounts(self) -> tuple[str, ...]:
         """Label of each mounted state: one empty label when shared, else the protocols' names."""
-        return self.assembly.mounts
+        return self._assembly.mounts
 
     @property
     def priors(self) -> dict[str, Prior | float | Tie]:
         """The prior of every unknown; a number where fixed."""
-        return dict(self.assembly.priors)
+        return dict(self._assembly.priors)
 
     @property
     def law(self) -> Law:
         """The material law."""
-        return self.assembly.law
+        return self._assembly.law
 
     @property
     def quantities(self) -> Quantities:
-        """Symbol, unit and range of each quantity, by name."""
-        return self.assembly.quantities
+        """What each name is."""
+        return self._assembly.quantities
 
     @property
     def coordinate_constants(self) -> Any:
         """Constants of the law's sampling coordinates."""
-        return self.assembly.problem.coordinates
+        return self._assembly.problem.coordinates
 
     @property
     def bounds(self) -> np.ndarray:
         """Bounds of the sampling coordinates, shape (d, 2); infinite where there is none."""
         limits = self.law.coordinate_bounds(self.coordinate_constants)
-        finite = {i: limits[n] for i, n in enumerate(self.assembly.free) if n in limits}
+        finite = {i: limits[n] for i, n in enumerate(self._free) if n in limits}
         return bounds_array(finite, self.dimension)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the natural quantities of a draw, as in ``summary.csv``."""
-        return self.assembly.names
+        return self._assembly.names
 
     # --- densities ---
 
@@ -258,7 +260,7 @@ class Posterior:
         """Log density, and the number of evaluations by outcome (see :data:`REASONS`)."""
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
         counts = np.zeros(1 + len(REASONS), dtype=np.int64)
-        return density.log_density(self.assembly.problem, u, counts), counts
+        return kernel.log_density(self._assembly.problem, u, counts), counts
 
     def target(self, counts: np.ndarray | None = None) -> Target:
         """What a sampler is given.
@@ -266,7 +268,7 @@ class Posterior:
         Parameters
         ----------
         counts : int64 ndarray, shape (4,), optional
-            Counters of evaluations to add to; new ones by default.
+            Where to go on counting evaluations; new ones if not given.
         """
         seen = np.zeros(1 + len(REASONS), dtype=np.int64) if counts is None else counts
         lock = threading.Lock()  # ensembles are advanced by several threads
@@ -313,7 +315,7 @@ class Posterior:
             Naming the parameter that is missing.
         """
         columns = []
-        for name, slot_name in zip(self.free, self.assembly.free, strict=True):
+        for name, slot_name in zip(self.free, self._free, strict=True):
             if name not in parameters:
                 raise InputError(f"log_density needs {name}", remedy=f"give {', '.join(self.free)}")
             columns.append(
@@ -324,10 +326,8 @@ class Posterior:
             )
         shape = np.broadcast_shapes(*(c.shape for c in columns))
         u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
-        out = density.log_density(
-            self.natural_assembly.problem,
-            np.ascontiguousarray(u),
-            np.zeros(1 + len(REASONS), dtype=np.int64),
+        out = kernel.log_density(
+            self._natural.problem, np.ascontiguousarray(u), np.zeros(4, dtype=np.int64)
         )
         return out.reshape(shape)[()]
 
@@ -340,17 +340,17 @@ class Posterior:
         ``log_likelihood`` the tempered log likelihood of the curves.
         """
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
-        likelihood, values = natural_values(self.assembly, u)
+        likelihood, values = natural_values(self._assembly, u)
         out = {name: values[name] for name in self.parameter_names}
         out["log_likelihood"] = likelihood
-        out["lp"] = np.atleast_1d(self.log_density(out)) if self.assembly.free else likelihood
+        out["lp"] = np.atleast_1d(self.log_density(out)) if self._free else likelihood
         return out
 
     def coordinates(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Sampling coordinates of natural parameters, shape (n, d); inverse of :meth:`natural`."""
-        renamed = dict(zip(self.free, self.assembly.free, strict=True))
+        renamed = dict(zip(self.free, self._free, strict=True))
         given = {renamed.get(name, name): value for name, value in parameters.items()}
-        return sampling_coordinates(self.assembly, given)
+        return sampling_coordinates(self._assembly, given)
 
     def options(self) -> dict[str, Any]:
         """The settings, as keyword arguments of :class:`Posterior`."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.errors import InputError, RunError
+from biaxbayes.errors import InputError, RunError, listed
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted
 from biaxbayes.optimal_design.candidates import Candidate, FurtherProtocol, standard_candidates
@@ -21,10 +21,10 @@ from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.sampling.sampler import Progress
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["BEYOND_TESTED", "Design", "PeakLoad", "design"]
-
 BEYOND_TESTED = 1.2
 """Planned loads above so many times the largest tested one come with a caution."""
+WORTH_NAMING = 0.1
+"""Expected reduction of an sd from which the conclusion names it."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,30 @@ class Design:
         pairs = zip(self.expected, self.peaks, strict=True)
         return {e.name: p.caution for e, p in pairs if p is not None and p.caution}
 
+    @property
+    def conclusion(self) -> str:
+        """What to measure next, in one sentence."""
+        trusted = [e for e in self.expected if e.trusted]
+        if not trusted:
+            return "no candidate can be recommended: too few draws describe their outcomes"
+        best, material = trusted[0], {p.name for p in self.known.material}
+        reductions = [
+            (float(share), name)
+            for share, name in zip(best.reduction, self.quantities, strict=True)
+            if name in material and share >= WORTH_NAMING
+        ]
+        if not reductions:
+            return (
+                f"no candidate narrows a material parameter by {100 * WORTH_NAMING:.0f} % or more; "
+                f"the best is {best.name}"
+            )
+        named = listed([f"{n} by {100 * s:.0f} %" for s, n in sorted(reductions)[::-1]])
+        caution = self.cautions().get(best.name)
+        more = f", but it {caution}" if caution else ""
+        return f"measure next: {best.name}. Expected reduction of the sd: {named}{more}"
+
     def to_frame(self) -> pd.DataFrame:
-        """One row a candidate and quantity."""
+        """One row per candidate and quantity."""
         rows = []
         for rank, (e, p) in enumerate(zip(self.expected, self.peaks, strict=True), start=1):
             head = {

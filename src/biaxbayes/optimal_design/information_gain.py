@@ -29,7 +29,7 @@ from scipy.special import logsumexp
 
 from biaxbayes.errors import InputError, NotConverged
 from biaxbayes.identifiability.determined import STRESS, derived_quantities, largest_equibiaxial
-from biaxbayes.identifiability.marginals import judged_scales
+from biaxbayes.identifiability.marginals import parameter_scales
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.optimal_design.candidates import Candidate
@@ -49,9 +49,9 @@ def targets(
     stretch (the largest tested one where none is given).
     """
     out = {}
-    for scale in judged_scales(posterior.priors, posterior.quantities, draws):
+    for scale in parameter_scales(posterior.priors, posterior.quantities, draws):
         if isinstance(scale.prior, Prior):
-            out[scale.name] = scale.of(draws[scale.name].to_numpy(dtype=float))
+            out[scale.name] = scale.to_scale(draws[scale.name].to_numpy(dtype=float))
     top = round(stretch or largest_equibiaxial(draws, posterior.specimen), 3)
     for d in derived_quantities(draws, posterior.law, [top], [1.0]):
         if d.name != "Hz":

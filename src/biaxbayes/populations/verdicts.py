@@ -19,14 +19,16 @@ import pandas as pd
 from biaxbayes.comparison.distance import contractions
 from biaxbayes.identifiability.determined import NORMAL_90, Derived, derived_quantities
 from biaxbayes.identifiability.evidence import evidence_of_draws
-from biaxbayes.identifiability.identify import ParameterVerdict, identify_draws, judged
+from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.marginals import Scale
-from biaxbayes.identifiability.verdict import Thresholds
-from biaxbayes.identifiability.verdict_names import (
+from biaxbayes.identifiability.verdict import (
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
+    ParameterVerdict,
+    Thresholds,
+    judge_parameters,
 )
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior
@@ -144,7 +146,7 @@ def _judged(
     if state != "unusable":
         draws = pd.DataFrame(dict(columns))
         evidence = evidence_of_draws(scales, draws, draws, (log_prior, None), distances, thresholds)
-    found = judged(scales, evidence, law, state, thresholds=thresholds)
+    found = judge_parameters(scales, evidence, law, state, thresholds=thresholds)
     return {p.name: p for p in found}
 
 

@@ -215,6 +215,21 @@ def fit_in_words(checks: pd.DataFrame, unit: str, called: str) -> str:
         return "there are no readings beyond the mounted state to check the law with"
     rms = float(np.sqrt(np.average(checks["rms"] ** 2, weights=checks["readings"])))
     noise, peak = float(checks["noise"].iloc[0]), float(checks["peak"].max())
+    return misfit_sentence(called, rms, noise, peak, unit)
+
+
+def misfit_sentence(called: str, rms: float, noise: float, peak: float, unit: str) -> str:
+    """The misfit of a law beside the noise of a reading: the words of `check` and of a run.
+
+    Parameters
+    ----------
+    called : str
+        Name of the law in a sentence.
+    rms, noise, peak : float
+        Root mean square of the residuals, sd of a reading by the load cell, largest load.
+    unit : str
+        Of these, N or kPa.
+    """
     small = unit == "N" and rms < 0.1
     amount = f"{1e3 * rms:.2g} mN" if small else f"{rms:.2g} {unit}"
     text = f"{called} misses this record by {amount} (root mean square)"

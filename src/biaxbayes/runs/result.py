@@ -14,15 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from biaxbayes.errors import RunError
+from biaxbayes.errors import RunError, listed
 from biaxbayes.identifiability.determined import determined, mounting_stated
-from biaxbayes.identifiability.held_edges import held_table
+from biaxbayes.identifiability.fixed_ends import fixed_end_table
 from biaxbayes.identifiability.identify import Identifiability
-from biaxbayes.identifiability.mounting_stretch.stated import cure
-from biaxbayes.identifiability.report_table import ReportRow, report_frame, report_rows
-from biaxbayes.identifiability.reported import Reported
+from biaxbayes.identifiability.mounting_stretch.interval import measurement_advice
+from biaxbayes.identifiability.reported import Reported, ReportRow, report_frame, report_rows
 from biaxbayes.identifiability.sloppiness import sloppiness
-from biaxbayes.identifiability.verdict_names import COMBINATION, IDENTIFIED, VERDICTS
+from biaxbayes.identifiability.verdict import COMBINATION, IDENTIFIED, VERDICTS
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import INFERRING
 from biaxbayes.parameters import STRETCH, Quantities, mounting_names
@@ -39,7 +38,7 @@ DIGITS, STORED_DIGITS = 8, 12
 TABLES = {
     "identifiability": "identifiability.csv: how much the data narrow each parameter, which others "
     "it trades with, and which ends of its range stay open (prior and posterior within the law).",
-    "law_fits": "law-fits.csv: every material law fitted to the same record. Laws that fit alike "
+    "law_fits": "law-fits.csv: every material law fitted to the same record. Laws that fit it "
     "and disagree on a mounting stretch are why it has no value.",
     "fixed_ends": "edges.csv: the posterior with a parameter fixed at an end of its range that the "
     "data do not exclude. It shows what that assumption would change.",
@@ -171,8 +170,8 @@ def run_result(
             draws,
             specimen,
             law,
-            refits=found.refits(),
-            values=found.values(),
+            refits=found.mounting_ranges(),
+            values=found.mounting_values(),
             mounting_known=mounting_stated(settings.priors),
         )
     return RunResult(
@@ -185,7 +184,7 @@ def run_result(
         findings=tuple(findings),
         better_law=found.better_law,
         convergence=dict(convergence),
-        thresholds=dict(found.limits()),
+        thresholds=found.all_thresholds,
         directions=tuple(
             {"spread": d.spread, "loadings": d.loadings, "in_words": d.words} for d in directions
         ),
@@ -193,7 +192,7 @@ def run_result(
         summary=summary,
         identifiability=found.to_frame(),
         law_fits=fits,
-        fixed_ends=held_table(found.held) if found.held else nothing,
+        fixed_ends=fixed_end_table(found.fixed_ends) if found.fixed_ends else nothing,
         determined=table,
         same_curves=nothing if curves is None else curves.path.to_frame(),
         checks=checks,
@@ -221,11 +220,12 @@ def _advice(
     axes = {quantities[r.name].axis for r in lost if quantities[r.name].parameter.kind == STRETCH}
     if axes:
         names = mounting_names("stretch")
-        return f"mounting stretch: {cure([names[axis] for axis in (0, 1) if axis in axes])}"
+        lost_names = [names[axis] for axis in (0, 1) if axis in axes]
+        return f"to know the mounting stretch, {measurement_advice(lost_names)}"
     if lost:
-        names_of_lost = ", ".join(r.name for r in lost)
-        together = "separate" if all(r.verdict == COMBINATION for r in lost) else "narrow"
-        return f"to {together} {names_of_lost}: biaxbayes design RUN says which test to add"
+        verb = "separate" if all(r.verdict == COMBINATION for r in lost) else "narrow"
+        parameters = listed([r.name for r in lost])
+        return f"to {verb} {parameters}: biaxbayes design RUN says which test to add"
     return ""
 
 

@@ -189,7 +189,7 @@ class Run:
 
     def analysed(self) -> tuple[RunResult, Identifiability]:
         """What the run found and the verdicts with their densities, computed from the draws."""
-        from biaxbayes.identifiability.identify import identify
+        from biaxbayes.identifiability.identify import identify_run
         from biaxbayes.runs.result import run_result
 
         posterior = self.posterior()
@@ -201,7 +201,7 @@ class Run:
         names = tuple(n for n in posterior.parameter_names if n in chains)
         judged = replace(assess(chains, target_ess=0.0), state=self.state)
         summary = summarise(chains, names, self.quantities, judged, self.law.called)
-        found = identify(self)
+        found = identify_run(posterior, self.draws, self.state)
         return run_result(
             found, posterior, self.draws, summary, self.provenance["convergence"], self.findings
         ), found

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.identifiability.verdict_names import BOUNDED, IDENTIFIED
+from biaxbayes.identifiability.verdict import BOUNDED, IDENTIFIED
 
 __all__ = [
     "CONTRAST_COLUMNS",

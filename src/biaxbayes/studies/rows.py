@@ -11,8 +11,7 @@ import pandas as pd
 from biaxbayes.comparison.distance import contractions, prior_material
 from biaxbayes.identifiability.determined import derived_quantities, some_draws
 from biaxbayes.identifiability.reported import WIDEST
-from biaxbayes.identifiability.verdict import Thresholds
-from biaxbayes.identifiability.verdict_names import FIXED, IDENTIFIED, NOT_IDENTIFIED
+from biaxbayes.identifiability.verdict import FIXED, IDENTIFIED, NOT_IDENTIFIED, Thresholds
 from biaxbayes.runs.run import Run
 from biaxbayes.studies.result import CURVE, LINEAR, LOG, PARAMETER
 

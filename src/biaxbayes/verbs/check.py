@@ -72,17 +72,17 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None =
     data = open_specimen(specimen)
     findings = list(check_specimen(data))
     if fit:
-        from biaxbayes.identifiability.mounting_stretch.law_range import better_law
-        from biaxbayes.identifiability.mounting_stretch.toe import (
-            described,
-            goh_description,
+        from biaxbayes.identifiability.fit_quality import (
+            misfit_finding,
+            quick_fit,
             swapped_columns,
         )
+        from biaxbayes.identifiability.mounting_stretch.law_fits import quick_better_law
 
-        best = described(data)
+        best = quick_fit(data)
         swapped = swapped_columns(data, best.residuals)
-        findings += [goh_description(data, best), *([swapped] if swapped else [])]
-        better = better_law(data)
+        findings += [misfit_finding(data, best), *([swapped] if swapped else [])]
+        better = quick_better_law(data)
         findings += [Finding("other-law", "note", better)] if better else []
     if figure is not None:
         from biaxbayes.figures.specimen import specimen_figure

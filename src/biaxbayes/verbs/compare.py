@@ -180,7 +180,7 @@ def command(
 
 def _print_comparison(result: Comparison, out: Path) -> None:
     from biaxbayes.comparison.compare import WARNING
-    from biaxbayes.identifiability.report_table import report_rows, row_lines
+    from biaxbayes.identifiability.reported import report_rows, row_lines
 
     for member, reported in zip(result.members, result.reported, strict=True):
         click.echo(f"{printable(member.label)}: 90 % intervals and 95 % bounds")

@@ -105,7 +105,7 @@ def command(run: Path, quiet: bool, out: Path | None, **given: Any) -> int:
 
 
 def print_design(result: Design, unit: str) -> None:
-    """A row for each candidate, and what limits the result."""
+    """A row for each candidate, what limits the result, and what to measure next."""
     from biaxbayes.reports.words import NATS
 
     names = [p.name for p in result.known.material if p.name in result.quantities]
@@ -137,3 +137,4 @@ def print_design(result: Design, unit: str) -> None:
         "note: new protocols are taken to have errors of their own, of the size and correlation "
         "of the run's;\na misfit that comes back in every repeat is not averaged away"
     )
+    click.echo(f"\n{result.conclusion}")

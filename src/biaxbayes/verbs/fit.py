@@ -163,7 +163,7 @@ def command(
 
     With --out the table goes into fits.csv, the fits over the data into fits.pdf and fits.png.
     """
-    from biaxbayes.identifiability.mounting_stretch.toe import poor_fit
+    from biaxbayes.identifiability.fit_quality import poor_fit
 
     fixed = fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
     data = open_specimen(specimen, mounting_force)

@@ -11,7 +11,7 @@ import pandas as pd
 
 from biaxbayes.errors import printable
 from biaxbayes.identifiability.profile.profile import FLAT, THRESHOLD, Profile
-from biaxbayes.identifiability.report_table import row_lines
+from biaxbayes.identifiability.reported import row_lines
 from biaxbayes.runs.result import DIGITS, RunResult, as_record
 from biaxbayes.text_files import atomic_write_text, write_csv
 

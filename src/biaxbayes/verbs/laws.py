@@ -28,10 +28,12 @@ from biaxbayes.options import (
     takes_options,
 )
 from biaxbayes.parallel import Executor, executor_for
+from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.runs.folder import clear_leftovers
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
+from biaxbayes.runs.result import REPORT
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs.inputs import (
@@ -137,7 +139,7 @@ def compare_laws(
     ----------
     specimen : Specimen or path-like
     out : path-like, optional
-        Folder for laws.csv, stated.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, the
+        Folder for laws.csv, report.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, the
         figures and laws.html.
     mounting_force : (float, float), optional
         For a tared specimen: the force (or stress) at the mounted state, put back on.
@@ -275,10 +277,11 @@ def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
     """Tables, draws and bands of the mixture, figures and the page."""
     from biaxbayes.figures.laws import law_bands_figure, law_misfit_figure, law_mounting_figure
     from biaxbayes.figures.style import save_pictures
+    from biaxbayes.identifiability.reported import report_frame
     from biaxbayes.reports.comparison import laws_page
 
     write_csv(folder / "laws.csv", compared.table, digits=8)
-    write_csv(folder / "stated.csv", compared.stated, digits=8)
+    write_csv(folder / REPORT, report_frame(compared.reported, Quantities(())), digits=8)
     write_csv(folder / "left-out.csv", compared.parts, digits=8)
     write_csv(folder / "stacked-draws.csv", compared.draws, digits=8)
     write_csv(folder / "stacked-bands.csv", compared.bands, digits=8)
@@ -310,7 +313,7 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     r"""Fit and sample every material law on SPECIMEN, and weigh them by what they predict.
 
     Each protocol is left out in turn, or each quarter of the only one, and predicted from the rest.
-    Writes laws.csv, stated.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, three figures
+    Writes laws.csv, report.csv, left-out.csv, stacked-draws.csv, stacked-bands.csv, three figures
     and laws.html. Exit code 3 when a law has not converged on some part of the record.
 
     \b
@@ -327,8 +330,8 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 
 def _print_laws(result: LawComparison, folder: Path) -> None:
-    """The table, the heaviest law first, and what is stated of the mounting stretches."""
-    from biaxbayes.reports.comparison import stated_rows
+    """The table, the heaviest law first, and what to report of the mounting stretches."""
+    from biaxbayes.identifiability.reported import report_rows, row_lines
 
     stretches = [c for c in result.table if str(c).startswith("mounting_stretch_x")]
     head = f"{'':<18}{'rms':>9}{'left out':>10}{'density':>10}{'weight':>8}{'(range)':>14}"
@@ -355,6 +358,6 @@ def _print_laws(result: LawComparison, folder: Path) -> None:
         "stacking, the shares of the mixture that predicts best. The mixture is a prediction\n"
         "of stresses, no posterior of the mounting stretch."
     )
-    for entry in stated_rows(result.stated):
-        click.echo(f"{entry['quantity'].name} of the tissue: {entry['words']}; {entry['reason']}")
+    for line in row_lines(report_rows(result.reported, Quantities(()))):
+        click.echo(line)
     click.echo(f"\nopen {folder / 'laws.html'}; tables and figures are beside it")

@@ -422,7 +422,7 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 def closing_message(result: PopulationFound) -> str:
     """One screen that says what was result."""
-    from biaxbayes.identifiability.verdict_names import NOT_IDENTIFIED
+    from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
     from biaxbayes.populations.result import SDS
     from biaxbayes.reports.population import three_digits
     from biaxbayes.reports.words import counted

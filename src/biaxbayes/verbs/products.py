@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,7 @@ from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.trace import trace_figure
 from biaxbayes.figures.style import save_pictures
-from biaxbayes.identifiability.held_edges import held_edges
-from biaxbayes.identifiability.identify import fits_of_laws, identify_draws
+from biaxbayes.identifiability.identify import identify_run
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.reports.explore import EXPLORE, can_be_explored, explore_page
 from biaxbayes.reports.page import NAME
@@ -39,9 +37,7 @@ def write_products(
     """
     state, known = draws.convergence.state, posterior.quantities
     table = draw_table(draws.quantities)
-    fits = fits_of_laws(posterior) if state == "converged" else None
-    found = identify_draws(posterior, table, state, fits=fits)
-    found = replace(found, held=held_edges(posterior, found.open_edges()))
+    found = identify_run(posterior, table, state)
     result = run_result(found, posterior, table, summary, convergence, findings)
     write_result(result, folder)
     if state != "converged":

@@ -21,15 +21,17 @@ from biaxbayes.figures.style import (
     small_text,
     text_colour,
 )
-from biaxbayes.identifiability.identify import Identifiability, ParameterVerdict
-from biaxbayes.identifiability.report_table import ReportRow
-from biaxbayes.identifiability.verdict_names import (
+from biaxbayes.identifiability.identify import Identifiability
+from biaxbayes.identifiability.marginals import Density
+from biaxbayes.identifiability.reported import ReportRow
+from biaxbayes.identifiability.verdict import (
     BOUNDED,
     COMBINATION,
     FIXED,
     IDENTIFIED,
     NO_VERDICT,
     NOT_IDENTIFIED,
+    ParameterVerdict,
 )
 from biaxbayes.model.priors import Prior
 
@@ -87,29 +89,33 @@ def _draw_densities(ax: Axes, row: ParameterVerdict) -> None:
     ax.set_ylabel(label, rotation=0.0, ha="right", va="center")
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
-    if row.evidence is None or row.prior is None or row.posterior is None:
+    evidence = row.evidence
+    if evidence is None or evidence.prior_density is None or evidence.posterior_density is None:
         ax.set_xticks([])
         ax.spines["bottom"].set_visible(False)
         return
     if row.scale.logarithmic:
         ax.set_xscale("log")
-    for density, face, edge in ((row.prior, PRIOR_GREY, "0.6"), (row.posterior, POSTERIOR, None)):
-        x, height = row.scale.natural(density.x), density.height / density.peak
+    for density, face, edge in (
+        (evidence.prior_density, PRIOR_GREY, "0.6"),
+        (evidence.posterior_density, POSTERIOR, None),
+    ):
+        x, height = row.scale.from_scale(density.x), density.height / density.peak
         ax.fill_between(x, height, color=face, alpha=1.0 if edge else 0.75, linewidth=0.0)
         ax.plot(x, height, color=edge or face, linewidth=0.5)
-    ax.set(xlim=_axis_range(row), ylim=(0.0, 1.08))
+    ax.set(xlim=_axis_range(row, evidence.posterior_density), ylim=(0.0, 1.08))
     few_ticks(ax.xaxis)
     ax.tick_params(axis="x", length=2.0, pad=1.0)
 
 
-def _axis_range(row: ParameterVerdict) -> tuple[float, float]:
+def _axis_range(row: ParameterVerdict, posterior: Density) -> tuple[float, float]:
     """The physical range where it is bounded, else 98 % of the prior and all of the posterior."""
-    prior, posterior, (low, high) = row.scale.prior, row.posterior, row.scale.walls
-    if np.isfinite(high) and np.isfinite(row.scale.of(np.array(low))):
+    prior, (low, high) = row.scale.prior, row.scale.limits
+    if np.isfinite(high) and np.isfinite(row.scale.to_scale(np.array(low))):
         return low, high
-    assert isinstance(prior, Prior) and posterior is not None
+    assert isinstance(prior, Prior)
     first, last = (float(v) for v in prior.ppf(np.array([0.01, 0.99])))
-    ends = row.scale.natural(np.array([posterior.x[0], posterior.x[-1]]))
+    ends = row.scale.from_scale(np.array([posterior.x[0], posterior.x[-1]]))
     return min(first, float(ends[0])), max(last, float(ends[1]))
 
 

@@ -1,9 +1,9 @@
-"""An end of a parameter's range as a hypothesis: the others, with the parameter held there.
+"""An end of a parameter's range as a hypothesis: the others, with the parameter fixed there.
 
 Where the truth lies on an end (aligned fibres: kappa = 0), a prior that is spread over the range
 leaves no mass on it, and the ridge leads away from it: no interval of the whole posterior need hold
 the truth. Whether the end is true is for the reader to say. Both readings are given: the parameter
-free, and held.
+free, and fixed.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ DRAWS = 8192
 LEAST_ESS = 1000.0
 """Effective draws from which the ends of an interval are known to a tenth of its sd."""
 LARGEST_SHARE = 0.02
-"""Most that one draw may weigh: a larger share tells of mass that the proposal does not cover."""
+"""Most that one draw may weigh: a larger share shows mass that the proposal does not cover."""
 
 
 @dataclass(frozen=True)
-class HeldEdge:
-    """Intervals of a posterior whose parameter is held at an end of its range.
+class FixedEnd:
+    """Intervals of a posterior with a parameter fixed at an end of its range.
 
     Attributes
     ----------
@@ -53,10 +53,10 @@ class HeldEdge:
     draws: float
 
 
-def held_edges(
+def fixed_ends(
     posterior: Posterior, edges: Mapping[str, Sequence[Edge]], seed: int = 0
-) -> tuple[HeldEdge, ...]:
-    """Hold parameters at the ends that the data do not exclude, one at a time.
+) -> tuple[FixedEnd, ...]:
+    """Fix parameters at the ends that the data do not exclude, one at a time.
 
     Parameters
     ----------
@@ -67,17 +67,15 @@ def held_edges(
 
     Returns
     -------
-    tuple of HeldEdge
+    tuple of FixedEnd
         Without those at which the law has no posterior, or whose draws are too few.
     """
-    found = [
-        held_edge(posterior, name, edge, seed) for name, ends in edges.items() for edge in ends
-    ]
-    return tuple(held for held in found if held is not None)
+    ends = [fixed_end(posterior, name, edge, seed) for name, own in edges.items() for edge in own]
+    return tuple(end for end in ends if end is not None)
 
 
-def held_edge(posterior: Posterior, name: str, edge: Edge, seed: int = 0) -> HeldEdge | None:
-    """Intervals of the posterior with one parameter held at an end of its range.
+def fixed_end(posterior: Posterior, name: str, edge: Edge, seed: int = 0) -> FixedEnd | None:
+    """Intervals of the posterior with one parameter fixed at an end of its range.
 
     Importance sampling with the proposal of the search; the sampler, where that is too poor.
 
@@ -91,15 +89,15 @@ def held_edge(posterior: Posterior, name: str, edge: Edge, seed: int = 0) -> Hel
 
     Returns
     -------
-    HeldEdge or None
+    FixedEnd or None
     """
     from biaxbayes.model.preparation import charted
 
     parameter = posterior.quantities[name].parameter
     priors = {**posterior.settings.priors, name: edge.value}
     try:
-        held = charted(posterior.replaced(priors=priors, fit=None, chart=None))
-        quantities, weight, draws = _drawn(held, seed)
+        at_end = charted(posterior.replaced(priors=priors, fit=None, chart=None))
+        quantities, weight, draws = _drawn(at_end, seed)
     except BiaxbayesError:  # no such material, or none that balances the mounting force
         return None
     if draws < LEAST_ESS:
@@ -113,7 +111,7 @@ def held_edge(posterior: Posterior, name: str, edge: Edge, seed: int = 0) -> Hel
             continue
         low, median, high = np.quantile(values, levels, weights=weight, method="inverted_cdf")
         intervals[other] = (float(low), float(median), float(high))
-    return HeldEdge(parameter, edge.value, edge.meaning(parameter), intervals, draws)
+    return FixedEnd(parameter, edge.value, edge.meaning(parameter), intervals, draws)
 
 
 def _lost(causes: Sequence[tuple[str, int, str]], name: str, edge: Edge) -> bool:
@@ -152,15 +150,15 @@ def _judged(quantities: Mapping[str, Any], posterior: Posterior) -> dict[str, np
 # --- as a table ----------------------------------------------------------------------------------
 
 
-def held_table(held: Sequence[HeldEdge]) -> pd.DataFrame:
+def fixed_end_table(ends: Sequence[FixedEnd]) -> pd.DataFrame:
     """One row for each hypothesis and quantity."""
     from pandas import DataFrame
 
     return DataFrame(
         [
-            (h.parameter.name, h.value, h.meaning, name, *interval, h.draws)
-            for h in held
-            for name, interval in h.intervals.items()
+            (e.parameter.name, e.value, e.meaning, name, *interval, e.draws)
+            for e in ends
+            for name, interval in e.intervals.items()
         ],
-        columns=["held", "at", "meaning", "parameter", "low_90", "median", "high_90", "draws"],
+        columns=["fixed", "at", "meaning", "parameter", "low_90", "median", "high_90", "draws"],
     )

@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 
 import biaxbayes
-from biaxbayes.identifiability import held_edges as module
-from biaxbayes.identifiability.held_edges import held_edge, held_table
+from biaxbayes.identifiability import fixed_ends as module
+from biaxbayes.identifiability.fixed_ends import fixed_end, fixed_end_table
 from biaxbayes.identifiability.marginals import Edge
-from biaxbayes.identifiability.report_table import interval_text
+from biaxbayes.identifiability.reported import interval_text
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.reports.closing_message import closing_message
+from biaxbayes.reports.facts import closing_message
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
@@ -43,7 +43,7 @@ def aligned():
 
 @pytest.fixture(scope="module")
 def held(aligned):
-    return held_edge(aligned, "kappa", edge(0, 0.0))
+    return fixed_end(aligned, "kappa", edge(0, 0.0))
 
 
 def test_importance_sampling_finds_what_the_sampler_finds(aligned, held, monkeypatch):
@@ -51,7 +51,7 @@ def test_importance_sampling_finds_what_the_sampler_finds(aligned, held, monkeyp
     assert set(aligned.law.names) - {"kappa"} <= set(held.intervals)
     # no importance weight is even enough: the sampler draws
     monkeypatch.setattr(module, "LARGEST_SHARE", 0.0)
-    sampled = held_edge(aligned, "kappa", edge(0, 0.0))
+    sampled = fixed_end(aligned, "kappa", edge(0, 0.0))
     assert sampled.draws != held.draws
     other = draw_posterior(
         prepare(aligned.specimen, noise="independent", priors={"kappa": 0.0}), Plan(seed=9)
@@ -73,16 +73,16 @@ def test_the_truth_lies_in_the_intervals_with_the_edge_held(held):
 
 def test_what_means_nothing_at_the_edge_has_no_interval(aligned):
     """Isotropic fibres have no angle; so soft a fit is refused or says nothing of it."""
-    isotropic = held_edge(aligned, "kappa", edge(1, 1.0 / 3.0))
+    isotropic = fixed_end(aligned, "kappa", edge(1, 1.0 / 3.0))
     assert isotropic is None or "alpha" not in isotropic.intervals
 
 
 def test_no_edge_is_held_where_there_is_no_such_material(aligned):
-    assert held_edge(aligned, "alpha", edge(1, 91.0)) is None
+    assert fixed_end(aligned, "alpha", edge(1, 91.0)) is None
 
 
 def test_the_table_has_a_row_per_quantity(held):
-    table = held_table((held,)).set_index("parameter")
+    table = fixed_end_table((held,)).set_index("parameter")
     assert list(table.index) == list(held.intervals)
     low, median, high = held.intervals["k1"]
     assert tuple(table.loc["k1", ["low_90", "median", "high_90"]]) == (low, median, high)

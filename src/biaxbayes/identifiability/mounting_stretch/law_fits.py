@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
-ALIKE = 1.15
+CLOSE_RMS = 1.15
 """Laws whose misfit is within so many times that of the best, or of the noise, fit a record."""
-ALIKE_CHI2 = 6.0
+CLOSE_CHI2 = 6.0
 """So does a law whose chi-square lies within this of the best: 2 ln 20, odds of one to twenty."""
 FEWEST = 2
 """Mounting stretches are compared over the laws that fit, and over so many of the best at least:
-one law that fits alone tells nothing of how far laws differ."""
+one law alone does not show how far laws differ."""
 BETTER = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
 LEAST_SHARE = 2e-3
@@ -33,8 +33,8 @@ LEAST_SHARE = 2e-3
 
 
 @dataclass(frozen=True)
-class LawRange:
-    """Fits of all laws to the record of a posterior, and the noise that they are held against.
+class LawFits:
+    """Fits of all laws to the record of a posterior, and the noise beside them.
 
     Attributes
     ----------
@@ -49,15 +49,8 @@ class LawRange:
     peak: float
 
     @classmethod
-    def of(cls, fits: Sequence[LawFit], specimen: Specimen) -> LawRange:
-        """Fits of laws to a specimen, in any order.
-
-        Parameters
-        ----------
-        fits : sequence of LawFit
-            At least one.
-        specimen : Specimen
-        """
+    def from_fits(cls, fits: Sequence[LawFit], specimen: Specimen) -> LawFits:
+        """Fits of laws to a specimen, at least one, in any order."""
         ordered = tuple(sorted(fits, key=lambda f: f.rms))
         return cls(ordered, specimen.noise_sd, specimen.peak_load)
 
@@ -65,7 +58,7 @@ class LawRange:
         return next((f for f in self.fits if f.law == law), None)
 
     @property
-    def alike(self) -> tuple[LawFit, ...]:
+    def fitting(self) -> tuple[LawFit, ...]:
         """Those that describe the record about as well as the best, the mounting reading included.
 
         A law whose misfit is a little larger is not thrown out by that alone: the rows of a
@@ -81,14 +74,14 @@ class LawRange:
         return tuple(
             f
             for f in self.fits
-            if f.rms <= ALIKE * least or chi2(f) - best.reading_chi2 <= ALIKE_CHI2
+            if f.rms <= CLOSE_RMS * least or chi2(f) - best.reading_chi2 <= CLOSE_CHI2
         )
 
     @property
     def compared(self) -> tuple[LawFit, ...]:
         """Those whose mounting stretches count: all that fit, the two best at least."""
         return self.fits[
-            : max(FEWEST, *(i + 1 for i, f in enumerate(self.fits) if f in self.alike))
+            : max(FEWEST, *(i + 1 for i, f in enumerate(self.fits) if f in self.fitting))
         ]
 
     @property
@@ -110,7 +103,7 @@ class LawRange:
             [
                 {
                     "law": f.law,
-                    "alike": f in self.alike,
+                    "fits": f in self.fitting,
                     "converged": f.converged,
                     "misses_smoothly": f.smooth,
                     "rms": f.rms,
@@ -136,7 +129,7 @@ class LawRange:
         )
 
 
-def law_fits(
+def fit_laws(
     specimen: Specimen,
     laws: Sequence[str] = tuple(LAWS),
     *,
@@ -145,7 +138,7 @@ def law_fits(
     rows: int = ROWS,
     starts: int = 3,
     own: Mapping[str, Mapping[str, Any]] | None = None,
-) -> LawRange | None:
+) -> LawFits | None:
     """Fit laws to a record under the same mounting constraint.
 
     Parameters
@@ -163,7 +156,7 @@ def law_fits(
 
     Returns
     -------
-    LawRange or None
+    LawFits or None
         None where no law could be fitted.
     """
     # The scatter of neighbouring rows is lost by averaging: state it.
@@ -174,48 +167,38 @@ def law_fits(
         "starts": starts,
     }
     fits = [fit_law(data, law, **common, **(own or {}).get(law, {})) for law in laws]
-    kept = [f for f in fits if np.isfinite(f.rms) and np.isfinite(f.mounting_stretch).all()]
-    return LawRange.of(kept, specimen) if kept else None
+    usable = [f for f in fits if np.isfinite(f.rms) and np.isfinite(f.mounting_stretch).all()]
+    return LawFits.from_fits(usable, specimen) if usable else None
 
 
-def distinctly_better(found: LawRange, law: str) -> str:
+def better_law_message(fits: LawFits, law: str) -> str:
     """Words on a law that describes the record distinctly better than one; else empty.
 
     It misses by three quarters as much, or it fits without a smooth misfit and the other does not
     fit.
-
-    Parameters
-    ----------
-    found : LawRange
-    law : str
-        Of the run.
     """
-    best, own = found.fits[0], found[law]
+    best, own = fits.fits[0], fits[law]
     if own is None or best.law == law:
         return ""
-    misses = f"{best.law} misses by {best.rmse_kPa:.2g} kPa where {law} misses by "
-    misses += f"{own.rmse_kPa:.2g} kPa: see biaxbayes laws"
-    if best.rms < BETTER * own.rms and own.rms - best.rms > found.least_difference:
-        return misses
-    return misses if own not in found.alike and not best.smooth else ""
+    message = (
+        f"{best.law} misses by {best.rmse_kPa:.2g} kPa where {law} misses by "
+        f"{own.rmse_kPa:.2g} kPa: see biaxbayes laws"
+    )
+    if best.rms < BETTER * own.rms and own.rms - best.rms > fits.least_difference:
+        return message
+    return message if own not in fits.fitting and not best.smooth else ""
 
 
 QUICK_ROWS, QUICK_STARTS = 20, 2
-"""Enough to tell laws apart that differ distinctly."""
+"""Enough to distinguish laws that differ distinctly."""
 
 
-def better_law(specimen: Specimen, law: str = DEFAULT_LAW) -> str:
-    """Words on a law that describes a record distinctly better, by quick fits; else empty.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    law : str
-    """
+def quick_better_law(specimen: Specimen, law: str = DEFAULT_LAW) -> str:
+    """Words on a law that describes a record distinctly better, by quick fits; else empty."""
     mounting = "ignored" if specimen.is_tared else "noisy"
 
-    def fitted(laws: Sequence[str]) -> LawRange | None:
-        return law_fits(specimen, laws, mounting=mounting, rows=QUICK_ROWS, starts=QUICK_STARTS)
+    def fitted(laws: Sequence[str]) -> LawFits | None:
+        return fit_laws(specimen, laws, mounting=mounting, rows=QUICK_ROWS, starts=QUICK_STARTS)
 
     own = fitted((law,))
     # no law misses by less than the noise
@@ -223,4 +206,4 @@ def better_law(specimen: Specimen, law: str = DEFAULT_LAW) -> str:
         return ""
     others = fitted(tuple(name for name in LAWS if name != law))
     fits = (*own.fits, *(others.fits if others else ()))
-    return distinctly_better(replace(own, fits=tuple(sorted(fits, key=lambda f: f.rms))), law)
+    return better_law_message(replace(own, fits=tuple(sorted(fits, key=lambda f: f.rms))), law)

@@ -1,8 +1,8 @@
-"""Whether the law can follow a specimen, and whether the data tell its mounting stretch.
+"""How far the mounting stretch moves when parts of a record are fitted alone.
 
-The way from the unloaded to the mounted state is not measured. The model extrapolates it from the
-curves beyond, so a model that misses those curves gives a mounting stretch that is no more certain
-than the miss. Fits to other parts of the same record show how far it moves.
+The way from the unloaded to the mounted state is not measured. The law extrapolates it from the
+curves beyond, so a law that misses those curves gives a mounting stretch that is no more certain
+than the miss. Fits to parts of the same record show how far it moves.
 """
 
 from __future__ import annotations
@@ -16,206 +16,15 @@ import numpy as np
 
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import SMOOTH_RUNS, misses_smoothly
-from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.result import FitResult
-from biaxbayes.options import FitOptions
 from biaxbayes.parameters import mounting_names
-from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.path import thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
-
-__all__ = [
-    "MountingRefits",
-    "described",
-    "goh_description",
-    "mounting_refits",
-    "poor_fit",
-    "swapped_columns",
-]
 
 if TYPE_CHECKING:
     from biaxbayes.model.posterior import Posterior
     from biaxbayes.model.priors import DrawnPrior, Prior
-
-
-# --- whether GOH can follow a specimen at all: the misfit of its best least-squares fit ----------
-
-
-POOR = 0.07
-"""A misfit beyond this share of the largest load is no description."""
-NOTICEABLE = 0.01
-BEYOND_NOISE = 3.0
-FOLLOWS_RUNS = 2.0
-"""Standard deviations of the sign changes of the residuals: one less than where a run says that the
-data contradict the toe, as its fit is not quite this one."""
-DESCRIPTION_ROWS = 150
-DESCRIPTION_STARTS = 4
-
-
-def described(
-    specimen: Specimen, *, law: str = FitOptions.law, fibre_switch: bool = False
-) -> FitResult:
-    """The best fit of a law to a record, thinned.
-
-    It infers the mounting stretch where the file allows it; a tared file is fitted with its
-    mounted state as reference.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    law : str
-    fibre_switch : bool
-    """
-    few, starts = thinned(specimen), DESCRIPTION_STARTS
-    if specimen.is_tared:
-        return fit(few, "standard", starts=starts, law=law, fibre_switch=fibre_switch)
-    return constrained_fit(few, starts=starts, law=law, fibre_switch=fibre_switch, compiled=False)
-
-
-def goh_description(specimen: Specimen, found: FitResult | None = None) -> Finding:
-    """Say how closely the best GOH fit follows the record.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    found : FitResult, optional
-        That of :func:`described`, where it is there already.
-
-    Returns
-    -------
-    Finding
-        A warning where the misfit passes 7 % of the largest load, else a note.
-    """
-    found = found or described(specimen)
-    misfits = [float(np.sqrt((part**2).mean())) for part in found.residuals]
-    rms = float(np.sqrt(np.mean(np.concatenate(found.residuals) ** 2)))
-    peak, unit, noise = specimen.peak_load, specimen.unit, specimen.noise_sd
-    if not np.isfinite(rms):
-        return Finding("goh-misfit", "warning", "the least-squares fit of GOH found no solution")
-    size = f"{rms:.2g} {unit} rms, {100 * rms / peak:.1f} % of the largest load ({peak:.3g} {unit})"
-    if len(misfits) > 1:
-        worst = int(np.argmax(misfits))
-        size += f", worst in {specimen.protocols[worst].name} ({misfits[worst]:.2g} {unit})"
-    if rms > POOR * peak:
-        return Finding(
-            "goh-misfit",
-            "warning",
-            f"GOH does not describe this specimen: its best fit misses by {size}. Do not trust "
-            "parameters of it",
-        )
-    if rms > NOTICEABLE * peak and rms > BEYOND_NOISE * noise:
-        return Finding(
-            "goh-misfit",
-            "note",
-            f"GOH follows this specimen roughly: its best fit misses by {size}, more than the "
-            "load cell's noise; errors are correlated along the curves",
-        )
-    if misses_somewhere(found.residuals, FOLLOWS_RUNS):
-        return Finding(
-            "goh-misfit",
-            "note",
-            "GOH follows this specimen but for a small smooth error: its best fit misses by "
-            f"{size}. The mounting stretch rests on the toe, where that counts",
-        )
-    return Finding(
-        "goh-misfit", "note", f"GOH follows this specimen: its best fit misses by {size}"
-    )
-
-
-def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
-    """A warning where even the closest of some fits is no description; else empty.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    fits : sequence of FitResult
-    """
-    misses = [float(np.sqrt(np.mean(np.concatenate(f.residuals) ** 2))) for f in fits]
-    rms, peak = min(misses, default=0.0), specimen.peak_load
-    if not rms > POOR * peak:
-        return ""
-    size = f"{rms:.2g} {specimen.unit} rms, {100 * rms / peak:.1f} % of the largest load"
-    return (
-        f"{fits[0].material.law.called} does not describe this specimen: the closest fit misses by "
-        f"{size}. Do not trust its parameters"
-    )
-
-
-SWAPPED = 0.6
-"""Exchanged columns are told of where they leave less than this share of the miss; of 36 virtual
-tests of three ratios the largest share was 0.06, of an aorta that the model misses by 4 % 0.48."""
-
-
-def swapped_columns(
-    specimen: Specimen,
-    residuals: Sequence[np.ndarray],
-    *,
-    law: str = FitOptions.law,
-    fibre_switch: bool = False,
-) -> Finding | None:
-    """Try x and y of the load exchanged where a fit misses badly, and say so if that fits.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    residuals : sequence of ndarray
-        Of a fit of the specimen as it is, in its unit. Whatever that fit held or ignored, the
-        two that are compared are free.
-    law : str
-    fibre_switch : bool
-
-    Returns
-    -------
-    Finding or None
-        None where the fit is close, or the exchange does not help.
-    """
-    peak = specimen.peak_load
-    bad = max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd)
-    if not _rms(residuals) > bad:
-        return None
-    other = replace(
-        specimen,
-        protocols=tuple(replace(p, load_x=p.load_y, load_y=p.load_x) for p in specimen.protocols),
-    )
-    own, exchanged = (
-        _rms(described(s, law=law, fibre_switch=fibre_switch).residuals) for s in (specimen, other)
-    )
-    if not (own > bad and exchanged < SWAPPED * own):
-        return None
-    return Finding(
-        "swapped",
-        "warning",
-        f"x and y of the load seem to be swapped: the best fit misses by {100 * own / peak:.2g} % "
-        f"of the largest load, with the two columns exchanged by {100 * exchanged / peak:.2g} %",
-    )
-
-
-def _rms(residuals: Sequence[np.ndarray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)))
-
-
-def thinned(specimen: Specimen, rows: int = DESCRIPTION_ROWS) -> Specimen:
-    """The same specimen with at most so many stretched rows a protocol, the rest rows kept."""
-    protocols = []
-    for p in specimen.protocols:
-        moving = np.arange(p.rest_rows, p.rows)
-        if moving.size <= rows:
-            protocols.append(p)
-            continue
-        kept = moving[np.unique(np.linspace(0, moving.size - 1, rows).round().astype(int))]
-        index = np.concatenate([np.arange(p.rest_rows), kept])
-        time = None if p.time_s is None else p.time_s[index]
-        curves = (p.stretch_x, p.stretch_y, p.load_x, p.load_y)
-        x, y, fx, fy = (curve[index] for curve in curves)
-        protocols.append(replace(p, stretch_x=x, stretch_y=y, load_x=fx, load_y=fy, time_s=time))
-    # The scatter of neighbouring rows is lost by thinning: state it.
-    noise = specimen.noise_sd or None
-    return replace(specimen, protocols=tuple(protocols), load_noise=noise)
-
-
-# --- whether the data tell the mounting stretch, or the shape that the model gives the toe -------
-
 
 SHARES = (0.3, 0.5)
 """Parts of the record that are fitted alone: until a load passes this share of its peak."""

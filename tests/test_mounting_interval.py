@@ -10,20 +10,19 @@ import pytest
 
 import biaxbayes
 from biaxbayes.fitting.law_fit import LawFit, fit_law
-from biaxbayes.identifiability.mounting_stretch.law_range import (
-    ALIKE,
-    LawRange,
-    better_law,
-    distinctly_better,
-    law_fits,
+from biaxbayes.identifiability.mounting_stretch.interval import (
+    MountingInterval,
+    interval_from_laws,
+    mounting_intervals,
 )
-from biaxbayes.identifiability.mounting_stretch.stated import (
-    Stated,
-    stated_by_laws,
-    stated_mounting,
+from biaxbayes.identifiability.mounting_stretch.law_fits import (
+    CLOSE_RMS,
+    LawFits,
+    better_law_message,
+    fit_laws,
+    quick_better_law,
 )
 from biaxbayes.laws import material
-from biaxbayes.parameters import MOUNTED
 from quick_posteriors import small_specimen
 
 NAMES = ("mounting_stretch_x", "mounting_stretch_y")
@@ -41,16 +40,19 @@ def state(*fits: LawFit, noise: float = 1.0, interval=(1.018, 1.022), measured: 
         law=SimpleNamespace(name="goh"),
         specimen=SimpleNamespace(metadata=dict.fromkeys(NAMES, "1.02") if measured else {}),
     )
-    found = LawRange(tuple(sorted(fits, key=lambda f: f.rms)), noise, 100.0)
+    found = LawFits(tuple(sorted(fits, key=lambda f: f.rms)), noise, 100.0)
     low, high = interval
-    out = stated_mounting(posterior, dict.fromkeys(NAMES, (low, 0.5 * (low + high), high)), found)
+    evidence = SimpleNamespace(
+        low=low, median=0.5 * (low + high), high=high, by_prior=(False, False)
+    )
+    out = mounting_intervals(posterior, found, dict.fromkeys(NAMES, evidence))
     assert out[NAMES[0]] == out[NAMES[1]] or np.isnan(out[NAMES[0]].high)
     return out[NAMES[0]]
 
 
 def test_laws_that_agree_state_a_value():
     found = state(law_fit(), law_fit("fung", 1.1, 1.021), law_fit("hgo", 9.0, 1.3))
-    assert found.is_value and "goh, fung" in found.reason
+    assert found.is_value and "goh and fung" in found.reason
     # own errors of every law, and of their strains what a further law may add
     assert found.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.020)
     assert found.high == pytest.approx(1.021 + 1.645 * 0.001 + 0.09 * 0.021)
@@ -64,7 +66,7 @@ def test_laws_that_agree_state_a_value():
 def test_laws_that_differ_state_the_low_end_alone():
     found = state(law_fit(), law_fit("fung", 1.1, 1.09), law_fit("hgo", 9.0, 0.9))
     assert found.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.02) and np.isnan(found.high)
-    assert "leave the high end open: goh, fung" in found.reason and not found.is_value
+    assert "leave the upper end open (goh and fung)" in found.reason and not found.is_value
     # a law without the low end of the others, but as good, moves it
     lower = state(law_fit(), law_fit("fung", 1.1, 1.0, 0.01))
     assert lower.low == pytest.approx(1.0 - 1.645 * 0.01)
@@ -75,16 +77,16 @@ def test_a_low_end_is_that_of_two_laws_at_least():
     best = law_fit("fung", 1.0, 1.2, 0.02)
     alone = state(best, law_fit("goh", 5.0, 1.15), law_fit("hgo", 6.0, 1.05))
     assert alone.low == pytest.approx(1.15 - 1.645 * 0.001 - 0.09 * 0.15)
-    assert "leave the high end open: fung, goh" in alone.reason
+    assert "leave the upper end open (fung and goh)" in alone.reason
     far = state(best, law_fit("goh", 5.0, 0.8))
-    assert np.isnan(far.low) and "both ends open: fung, goh" in far.reason
+    assert np.isnan(far.low) and "both ends open (fung and goh)" in far.reason
 
 
 def test_a_wide_interval_is_no_value():
     alone = state(law_fit("fung"), law_fit("goh", 5.0))
-    assert alone.is_value and alone.reason == "the laws that fit best agree: fung, goh"
+    assert alone.is_value and alone.reason == "the laws that fit best agree (fung and goh)"
     wide = state(law_fit("fung", sd=0.02), law_fit("goh", 5.0))
-    assert not wide.is_value and "leave the high end open: fung, goh" in wide.reason
+    assert not wide.is_value and "leave the upper end open (fung and goh)" in wide.reason
     lost = state(law_fit(), law_fit("fung", 1.1, 1.3, 1.5))
     assert np.isnan(lost.low) and np.isnan(lost.high) and "both ends open" in lost.reason
 
@@ -93,12 +95,12 @@ def test_a_law_is_not_thrown_out_by_a_reading_two_sigma_off():
     """Two sds of the mounting reading, and a fifth more misfit that counts for few readings."""
     fung = replace(law_fit("fung", 1.2, 1.03), reading_chi2=4.0)
     few, many = (replace(law_fit(), independent=n) for n in (4.0, 200.0))
-    assert [f.law for f in LawRange((few, fung), 0.1, 100.0).alike] == ["goh", "fung"]
-    assert [f.law for f in LawRange((many, fung), 0.1, 100.0).alike] == ["goh"]
+    assert [f.law for f in LawFits((few, fung), 0.1, 100.0).fitting] == ["goh", "fung"]
+    assert [f.law for f in LawFits((many, fung), 0.1, 100.0).fitting] == ["goh"]
     # the interval of a law that fits is never cut by the others
-    found = LawRange((few, fung), 0.1, 100.0)
+    found = LawFits((few, fung), 0.1, 100.0)
     low, high = 1.005, 1.032
-    stated = stated_by_laws(found, 0, 0, "goh", (low, high))
+    stated = interval_from_laws(found, 0, 0, "goh", (low, high))
     assert stated.low <= low and stated.high >= high
 
 
@@ -109,17 +111,17 @@ def test_the_interval_of_the_run_is_widened_by_its_smooth_misfit():
 
 
 def test_an_end_that_the_prior_decides_is_open():
-    found = LawRange((law_fit(), law_fit("fung", 1.1, 1.021)), 1.0, 100.0)
+    found = LawFits((law_fit(), law_fit("fung", 1.1, 1.021)), 1.0, 100.0)
 
-    def stated(interval: tuple[float, float], by_prior: tuple[bool, bool]) -> Stated:
-        return stated_by_laws(found, 0, 0, "goh", interval, by_prior=by_prior)
+    def stated(interval: tuple[float, float], by_prior: tuple[bool, bool]) -> MountingInterval:
+        return interval_from_laws(found, 0, 0, "goh", interval, by_prior=by_prior)
 
     low = stated((1.010, 1.022), (True, False))
-    assert np.isnan(low.low) and low.reason == "low end by the prior"
+    assert np.isnan(low.low) and low.reason == "the prior determines the lower end"
     high = stated((1.019, 1.030), (False, True))
     assert np.isfinite(high.low) and np.isnan(high.high)
-    assert high.reason == "high end by the prior"
-    assert stated((1.010, 1.030), (True, True)).reason == "both ends by the prior"
+    assert high.reason == "the prior determines the upper end"
+    assert stated((1.010, 1.030), (True, True)).reason == "the prior determines both ends"
     # ends of the laws are the data's
     assert stated((1.019, 1.022), (True, True)).is_value
 
@@ -152,25 +154,18 @@ def test_statements_are_weaker_with_a_worse_load_cell():
             assert worse.high >= better.high
 
 
-def test_words():
-    stretch = MOUNTED[0]
-    assert Stated(1.0123, 1.0234, "").in_words(stretch) == "1.0123 to 1.0234"
-    assert Stated(1.0123, float("nan"), "").in_words(stretch) == "above 1.0123"
-    assert Stated(float("nan"), float("nan"), "").in_words(stretch) == "nothing"
-
-
 def test_a_better_law_is_named_only_where_it_is_distinctly_better():
     goh, fung = law_fit("goh", 4.0), law_fit("fung", 2.4)
-    told = distinctly_better(LawRange((fung, goh), 0.1, 100.0), "goh")
+    told = better_law_message(LawFits((fung, goh), 0.1, 100.0), "goh")
     assert told == "fung misses by 2.4 kPa where goh misses by 4 kPa: see biaxbayes laws"
-    assert not distinctly_better(LawRange((replace(fung, rms=3.5), goh), 0.1, 100.0), "goh")
+    assert not better_law_message(LawFits((replace(fung, rms=3.5), goh), 0.1, 100.0), "goh")
     # a difference below the noise counts where it rests on many independent readings, and where
     # the other law fits without a smooth misfit
-    assert distinctly_better(LawRange((fung, goh), 2.0, 100.0), "goh")
+    assert better_law_message(LawFits((fung, goh), 2.0, 100.0), "goh")
     smooth, few = replace(fung, smooth=True), replace(fung, independent=3.0)
     for best in (smooth, few):
-        assert not distinctly_better(LawRange((best, goh), 2.0, 100.0), "goh")
-    assert not distinctly_better(LawRange((goh, replace(fung, rms=5.0)), 0.1, 100.0), "goh")
+        assert not better_law_message(LawFits((best, goh), 2.0, 100.0), "goh")
+    assert not better_law_message(LawFits((goh, replace(fung, rms=5.0)), 0.1, 100.0), "goh")
 
 
 def test_the_error_of_a_mounting_stretch_is_that_of_repeated_specimens():
@@ -192,15 +187,15 @@ def test_the_error_of_a_mounting_stretch_is_that_of_repeated_specimens():
 
 
 def test_laws_are_fitted_to_a_goh_specimen():
-    found = law_fits(small_specimen(), ("goh", "hgo", "fung"), rows=20, starts=2)
+    found = fit_laws(small_specimen(), ("goh", "hgo", "fung"), rows=20, starts=2)
     assert found is not None
     assert found.fits[0].law == "goh" and not found.fits[0].smooth
-    assert found.alike[0].law == "goh"
-    assert all(f.rms <= ALIKE * max(found.fits[0].rms, found.noise) for f in found.alike)
+    assert found.fitting[0].law == "goh"
+    assert all(f.rms <= CLOSE_RMS * max(found.fits[0].rms, found.noise) for f in found.fitting)
     table = found.to_frame()
     assert list(table["law"]) == [f.law for f in found.fits]
     assert table["mounting_stretch_x"][0] == found.fits[0].mounting_stretch[0, 0]
-    assert better_law(small_specimen()) == ""
+    assert quick_better_law(small_specimen()) == ""
 
 
 def test_judging_a_run_again_writes_the_same_fits(media_run, copied):
@@ -226,9 +221,9 @@ def test_no_end_is_wrong_where_the_mounting_reading_is_two_sigma_off():
         thickness=1.2,
         seed=10,
     )
-    found = law_fits(specimen)
-    assert found is not None and "fung" in [f.law for f in found.alike]
+    found = fit_laws(specimen)
+    assert found is not None and "fung" in [f.law for f in found.fitting]
     for axis, true in enumerate((1.02, 1.03)):
-        stated = stated_by_laws(found, 0, axis)
+        stated = interval_from_laws(found, 0, axis)
         assert np.isfinite(stated.low)
         assert not stated.low > true and not stated.high < true
