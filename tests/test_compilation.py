@@ -39,7 +39,7 @@ def test_compiled_functions_of_two_laws_have_two_names():
     specimen = Specimen("virtual", (record,), "piola", load_noise=0.5)
     types = [
         numba.typeof(
-            Posterior(specimen, law=law, mounting="ignored", noise="independent")._assembly.problem
+            Posterior(specimen, law=law, mounting="ignored", noise="independent").assembly.problem
         )
         for law in LAWS
     ]

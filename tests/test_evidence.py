@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 import biaxbayes
 from analytic_targets import TARGETS, gaussian
-from biaxbayes.model.evidence import evidence, evidence_record
+from biaxbayes.model.evidence import evidence, evidence_record, log_prior_mass
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
@@ -115,6 +115,28 @@ def test_dispersion_and_angle_in_their_chart_against_quadrature():
     }
     expected = by_quadrature(posterior, grids)
     assert found.log_evidence == pytest.approx(expected, abs=4.5 * found.error + 0.01)
+
+
+def test_the_prior_of_coupled_parameters_is_normalised():
+    """The exponents of Fung's law with b_x b_y > b_xy^2: b_xy is normal, cut at sqrt(b_x b_y)."""
+    fixed = {"c0": 3.0, "b_x": 9.0, "b_y": 25.0, "noise_sd": 0.05}
+    posterior = Posterior(
+        media(), law="fung", mounting="ignored", noise="independent", priors=fixed
+    )
+    result = evidence(posterior, draw_posterior(posterior, PLAN))
+    b_xy = np.linspace(-15.0, 15.0, 2001)[1:-1]
+    c = np.geomspace(0.01, 100.0, 1500)
+    mesh = dict(zip(("c", "b_xy"), np.meshgrid(c, b_xy, indexing="ij"), strict=True))
+    logs = posterior.log_density(mesh) + np.log(np.gradient(np.log(c)))[:, None]
+    inside = norm.cdf(15.0, 0.0, 30.0) - norm.cdf(-15.0, 0.0, 30.0)
+    expected = logsumexp(logs + np.log(b_xy[1] - b_xy[0])) - np.log(inside)
+    assert result.log_evidence == pytest.approx(expected, abs=4.5 * result.error + 1e-3)
+    # all three uncertain, by plain draws of the priors
+    whole = Posterior(media(), law="fung", noise="independent")
+    rng = np.random.default_rng(3)
+    x, y, xy = (whole.priors[name].sample(rng, 400_000) for name in ("b_x", "b_y", "b_xy"))
+    assert log_prior_mass(whole) == pytest.approx(np.log(np.mean(xy**2 < x * y)), abs=0.01)
+    assert log_prior_mass(Posterior(media(), noise="independent")) == 0.0
 
 
 # --- what a run records ------------------------------------------------------------------------

@@ -51,7 +51,7 @@ def everything_shown_again(request):
     yield
     for name in {"media", "hostile"} & set(request.fixturenames):
         request.getfixturevalue(name).evaluate(
-            "document.getElementById('clear').click();document.getElementById('stated').click(); 1"
+            "document.getElementById('clear').click();document.getElementById('reset').click(); 1"
         )
 
 
@@ -142,7 +142,7 @@ def test_too_few_effective_draws_are_refused_in_words(media):
     assert text(media, "refused").startswith("Refused: ")
     assert f"fewer than {LEAST_EFFECTIVE}" in text(media, "refused")
     assert set(media.evaluate("[...explore.weights()]")) == {1.0}
-    media.evaluate("document.getElementById('stated').click()")
+    media.evaluate("document.getElementById('reset').click()")
     assert media.evaluate("document.getElementById('refused').hidden") is True
 
 

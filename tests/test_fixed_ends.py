@@ -14,7 +14,7 @@ from biaxbayes.identifiability.reported import interval_text
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.reports.facts import closing_message
+from biaxbayes.reports.closing_message import closing_message
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 

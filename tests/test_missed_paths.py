@@ -9,8 +9,9 @@ import pytest
 import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.laws.goh import GOH
-from biaxbayes.reports.facts import closing_message
-from biaxbayes.reports.page import latex_table, report_page
+from biaxbayes.reports.closing_message import closing_message
+from biaxbayes.reports.methods import latex_table
+from biaxbayes.reports.page import report_page
 from model_cases import bent
 from quick_posteriors import runs_without_figures, specimen
 

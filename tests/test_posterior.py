@@ -17,7 +17,7 @@ from scipy.stats import norm
 import biaxbayes
 from biaxbayes.errors import InputError
 from biaxbayes.laws import LAWS, law_named
-from biaxbayes.model.density import _log_prior
+from biaxbayes.model.density import log_prior
 from biaxbayes.model.layout import assemble
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import Settings
@@ -632,7 +632,7 @@ def test_density_of_every_law_is_that_of_its_stress_and_its_priors(name):
         for parameter in (*law.parameters, NOISE_SD):
             value, prior = values[parameter.name], posterior.priors[parameter.name]
             kind, row = prior.encode(log_scale=parameter.logarithmic)
-            total += _log_prior(kind, row, math.log(value) if parameter.logarithmic else value)
+            total += log_prior(kind, row, math.log(value) if parameter.logarithmic else value)
         return values, total
 
     found, wanted = zip(

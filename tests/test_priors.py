@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.stats import kstest
 
 from biaxbayes.laws import law_named
-from biaxbayes.model.density import _log_prior
+from biaxbayes.model.density import log_prior
 from biaxbayes.model.priors import DrawnPrior, Prior, parse_priors
 
 PRIORS = [
@@ -80,7 +80,7 @@ def test_the_row_of_the_kernel_is_the_normalised_density(prior, log_scale):
     for x in (-2.0, 0.3, 0.9, 1.7, 2.2, 3.5, 25.0):
         if log_scale and x <= 0.0:
             continue
-        found = _log_prior(kind, np.array(row), math.log(x) if log_scale else x)
+        found = log_prior(kind, np.array(row), math.log(x) if log_scale else x)
         density = plain_density(prior, x) / positive * (x if log_scale else 1.0)
         if density == 0.0:
             assert found == -math.inf

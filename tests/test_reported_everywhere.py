@@ -15,10 +15,10 @@ from biaxbayes.identifiability.reported import DASH, interval_text
 from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
 from biaxbayes.parameters import MOUNTED
+from biaxbayes.reports.closing_message import MOST_LINES, closing_message
 from biaxbayes.reports.comparison import write_comparison
-from biaxbayes.reports.facts import MOST_LINES, closing_message
-from biaxbayes.reports.page import latex_table, report_page
-from biaxbayes.reports.parameters import methods
+from biaxbayes.reports.methods import latex_table, methods
+from biaxbayes.reports.page import report_page
 from biaxbayes.studies.rows import rows_of_run
 
 

@@ -15,9 +15,11 @@ HEAVY = {"sklearn", "arviz", "arviz_stats", "corner", "distributed", "scipy.stat
 
 def imported(code: str) -> set[str]:
     """Modules of a process that ran some code."""
-    told = f"{code}\nimport sys\nprint('modules', *sys.modules)"
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
-    return set(done.stdout.rsplit("modules", 1)[1].split())
+    listed = f"{code}\nimport sys\nprint('== modules:', *sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", listed], capture_output=True, text=True, check=True
+    )
+    return set(done.stdout.rsplit("== modules:", 1)[1].split())
 
 
 def called(*arguments: str) -> str:

@@ -139,7 +139,7 @@ def test_mounting_reading_and_weight_do_not_change():
     data = long_specimen()
     full, thin = prepare(data, thin="none"), prepare(data)
     assert thin.beta == full.beta
-    assert np.array_equal(thin._assembly.problem.reading_sd, full._assembly.problem.reading_sd)
+    assert np.array_equal(thin.assembly.problem.reading_sd, full.assembly.problem.reading_sd)
 
 
 def test_growing_noise_is_worth_what_its_own_residuals_say():

@@ -1,4 +1,4 @@
-r"""Errors of load readings: their variance, likelihood and simulation, each once.
+r"""Errors of load readings: variance, likelihood and simulation, defined in one place.
 
 A reading f of a model load q has an independent normal error about it,
 

@@ -10,7 +10,7 @@ variance v of :mod:`.error_model`. The compiled density has the same equations, 
 functions.
 
 *Values* are numbers or arrays of shape (draws,) by the names of ``summary.csv``: a dictionary or a
-table of draws. What they do not name is as the file states it: lm = 1, factors of one, z = 0.
+table of draws. Missing quantities take the values of the file: lm = 1, factors of one, z = 0.
 Results have the shape (draws, rows, 2), x and y last.
 
 Least squares move in the coordinates of the law (:meth:`.Law.point`) and need derivatives:
@@ -42,7 +42,7 @@ EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = (p.name for p in DIMENSIONS)
 
 @dataclass(frozen=True)
 class MeasuredRows:
-    """The rows after the mounted state, protocol after protocol.
+    """Rows after the mounted state, concatenated over protocols.
 
     Attributes
     ----------
@@ -160,8 +160,8 @@ class ForwardModel:
     ) -> np.ndarray:
         """Mounting stretches that balance mounting loads, both (2, m); NaN where there is no root.
 
-        Not ``compiled``, the same code runs in Python: for laws that are fitted once, compiling
-        takes longer.
+        With ``compiled=False`` the same code runs in Python, which is faster for a law that is
+        fitted once, because nothing is compiled.
         """
         solve: Any = solve_balance if compiled else solve_balance.py_func  # type: ignore[attr-defined]
         constants = self.law.at_point(point).constants

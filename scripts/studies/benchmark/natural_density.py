@@ -35,7 +35,7 @@ class NaturalDensity:
         self.posterior = Posterior(
             specimen, mounting="free", noise="independent", beta=beta, thin="none"
         )
-        self.problem = self.posterior._natural.problem
+        self.problem = self.posterior.natural_assembly.problem
         stated = self.posterior.priors
         self.priors = {n: p for n in NAMES if isinstance(p := stated[n], Prior)}
         free = self.posterior.free

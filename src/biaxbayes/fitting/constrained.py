@@ -27,7 +27,7 @@ from biaxbayes.fitting.residuals import (
     readings,
 )
 from biaxbayes.fitting.result import FitResult, fit_result
-from biaxbayes.fitting.starting_points import held_and_free, screened_points
+from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
@@ -68,7 +68,7 @@ def constrained_fit(
         mounting force.
     mounting_stretch : {"shared", "per-protocol"}
     fixed : mapping, optional
-        Values held, by the law's parameters in their own units.
+        Fixed values, by the law's parameters in their own units.
     starts : int
         Random starting points, the best of many screened ones; none with ``initial`` and 0.
     initial : Material, optional
@@ -97,8 +97,8 @@ def constrained_fit(
     chosen = law_named(law, fibre_switch=fibre_switch)
     setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weighted)
     setup = replace(setup, compiled=compiled)
-    problem, found = minimum(setup, starting_points(setup, starts, seed, initial))
-    return result_of(setup, specimen, problem, found)
+    problem, descent = minimum(setup, starting_points(setup, starts, seed, initial))
+    return setup.result(specimen, problem, descent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +131,25 @@ class FitSetup:
         return BalancedMounting(*common, reading_sd=sd, compiled=self.compiled)
 
     def by_protocol(self, residual: np.ndarray) -> list[np.ndarray]:
-        """Rows of a residual vector, one array (n_p, 2) a protocol."""
+        """Rows of a residual vector, one array (n_p, 2) per protocol."""
         n = self.stretched.group.size
         pairs = residual[: 2 * n].reshape(2, n).T
         return [pairs[rows] for rows in self.stretched.rows]
+
+    def result(self, specimen: Specimen, problem: GivenMounting, descent: Descent) -> FitResult:
+        """Where a descent ended, judged against the data."""
+        method = "zeroed" if self.mounting == "zeroed" else "standard"
+        return fit_result(
+            "constrained" if self.balanced else method,
+            specimen,
+            self.data,
+            problem.theta(descent.unknowns),
+            problem.mounting(descent.unknowns),
+            self.free,
+            iterations=descent.iterations,
+            converged=descent.converged,
+            law=self.law,
+        )
 
 
 def refuse_tared(specimen: Specimen) -> None:
@@ -166,7 +181,7 @@ def fit_setup(
         )
     if mounting in ("exact", "noisy"):
         refuse_tared(specimen)
-    point, free = held_and_free(fixed, law)
+    point, free = fixed_and_free(fixed, law)
     data = readings(specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed")
     sd = None
     if mounting == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
@@ -201,10 +216,10 @@ def minimum(
 ) -> tuple[GivenMounting, Descent]:
     """The problem at its final weights, and where its descent ended."""
     bounds = (setup.law.lower[setup.free], setup.law.upper[setup.free])
-    found = best_descent(setup.problem, [p[setup.free] for p in points], *bounds, **how)
-    if setup.sd is None or not np.isfinite(found.cost):
-        return setup.problem(), found
-    return _reweighted(setup, found, **how)
+    descent = best_descent(setup.problem, [p[setup.free] for p in points], *bounds, **how)
+    if setup.sd is None or not np.isfinite(descent.cost):
+        return setup.problem(), descent
+    return _reweighted(setup, descent, **how)
 
 
 def _reweighted(
@@ -223,8 +238,8 @@ def _reweighted(
     for turn in range(MAX_REWEIGHTINGS):
         scale = rms / np.sqrt(beta)
         problem = setup.problem(scale)
-        found = descend(problem, unknowns, lower, upper, steps=steps, tolerance=tolerance)
-        unknowns, taken = found.unknowns, taken + found.iterations
+        descent = descend(problem, unknowns, lower, upper, steps=steps, tolerance=tolerance)
+        unknowns, taken = descent.unknowns, taken + descent.iterations
         misfit = problem.residual(unknowns)[:rows] * scale
         new_rms = max(float(np.sqrt(misfit @ misfit / rows)), floor)
         new_beta = beta
@@ -234,22 +249,4 @@ def _reweighted(
         rms, beta = new_rms, new_beta
         if settled:
             break
-    return problem, Descent(unknowns, found.cost, taken, found.converged and settled)
-
-
-def result_of(
-    setup: FitSetup, specimen: Specimen, problem: GivenMounting, found: Descent
-) -> FitResult:
-    """Where a descent ended, judged against the data."""
-    method = "constrained" if setup.balanced else ("standard", "zeroed")[setup.mounting == "zeroed"]
-    return fit_result(
-        method,
-        specimen,
-        setup.data,
-        problem.theta(found.unknowns),
-        problem.mounting(found.unknowns),
-        setup.free,
-        iterations=found.iterations,
-        converged=found.converged,
-        law=setup.law,
-    )
+    return problem, Descent(unknowns, descent.cost, taken, descent.converged and settled)

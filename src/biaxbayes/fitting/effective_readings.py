@@ -1,4 +1,4 @@
-"""How many independent readings the rows of a curve are worth.
+"""Effective number of independent readings of a curve.
 
 Neighbouring residuals of a real specimen are nearly equal, because the model, not the load cell,
 is what misses. A curve of n residuals with autocorrelation rho(t) carries
@@ -57,14 +57,14 @@ def effective_size(residual: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class EffectiveReadings:
-    """What the rows are worth, curve by curve.
+    """Effective number of readings, curve by curve.
 
     Attributes
     ----------
     count : ndarray, shape (p, 2)
         Readings of each protocol and direction.
     effective : ndarray, shape (p, 2)
-        Independent readings they are worth.
+        Independent readings that they are equivalent to.
     """
 
     count: np.ndarray
@@ -89,7 +89,7 @@ def effective_readings(
     Parameters
     ----------
     residuals : sequence of ndarray, shape (n_p, 2)
-        One array a protocol, measured minus model.
+        One array per protocol, measured minus model.
     scale : sequence of ndarray, shape (n_p, 2), optional
         Standard deviation of each reading up to a factor, where it is not constant.
     """

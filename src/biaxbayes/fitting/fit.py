@@ -6,14 +6,14 @@ minimum of one objective: with noise it differs from the least-squares solutions
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import MOUNTING_STRETCH, constrained_fit, refuse_tared
-from biaxbayes.fitting.least_squares import best_descent, descend
+from biaxbayes.fitting.least_squares import Descent, best_descent, descend
 from biaxbayes.fitting.residuals import (
     FreeMounting,
     GivenMounting,
@@ -21,7 +21,7 @@ from biaxbayes.fitting.residuals import (
     readings,
 )
 from biaxbayes.fitting.result import FitResult, fit_result
-from biaxbayes.fitting.starting_points import held_and_free, screened_points
+from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
@@ -29,11 +29,13 @@ from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import FIT_METHODS, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
-# --- the method paper's own fit: root-find the mounting stretch, update the data, refit; repeat --
+METHODS = FIT_METHODS
+PRESTRETCH_METHODS = ("fip", "linden", "constrained")
 
+# --- the fit of the method paper: find the mounting stretch, update the data, refit, repeat ------
 
 MAX_ALTERNATIONS = 500
-SCOUTING = 40
+FIRST_ALTERNATIONS = 40
 TOLERANCE = 1e-10
 
 
@@ -48,28 +50,28 @@ class Alternation:
     mounting : ndarray, shape (2, m)
     cost : float
         Sum of squared Cauchy residuals over the squared scale.
+    iterations : int
+        Alternations.
     """
 
     point: np.ndarray
     mounting: np.ndarray
     cost: float
-    alternations: int
+    iterations: int
     converged: bool
 
 
 def best_alternation(
-    data: Readings,
-    starts: Sequence[np.ndarray],
-    free: np.ndarray,
-    scale: float,
-    law: Law,
+    data: Readings, starts: Iterable[np.ndarray], free: np.ndarray, scale: float, law: Law
 ) -> Alternation:
     """Alternate loosely from every start, then the best to the end."""
-    scouted = [alternate(data, p, free, scale, law, most=SCOUTING, tolerance=1e-4) for p in starts]
-    best = min(scouted, key=lambda found: (not found.converged, found.cost))
+    first = [
+        alternate(data, p, free, scale, law, most=FIRST_ALTERNATIONS, tolerance=1e-4)
+        for p in starts
+    ]
+    best = min(first, key=lambda end: (not end.converged, end.cost))
     end = alternate(data, best.point, free, scale, law, first=best.mounting)
-    count = best.alternations + end.alternations
-    return Alternation(end.point, end.mounting, end.cost, count, end.converged)
+    return replace(end, iterations=best.iterations + end.iterations)
 
 
 def alternate(
@@ -89,7 +91,6 @@ def alternate(
     ----------
     point : ndarray, shape (p,)
         Starting coordinates of the fit.
-    free : ndarray of int
     scale : float
         Stress in kPa that residuals are measured in.
     first : ndarray, shape (2, m), optional
@@ -101,34 +102,30 @@ def alternate(
     cost, settled, count = np.inf, False, 0
     for count in range(1, most + 1):  # noqa: B007 - reported
         root = data.forward(law).mounting_roots(point, data.mounting_load)
-        found_root = bool(np.isfinite(root).all())
-        new_lm = root if found_root else lm
+        has_root = bool(np.isfinite(root).all())
+        new_lm = root if has_root else lm
         problem = GivenMounting(data, "cauchy", point, free, scale, new_lm, law)
-        found = descend(
+        descent = descend(
             problem,
             point[free],
             law.lower[free],
             law.upper[free],
             tolerance=min(1e-4 * tolerance, 1e-8),
         )
-        new_point = problem.theta(found.unknowns)
+        new_point = problem.theta(descent.unknowns)
         change = max(
             float(np.abs(new_lm - lm).max()),
             float((np.abs(new_point - point) / (np.abs(new_point) + 1e-3)).max()),
         )
-        lm, point, cost = new_lm, new_point, found.cost
-        settled = found_root and found.converged and change <= tolerance
+        lm, point, cost = new_lm, new_point, descent.cost
+        settled = has_root and descent.converged and change <= tolerance
         # Nothing changes any more, settled or stuck at a material that balances no root
         if change <= tolerance or not np.isfinite(cost):
             break
     return Alternation(point, lm, cost, count, settled)
 
 
-# --- deterministic fits of a specimen: three that neglect nothing, two that many labs use --------
-
-
-METHODS = FIT_METHODS
-PRESTRETCH_METHODS = ("fip", "linden", "constrained")
+# --- one method, and all of them -----------------------------------------------------------------
 
 
 def fit(
@@ -161,7 +158,7 @@ def fit(
     seed : int
         Of the random starting points.
     fixed : mapping, optional
-        Values held, by the law's parameters in their own units.
+        Fixed values, by the law's parameters in their own units.
     mounting_stretch : {"shared", "per-protocol"}
     law : str
         Name of the material law.
@@ -202,12 +199,11 @@ def fit(
     if method in PRESTRETCH_METHODS:
         refuse_tared(specimen)
     chosen = law_named(law, fibre_switch=fibre_switch)
-    point, free = held_and_free(fixed, chosen)
+    point, free = fixed_and_free(fixed, chosen)
     data = readings(specimen, shared=mounting_stretch == "shared", zeroed=method == "zeroed")
-    count = starts if initial is not None else max(starts, 1)
     points, stretches = screened_points(
         data,
-        count,
+        starts if initial is not None else max(starts, 1),
         np.random.default_rng(seed),
         chosen,
         point=point,
@@ -217,12 +213,37 @@ def fit(
     if initial is not None:
         points = np.vstack([points.reshape(-1, chosen.lower.size), chosen.point(initial.values)])
         stretches = np.vstack([stretches.reshape(-1, 2), np.ones(2)])
-    return {
-        "standard": _without_prestretch,
-        "zeroed": _without_prestretch,
-        "fip": _alternating,
-        "linden": _free_mounting,
-    }[method](method, specimen, data, points, stretches, point, free, chosen)
+    scale = max(float(np.abs(data.load * data.stretch / data.area[:, None]).max()), 1e-300)
+    lower, upper = chosen.lower[free], chosen.upper[free]
+    one = np.ones_like(data.mounting_load)
+    common = (data, "cauchy", point, free, scale, one, chosen)
+    end: Alternation | Descent
+    if method == "fip":
+        points[:, np.setdiff1d(np.arange(point.size), free)] = np.delete(point, free)
+        end = best_alternation(data, points, free, scale, chosen)
+        theta, lm = end.point, end.mounting
+    elif method == "linden":
+        groups = one.shape[1]
+        both = np.hstack([points[:, free], np.repeat(stretches, groups, axis=1)])
+        lower = np.concatenate([lower, np.full(2 * groups, BRACKET[0])])
+        upper = np.concatenate([upper, np.full(2 * groups, BRACKET[1])])
+        end = best_descent(lambda: FreeMounting(*common), both, lower, upper)
+        problem = FreeMounting(*common)
+        theta, lm = problem.theta(end.unknowns), problem.mounting(end.unknowns)
+    else:
+        end = best_descent(lambda: GivenMounting(*common), points[:, free], lower, upper)
+        theta, lm = GivenMounting(*common).theta(end.unknowns), one
+    return fit_result(
+        method,
+        specimen,
+        data,
+        theta,
+        lm,
+        free,
+        iterations=end.iterations,
+        converged=end.converged,
+        law=chosen,
+    )
 
 
 def fit_all(
@@ -250,101 +271,3 @@ def fit_all(
         )
         for method in methods
     ]
-
-
-def _stress_scale(data: Readings) -> float:
-    return max(float(np.abs(data.load * data.stretch / data.area[:, None]).max()), 1e-300)
-
-
-def _without_prestretch(
-    method: str,
-    specimen: Specimen,
-    data: Readings,
-    points: np.ndarray,
-    stretches: np.ndarray,
-    point: np.ndarray,
-    free: np.ndarray,
-    law: Law,
-) -> FitResult:
-    one = np.ones_like(data.mounting_load)
-    scale = _stress_scale(data)
-
-    def problem() -> GivenMounting:
-        return GivenMounting(data, "cauchy", point, free, scale, one, law)
-
-    found = best_descent(problem, [p[free] for p in points], law.lower[free], law.upper[free])
-    return fit_result(
-        method,
-        specimen,
-        data,
-        problem().theta(found.unknowns),
-        one,
-        free,
-        iterations=found.iterations,
-        converged=found.converged,
-        law=law,
-    )
-
-
-def _alternating(
-    method: str,
-    specimen: Specimen,
-    data: Readings,
-    points: np.ndarray,
-    stretches: np.ndarray,
-    point: np.ndarray,
-    free: np.ndarray,
-    law: Law,
-) -> FitResult:
-    held = np.setdiff1d(np.arange(point.size), free)
-    points = points.copy()
-    points[:, held] = point[held]
-    found = best_alternation(data, list(points), free, _stress_scale(data), law)
-    return fit_result(
-        method,
-        specimen,
-        data,
-        found.point,
-        found.mounting,
-        free,
-        iterations=found.alternations,
-        converged=found.converged,
-        law=law,
-    )
-
-
-def _free_mounting(
-    method: str,
-    specimen: Specimen,
-    data: Readings,
-    points: np.ndarray,
-    stretches: np.ndarray,
-    point: np.ndarray,
-    free: np.ndarray,
-    law: Law,
-) -> FitResult:
-    scale = _stress_scale(data)
-    groups = data.mounting_load.shape[1]
-    one = np.ones_like(data.mounting_load)
-
-    def problem() -> FreeMounting:
-        return FreeMounting(data, "cauchy", point, free, scale, one, law)
-
-    starts = [
-        np.concatenate([p[free], np.repeat(lm, groups)])
-        for p, lm in zip(points, stretches, strict=True)
-    ]
-    lower = np.concatenate([law.lower[free], np.full(2 * groups, BRACKET[0])])
-    upper = np.concatenate([law.upper[free], np.full(2 * groups, BRACKET[1])])
-    found = best_descent(problem, starts, lower, upper)
-    return fit_result(
-        method,
-        specimen,
-        data,
-        problem().theta(found.unknowns),
-        found.unknowns[free.size :].reshape(2, -1),
-        free,
-        iterations=found.iterations,
-        converged=found.converged,
-        law=law,
-    )

@@ -20,7 +20,6 @@ from biaxbayes.fitting.constrained import (
     FitSetup,
     fit_setup,
     minimum,
-    result_of,
     starting_points,
 )
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
@@ -31,7 +30,7 @@ from biaxbayes.options import FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
 AMONG_LAWS: dict[str, Any] = {"finalists": 2, "steps": 100, "tolerance": 1e-8}
-"""How far laws are fitted that are held against one another. A flat valley of Fung's or Lee-Sacks'
+"""How far laws are fitted that are compared with one another. A flat valley of Fung's or Lee-Sacks'
 law takes 500 steps to its floor; stopped like this, the rms of 56 fits to the shipped specimens lay
 at most 3 % above it, and the mounting stretches within a tenth of their sd."""
 
@@ -47,7 +46,7 @@ class LawFit:
     rmse_kPa : float
         As of a :class:`~biaxbayes.fitting.result.FitResult`.
     mounting_stretch : ndarray, shape (m, 2)
-        One row, or one a protocol.
+        One row, or one per protocol.
     sd : ndarray, shape (m, 2)
         Of the mounting stretches: noise of all readings and smooth misfit.
     smooth : bool
@@ -108,8 +107,8 @@ def fit_law(
     chosen = law_named(law, fibre_switch=fibre_switch)
     setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weighted)
     setup = replace(setup, compiled=False)
-    problem, found = minimum(setup, starting_points(setup, starts, seed, None), **AMONG_LAWS)
-    fitted = result_of(setup, specimen, problem, found)
+    problem, descent = minimum(setup, starting_points(setup, starts, seed, None), **AMONG_LAWS)
+    fitted = setup.result(specimen, problem, descent)
     rms = float(np.sqrt(np.mean(np.concatenate(fitted.residuals) ** 2)))
     plain = LawFit(
         law,
@@ -121,11 +120,11 @@ def fit_law(
         fitted.converged,
         independent=effective_readings(fitted.residuals).total,
     )
-    if not np.isfinite(found.cost):
+    if not np.isfinite(descent.cost):
         return plain
     with np.errstate(all="ignore"):
         return _with_errors(
-            plain, setup, problem, found.unknowns, specimen.noise_sd, prior_sd or {}
+            plain, setup, problem, descent.unknowns, specimen.noise_sd, prior_sd or {}
         )
 
 

@@ -3,21 +3,18 @@
 A trust-region reflective method keeps strictly inside the box and creeps towards a bound;
 several printed optima lie on one (k2 = 0, kappa = 0, alpha = 90 degrees). This is
 Levenberg-Marquardt with Nielsen's damping on the free set of a projected step: an unknown on a
-bound whose gradient points outward is held there, the others move, and a step that leaves the
+bound whose gradient points outward stays there, the others move, and a step that leaves the
 box is cut back to it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-
-# --- bounded nonlinear least squares with parameters that end exactly on their bounds ------------
-
 
 SMALL = 1e-300
 INTERIOR_STEPS = 10  # accepted, before a step may end on a bound
@@ -187,9 +184,9 @@ def _step(
             break
         put, moving = moving[out], moving[~out]
         step[put] = np.clip(target, lower, upper)[put] - x[put]
-        held = step.copy()
-        held[moving] = 0.0
-        left = r + J @ held
+        fixed = step.copy()
+        fixed[moving] = 0.0
+        left = r + J @ fixed
     linear = r + J @ step
     return step, float(cost - linear @ linear)
 
@@ -202,16 +199,16 @@ def _stationary(
     return bool((np.abs(gradient) <= most)[free].all())
 
 
-# --- descents from several starting points, carried on only where they lead somewhere ------------
+# --- descents from several starting points -------------------------------------------------------
 
 
-SCOUTING_STEPS = 20
+FIRST_STEPS = 20
 FINALISTS = 3
 
 
 def best_descent(
     problem: Callable[[], Problem],
-    starts: Sequence[np.ndarray],
+    starts: Iterable[np.ndarray],
     lower: np.ndarray,
     upper: np.ndarray,
     *,
@@ -225,10 +222,10 @@ def best_descent(
     ----------
     problem : callable
         Makes a fresh problem (problems remember their last evaluation).
-    starts : sequence of ndarray, shape (p,)
+    starts : iterable of ndarray, shape (p,)
     lower, upper : ndarray, shape (p,)
     finalists : int
-        How many scouted points are followed to convergence.
+        How many of them are followed to convergence.
     steps, tolerance
         Of these, as in :func:`descend`.
 
@@ -237,17 +234,17 @@ def best_descent(
     Descent
         The lowest; its cost is infinite when no start could be evaluated.
     """
-    scouted = [
-        descend(problem(), start, lower, upper, steps=SCOUTING_STEPS, tolerance=1e-8)
+    first = [
+        descend(problem(), start, lower, upper, steps=FIRST_STEPS, tolerance=1e-8)
         for start in starts
     ]
-    scouted.sort(key=lambda found: found.cost)
+    first.sort(key=lambda descent: descent.cost)
     best: Descent | None = None
-    for scout in scouted[:finalists]:
-        if best is not None and not np.isfinite(scout.cost):
+    for begin in first[:finalists]:
+        if best is not None and not np.isfinite(begin.cost):
             continue
-        end = descend(problem(), scout.unknowns, lower, upper, steps=steps, tolerance=tolerance)
-        end = Descent(end.unknowns, end.cost, scout.iterations + end.iterations, end.converged)
+        end = descend(problem(), begin.unknowns, lower, upper, steps=steps, tolerance=tolerance)
+        end = Descent(end.unknowns, end.cost, begin.iterations + end.iterations, end.converged)
         if best is None or end.cost < best.cost * (1.0 - 1e-9):
             best = end
     assert best is not None, "at least one start"

@@ -73,20 +73,20 @@ class Readings:
 
     def thinned(self, per_protocol: int) -> Readings:
         """At most so many stretched rows of each protocol, evenly chosen, the last included."""
-        keep = []
+        chosen_rows = []
         for rows in self.rows:
             index = np.arange(rows.start, rows.stop)
             index = index[~self.at_rest[rows]]
             chosen = np.unique(np.linspace(0, index.size - 1, per_protocol).round().astype(int))
-            keep.append(index[chosen] if index.size else index)
-        kept = np.concatenate(keep)
-        ends = np.cumsum([0, *(k.size for k in keep)])
+            chosen_rows.append(index[chosen] if index.size else index)
+        all_rows = np.concatenate(chosen_rows)
+        ends = np.cumsum([0, *(k.size for k in chosen_rows)])
         return replace(
             self,
-            stretch=self.stretch[:, kept],
-            load=self.load[:, kept],
-            group=self.group[kept],
-            at_rest=self.at_rest[kept],
+            stretch=self.stretch[:, all_rows],
+            load=self.load[:, all_rows],
+            group=self.group[all_rows],
+            at_rest=self.at_rest[all_rows],
             rows=tuple(slice(a, b) for a, b in pairwise(ends)),
         )
 
@@ -149,9 +149,9 @@ class GivenMounting:
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative; a descent silences what NumPy says of them."""
-        found = self._compute(unknowns)
-        self._last = (unknowns.copy(), found)
-        return found
+        result = self._compute(unknowns)
+        self._last = (unknowns.copy(), result)
+        return result
 
     @property
     def forward(self) -> ForwardModel:

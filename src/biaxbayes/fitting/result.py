@@ -1,7 +1,7 @@
-"""What a deterministic fit found, and how far the written digits of a record leave it open.
+"""Result of a deterministic fit, and how far the written digits of a record leave it open.
 
 A record without noise is fitted down to the last digit of its file. There the cost is rounding
-alone, no step lowers it, and whether its gradient vanishes cannot be told: a fit that
+alone, no step lowers it, and its gradient says nothing: a fit that
 misses by no more than the rounding of the data has converged.
 """
 
@@ -30,7 +30,7 @@ class FitResult:
     method : str
         ``standard``, ``zeroed``, ``fip``, ``linden`` or ``constrained``.
     mounting_stretch : ndarray, shape (m, 2)
-        One row, or one a protocol.
+        One row, or one per protocol.
     mounting_load : ndarray, shape (m, 2)
         What the model carries at the mounted state, in the specimen's unit.
     r2, rmse_kPa : float
@@ -91,8 +91,8 @@ class FitResult:
         """The fit as a table of one column, for notebooks."""
         rows = []
         for name, value in self.record().items():
-            told = f"{value:.5g}" if isinstance(value, float) else str(value)
-            rows.append(f"<tr><th>{escape(name)}</th><td>{escape(told)}</td></tr>")
+            text = f"{value:.5g}" if isinstance(value, float) else str(value)
+            rows.append(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>")
         return f"<table>{''.join(rows)}</table>"
 
 

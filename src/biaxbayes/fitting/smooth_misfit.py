@@ -83,7 +83,7 @@ def smooth_misfit(
 def misfit_vectors(
     data: Readings, residual: np.ndarray, scale: float, reading_sd: np.ndarray | None
 ) -> np.ndarray:
-    """Root of F K F^T, one row a residual; mounting readings have the misfit at t = 0."""
+    """Root of F K F^T, one row per residual; mounting readings have the misfit at t = 0."""
     n, groups = data.group.size, data.mounting_load.shape[1]
     load = (data.load.ravel() + residual * scale) / scale
     pins = 0 if reading_sd is None else 2 * groups
@@ -93,8 +93,8 @@ def misfit_vectors(
         t = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(stretch, axis=1)))])
         t /= t[-1] if t[-1] > 0.0 else 1.0
         values, vectors = np.linalg.eigh(np.exp(-0.5 * (np.subtract.outer(t, t) / LENGTH) ** 2))
-        kept = values > 1e-8 * values[-1]
-        root = vectors[:, kept] * np.sqrt(values[kept])
+        used = values > 1e-8 * values[-1]
+        root = vectors[:, used] * np.sqrt(values[used])
         group = data.group[part.start] if part.stop > part.start else 0
         # one reading pools the protocols of its mounted state
         pooled = sum(1 for p in data.rows if p.stop > p.start and data.group[p.start] == group)

@@ -1,7 +1,7 @@
-"""Where deterministic fits start, and what they hold.
+"""Starting points of deterministic fits, and their fixed parameters.
 
 Many random materials are screened, each with its best amplitudes (:mod:`biaxbayes.laws.screening`),
-and the most promising are kept apart from one another.
+and the best of them that differ from one another are chosen.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def screened_points(
     free: np.ndarray,
     with_mounting: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The most promising of many random materials, kept apart from one another.
+    """The best of many random materials that differ from one another.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def screened_points(
     -------
     points : ndarray, shape (count, p)
     mounting : ndarray, shape (count, 2)
-        One pair of mounting stretches each, for all groups.
+        Mounting stretches of each point, the same for all groups.
     """
     few = data.thinned(ROWS)
     stretch, load = few.stretch, few.load
@@ -77,8 +77,8 @@ def _spread_out(cost, marks, count) -> np.ndarray:
     return np.array(chosen, dtype=int)
 
 
-def held_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarray, np.ndarray]:
-    """Held values as coordinates of the fit, and the indices of the free ones.
+def fixed_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarray, np.ndarray]:
+    """Fixed values as coordinates of the fit, and the indices of the free ones.
 
     Parameters
     ----------
@@ -92,9 +92,8 @@ def held_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarr
         of the law has together.
     """
     values = np.zeros(len(law.names))
-    held = dict(fixed or {})
-    held = {law.known_name(name): value for name, value in held.items()}
-    for name, value in held.items():
+    given = {law.known_name(name): value for name, value in dict(fixed or {}).items()}
+    for name, value in given.items():
         if name not in law.names:
             raise InputError(
                 f"unknown parameter {name!r} of the law {law.name}",
@@ -108,6 +107,6 @@ def held_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarr
                 remedy=f"{name} lies between {low:g} and {high:g}{p.unit_words()}",
             )
         values[law.names.index(name)] = min(value, high)
-    law.check_condition(held)
-    point = np.where([n in held for n in law.names], law.point(tuple(values)), 0.0)
-    return point, np.array([i for i, name in enumerate(law.names) if name not in held], dtype=int)
+    law.check_condition(given)
+    point = np.where([n in given for n in law.names], law.point(tuple(values)), 0.0)
+    return point, np.array([i for i, name in enumerate(law.names) if name not in given], dtype=int)

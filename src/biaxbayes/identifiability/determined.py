@@ -104,7 +104,7 @@ def derived_quantities(
     material = law.material(draws)
     out = []
     if tensor:
-        described = law.described(material)
+        described = law.derived_quantities(material)
         out += [Derived(TENSOR, name, "", None, v[:, 0]) for name, v in described.items()]
     with np.errstate(over="ignore", invalid="ignore"):
         for stretch in stiffness_at:
@@ -303,7 +303,7 @@ def _quantities(
 ) -> Iterator[Quantity]:
     material = law.material(draws)
     nowhere = (np.nan, np.nan)
-    for name, values in law.described(material).items():
+    for name, values in law.derived_quantities(material).items():
         yield name, "", nowhere, values[:, 0], None
     small = material.cauchy_by_log_stretch(1.0, 1.0)
     for name, i, j in TANGENTS:
@@ -328,7 +328,7 @@ def _quantities(
             yield f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0], None
         yield "strain energy", "kPa", state, energy[:, 0], None
     tops = [np.tile(state, (len(draws), 1)) for state in states]
-    for name, values in law.described_at(material, tops).items():
+    for name, values in law.derived_at(material, tops).items():
         yield name, "", nowhere, values, None
 
 

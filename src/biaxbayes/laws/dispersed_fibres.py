@@ -216,7 +216,7 @@ class DispersedFibreLaw(Law):
         """Scale of the chart near isotropy for materials by parameter, in their own units."""
         return softening_of(np.deg2rad(values["alpha"]), values["kappa"])
 
-    def described(self, material: MaterialResponse) -> dict[str, np.ndarray]:
+    def derived_quantities(self, material: MaterialResponse) -> dict[str, np.ndarray]:
         """The structure tensor: what an axis-aligned test sees of the fibres."""
         c = material.constants
         return {"Hx": c.Hx, "Hy": c.Hy, "Hz": c.Hz}

@@ -120,7 +120,7 @@ class HGOLaw(Law):
         """Fibres with E = l^2 - 1."""
         return {"k2": (stretch**2 - 1.0) ** -2}
 
-    def described(self, material: MaterialResponse) -> dict[str, np.ndarray]:
+    def derived_quantities(self, material: MaterialResponse) -> dict[str, np.ndarray]:
         """The structure tensor in the plane."""
         c = material.constants
         return {"Hx": c.Hx, "Hy": c.Hy}

@@ -480,12 +480,12 @@ class Law(ABC):
         del amplitude
         return 1.0 - MATRIX_LOAD
 
-    def described(self, material: MaterialResponse) -> dict[str, Any]:
+    def derived_quantities(self, material: MaterialResponse) -> dict[str, Any]:
         """Quantities of the law that an axis-aligned test sees, beside stress and stiffness."""
         del material
         return {}
 
-    def described_at(
+    def derived_at(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, np.ndarray]:
         """The exponents at the largest of some total stretches, shape (n,) each.
@@ -539,7 +539,7 @@ class Law(ABC):
             Largest total stretches of each protocol.
         """
         exponents = {}
-        largest = self.described_at(material, tops)
+        largest = self.derived_at(material, tops)
         for name, formula in self.exponents.items():
             value = np.ravel(material.theta[self.names.index(name)])
             per_unit = value / np.maximum(largest[f"exponent {formula}"], 1e-12)

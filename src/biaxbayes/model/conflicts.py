@@ -1,4 +1,4 @@
-"""What in a posterior contradicts the data or a limit of the program, as findings."""
+"""Warnings about priors that contradict the data and about limits of the solver."""
 
 from __future__ import annotations
 
@@ -77,9 +77,9 @@ def radian_findings(posterior: Posterior) -> list[Finding]:
 
 
 def prior_findings(posterior: Posterior) -> list[Finding]:
-    """Stated priors far from what the data say, where the model fits worse for them.
+    """Priors of the user far from the least-squares estimate that also worsen the fit.
 
-    The fit knows no priors. A prior contradicts the data where the fitted value lies beyond three
+    The fit uses no priors. A prior contradicts the data where the fitted value lies beyond three
     of its standard deviations, and the residuals at the mode of the posterior are larger than
     those of the fit by more than their scatter explains:
 
@@ -109,7 +109,7 @@ def prior_findings(posterior: Posterior) -> list[Finding]:
         Finding(
             "prior-contradicts-data",
             "warning",
-            f"the prior of {name}, {described(prior)}, contradicts the data, which alone give "
+            f"the prior of {name}, {prior_text(prior)}, contradicts the data, which alone give "
             f"{fitted[name]:.4g}: under this prior the model misses the loads by {at_mode:.2g} "
             f"{specimen.unit} rms instead of {best:.2g}{of_noise}",
         )
@@ -126,7 +126,7 @@ def is_far(prior: Prior, value: float) -> bool:
 TAIL = 0.5 * math.erfc(FAR / math.sqrt(2.0))
 
 
-def described(prior: Prior) -> str:
+def prior_text(prior: Prior) -> str:
     """A prior in words, such as ``normal 0.7 +- 0.05``."""
     if prior.family in ("uniform", "loguniform"):
         return f"{prior.family} {prior.low:g} to {prior.high:g}"

@@ -1,8 +1,8 @@
 """The log posterior density of many walkers in one compiled call, and the arrays it needs.
 
-A walker's coordinates are spread over *slots*, which hold a number each whether it is sampled,
-fixed or tied to another: the parameters of the law first, then those of the errors and of measured
-dimensions, then two a mounted state. They are turned into material, mounted state and errors, and
+A walker's coordinates are spread over *slots*, one entry per parameter, whether sampled, fixed or
+tied to another: the parameters of the law first, then those of the errors and of measured
+dimensions, then two per mounted state. They are turned into material, mounted state and errors, and
 the curves are compared with the readings. The stress is that of the law
 (:mod:`biaxbayes.laws.response`), the mounted state and the load law those of
 :mod:`biaxbayes.mechanics.mounting`, the errors those of :mod:`biaxbayes.error_model`; one
@@ -30,9 +30,9 @@ from biaxbayes.mechanics.mounting import (
     solve_balance,
 )
 
-# Slots behind those of the law; natural values are kept in the same order.
+# Slots after those of the law; natural values have the same order.
 NOISE, GROWTH, EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(7)
-MOUNTING = 7  # then two a mounted state
+MOUNTING = 7  # then two per mounted state
 
 # How the mounted state enters.
 REFERENCE, FORCE, STRETCH = 0, 1, 2  # lm = 1 | sample p0, root-find lm | sample lm
@@ -42,10 +42,12 @@ FIXED, NORMAL, UNIFORM, NORMAL_NATURAL, UNIFORM_NATURAL = range(5)
 
 # Why a density is zero; counted for the diagnostics.
 INSIDE, OUT_OF_RANGE, NO_ROOT, OVERFLOW = range(4)
+REASONS = ("out_of_range", "no_mounting_root", "overflow")
+"""Names of the reasons, in the order of the counters, which begin with the points inside."""
 
 
 class Problem(NamedTuple):
-    """Everything the compiled density needs; arrays are float64 unless said.
+    """Everything the compiled density needs; arrays are float64 unless stated.
 
     Attributes
     ----------
@@ -69,8 +71,8 @@ class Problem(NamedTuple):
         Kind, and location, scale, lower, upper, log normaliser of each slot's prior. For
         mounting slots the prior is on the mounting stretch.
     determinant : bool
-        Whether the change of variables from mounting force to mounting stretch counts (always,
-        but for the tests that show why).
+        Whether the change of variables from mounting force to mounting stretch is included
+        (always, except in tests).
     reading, reading_sd : ndarray, shape (m, 2)
         Mounting readings; an sd of zero leaves the reading out (exact).
     area : ndarray, shape (2,)
@@ -118,7 +120,7 @@ class Problem(NamedTuple):
 
 
 @inlined
-def _log_prior(kind, row, x):
+def log_prior(kind, row, x):
     """Log prior density of one slot at x, or -inf outside its range."""
     if kind == FIXED:
         return 0.0
@@ -137,7 +139,11 @@ def _log_prior(kind, row, x):
 
 @inlined
 def _mounted_state(problem, value, constants, m, sx, sy):
-    """(ln lm_x, ln lm_y, log density, reason) of mounted state m; sx, sy its sections."""
+    """(ln lm_x, ln lm_y, log density, reason) of mounted state m; sx, sy its sections.
+
+    The two slots of a mounted state hold its forces in mode ``FORCE`` and its stretches in mode
+    ``STRETCH``; their prior is that of the stretches in both, and they end as stretches.
+    """
     if problem.mounting_mode == REFERENCE:
         return 0.0, 0.0, 0.0, INSIDE
     o = problem.size
@@ -169,8 +175,8 @@ def _mounted_state(problem, value, constants, m, sx, sy):
             return x, y, -np.inf, NO_ROOT
         logp = 0.0
     lx, ly = np.exp(x), np.exp(y)
-    logp += _log_prior(problem.prior_kind[i], problem.prior[i], lx)
-    logp += _log_prior(problem.prior_kind[i + 1], problem.prior[i + 1], ly)
+    logp += log_prior(problem.prior_kind[i], problem.prior[i], lx)
+    logp += log_prior(problem.prior_kind[i + 1], problem.prior[i + 1], ly)
     for k in range(2):
         sd = problem.reading_sd[m, k]
         if sd > 0.0:
@@ -229,7 +235,7 @@ def _density(problem, u, value):
         return -np.inf, -np.inf, OUT_OF_RANGE
     for i in range(o + MOUNTING):
         x = value[i] * problem.per_unit[i]
-        total += _log_prior(problem.prior_kind[i], problem.prior[i], x)
+        total += log_prior(problem.prior_kind[i], problem.prior[i], x)
     if not np.isfinite(total):
         return -np.inf, -np.inf, OUT_OF_RANGE
     for i in range(o + MOUNTING):
@@ -285,7 +291,7 @@ def log_density(problem: Problem, u: np.ndarray, rejected: np.ndarray) -> np.nda
     ndarray, shape (walkers,)
         Finite or -inf, never NaN.
     """
-    # One function is compiled for both callers: the density takes ten seconds to compile.
+    # Both callers share one compiled function, as the density takes ten seconds to compile.
     return np.asarray(_walkers(problem, u, rejected)[0])
 
 

@@ -1,7 +1,7 @@
 """From a specimen and options to the arrays of the compiled density, and back from its draws.
 
 A slot is a number of the density that is sampled, fixed or tied: the parameters of the law, those
-of the errors, the factors of measured dimensions, and two a mounted state. Natural values are in
+of the errors, the factors of measured dimensions, and two per mounted state. Natural values are in
 the units of the parameter table; a slot holds logs of positive scales, and radians.
 """
 
@@ -19,8 +19,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.model import density
-from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem
+from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem, evaluate
 from biaxbayes.model.priors import Prior, Tie, default_priors
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (
@@ -36,7 +35,7 @@ from biaxbayes.parameters import (
 from biaxbayes.specimens.path import thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
 
-_BEHIND = (NOISE_SD, NOISE_GROWTH, *DIMENSIONS)
+NUISANCE = (NOISE_SD, NOISE_GROWTH, *DIMENSIONS)
 """Parameters of the slots between those of the law and those of the mounted states."""
 
 
@@ -53,7 +52,7 @@ class Assembly:
     priors : dict
         The prior of every slot that has one (a number where fixed).
     quantities : Quantities
-        What each name is.
+        Symbol, unit and range of each quantity, by name.
     """
 
     problem: Problem
@@ -99,14 +98,14 @@ def assemble(
     beta : float or array_like, shape (p, 2)
         Weight of the log likelihood, n_eff / n.
     reference_stretch : (float, float), optional
-        Where structural coordinates are held (a constant; only the efficiency of the sampler
-        depends on it). Default: the largest measured stretches.
+        Stretches at which stresses and exponents are taken as coordinates; only the efficiency of
+        the sampler depends on them. Default: the largest measured ones.
     chart, structural : bool
         As in :class:`~biaxbayes.laws.law.SamplingLayout`; neither for natural coordinates.
     softening : float
         Scale of the chart near isotropy.
     determinant : bool
-        Leave out only to show that it matters.
+        Left out only in tests.
 
     Raises
     ------
@@ -124,7 +123,7 @@ def assemble(
     priors = _priors(specimen, settings, states)
     slots = (
         *law.names,
-        *(p.name for p in _BEHIND),
+        *(p.name for p in NUISANCE),
         *(n for state in states for n in mounting_names("stretch", state)),
     )
     of_slot = [quantities[name].parameter for name in slots]
@@ -153,7 +152,7 @@ def assemble(
             else:
                 tie[i], factor[i] = slots.index(prior.other), math.log(prior.factor)
         elif prior is not None:
-            fixed[i] = _slot_value(p, prior)
+            fixed[i] = to_slot(p, np.array(float(prior)))
     reference, widest = _references(specimen, reference_stretch)
     coordinates = law.coordinates(
         SamplingLayout(
@@ -216,20 +215,14 @@ def _check(specimen: Specimen, settings: Settings) -> None:
             remedy="use `mounting_stretch=shared`",
         )
     for key in ("edge_sd_mm", "thickness_sd_mm"):
-        of = ("thickness_mm",) if key.startswith("thick") else ("edge_x_mm", "edge_y_mm")
-        if key in specimen.metadata and any(getattr(specimen, k) is None for k in of):
-            raise InputError(f"{key} is stated without {' and '.join(of)}", file=specimen.name)
+        sizes = ("thickness_mm",) if key.startswith("thick") else ("edge_x_mm", "edge_y_mm")
+        if key in specimen.metadata and any(getattr(specimen, k) is None for k in sizes):
+            raise InputError(f"{key} is given without {' and '.join(sizes)}", file=specimen.name)
 
 
 def _per_unit(parameter: Parameter) -> float:
     """Units of the table in one unit of the slot."""
     return math.degrees(1.0) if parameter.unit == DEGREE else 1.0
-
-
-def _slot_value(parameter: Parameter, value: float) -> float:
-    if parameter.logarithmic:
-        return math.log(value) if value > 0 else -math.inf
-    return math.radians(value) if parameter.unit == DEGREE else value
 
 
 def _priors(
@@ -327,17 +320,13 @@ def natural_values(assembly: Assembly, u: np.ndarray) -> tuple[np.ndarray, dict[
     values : dict of ndarray, shape (n,)
         In the units of the parameter table; forces in the unit of the file's stress pair.
     """
-    _, likelihood, value = density.evaluate(assembly.problem, u)
+    _, likelihood, value = evaluate(assembly.problem, u)
     out: dict[str, np.ndarray] = {}
     for i, name in enumerate(assembly.slots):
         out[name] = value[:, i] * assembly.problem.per_unit[i]
-    if assembly.problem.mounting_mode != REFERENCE:
-        _add_mounting_forces(assembly, u, out)
-    return likelihood, out
-
-
-def _add_mounting_forces(assembly: Assembly, u: np.ndarray, out: dict[str, np.ndarray]) -> None:
     problem = assembly.problem
+    if problem.mounting_mode == REFERENCE:
+        return likelihood, out
     forward = ForwardModel(assembly.law, problem.area, problem.mounted)
     for m, state in enumerate(assembly.mounts):
         names = mounting_names("force", state)
@@ -345,11 +334,12 @@ def _add_mounting_forces(assembly: Assembly, u: np.ndarray, out: dict[str, np.nd
             out.update(zip(names, forward.mounting_load(out, state).T, strict=True))
             continue
         for k, name in enumerate(names):
-            # Sampled (or the reading): as it is, not recomputed from the root.
+            # Sampled, or read from the file: not recomputed from the root.
             place = problem.size + MOUNTING + 2 * m + k
             i = problem.slot[place]
             reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
             out[name] = u[:, i].copy() if i >= 0 else reading
+    return likelihood, out
 
 
 def sampling_coordinates(assembly: Assembly, parameters: Mapping[str, Any]) -> np.ndarray:
@@ -358,8 +348,8 @@ def sampling_coordinates(assembly: Assembly, parameters: Mapping[str, Any]) -> n
     slot_values: dict[str, np.ndarray] = {}
     for name in law.names:
         prior = assembly.priors[name]
-        held = prior if isinstance(prior, int | float) else parameters.get(name, math.nan)
-        value = np.atleast_1d(np.asarray(held, dtype=float))
+        given = prior if isinstance(prior, int | float) else parameters.get(name, math.nan)
+        value = np.atleast_1d(np.asarray(given, dtype=float))
         slot_values[name] = to_slot(law.parameter(name), value)
     values = law.to_coordinates(problem.coordinates, slot_values)
     for name in assembly.free:

@@ -1,6 +1,6 @@
 """The joint posterior of the material parameters, the mounted state and the noise.
 
-A posterior is a value: constructing it fits nothing, and evaluating it changes nothing. What has
+Posteriors are immutable: the constructor runs no fit, and evaluation has no side effects. What has
 to be fitted or estimated first - the deterministic fit, the weight of the likelihood, the chart -
 is given to it; :func:`.preparation.prepare` makes all three.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,8 @@ from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws import law_named
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law
-from biaxbayes.model import density as kernel
+from biaxbayes.model import density
+from biaxbayes.model.density import REASONS
 from biaxbayes.model.layout import (
     Assembly,
     assemble,
@@ -37,10 +39,6 @@ from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
     from biaxbayes.fitting.result import FitResult
-
-
-REASONS = ("out_of_range", "no_mounting_root", "overflow")
-"""Why the density can be zero, in the order in which the kernel counts."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +73,13 @@ class Posterior:
     chart : Chart, optional
         Constants of the sampling coordinates.
     fit : FitResult, optional
-        The deterministic fit that the posterior was prepared from, kept for whoever needs it.
+        The deterministic fit that the posterior was prepared from, for later steps.
     readings : EffectiveReadings, optional
-        What the rows are worth; gives ``beta`` where that is not given.
+        Effective number of readings; used for ``beta`` if ``beta`` is not given.
     determinant : bool
-        Whether the change of variables of the mounted state counts; left out only to show that
-        it matters.
+        Include the Jacobian of the mounted state. False only in tests that show its effect.
     thin : int, "none" or "auto"
-        Rows of a protocol that longer ones are averaged to; see
+        Maximum number of rows per protocol; longer protocols are averaged down to it. See
         :func:`~biaxbayes.specimens.path.rows_to_keep`.
 
     Raises
@@ -128,7 +125,7 @@ class Posterior:
             beta = readings.beta
         if beta is None and noise != "independent":
             raise InputError(
-                f"the weight beta of the curves under noise={noise!r} is estimated from a fit",
+                f"noise={noise!r} needs the weight beta of the likelihood",
                 file=specimen.name,
                 remedy="use biaxbayes.prepare(specimen, ...), or give beta or noise='independent'",
             )
@@ -137,14 +134,13 @@ class Posterior:
         self.fit = fit
         self.chart = chart or Chart()
         self.determinant = determinant
-        self._assembly = self._assemble(chart=True, structural=True)
-        self._natural = self._assemble(chart=False, structural=False)
+        self.assembly = self._assemble(sampling=True)
 
     # --- layout ---
 
     @property
     def thinned(self) -> ThinnedSpecimen:
-        """The specimen as its rows enter the likelihood: zeroed and thinned where asked for."""
+        """The specimen as its rows enter the likelihood: zeroed and thinned as the settings say."""
         zeroed = self.settings.mounting == "zeroed"
         source = self.specimen.zeroed() if zeroed else self.specimen
         return thinned_specimen(source, self.settings.thin)
@@ -159,23 +155,28 @@ class Posterior:
         """From quantities of draws to loads."""
         return ForwardModel.from_specimen(self.specimen, self.law)
 
-    def _assemble(self, *, chart: bool, structural: bool) -> Assembly:
+    @cached_property
+    def natural_assembly(self) -> Assembly:
+        """The same density in natural coordinates, with logs of positive scales."""
+        return self._assemble(sampling=False)
+
+    def _assemble(self, *, sampling: bool) -> Assembly:
         return assemble(
             self.specimen,
             self.settings,
             beta=self.beta,
             reference_stretch=self.chart.reference_stretch,
-            chart=chart,
+            chart=sampling,
             softening=self.chart.softening,
-            structural=structural,
+            structural=sampling,
             determinant=self.determinant,
         )
 
     def replaced(self, **changes: Any) -> Posterior:
         """Another posterior with some arguments of the constructor changed."""
         own = ("beta", "chart", "fit", "readings", "determinant")
-        kept = self.options() | {name: getattr(self, name) for name in own}
-        return Posterior(self.specimen, **{**kept, **changes})
+        given = self.options() | {name: getattr(self, name) for name in own}
+        return Posterior(self.specimen, **{**given, **changes})
 
     def _check_noise(self) -> None:
         if self.settings.mounting not in ("noisy", "free"):
@@ -192,63 +193,60 @@ class Posterior:
     def free(self) -> tuple[str, ...]:
         """Natural names of what is sampled, in the order of the coordinates.
 
-        In mounting modes ``noisy`` and ``exact`` the mounting coordinates are the forces.
+        In mode ``noisy`` the mounting forces are sampled, in ``free`` the mounting stretches, in
+        the other modes neither.
         """
         return tuple(q.name for q in self.sampled)
 
     @property
     def sampled(self) -> tuple[Quantity, ...]:
-        """What is sampled, in the order of the coordinates."""
-        known = [self.quantities[name] for name in self._free]
+        """The sampled quantities, in the order of the coordinates."""
+        known = [self.quantities[name] for name in self.assembly.free]
         if self.settings.mounting != "noisy":
             return tuple(known)
         return tuple(self.quantities.force_of(q) for q in known)
 
     @property
-    def _free(self) -> tuple[str, ...]:
-        return self._assembly.free
-
-    @property
     def dimension(self) -> int:
         """Number of sampled coordinates."""
-        return len(self._free)
+        return len(self.assembly.free)
 
     @property
     def mounts(self) -> tuple[str, ...]:
         """Label of each mounted state: one empty label when shared, else the protocols' names."""
-        return self._assembly.mounts
+        return self.assembly.mounts
 
     @property
     def priors(self) -> dict[str, Prior | float | Tie]:
         """The prior of every unknown; a number where fixed."""
-        return dict(self._assembly.priors)
+        return dict(self.assembly.priors)
 
     @property
     def law(self) -> Law:
         """The material law."""
-        return self._assembly.law
+        return self.assembly.law
 
     @property
     def quantities(self) -> Quantities:
-        """What each name is."""
-        return self._assembly.quantities
+        """Symbol, unit and range of each quantity, by name."""
+        return self.assembly.quantities
 
     @property
     def coordinate_constants(self) -> Any:
         """Constants of the law's sampling coordinates."""
-        return self._assembly.problem.coordinates
+        return self.assembly.problem.coordinates
 
     @property
     def bounds(self) -> np.ndarray:
         """Bounds of the sampling coordinates, shape (d, 2); infinite where there is none."""
         limits = self.law.coordinate_bounds(self.coordinate_constants)
-        finite = {i: limits[n] for i, n in enumerate(self._free) if n in limits}
+        finite = {i: limits[n] for i, n in enumerate(self.assembly.free) if n in limits}
         return bounds_array(finite, self.dimension)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the natural quantities of a draw, as in ``summary.csv``."""
-        return self._assembly.names
+        return self.assembly.names
 
     # --- densities ---
 
@@ -260,7 +258,7 @@ class Posterior:
         """Log density, and the number of evaluations by outcome (see :data:`REASONS`)."""
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
         counts = np.zeros(1 + len(REASONS), dtype=np.int64)
-        return kernel.log_density(self._assembly.problem, u, counts), counts
+        return density.log_density(self.assembly.problem, u, counts), counts
 
     def target(self, counts: np.ndarray | None = None) -> Target:
         """What a sampler is given.
@@ -268,7 +266,7 @@ class Posterior:
         Parameters
         ----------
         counts : int64 ndarray, shape (4,), optional
-            Where to go on counting evaluations; new ones if not given.
+            Counters of evaluations to add to; new ones by default.
         """
         seen = np.zeros(1 + len(REASONS), dtype=np.int64) if counts is None else counts
         lock = threading.Lock()  # ensembles are advanced by several threads
@@ -315,7 +313,7 @@ class Posterior:
             Naming the parameter that is missing.
         """
         columns = []
-        for name, slot_name in zip(self.free, self._free, strict=True):
+        for name, slot_name in zip(self.free, self.assembly.free, strict=True):
             if name not in parameters:
                 raise InputError(f"log_density needs {name}", remedy=f"give {', '.join(self.free)}")
             columns.append(
@@ -326,8 +324,10 @@ class Posterior:
             )
         shape = np.broadcast_shapes(*(c.shape for c in columns))
         u = np.stack([np.broadcast_to(c, shape).ravel() for c in columns], axis=1)
-        out = kernel.log_density(
-            self._natural.problem, np.ascontiguousarray(u), np.zeros(4, dtype=np.int64)
+        out = density.log_density(
+            self.natural_assembly.problem,
+            np.ascontiguousarray(u),
+            np.zeros(1 + len(REASONS), dtype=np.int64),
         )
         return out.reshape(shape)[()]
 
@@ -340,17 +340,17 @@ class Posterior:
         ``log_likelihood`` the tempered log likelihood of the curves.
         """
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
-        likelihood, values = natural_values(self._assembly, u)
+        likelihood, values = natural_values(self.assembly, u)
         out = {name: values[name] for name in self.parameter_names}
         out["log_likelihood"] = likelihood
-        out["lp"] = np.atleast_1d(self.log_density(out)) if self._free else likelihood
+        out["lp"] = np.atleast_1d(self.log_density(out)) if self.assembly.free else likelihood
         return out
 
     def coordinates(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Sampling coordinates of natural parameters, shape (n, d); inverse of :meth:`natural`."""
-        renamed = dict(zip(self.free, self._free, strict=True))
+        renamed = dict(zip(self.free, self.assembly.free, strict=True))
         given = {renamed.get(name, name): value for name, value in parameters.items()}
-        return sampling_coordinates(self._assembly, given)
+        return sampling_coordinates(self.assembly, given)
 
     def options(self) -> dict[str, Any]:
         """The settings, as keyword arguments of :class:`Posterior`."""

@@ -1,9 +1,9 @@
 """What a posterior is given before it can be sampled: a fit, the weight of the curves, a chart.
 
-The weight of the curves is read from the residuals of the deterministic fit, which knows no
-priors. Where priors were stated, and under a noise that grows with the load, the residuals of the
-model that is sampled are used, at its mode, in units of their own sd: a prior that pulls the model
-off the data correlates neighbouring residuals, and the rows are worth less.
+The weight of the curves is read from the residuals of the deterministic fit, which uses no priors.
+With priors of the user, and with a noise that grows with the load, the residuals of the sampled
+model are used, at its mode and over their sd: a prior that pulls the model off the data correlates
+neighbouring residuals, and the effective number of readings is smaller.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from biaxbayes.specimens.specimen import Specimen
 def prepare(
     specimen: Specimen, *, seed: int = 0, beta: float | None = None, **options: Any
 ) -> Posterior:
-    """Fit a specimen, estimate what its rows are worth, and make the posterior from that.
+    """Fit a specimen, estimate the effective number of readings, and make the posterior.
 
     Parameters
     ----------
@@ -86,8 +86,8 @@ def fitted(posterior: Posterior, seed: int = 0) -> Posterior:
 def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
     """The same posterior, its sampling coordinates laid out around its deterministic fit.
 
-    Coordinates mean nothing without their reference stretch and softening: whoever draws, or
-    continues from stored coordinates, needs the chart that they were stored in.
+    Stored coordinates can only be read with the reference stretch and softening they were written
+    with.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
 
 
 def _reference_stretch(posterior: Posterior, fit: FitResult) -> tuple[float, float] | None:
-    """Largest measured stretch at the fit's mounting stretch: one constant a specimen."""
+    """Largest total stretch at the fitted mounting stretch; one constant per specimen."""
     if not posterior.settings.infers_mounting:
         return None
     lm = np.clip(np.max(fit.mounting_stretch, axis=0), 1.0, 1.5)
@@ -149,11 +149,11 @@ def inside_priors(posterior: Posterior, parameters: dict[str, float]) -> dict[st
     return out
 
 
-# --- what the rows are worth ---------------------------------------------------------------------
+# --- effective number of readings ----------------------------------------------------------------
 
 
 def sampled_readings(posterior: Posterior) -> EffectiveReadings:
-    """What the rows are worth, from the residuals of the model that is sampled.
+    """Effective number of readings, from the residuals of the model that is sampled.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def stated_priors(posterior: Posterior) -> dict[str, Prior]:
 
 
 def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Residuals and their sd at the posterior's mode, one array (n_p, 2) a protocol.
+    """Residuals and their sd at the posterior's mode, one array (n_p, 2) per protocol.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Priors, and the files they are stated in: a number is fixed, a tie is tied, a distribution free.
+"""Priors and priors files: a number fixes a parameter, a string ties it to another one.
 
-The format of a priors file is TOML, one key a parameter::
+The format of a priors file is TOML, one key per parameter::
 
     kappa = 0.0                                          # fixed
     k1 = "2.0 * C1"                                      # tied
@@ -119,7 +119,7 @@ class Prior:
 
     def _level(self, x: Any) -> Any:
         """Cumulative probability on the standard scale, were the range not cut."""
-        from scipy.special import ndtr  # an eighth of a second: not for a mere look at a file
+        from scipy.special import ndtr  # imported late because it is slow
 
         location, scale, low, high = self._standard_range()
         with np.errstate(over="ignore"):  # an edge may be further away than numbers reach
@@ -280,7 +280,7 @@ def read_priors(path: Path, law: Law | None = None) -> dict[str, Prior | float |
 
 
 def _known(law: Law | None) -> tuple[Law, dict[str, Parameter]]:
-    """The law (the default one if none is given) and what a priors file may state, by name."""
+    """The law (the default one if none is given) and the parameters of a priors file, by name."""
     law = law or law_named(DEFAULT_LAW)
     stretches = (p for p in MOUNTED if p.kind == STRETCH)
     known = {p.name: p for p in (*law.parameters, NOISE_SD, NOISE_GROWTH)}
@@ -310,10 +310,10 @@ def parse_priors(
             )
         parsed = _parse(known[name], name, value, path, law)
         names = mounting_names("stretch") if name == BOTH else (name,)
-        for each in names:
-            if each in out:
-                raise InputError(f"{each} is given twice", file=path)
-            out[each] = parsed
+        for known_name in names:
+            if known_name in out:
+                raise InputError(f"{known_name} is given twice", file=path)
+            out[known_name] = parsed
     ties = {name: value.other for name, value in out.items() if isinstance(value, Tie)}
     for name, other in ties.items():
         if ties.get(other) == name:

@@ -1,4 +1,4 @@
-"""From a posterior to judged draws: where to look for it, and in which chart to draw from it."""
+"""Find the modes of a posterior, choose its sampling coordinates, and sample."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.residuals import readings
-from biaxbayes.fitting.starting_points import held_and_free, screened_points
+from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted, inside_priors, start_parameters
 from biaxbayes.model.priors import Prior
@@ -28,10 +28,10 @@ from biaxbayes.sampling.proposal import fit_mixture_proposal
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
 from biaxbayes.sampling.target import Target
 
-SCOUTS = 16
+EXTRA_STARTS = 16
 """Materials, far from one another, from which other modes of the posterior are looked for."""
-SCOUT_NOISE = 10.0
-"""A scout fits worse than the fit: the noise it starts with, over that of the fit."""
+EXTRA_NOISE = 10.0
+"""Initial noise of an extra start relative to that of the fit, since it fits worse."""
 
 
 def draw_posterior(
@@ -114,8 +114,8 @@ def search(
         If no region of positive density is found.
     """
     base = start_parameters(posterior)
-    starts = np.vstack([posterior.coordinates(base)[0], _scouts(posterior, base, rng)])
-    # The mounting force is known by its reading, however wide the rest.
+    starts = np.vstack([posterior.coordinates(base)[0], _extra_starts(posterior, base, rng)])
+    # The mounting force is measured, so its spread is not widened.
     known = np.array([q.parameter.kind == FORCE for q in posterior.sampled])
     target = posterior.target()
     try:
@@ -129,21 +129,19 @@ def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Targ
     """Move to a chart softened for the posterior, where the fit's own does not suit it."""
     if not posterior.law.softens(posterior.coordinate_constants):
         return None
-    u, log_weight, rng = start.points, start.log_weight, start.rng
-    half = len(u) // 2
-    chosen = resample(log_weight, half, rng)
-    natural = posterior.natural(u[np.isfinite(log_weight)])
-    typical = posterior.natural(u[chosen])
+    rng, half = start.rng, len(start.points) // 2
+    typical = posterior.natural(start.points[resample(start.log_weight, half, rng)])
     softening = posterior.law.softening(typical)
     if 0.5 < softening / posterior.chart.softening < 2.0:
         return None
     # Weights are ratios of densities in the same coordinates: they carry over.
-    weights = log_weight[np.isfinite(log_weight)]
-    label = start.proposal.nearest_part(u[np.isfinite(log_weight)])
+    inside = np.isfinite(start.log_weight)
+    points, weights = start.points[inside], start.log_weight[inside]
+    label = start.proposal.nearest_part(points)
     softer = posterior.replaced(chart=replace(posterior.chart, softening=softening))
     with np.errstate(divide="ignore"):
-        u = softer.coordinates(natural)
-    regular = np.isfinite(u).all(axis=1)  # aligned fibres, to the last digit, lie at infinity
+        u = softer.coordinates(posterior.natural(points))
+    regular = np.isfinite(u).all(axis=1)  # kappa = 0 to the last digit lies at infinity
     u, weights, label = u[regular], weights[regular], label[regular]
     label = np.unique(label, return_inverse=True)[1]
     picked = resample_ridges(weights, label, half, rng)
@@ -158,12 +156,14 @@ def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Targ
     return softer.target(target.counts), Start(proposal, u, weights, rng)
 
 
-def _scouts(posterior: Posterior, base: dict[str, float], rng: np.random.Generator) -> np.ndarray:
+def _extra_starts(
+    posterior: Posterior, base: dict[str, float], rng: np.random.Generator
+) -> np.ndarray:
     """Sampling coordinates of materials that fit in other ways than the best fit, (n, d)."""
     settings = posterior.settings
     law = posterior.law
-    held = {k: v for k, v in settings.fixed.items() if k in law.names}
-    point, free = held_and_free(held, law)
+    fixed = {k: v for k, v in settings.fixed.items() if k in law.names}
+    point, free = fixed_and_free(fixed, law)
     if not free.size:
         return np.empty((0, posterior.dimension))
     data = readings(
@@ -172,18 +172,18 @@ def _scouts(posterior: Posterior, base: dict[str, float], rng: np.random.Generat
         zeroed=settings.mounting == "zeroed",
     )
     materials, stretches = screened_points(
-        data, SCOUTS, rng, law, point=point, free=free, with_mounting=settings.infers_mounting
+        data, EXTRA_STARTS, rng, law, point=point, free=free, with_mounting=settings.infers_mounting
     )
-    scouts = []
+    starts = []
     for material, lm in zip(materials, stretches, strict=True):
         inner = law.inner(law.values(material))
-        scout = base | dict(zip(law.names, inner, strict=True))
-        scout["noise_sd"] = SCOUT_NOISE * base["noise_sd"]
+        start = base | dict(zip(law.names, inner, strict=True))
+        start["noise_sd"] = EXTRA_NOISE * base["noise_sd"]
         for q in posterior.sampled:
             if q.parameter.kind == STRETCH:
-                scout[q.name] = float(lm[q.axis])
-        scouts.append(posterior.coordinates(inside_priors(posterior, scout))[0])
-    return np.array(scouts)
+                start[q.name] = float(lm[q.axis])
+        starts.append(posterior.coordinates(inside_priors(posterior, start))[0])
+    return np.array(starts)
 
 
 def _spread(posterior: Posterior) -> np.ndarray:

@@ -102,7 +102,7 @@ def _log_priors(kinds, rows, values):
     out = np.zeros(values.shape[0])
     for i in range(values.shape[0]):
         for k in range(kinds.size):
-            out[i] += kernel._log_prior(kinds[k], rows[k], values[i, k])
+            out[i] += kernel.log_prior(kinds[k], rows[k], values[i, k])
     return out
 
 
@@ -124,8 +124,8 @@ def individual_of(source: Source, values: Sequence[PooledValue], ensembles: int)
         If mounting stretches are to be pooled and this run has none, or several.
     """
     posterior = source.posterior
-    slots = posterior._assembly.slots
-    whole = posterior._assembly.problem
+    slots = posterior.assembly.slots
+    whole = posterior.assembly.problem
     for v in values:
         if v.parameter.kind == STRETCH and (
             v.name not in slots or not posterior.settings.infers_mounting

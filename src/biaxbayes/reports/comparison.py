@@ -4,27 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING, Comparison
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.errors import InputError
+from biaxbayes.figures.compare import forest_figure, matrix_figure
+from biaxbayes.figures.run.corner import overlay_figure
 from biaxbayes.figures.style import figure_bytes, save_pictures
 from biaxbayes.identifiability.mounting_stretch.interval import measurement_advice
 from biaxbayes.identifiability.reported import report_rows
 from biaxbayes.identifiability.verdict import IDENTIFIED
 from biaxbayes.parameters import Quantities
-from biaxbayes.reports.page import embedded, page_template
-from biaxbayes.reports.study_page import named, unit_text
+from biaxbayes.reports.study_page import with_unit
+from biaxbayes.reports.templates import Row, embedded, page_template
 from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms
 from biaxbayes.text_files import atomic_write_text, write_csv
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 # --- a comparison of runs ------------------------------------------------------------------------
 
@@ -46,86 +45,80 @@ TERMS = (
     "corner plot",
     "converged, tentative, unusable",
 )
-"""Of the glossary, what the page speaks of."""
+"""Terms of the glossary that stand on the page."""
 
 
-def write_comparison(found: Comparison, folder: Path) -> list[Path]:
-    """Write the tables, figures and the page of a comparison.
+def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
+    """Write the tables, figures and the page of a comparison; the paths that were written.
 
-    Parameters
-    ----------
-    found : Comparison
-    folder : Path
-        Made where it does not exist.
-
-    Returns
-    -------
-    list of Path
-        What was written. More than six runs get no overlay, which nobody could read.
+    The folder is made where it does not exist. More than six runs get no overlay, which nobody
+    could read.
     """
-    from biaxbayes.figures.compare import forest_figure, matrix_figure
-    from biaxbayes.figures.run.corner import overlay_figure
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", file=folder) from None
     written = []
-    tables = {"compare-report": found.matrix(), "compare-distances": found.distances}
+    tables = {"compare-report": comparison.matrix(), "compare-distances": comparison.distances}
     for stem, table in tables.items():
         path = folder / f"{stem}.csv"
         write_csv(path, table, digits=6)
         written.append(path)
-    figures = {"matrix": matrix_figure(found), "forest": forest_figure(found)}
-    if len(found.members) <= MOST_OVERLAID:
+    figures = {"matrix": matrix_figure(comparison), "forest": forest_figure(comparison)}
+    if len(comparison.members) <= MOST_OVERLAID:
         figures["overlay"] = overlay_figure(
-            [m.draws for m in found.members],
-            found.labels,
-            known=found.members[0].posterior.quantities,
+            [m.draws for m in comparison.members],
+            comparison.labels,
+            known=comparison.members[0].posterior.quantities,
         )
     for stem, figure in figures.items():
         written += save_pictures(figure, folder, f"compare-{stem}")
     page = folder / "compare.html"
-    atomic_write_text(page, _page(found, figures))
+    atomic_write_text(page, _page(comparison, figures))
     return [*written, page]
 
 
-def _page(found: Comparison, figures: dict[str, Figure]) -> str:
+def _page(comparison: Comparison, figures: dict[str, Figure]) -> str:
+    reported = [
+        (
+            member.label,
+            [
+                (row.quantity, row.interval, row.unit, row.verdict, row.reason)
+                for row in report_rows(rows, member.posterior.quantities)
+            ],
+        )
+        for member, rows in zip(comparison.members, comparison.reported, strict=True)
+    ]
     return page_template("compare.html.jinja").render(
-        labels=found.labels,
-        laws=list(dict.fromkeys(m.posterior.law.name for m in found.members)),
-        members=found.members,
-        converged=found.converged,
-        notes=found.notes,
-        reported=[
-            {"label": m.label, "rows": report_rows(rows, m.posterior.quantities)}
-            for m, rows in zip(found.members, found.reported, strict=True)
-        ],
+        labels=comparison.labels,
+        laws=list(dict.fromkeys(m.posterior.law.name for m in comparison.members)),
+        members=comparison.members,
+        converged=comparison.converged,
+        notes=comparison.notes,
+        reported=reported,
         warning=WARNING,
         glossary=chosen_terms(*TERMS),
-        pairs=_pairs(found.distances),
+        pairs=_pairs(comparison.distances),
         version=biaxbayes.__version__,
         figures={name: embedded(figure_bytes(figure, "png")) for name, figure in figures.items()},
     )
 
 
 def _pairs(distances: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of every pair of runs, split by whether both runs identify the quantity."""
     out = []
     for (a, b), rows in distances.groupby(["run_a", "run_b"], sort=False):
         known = rows["identified_in_both"].astype(bool)
-        parts = [
-            {"title": "Identified or bounded in both runs", "rows": _rows(rows[known])},
-            {
-                "title": "Not identified in both: no difference of tissue",
-                "rows": _rows(rows[~known]),
-            },
-        ]
+        parts = {
+            "Identified or bounded in both runs": _rows(rows[known]),
+            "Not identified in both: no difference of tissue": _rows(rows[~known]),
+        }
         out.append({"a": a, "b": b, "parts": parts})
     return out
 
 
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    out = []
+def _rows(table: pd.DataFrame) -> list[Row]:
+    rows: list[Row] = []
     for row in table.to_dict("records"):
         name = str(row["quantity"])
         if pd.notna(row["total_stretch"]):
@@ -134,8 +127,8 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
         cells = [f"{row[key]:.4g}" for key in numbers]
         cells += [f"{row['standardised']:+.1f}", f"{row['probability_b_greater']:.3f}"]
         cells.append(f"{row['kolmogorov']:.2f}")
-        out.append({"quantity": named(name), "unit": unit_text(row["unit"]), "cells": cells})
-    return out
+        rows.append((with_unit(name, row["unit"]), *cells))
+    return rows
 
 
 # --- laws weighed on a specimen ------------------------------------------------------------------
@@ -154,28 +147,20 @@ LAW_TERMS = (
     "predictive band",
     "converged, tentative, unusable",
 )
-"""Of the glossary, what the page speaks of."""
+"""Terms of the glossary that stand on the page."""
 
 
 def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
-    """Give the page of a comparison of laws.
-
-    Parameters
-    ----------
-    compared : LawComparison
-    figures : mapping of str to Figure
-        By the stems of their files.
-    """
+    """The page of a comparison of laws, with its figures by the stems of their files."""
     table = compared.table
-    laws = table[table["law"] != STACKED]
-    best = laws.sort_values("left_out_rms").iloc[0]
+    best = table[table["law"] != STACKED].sort_values("left_out_rms").iloc[0]
     mixture = table.set_index("law").loc[STACKED]
     rows = report_rows(compared.reported, Quantities(()))
     lost = [row.name for row in compared.reported if row.verdict != IDENTIFIED]
     return page_template("laws.html.jinja").render(
         specimen=compared.specimen,
         best=(
-            f"{best['law']} best predicts what it was not shown: it misses by "
+            f"{best['law']} predicts best what was left out of its fit: it misses by "
             f"{best['left_out_rms']:.3g} kPa (root mean square); the mixture of all laws by "
             f"{mixture['left_out_rms']:.3g} kPa."
         ),
@@ -199,23 +184,23 @@ def _number(value: Any, form: str) -> str:
     return format(value, form) if value == value else ""
 
 
-def _law_row(row: dict[Any, Any]) -> dict[str, Any]:
+def _law_row(row: dict[Any, Any]) -> Row:
     weight = _number(row.get("weight"), ".2f")
     low, high = row.get("weight_low"), row.get("weight_high")
     if weight and low == low and low is not None:
         weight += f" ({low:.2f} to {high:.2f})"
-    cells = [
+    return (
+        "mixture" if row["law"] == STACKED else row["law"],
+        row["state"],
         _number(row["rms"], ".3g"),
         _number(row.get("left_out_rms"), ".3g"),
         _number(row.get("left_out_density"), ".1f"),
         weight,
-    ]
-    name = "mixture" if row["law"] == STACKED else row["law"]
-    return {"law": name, "state": row["state"], "cells": cells}
+    )
 
 
-def _part_rows(parts: pd.DataFrame) -> list[dict[str, Any]]:
-    out = []
+def _part_rows(parts: pd.DataFrame) -> list[Row]:
+    out: list[Row] = []
     for name, rows in parts.groupby("part", sort=False):
         mixture = rows[rows["law"] == STACKED].iloc[0]
         best = rows[rows["law"] != STACKED].sort_values("left_out_rms").iloc[0]
@@ -226,5 +211,5 @@ def _part_rows(parts: pd.DataFrame) -> list[dict[str, Any]]:
             f"{100 * mixture['band_coverage']:.0f} %",
             f"{mixture['band_width']:.3g}",
         ]
-        out.append({"part": name, "cells": cells})
+        out.append((str(name), *cells))
     return out

@@ -83,16 +83,16 @@ function update() {
 // --- draws near one value of one parameter ---------------------------------------------------------
 
 function near() {
-  const { column, unit } = axes[element("held").value], values = Float64Array.from(draws.data[column]);
+  const { column, unit } = axes[element("chosen").value], values = Float64Array.from(draws.data[column]);
   const sorted = [...values].sort((a, b) => a - b);
   const value = sorted[Math.round((count - 1) * element("value").value / 100)];
   const order = [...values.keys()].sort((a, b) => Math.abs(values[a] - value) - Math.abs(values[b] - value));
-  element("held-at").textContent = `${text(value, (sorted[count - 1] - sorted[0]) / 10)} ${unit}`;
+  element("chosen-value").textContent = `${text(value, (sorted[count - 1] - sorted[0]) / 10)} ${unit}`;
   draws.selected.indices = order.slice(0, Math.max(50, Math.round(count / 10)));
 }
 
 function clear() {
-  element("held-at").textContent = "any value";
+  element("chosen-value").textContent = "any value";
   draws.selected.indices = [];
 }
 
@@ -148,7 +148,7 @@ function reweight() {
 draws.selected.properties.indices.change.connect(update);
 element("clear").addEventListener("click", clear);
 document.addEventListener("keydown", (event) => { if (event.key === "Escape") clear(); });
-for (const id of ["held", "value"]) element(id).addEventListener("input", near);
+for (const id of ["chosen", "value"]) element(id).addEventListener("input", near);
 priors.forEach((p, k) => [0, 1].forEach((which) => {
   const slider = element(`prior-${k}-${which}`);
   slider.min = flat(p) && !which ? 0 : -100;
@@ -156,7 +156,7 @@ priors.forEach((p, k) => [0, 1].forEach((which) => {
   slider.value = 0;
   slider.addEventListener("input", reweight);
 }));
-element("stated")?.addEventListener("click", () => {
+element("reset")?.addEventListener("click", () => {
   priors.forEach((_, k) => [0, 1].forEach((which) => { element(`prior-${k}-${which}`).value = 0; }));
   reweight();
 });

@@ -14,6 +14,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from bokeh.document import Document
+from bokeh.embed import file_html
+from bokeh.layouts import gridplot
+from bokeh.models import BoxSelectTool, ColumnDataSource, CustomJS, PlainText, Range1d, Title
+from bokeh.plotting import figure
+from bokeh.resources import INLINE
 from markupsafe import Markup
 
 from biaxbayes.errors import InputError
@@ -26,8 +32,9 @@ from biaxbayes.model.priors import FAMILIES, Prior
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
-from biaxbayes.reports.page import EXPLORE, NAME, page_template
-from biaxbayes.reports.parameters import PRIOR_NUMBERS, prior_in_words
+from biaxbayes.reports.methods import PRIOR_NUMBERS, prior_in_words
+from biaxbayes.reports.page import EXPLORE, NAME
+from biaxbayes.reports.templates import page_template
 from biaxbayes.reports.words import as_html, cut
 from biaxbayes.text_files import atomic_write_text
 
@@ -40,6 +47,7 @@ STATES, MOST_STATES = 130, 41
 BINS = 24
 PANEL, CURVE = 105, 380
 """Width of a panel of the corner, and of the curves of a protocol, pixels."""
+GREY = "#4a525c"
 UUID = r"[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}"
 
 
@@ -78,11 +86,6 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, repor
     InputError
         If there is no posterior to explore.
     """
-    from bokeh.document import Document
-    from bokeh.embed import file_html
-    from bokeh.models import CustomJS
-    from bokeh.resources import INLINE
-
     if state == "unusable" or not can_be_explored(posterior.quantities, draws):
         raise InputError(
             "this run holds no posterior to explore",
@@ -162,9 +165,9 @@ class Axis:
     symbol, unit : str
         The symbol as HTML.
     values : ndarray, shape (draws,)
-        Of the draws on the page; the mean over mounted states.
+        Values of the draws on the page; the mean over mounted states.
     span : Span
-        What its axes show.
+        Range of its axes.
     ratio : bool
         Whether its shifts are measured on a logarithmic scale.
     reported : str
@@ -182,11 +185,11 @@ class Axis:
 
 def _axes(known: Quantities, draws: pd.DataFrame, few: pd.DataFrame) -> list[Axis]:
     axes = []
-    every = corner_columns(draws, known)
+    whole = corner_columns(draws, known)
     for name, (text, values) in corner_columns(few, known).items():
         states = [q for q in known.of_parameter(name) if q.name in few]
         parameter = states[0].parameter
-        ends = [float(v) for v in np.quantile(every[name][1], [0.05, 0.5, 0.95])]
+        ends = [float(v) for v in np.quantile(whole[name][1], [0.05, 0.5, 0.95])]
         low, median, high = (number(v, ends[0], ends[2]) for v in ends)
         symbol = as_html(Quantity(parameter))
         axes.append(
@@ -216,70 +219,63 @@ def _source(axes: list[Axis], priors: list[PriorControl], few: pd.DataFrame) -> 
 
 def _corner(axes: list[Axis], source: Any, hues: dict[str, str]) -> tuple[Any, list[Any]]:
     """Panels of pairs to brush and histograms, and the sources of the histograms."""
-    from bokeh.layouts import gridplot
-    from bokeh.models import BoxSelectTool, ColumnDataSource, Range1d
-    from bokeh.plotting import figure
-
     ranges = [Range1d(a.span.low, a.span.high) for a in axes]
-    kinds = ["log" if a.span.log else "linear" for a in axes]
-    grid: list[list[Any]] = []
+    kinds: Any = ["log" if a.span.log else "linear" for a in axes]
+    last = len(axes) - 1
+    grid: list[list[Any]] = [[None] * len(axes) for _ in axes]
     histograms = []
-    for i, up in enumerate(axes):
-        row: list[Any] = []
-        for j in range(i + 1):
-            alone = j == i
-            panel = figure(
-                width=PANEL + (55 if j == 0 else 0),
-                height=PANEL + (45 if i == len(axes) - 1 else 0),
-                x_range=ranges[j],
-                x_axis_type=kinds[j],
-                y_axis_type="linear" if alone else kinds[i],
-                tools=[] if alone else [BoxSelectTool()],
-                min_border=2,
+    for i, j in np.argwhere(np.tri(len(axes))).tolist():
+        diagonal = i == j
+        panel = figure(
+            width=PANEL + (55 if j == 0 else 0),
+            height=PANEL + (45 if i == last else 0),
+            x_range=ranges[j],
+            x_axis_type=kinds[j],
+            y_axis_type="linear" if diagonal else kinds[i],
+            x_axis_location="below" if i == last else None,
+            y_axis_location="left" if j == 0 and not diagonal else None,
+            tools=[] if diagonal else [BoxSelectTool()],
+            min_border=2,
+        )
+        panel.center = []  # no grid
+        if diagonal:
+            histograms.append(_histogram(panel, axes[i], hues["selected"]))
+        else:
+            panel.y_range = ranges[i]
+            panel.scatter(
+                f"axis {axes[j].name}",
+                f"axis {axes[i].name}",
+                source=source,
+                size=3,
+                line_color=None,
+                fill_color=GREY,
+                fill_alpha="opacity",
+                selection_fill_color=hues["selected"],
+                selection_fill_alpha=0.9,
+                nonselection_fill_alpha=0.1,
             )
-            if alone:
-                histograms.append(_histogram(panel, up, hues["selected"], ColumnDataSource))
-            else:
-                panel.y_range = ranges[i]
-                panel.scatter(
-                    f"axis {axes[j].name}",
-                    f"axis {up.name}",
-                    source=source,
-                    size=3,
-                    line_color=None,
-                    fill_color="#4a525c",
-                    fill_alpha="opacity",
-                    selection_fill_color=hues["selected"],
-                    selection_fill_alpha=0.9,
-                    nonselection_fill_alpha=0.1,
-                )
-            _label(panel.xaxis[0], axes[j], shown=i == len(axes) - 1)
-            _label(panel.yaxis[0], up, shown=j == 0 and not alone)
-            row.append(panel)
-        grid.append(row + [None] * (len(axes) - 1 - i))
+        for places, quantity in ((panel.below, axes[j]), (panel.left, axes[i])):
+            for axis in places:
+                unit = f" ({quantity.unit})" if quantity.unit else ""
+                axis.axis_label = quantity.name + unit
+                axis.axis_label_text_font_size, axis.major_label_text_font_size = "11px", "10px"
+                axis.axis_label_text_font_style = "normal"
+                axis.ticker.desired_num_ticks = 3
+                axis.ticker.num_minor_ticks = 0
+        grid[i][j] = panel
     return gridplot(grid, toolbar_location="right", merge_tools=True), histograms
 
 
-def _label(axis: Any, quantity: Axis, *, shown: bool) -> None:
-    axis.visible = shown
-    axis.axis_label = f"{quantity.name} ({quantity.unit})" if quantity.unit else quantity.name
-    axis.axis_label_text_font_size, axis.major_label_text_font_size = "11px", "10px"
-    axis.axis_label_text_font_style = "normal"
-    axis.ticker.desired_num_ticks = 3
-    axis.ticker.num_minor_ticks = 0
-
-
-def _histogram(panel: Any, axis: Axis, hue: str, source_type: Any) -> Any:
+def _histogram(panel: Any, axis: Axis, hue: str) -> Any:
     """All draws as a line, the selected ones as bars; the source of both."""
     edges = axis.span.back(np.linspace(0.0, 1.0, BINS + 1))
     counts = np.histogram(axis.values, edges)[0] / len(axis.values)
-    source = source_type(
+    source = ColumnDataSource(
         {"left": edges[:-1], "right": edges[1:], "all": counts, "selected": counts}
     )
-    panel.quad(left="left", right="right", top="selected", bottom=0, source=source, color=hue)
-    outline = {"fill_alpha": 0, "line_width": 0.7, "line_color": "#4a525c"}
-    panel.quad(left="left", right="right", top="all", bottom=0, source=source, **outline)
-    panel.grid.visible = False
+    bars = {"left": "left", "right": "right", "bottom": 0, "source": source}
+    panel.quad(top="selected", color=hue, **bars)
+    panel.quad(top="all", fill_alpha=0, line_width=0.7, line_color=GREY, **bars)
     return source
 
 
@@ -292,9 +288,7 @@ Curve = tuple[Any, str, float]
 def _curve_panels(
     posterior: Posterior, few: pd.DataFrame, source: Any, hues: dict[str, str]
 ) -> tuple[Any, list[Curve]]:
-    """Loads of each protocol, and below what is left over the median of all draws."""
-    from bokeh.layouts import gridplot
-
+    """Loads of each protocol, and below the residuals about the median of all draws."""
     specimen = posterior.specimen
     count = shown_protocols(specimen, PAGE_MM)
     drawn = curves_of_draws(
@@ -307,16 +301,24 @@ def _curve_panels(
     for p, (protocol, table) in enumerate(zip(drawn, tables, strict=True)):
         test = {str(axis): part for axis, part in table.groupby("direction")}
         places, label = abscissa(test)
-        load, residual = _two_panels(cut(protocol.protocol, 60), label)
+        title = Title(text=PlainText(cut(protocol.protocol, 60)))
+        load = figure(width=CURVE, height=230, tools=[], title=title)
+        residual = figure(width=CURVE, height=150, tools=[], x_range=load.x_range)
+        load.xaxis.visible = False
+        residual.xaxis.axis_label = label
         load.yaxis.axis_label = LOADS[specimen.stress_pair].replace("\n", " ")
         residual.yaxis.axis_label = f"less median ({finer})"
+        for panel in (load, residual):
+            panel.axis.axis_label_text_font_style = "normal"
+            panel.min_border_left = 70
         for k, axis in enumerate("xy"):
             order = np.argsort(places[axis], kind="stable")
-            column = f"load {p} {axis}"
-            source.data[column] = protocol.load[:, order, k].astype(np.float32)
-            band = _band(places[axis][order], protocol.load[:, order, k], factor)
-            measured = protocol.measured[order, k]
-            _draw_curve((load, residual), band, measured, hues[axis], axis, factor)
+            column, loads = f"load {p} {axis}", protocol.load[:, order, k]
+            source.data[column] = loads.astype(np.float32)
+            band = _band(places[axis][order], loads, factor)
+            _draw_curve(
+                (load, residual), band, protocol.measured[order, k], axis, hues[axis], factor
+            )
             curves.append((band, column, factor))
         panels += [[load], [residual]]
     return gridplot(panels, toolbar_location=None, sizing_mode="stretch_width"), curves
@@ -339,23 +341,8 @@ def _table(curves: DrawnCurves) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def _two_panels(title: str, label: str) -> tuple[Any, Any]:
-    from bokeh.models import PlainText, Title
-    from bokeh.plotting import figure
-
-    load = figure(width=CURVE, height=230, tools=[], title=Title(text=PlainText(title)))
-    residual = figure(width=CURVE, height=150, tools=[], x_range=load.x_range)
-    load.xaxis.visible = False
-    residual.xaxis.axis_label = label
-    for panel in (load, residual):
-        panel.axis.axis_label_text_font_style = "normal"
-        panel.min_border_left = 70
-    return load, residual
-
-
 def _band(x: np.ndarray, loads: np.ndarray, factor: float) -> Any:
-    from bokeh.models import ColumnDataSource
-
+    """Source of a band: median and ends of all draws, and the same as residuals."""
     low, median, high = np.quantile(loads, [tails(CONTENT)[0], 0.5, tails(CONTENT)[1]], axis=0)
     band = {"x": x, "all": median, "low": low, "median": median, "high": high}
     band |= {f"{n}_residual": factor * (band[n] - median) for n in ("low", "median", "high")}
@@ -363,14 +350,14 @@ def _band(x: np.ndarray, loads: np.ndarray, factor: float) -> Any:
 
 
 def _draw_curve(
-    panels: tuple[Any, Any], band: Any, measured: np.ndarray, hue: str, axis: str, factor: float
+    panels: tuple[Any, Any], band: Any, measured: np.ndarray, axis: str, hue: str, factor: float
 ) -> None:
     """Band, median and readings of one direction as loads and as residuals."""
     x, median = band.data["x"], band.data["all"]
     readings = (measured, factor * (measured - median))
-    for panel, tail, y in zip(panels, ("", "_residual"), readings, strict=True):
-        panel.varea("x", f"low{tail}", f"high{tail}", source=band, color=hue, alpha=CREDIBLE)
-        panel.line("x", f"median{tail}", source=band, color=hue)
+    for panel, end, y in zip(panels, ("", "_residual"), readings, strict=True):
+        panel.varea("x", f"low{end}", f"high{end}", source=band, color=hue, alpha=CREDIBLE)
+        panel.line("x", f"median{end}", source=band, color=hue)
         marker = "circle" if axis == "x" else "square"
         panel.scatter(x, y, marker=marker, size=4, line_color=hue, fill_color="white")
     panels[0].line("x", "all", source=band, color="black", line_dash="dashed", line_width=0.8)
@@ -381,23 +368,23 @@ def _draw_curve(
 
 @dataclass(frozen=True)
 class PriorControl:
-    """A prior that the page lets one change.
+    """A prior with sliders: its quantities, and what the script needs.
 
     Attributes
     ----------
     symbol : Markup
-        Of the quantities that have it.
-    words, of_run : str
-        What they are, and the prior of the run in words.
+        Symbols of the quantities that have it.
+    words, run : str
+        Their names, and the prior of the run in words.
     numbers : list of str
-        What its two numbers are called.
+        Names of its two numbers.
     data : dict
         For the script: columns, unit, family and the two numbers of the run.
     """
 
     symbol: Markup
     words: str
-    of_run: str
+    run: str
     numbers: list[str]
     data: dict[str, Any]
 

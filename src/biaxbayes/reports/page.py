@@ -1,119 +1,46 @@
-"""The report of a run: one page that opens anywhere, and its table for a paper."""
+"""report.html: a run on one page that opens anywhere, for somebody who has two minutes."""
 
 from __future__ import annotations
 
-import base64
-import struct
-from dataclasses import dataclass
-from functools import cache
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from biaxbayes.identifiability.reported import ReportRow
+import pandas as pd
+
+from biaxbayes.figures.quantities import number
+from biaxbayes.identifiability.determined import MEASURED
+from biaxbayes.identifiability.reported import interval_text
 from biaxbayes.options import REPORTS
+from biaxbayes.parameters import MATERIAL, STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
-from biaxbayes.reports.facts import (
-    citations,
-    fixed_rows,
-    law_rows,
-    narrowing_rows,
-    settings_facts,
-    specimen_facts,
-    state_words,
-    test_rows,
-    version_facts,
-)
-from biaxbayes.reports.parameters import convergence_rows, determined_rows, methods
-from biaxbayes.reports.words import (
-    GLOSSARY,
-    as_html,
-    as_latex,
-    cut,
-    latex_text,
-)
+from biaxbayes.reports.methods import methods, priors_in_words
+from biaxbayes.reports.templates import Row, page_template, pictures
+from biaxbayes.reports.words import GLOSSARY, cut, state_words
 from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
 
-if TYPE_CHECKING:
-    from jinja2 import Template
-
-# --- the templates of the pages; text that is put into them is escaped ---------------------------
-
-
-TEMPLATE = "template.html.jinja"
-"""Of the report of a run."""
-
-
-@cache
-def page_template(name: str) -> Template:
-    """The template of a file beside this one."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("biaxbayes.reports", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["symbol"] = as_html
-    return environment.get_template(name)
-
-
-# --- figures of a run folder as data URIs, so that the page needs nothing beside itself ----------
-
-
-MAGIC = b"\x89PNG\r\n\x1a\n"
-TOTAL_BYTES = 3_300_000
-"""Of the files; a third more once encoded. The page stays below 5 MB."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A PNG of the run folder.
-
-    Attributes
-    ----------
-    uri : str
-    width, height : int
-        Pixels.
-    """
-
-    uri: str
-    width: int
-    height: int
-
-
-def pictures(folder: Path, stems: tuple[str, ...]) -> dict[str, Picture]:
-    """Figures that are there, by stem; the first ones are kept where all would be too large."""
-    left, out = TOTAL_BYTES, {}
-    for stem in stems:
-        path = folder / f"{stem}.png"
-        try:
-            if path.is_symlink() or not path.is_file() or path.stat().st_size > left:
-                continue
-            data = path.read_bytes()
-        except OSError:
-            continue
-        if data[:8] != MAGIC or data[12:16] != b"IHDR" or len(data) > left:
-            continue
-        left -= len(data)
-        out[stem] = embedded(data)
-    return out
-
-
-def embedded(data: bytes) -> Picture:
-    """A PNG as a part of a page."""
-    width, height = struct.unpack(">II", data[16:24])
-    uri = "data:image/png;base64," + base64.b64encode(data).decode("ascii")
-    return Picture(uri, width, height)
-
-
-# --- report.html: a run on one page, for somebody who has two minutes ----------------------------
-
-
 NAME, EXPLORE = REPORTS["html"], REPORTS["explore"]
 FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger")
+DASH = "–"
+METHOD = (
+    "Improved Mechanical Characterization of Soft Tissues Including Mounting Stretches. "
+    "Mathematical and Computational Applications 29(4), 55, 2024.",
+    "10.3390/mca29040055",
+)
+SAMPLER = (
+    "Foreman-Mackey, Hogg, Lang, Goodman. emcee: The MCMC Hammer. Publications of the Astronomical "
+    "Society of the Pacific 125, 306-312, 2013.",
+    "10.1086/670067",
+)
+SOFTWARE = (
+    "The biaxbayes developers. biaxbayes: Bayesian material parameters and mounting stretches "
+    "from planar biaxial tests, version {}."
+)
+LOADS = {
+    "force": "forces (N)",
+    "piola": "first Piola-Kirchhoff stress (kPa)",
+    "cauchy": "Cauchy stress (kPa)",
+}
 
 
 def write_report(folder: Path | str, run: Run | None = None) -> Path:
@@ -151,96 +78,269 @@ def report_page(run: Run, *, explore: bool = False) -> str:
     explore : bool
         Whether explore.html stands beside it, to point to.
     """
-    result = run.result
-    verdict, reason = state_words(run)
-    noise, sampler = run.provenance["noise"], run.provenance["sampler"]
-    return page_template(TEMPLATE).render(
+    result, record = run.result, run.provenance
+    sampler, convergence = record["sampler"], record["convergence"]
+    checks = pd.DataFrame() if run.state == "unusable" else result.checks
+    sentences: list[str] = []
+    if len(checks):
+        sentences = checks_in_words(checks, run.specimen.unit, run.law.name)
+        sentences += misfit_in_words(checks)
+    directions = []
+    if result.directions:
+        directions = [result.directions[0]["in_words"], result.same_curves_in_words]
+    version = cut(record.get("biaxbayes", ""), 30)
+    return page_template("report.html.jinja").render(
         name=cut(run.specimen.name),
+        law=run.law.title,
         state=run.state,
         explore=EXPLORE if explore else "",
-        verdict=verdict,
-        reason=reason,
+        verdict=state_words(run.state),
+        reason=cut(convergence["reason"], 400),
         findings=result.findings,
         warnings=result.warnings,
         fit=result.fit,
         advice=result.advice,
-        facts=specimen_facts(run),
-        tests=test_rows(run),
+        facts=_specimen_facts(run),
+        tests=_test_rows(run),
         unit=run.specimen.unit,
         load="force" if run.specimen.stress_pair == "force" else "nominal stress",
-        rows=result.rows,
-        convergence_rows=convergence_rows(run),
-        narrowing=narrowing_rows(run),
-        directions=[result.directions[0]["in_words"], result.same_curves_in_words]
-        if result.directions
-        else [],
+        rows=[
+            (r.quantity, r.interval, r.unit, r.verdict, r.reason, r.quantity.parameter.words)
+            for r in result.rows
+        ],
+        convergence_rows=_convergence_rows(run),
+        contractions=_contraction_rows(run),
+        directions=directions,
         figures=pictures(run.path, FIGURES),
         determined=determined_rows(run),
-        noise=noise,
+        noise=record["noise"],
         beta=run.beta,
         sampler=sampler,
-        convergence=run.provenance["convergence"],
-        misfit=_misfit(run),
-        notes=[cut(n, 400) for n in (*run.provenance["notes"], sampler["message"]) if n],
-        settings_facts=settings_facts(run),
-        version_facts=version_facts(run),
-        citations=citations(run),
+        convergence=convergence,
+        misfit_sentences=[cut(text, 400) for text in dict.fromkeys(sentences)],
+        misfit=_misfit_rows(checks),
+        notes=[cut(n, 400) for n in (*record["notes"], sampler["message"]) if n],
+        settings_facts=_settings_facts(run),
+        version_facts=_version_facts(run),
+        citations=[
+            (SOFTWARE.format(version), ""),
+            METHOD,
+            (f"{run.law.source}.", run.law.doi),
+            SAMPLER,
+        ],
         methods=methods(run),
-        fixed=fixed_rows(run),
-        laws=law_rows(run),
+        fixed=_fixed_rows(run),
+        laws=_law_rows(run),
         better_law=result.better_law,
         glossary=list(GLOSSARY.items()),
     )
 
 
-def _misfit(run: Run) -> dict[str, Any]:
-    """The posterior predictive check in words and as a table."""
-    if run.state == "unusable":
-        return {"words": [], "rows": []}
-    table = run.result.checks
-    words = dict.fromkeys(
-        [*checks_in_words(table, run.specimen.unit, run.law.name), *misfit_in_words(table)]
-    )
-    rows = [row | {"protocol": cut(row["protocol"], 60)} for row in table.to_dict("records")]
-    return {"words": [cut(text, 400) for text in words], "rows": rows}
+# --- lists of facts: specimen, settings, versions ------------------------------------------------
 
 
-# --- the reported table of a run for a paper, as LaTeX -------------------------------------------
+def _specimen_facts(run: Run) -> list[tuple[str, str]]:
+    """Specimen and test at a glance."""
+    s = run.specimen
+    facts = [("Specimen", cut(s.name))]
+    if s.layer:
+        facts.append(("Layer", cut(s.layer)))
+    axes = [f"{a}: {cut(n, 60)}" for a, n in (("x", s.axis_x), ("y", s.axis_y)) if n]
+    if axes:
+        facts.append(("Axes", ", ".join(axes)))
+    if s.edge_x_mm and s.edge_y_mm and s.thickness_mm:
+        size = f"{s.edge_x_mm:g} × {s.edge_y_mm:g} mm, {s.thickness_mm:g} mm thick"
+        facts.append(("Dimensions", f"{size}, {s.geometry}"))
+    else:
+        facts.append(("Reference of the stresses", f"{s.geometry} dimensions"))
+    facts.append(("Measured", LOADS[s.stress_pair]))
+    if s.noise_sd > 0.0:
+        source = "given" if s.load_noise is not None else "estimated from the record"
+        facts.append(("Noise of one load reading", f"{s.noise_sd:.3g} {s.unit} ({source})"))
+    facts.append(("File", cut(run.provenance.get("source", ""))))
+    return facts
 
 
-def latex_table(run: Run) -> str:
-    """A floating table with booktabs rules, as LaTeX; the methods paragraph as a comment.
+def _settings_facts(run: Run) -> list[tuple[str, str]]:
+    """Settings of the model and the priors."""
+    settings = run.provenance["settings"]
+    yes = {True: "yes"}
+    facts = [
+        ("Material law", run.law.title),
+        ("Mounting force", cut(settings.get("mounting", ""), 30)),
+        ("Mounted states", cut(settings.get("mounting_stretch", ""), 30)),
+        ("Errors", cut(settings.get("noise", ""), 30)),
+        ("Errors grow with the load", yes.get(settings.get("noise_growth"), "no")),
+        ("Fibres in extension only", yes.get(settings.get("fibre_switch"), "no")),
+    ]
+    if settings.get("thin"):
+        facts.append(("Longer protocols averaged to", f"{settings['thin']} rows"))
+    return facts + [(f"Prior of {k}", words) for k, words in priors_in_words(run).items()]
 
-    Protocols that the law misses stand below the table.
-    """
-    name = latex_text(run.specimen.name)
-    caption = f"{name}: reported 90\\,\\% intervals and 95\\,\\% bounds."
-    if run.state != "converged":
-        caption += f" {latex_text(state_words(run)[0])}"
-    return "\n".join(
-        [
-            "% needs \\usepackage{booktabs}",
-            f"% {methods(run)}",
-            "\\begin{table}",
-            "  \\centering",
-            f"  \\caption{{{caption}}}",
-            "  \\begin{tabular}{lllll}",
-            "    \\toprule",
-            "    Parameter & Interval & Unit & Verdict & Reason \\\\",
-            "    \\midrule",
-            *[_latex_row(row) for row in run.result.rows],
-            "    \\bottomrule",
-            "  \\end{tabular}",
-            *[
-                f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}"
-                for t in run.result.warnings
-            ],
-            "\\end{table}",
-            "",
+
+def _version_facts(run: Run) -> list[tuple[str, str]]:
+    """Seed, hash and versions; no times, so that the same run writes the same page."""
+    record = run.provenance
+    versions = record.get("versions")
+    return [
+        ("biaxbayes", cut(record.get("biaxbayes", ""), 30)),
+        ("Seed", str(record["seed"])),
+        ("SHA-256 of the specimen", cut(record.get("specimen_sha256", ""), 64)),
+        *((cut(k, 30), cut(v, 30)) for k, v in (versions or {}).items()),
+    ]
+
+
+# --- rows of the tables --------------------------------------------------------------------------
+
+
+def _test_rows(run: Run) -> list[Row]:
+    """One row per protocol: what was reached."""
+    s = run.specimen
+    rows: list[Row] = []
+    for p in s.protocols:
+        fx, fy = s.mounting_reading(p)
+        load = abs(s.load(p)).max(axis=0)
+        stretches = (f"{p.stretch_x.max():.3f}", f"{p.stretch_y.max():.3f}")
+        mounted = f"{fx:.3g}, {fy:.3g}" if p.rest_rows else "that of the others"
+        loads = (f"{load[0]:.3g}", f"{load[1]:.3g}")
+        rows.append((cut(p.name, 60), f"{p.rows:,}", *stretches, *loads, mounted))
+    return rows
+
+
+def _misfit_rows(checks: pd.DataFrame) -> list[Row]:
+    """The posterior predictive check of every curve."""
+    return [
+        (
+            cut(r["protocol"], 60),
+            r["direction"],
+            f"{r['rms']:.3g}",
+            f"{100 * r['share']:.2g} %",
+            f"{r['noise']:.3g}",
+            str(r["runs"]),
+            f"{r['expected_runs']:.0f}",
+            f"{100 * r['inside']:.0f} %",
+        )
+        for r in checks.to_dict("records")
+    ]
+
+
+def _convergence_rows(run: Run) -> list[Row]:
+    """Effective draws and R-hat of every quantity."""
+    rows: list[Row] = []
+    for record in run.summary.to_dict("records"):
+        ess, rhat = min(record["ess_bulk"], record["ess_tail"]), record["rhat"]
+        cells = (f"{ess:,.0f}", f"{rhat:.4f}")
+        quantity = run.quantities[str(record["parameter"])]
+        rows.append((quantity, *(DASH if text == "nan" else text for text in cells)))
+    return rows
+
+
+def _contraction_rows(run: Run) -> list[Row]:
+    """How much the data narrow each parameter, and what it trades with."""
+    rows: list[Row] = []
+    for r in run.result.identifiability.to_dict("records"):
+        contraction = float(r.get("contraction", math.nan))
+        if math.isnan(contraction):
+            continue
+        quantity = run.quantities[str(r["parameter"])]
+        low, high = (float(r.get(f"refit_{side}", math.nan)) for side in ("low", "high"))
+        partners = r["partners"] if isinstance(r["partners"], str) else ""
+        rows.append(
+            (
+                quantity,
+                f"{min(100.0 * max(contraction, 0.0), 99.9):.3g} %",
+                cut(", ".join(partners.split())) or "none",
+                f"{100.0 * float(r['spread_given_partners']):.0f} %",
+                f"{float(r['prior_sensitivity']):.2f}",
+                f"{float(r['likelihood_sensitivity']):.2f}",
+                interval_text(low, high, quantity.parameter),
+            )
+        )
+    return rows
+
+
+def _fixed_rows(run: Run) -> list[Row]:
+    """The law's parameters and the mounting stretches with another one fixed at an end."""
+    rows: list[Row] = []
+    for r in run.result.fixed_ends.to_dict("records"):
+        quantity = run.quantities[str(r["parameter"])]
+        p = quantity.parameter
+        if p.kind in (MATERIAL, STRETCH):
+            meaning = f" ({r['meaning']})" if isinstance(r["meaning"], str) else ""
+            condition = cut(f"{r['fixed']} = {r['at']:g}{meaning}")
+            interval = interval_text(float(r["low_90"]), float(r["high_90"]), p)
+            rows.append((condition, quantity, interval, p.unit_symbol(quantity.load_unit)))
+    return rows
+
+
+def _law_rows(run: Run) -> list[Row]:
+    """Least squares of every law under the same mounting constraint."""
+    table = run.result.law_fits
+    known = {q.name: q.parameter for q in run.quantities.of_kind(STRETCH) if q.name in table}
+    rows: list[Row] = []
+    for r in table.to_dict("records"):
+        stretches = [
+            f"{p.number(float(r[n]))} ± {float(r[f'{n}_sd']):.2g}" for n, p in known.items()
         ]
-    )
+        equal = "yes" if r["fits"] else "no"
+        rows.append((cut(r["law"], 30), f"{float(r['rms']):.3g}", equal, ", ".join(stretches)))
+    return rows
 
 
-def _latex_row(row: ReportRow) -> str:
-    text = [latex_text(t, 300) for t in (row.interval, row.unit, row.verdict, row.reason)]
-    return f"    {' & '.join((as_latex(row.quantity), *text))} \\\\"
+STATES = 3
+"""Stretches of each kind on the page; determined.csv has all."""
+TENSOR = {
+    "Hx": "structure tensor, x",
+    "Hy": "structure tensor, y",
+    "Hz": "structure tensor, through the thickness",
+}
+
+
+def determined_rows(run: Run) -> list[Row]:
+    """Quantities that do not depend on how the parameters are split."""
+    table = run.result.determined
+    rows: list[Row] = []
+    for r in table[_largest_states(table)].to_dict("records") if len(table) else ():
+        low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
+        wide = low > 0.0 and high / low > 8.0
+        low_text, median_text, high_text = (
+            number(v, low, high, log=wide) for v in (low, median, high)
+        )
+        ends = [float(r[k]) for k in ("tissue_low_90", "tissue_high_90")]
+        tissue = " to ".join(number(v, *ends) for v in ends)
+        if math.isnan(ends[0]):
+            tissue = "not known" if str(r["quantity"]).startswith("Cauchy stress") else ""
+        x, y = float(r["stretch_x"]), float(r["stretch_y"])
+        name = cut(r["quantity"], 90)
+        rows.append(
+            (
+                TENSOR.get(name, name),
+                "" if math.isnan(x) else f"{x:g}, {y:g}",
+                median_text,
+                f"{low_text} to {high_text}",
+                tissue,
+                str(r["unit"] or ""),
+                _percent(100.0 * float(r["relative_width"])),
+            )
+        )
+    return rows
+
+
+def _percent(value: float) -> str:
+    if value < 10.0:
+        return f"{value:.2g} %"
+    return f"{value:.0f} %" if value < 1e4 else "over 10,000 %"
+
+
+def _largest_states(table: pd.DataFrame) -> pd.Series:
+    """The largest states of each kind: they are what the test was made for."""
+    measured = table["quantity"].str.contains(MEASURED, regex=False)
+    beyond = ~measured & (table["stretch_x"].notna()) & ~table["quantity"].str.startswith("small")
+    out = ~measured & ~beyond
+    for kind in (beyond, measured):
+        # A stress at a measured stretch names its protocol: a state is that and the stretches.
+        state = table["quantity"].where(measured, "").str.split(MEASURED).str[-1]
+        state = state + table["stretch_x"].astype(str) + " " + table["stretch_y"].astype(str)
+        last = list(dict.fromkeys(state[kind]))[-STATES:]
+        out |= kind & state.isin(last)
+    return out

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from markupsafe import Markup
 
 import biaxbayes
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import unit_words
 from biaxbayes.populations.result import SDS
-from biaxbayes.reports.page import page_template, pictures
-from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text
+from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
+from biaxbayes.reports.templates import Cell, Row, page_template, pictures
 from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms, counted, cut
 from biaxbayes.studies.groups import KNOWN
 
@@ -73,7 +74,7 @@ TERMS = (
     "effective draws (ESS), bulk and tail",
     "R-hat",
 )
-"""Of the glossary, what the page speaks of."""
+"""Terms of the glossary that stand on the page."""
 
 
 def population_page(
@@ -90,32 +91,28 @@ def population_page(
     record : mapping
         As in population.json.
     """
-    there = pictures(folder, tuple(FIGURES))
+    found = pictures(folder, tuple(FIGURES))
     own = tables["specimens"].drop_duplicates("specimen")
-    convergence = record["convergence"]
-    converged = convergence["state"] == "converged"
-    told = (
-        "The chains have converged." if converged else f"The population is {convergence['state']}:"
-    )
+    state, reason = (record["convergence"][k] for k in ("state", "reason"))
+    converged = state == "converged"
     names = list(dict.fromkeys(tables["specimens"]["quantity"]))
+    shown = [n for n in names if n in KNOWN_QUANTITIES]
+    heads = [Markup(">") + with_unit(n, KNOWN_QUANTITIES[n].unit) for n in shown]
     return page_template("population.html.jinja").render(
         name=cut(record["name"]),
         specimens=counted(len(own), "specimen"),
         donors=counted(int(own["donor"].nunique()), "donor"),
-        state=convergence["state"],
-        told=told,
-        reason="" if converged else convergence["reason"],
+        state=state,
+        verdict="The chains have converged." if converged else f"The population is {state}:",
+        reason="" if converged else reason,
         left_out=[(cut(k), cut(v, 300)) for k, v in record["left_out"].items()],
         notes=[cut(n, 500) for n in record["notes"]],
-        figures=[
-            (stem, *FIGURES[stem], ALTERNATIVES[stem], picture) for stem, picture in there.items()
-        ],
+        figure_titles={stem: FIGURES[stem][0] for stem in found},
+        figures=[(k, *FIGURES[k], ALTERNATIVES[k], picture) for k, picture in found.items()],
         groups=_groups(tables["groups"], tuple(record["pooled"])),
-        columns=[
-            (named(n), unit_text(KNOWN_QUANTITIES[n].unit)) for n in names if n in KNOWN_QUANTITIES
-        ],
-        own=_specimens(tables["specimens"], [n for n in names if n in KNOWN_QUANTITIES]),
-        more=any(n not in KNOWN_QUANTITIES for n in names),
+        columns=["Specimen, group, donor", ">#Fit", *heads],
+        own=_specimens(tables["specimens"], shown),
+        more=len(shown) < len(names),
         contrasts=_contrasts(tables["contrasts"]),
         methods=population_methods(tables, record),
         glossary=chosen_terms(*TERMS),
@@ -128,121 +125,88 @@ def three_digits(value: float) -> str:
     return DASH if math.isnan(value) else f"{float(f'{value:.3g}'):g}"
 
 
-def _three(
-    r: Mapping[Any, Any],
-    part: str,
-    write: Callable[[float], str] = three_digits,
-    *,
-    exponential: bool = False,
-) -> dict[str, str]:
+def _interval(
+    r: Mapping[Any, Any], part: str, write: Callable[[float], str] = three_digits
+) -> tuple[str, str]:
     """Median and interval as text."""
     values = [float(r[f"{part}_{q}"]) for q in ("q50", "q05", "q95")]
     if math.isnan(values[0]):
-        return {"median": DASH, "interval": ""}
-    if exponential:
-        values = [math.exp(min(v, 700.0)) for v in values]
+        return DASH, ""
     median, low, high = (write(v) for v in values)
-    return {"median": median, "interval": f"{low} to {high}"}
+    return median, f"{low} to {high}"
+
+
+def _exponential(value: float) -> str:
+    return three_digits(math.exp(min(value, 700.0)))
+
+
+def _marked(median: str, verdict: object) -> str | Markup:
+    """In italics with an asterisk where it is not identified."""
+    return median if verdict in (*KNOWN, FIXED) else Markup("<i>{}*</i>").format(median)
 
 
 def _text(value: object) -> str:
-    """A cell of a table; a dash where it is empty."""
-    return value if isinstance(value, str) and value else DASH
+    return value if isinstance(value, str) else ""
 
 
 def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]]:
     out = []
     for group, part in table.groupby("group", sort=False):
-        rows, sentences = [], []
+        rows: list[Row] = []
+        sentences = []
         for r in part.to_dict("records"):
-            log = r["scale"] == "log"
+            name, log = str(r["quantity"]), r["scale"] == "log"
+            mean, interval = _interval(r, "mean")
             spreads = []
             for side in SDS:
-                cell = _three(r, side, exponential=log)
-                if log and cell["median"] != DASH:
-                    cell["median"] = f"factor {cell['median']}"
-                verdict = r[f"{side}_verdict"]
-                spreads.append(cell | {"verdict": verdict if isinstance(verdict, str) else ""})
-            name = str(r["quantity"])
-            rows.append(
-                {
-                    "quantity": named(name),
-                    "unit": unit_text(r["unit"]),
-                    "mean": _three(r, "mean"),
-                    "verdict": _text(r["verdict"]),
-                    "known": r["verdict"] in (*KNOWN, FIXED),
-                    "spreads": spreads,
-                    "new": [_three(r, part) for part in ("new_specimen", "new_donor")],
-                }
-            )
+                middle, ends = _interval(r, side, _exponential if log else three_digits)
+                factor = "factor " if log and middle != DASH else ""
+                spreads.append((factor + middle, ends, _text(r[f"{side}_verdict"])))
+            new = [_interval(r, part) for part in ("new_specimen", "new_donor")]
+            marked = (_marked(mean, r["verdict"]), interval)
+            verdict = _text(r["verdict"]) or DASH
+            rows.append((named(name), unit_text(r["unit"]), marked, verdict, *spreads, *new))
             if name in pooled and isinstance(r["in_words"], str):
                 words = cut(r["in_words"].removeprefix(f"{name}: "), 400)
                 sentences.append((named(name), words))
-        first = part.iloc[0]
-        out.append(
-            {
-                "name": cut(group, 60),
-                "specimens": counted(int(first["specimens"]), "specimen"),
-                "donors": counted(int(first["donors"]), "donor"),
-                "rows": rows,
-                "words": sentences,
-            }
-        )
+        counts = {k: counted(int(part.iloc[0][k]), k[:-1]) for k in ("specimens", "donors")}
+        out.append({"name": cut(group, 60), "rows": rows, "words": sentences, **counts})
     return out
 
 
-def _specimens(table: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
-    """Every specimen, alone and pooled."""
-    out = []
+def _specimens(table: pd.DataFrame, names: list[str]) -> list[Row]:
+    """Every specimen pooled, and in brackets what its own run reports."""
+    out: list[Row] = []
     for label, part in table.groupby("specimen", sort=False):
         rows = {str(r["quantity"]): r for r in part.to_dict("records")}
-        cells: list[dict[str, Any] | None] = []
+        cells: list[Cell] = []
         for name in names:
             r = rows.get(name)
             if r is None:
-                cells.append(None)
+                cells.append(DASH)
                 continue
-            parameter = KNOWN_QUANTITIES[name].parameter
-            reported = r["reported"] if isinstance(r["reported"], str) else ""
-            cells.append(
-                _three(r, "pooled", parameter.number)
-                | {"alone": reported or DASH}
-                | {"known": r["pooled_verdict"] in (*KNOWN, FIXED)}
-            )
+            median, ends = _interval(r, "pooled", KNOWN_QUANTITIES[name].parameter.number)
+            alone = f"({_text(r['reported']) or DASH})"
+            cells.append((_marked(median, r["pooled_verdict"]), ends, alone))
         first = part.iloc[0]
-        out.append(
-            {
-                "label": cut(label, 60),
-                "group": cut(first["group"], 40),
-                "donor": cut(first["donor"], 40),
-                "p": three_digits(float(first["specimen_predictive_p"])),
-                "cells": cells,
-            }
-        )
+        head = (cut(label, 60), f"{cut(first['group'], 40)}, {cut(first['donor'], 40)}")
+        out.append((head, three_digits(float(first["specimen_predictive_p"])), *cells))
     return out
 
 
-def _contrasts(table: pd.DataFrame) -> list[dict[str, Any]]:
+def _contrasts(table: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
+    """Both groups and the rows of their differences."""
     out = []
     for (a, b), part in table.groupby(["group_a", "group_b"], sort=False):
-        rows = []
+        rows: list[Row] = []
         for r in part.to_dict("records"):
-            log = r["scale"] == "log"
-            ends = [float(r[f"difference_{q}"]) for q in ("q05", "q50", "q95")]
-            low, median, high = (three_digits(math.exp(min(x, 700.0)) if log else x) for x in ends)
-            unit = unit_words(str(r["unit"]))
+            log, unit = r["scale"] == "log", unit_words(str(r["unit"]))
+            median, ends = _interval(r, "difference", _exponential if log else three_digits)
             kind = "ratio" if log else f"difference{' in' if unit else ''}{unit}"
             share = float(r["probability_positive"])
-            rows.append(
-                {
-                    "quantity": named(str(r["quantity"])),
-                    "kind": kind,
-                    "median": median,
-                    "interval": f"{low} to {high}",
-                    "share": DASH if math.isnan(share) else f"{share:.3f}",
-                }
-            )
-        out.append({"a": cut(a, 40), "b": cut(b, 40), "rows": rows})
+            probability = DASH if math.isnan(share) else f"{share:.3f}"
+            rows.append((named(str(r["quantity"])), kind, median, ends, probability))
+        out.append((cut(a, 40), cut(b, 40), rows))
     return out
 
 

@@ -6,18 +6,22 @@ import io
 import math
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
 
 import biaxbayes
 from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.quantities import number
+from biaxbayes.figures.study import study_figure
+from biaxbayes.figures.style import save_pictures
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
-from biaxbayes.reports.page import page_template, pictures
-from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms, cut, derived_words
+from biaxbayes.reports.templates import Cell, Row, page_template, pictures
+from biaxbayes.reports.words import VERDICT_TERMS, as_html, chosen_terms, cut, derived_words
 from biaxbayes.studies.result import StudyResult
 from biaxbayes.text_files import atomic_write_bytes, atomic_write_text, write_csv
 
@@ -36,7 +40,7 @@ TERMS = (
     "factor",
     "above zero, below zero",
 )
-"""Of the glossary, what the page speaks of."""
+"""Terms of the glossary that stand on the page."""
 WIDE = 8.0
 DASH = "–"
 KNOWN_QUANTITIES = Quantities(all_parameters())
@@ -44,33 +48,26 @@ KNOWN_QUANTITIES = Quantities(all_parameters())
 
 
 def study_page(result: StudyResult) -> str:
-    """The page as HTML: no scripts, no network; the links lead to the reports of the runs.
-
-    Parameters
-    ----------
-    result : StudyResult
-        Its folder holds the figure.
-    """
+    """The page as HTML: no scripts, no network; the links lead to the reports of the runs."""
     states = result.states
-    total = sum(states.values())
-    shown = [q.name for q in KNOWN_QUANTITIES.judged()]
-    names = [n for n in shown if (result.table["quantity"] == n).any()]
+    judged = [q for q in KNOWN_QUANTITIES.judged() if (result.table["quantity"] == q.name).any()]
+    columns: list[str | Markup] = ["Specimen, layer, donor"]
+    columns += [Markup.escape(cut(name, 40)) for name in result.own_columns]
+    columns += ["State", *(Markup(">") + with_unit(q.name, q.unit) for q in judged)]
     return page_template("study.html.jinja").render(
         name=cut(result.name),
-        total=total,
+        total=sum(states.values()),
         converged=states.get("converged", 0),
         states=[(k, v) for k, v in states.items() if k != "converged"],
         failures=[(cut(k), cut(v, 300)) for k, v in result.failures.items()],
-        columns=[(KNOWN_QUANTITIES[n], unit_text(KNOWN_QUANTITIES[n].unit)) for n in names],
-        specimens=_specimens(result, names),
+        columns=columns,
+        specimens=_specimens(result, [q.name for q in judged]),
         figures=pictures(result.folder, (FIGURE,)),
         layers=_groups(result.groups, "layer"),
         donors=_groups(result.groups, "donor"),
         contrasts=_contrasts(result.contrasts),
-        compared=result.distances.empty is False,
         warning=WARNING,
         notes=[cut(n, 400) for n in result.notes],
-        own=[cut(name, 40) for name in result.own_columns],
         glossary=chosen_terms(*TERMS),
         version=biaxbayes.__version__,
     )
@@ -81,116 +78,102 @@ def unit_text(text: object) -> str:
     return {"deg": "°", "1": ""}.get(str(text), str(text))
 
 
-def _specimens(result: StudyResult, names: list[str]) -> list[dict[str, Any]]:
-    found: dict[tuple[str, str], dict[Any, Any]] = {
-        (str(r["specimen"]), str(r["quantity"])): r for r in result.table.to_dict("records")
-    }
-    out = []
+def named(name: object) -> Quantity | str:
+    """A quantity, which the page turns into its symbol, or words."""
+    return KNOWN_QUANTITIES.get(str(name)) or derived_words(str(name))
+
+
+def with_unit(name: str, unit: object) -> Markup:
+    """A quantity with its unit in brackets."""
+    text = unit_text(unit)
+    return as_html(named(name)) + (Markup(" ({})").format(text) if text else Markup(""))
+
+
+def _specimens(result: StudyResult, names: list[str]) -> list[Row]:
+    """One row per specimen: its own columns, its state, and what its run reports."""
+    table = {(str(r["specimen"]), str(r["quantity"])): r for r in result.table.to_dict("records")}
+    rows: list[Row] = []
     for s in result.specimens.to_dict("records"):
-        page = f"{s['folder']}/report.html"
-        there = (result.folder / page).is_file()
-        out.append(
-            {
-                "label": cut(s["specimen"], 60),
-                "page": page if there else "",
-                "donor": cut(s["donor"], 40),
-                "layer": cut(s["layer"], 40),
-                "own": [cut(s[name], 40) for name in result.own_columns],
-                "state": s["state"],
-                "cells": [_cell(found.get((str(s["specimen"]), n))) for n in names],
-            }
-        )
-    return out
+        label, page = cut(s["specimen"], 60), f"{s['folder']}/report.html"
+        if (result.folder / page).is_file():
+            label = Markup('<a href="{}">{}</a>').format(quote(page), label)
+        origin = ", ".join(cut(s[k], 40) for k in ("layer", "donor") if s[k])
+        own = [cut(s[name], 40) for name in result.own_columns]
+        cells = [_cell(table.get((str(s["specimen"]), n))) for n in names]
+        rows.append(((label, origin), *own, s["state"], *cells))
+    return rows
 
 
-def _cell(row: dict[Any, Any] | None) -> dict[str, Any]:
-    """The reported interval and its verdict as text."""
+def _cell(row: dict[Any, Any] | None) -> Cell:
+    """The reported interval and its verdict."""
     if row is None:
-        return {"interval": DASH, "verdict": ""}
+        return DASH
     if row["verdict"] == FIXED:
-        return {"interval": f"{float(row['q50']):.4g}", "verdict": FIXED}
-    interval, verdict = (str(row[k]) if isinstance(row[k], str) else "" for k in CELL)
-    return {"interval": interval or DASH, "verdict": verdict}
-
-
-CELL = ("reported", "verdict")
+        return (f"{float(row['q50']):.4g}", FIXED)
+    interval, verdict = (row[k] if isinstance(row[k], str) else "" for k in ("reported", "verdict"))
+    return (interval or DASH, verdict)
 
 
 def _groups(groups: pd.DataFrame, by: str) -> list[dict[str, Any]]:
-    """Tables of the groups, one each, with the rows that a group identifies anything of."""
+    """Tables of the groups, with the rows that a group identifies anything of."""
     out = []
     for group, part in groups[groups["group_by"] == by].groupby("group", sort=False):
+        first = part.iloc[0]
         rows = [
             _group_row(r)
             for r in part.to_dict("records")
-            if r["identified"] > 0 and _told(str(r["quantity"]))
+            if r["identified"] > 0 and _of_tissue(str(r["quantity"]))
         ]
-        first = part.iloc[0]
-        out.append(
-            {
-                "name": cut(group, 60),
-                "specimens": int(first["specimens"]),
-                "converged": int(first["converged"]),
-                "rows": rows,
-            }
-        )
+        counts = {k: int(first[k]) for k in ("specimens", "converged")}
+        out.append({"name": cut(group, 60), "rows": rows, **counts})
     return out
 
 
-def _group_row(r: dict[Any, Any]) -> dict[str, Any]:
+def _group_row(r: dict[Any, Any]) -> Row:
     low, centre, high = (float(r[k]) for k in ("lowest", "centre", "highest"))
     log = low > 0.0 and high / low > WIDE
     between = float(r["sd_between"])
+    spread = f"{between:.2g}"
     if math.isnan(between):
-        told = DASH
+        spread = DASH
     elif r["scale"] == "log":
-        told = f"factor {math.exp(between):.2f}"
-    else:
-        told = f"{between:.2g}"
-    numbers = [number(v, low, high, log=log) for v in (centre, low, high)]
-    return {
-        "quantity": named(r["quantity"]),
-        "unit": unit_text(r["unit"]),
-        "identified": f"{r['identified']} of {r['converged']}",
-        "centre": numbers[0],
-        "range": f"{numbers[1]} to {numbers[2]}" if low < high else DASH,
-        "between": told,
-    }
+        spread = f"factor {math.exp(between):.2f}"
+    mean, first, last = (number(v, low, high, log=log) for v in (centre, low, high))
+    return (
+        named(r["quantity"]),
+        unit_text(r["unit"]),
+        f"{r['identified']} of {r['converged']}",
+        mean,
+        f"{first} to {last}" if low < high else DASH,
+        spread,
+    )
 
 
-def _told(name: str) -> bool:
-    """Whether groups are told of it: not of errors and loads, which are no tissue's."""
+def _of_tissue(name: str) -> bool:
+    """Whether groups are summarised in it: not in errors and loads, which are no tissue's."""
     known = KNOWN_QUANTITIES.get(name)
     return known is None or (
         known.parameter.kind in (MATERIAL, STRETCH, DIMENSION) and (known.parameter.unit != LOAD)
     )
 
 
-def named(name: object) -> Quantity | str:
-    """A quantity, which the page turns into its symbol, or words."""
-    return KNOWN_QUANTITIES.get(str(name)) or derived_words(str(name))
-
-
-def _contrasts(contrasts: pd.DataFrame) -> list[dict[str, Any]]:
+def _contrasts(contrasts: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
+    """Both layers and the rows of their differences."""
     out = []
     for (a, b), part in contrasts.groupby(["layer_a", "layer_b"], sort=False):
-        rows = []
+        rows: list[Row] = []
         for r in part.to_dict("records"):
+            head = (named(r["quantity"]), unit_text(r["unit"]))
+            counts = f"{r['identified']} of {r['pairs']}"
+            if r["identified"] == 0:
+                rows.append((*head, counts, DASH, DASH, DASH, DASH))
+                continue
             low, mean, high = (float(r[f"{k}_difference"]) for k in ("lowest", "mean", "highest"))
-            known = r["identified"] > 0
-            numbers = [number(v, low, high) for v in (mean, low, high)] if known else []
-            rows.append(
-                {
-                    "quantity": named(r["quantity"]),
-                    "unit": unit_text(r["unit"]),
-                    "identified": f"{r['identified']} of {r['pairs']}",
-                    "greater": str(r["b_greater"]) if known else DASH,
-                    "less": str(r["b_less"]) if known else DASH,
-                    "mean": numbers[0] if known else DASH,
-                    "range": f"{numbers[1]} to {numbers[2]}" if known and low < high else DASH,
-                }
-            )
-        out.append({"a": cut(a, 40), "b": cut(b, 40), "rows": rows})
+            middle, first, last = (number(v, low, high) for v in (mean, low, high))
+            ends = f"{first} to {last}" if low < high else DASH
+            signs = (str(r["b_greater"]), str(r["b_less"]))
+            rows.append((*head, counts, *signs, middle, ends))
+        out.append((cut(a, 40), cut(b, 40), rows))
     return out
 
 
@@ -202,9 +185,6 @@ TABLE, PAGE = "study", "study.html"
 
 def write_study(result: StudyResult) -> list[Path]:
     """Write every file of a study into its folder; ``study.parquet`` where pyarrow is installed."""
-    from biaxbayes.figures.study import study_figure
-    from biaxbayes.figures.style import save_pictures
-
     folder = result.folder
     written = []
     tables = {

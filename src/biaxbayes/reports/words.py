@@ -50,6 +50,18 @@ def derived_words(name: str) -> str:
     return words.format(stem[-1]) + (f", at {stretch}" if at else "")
 
 
+STATES = {
+    "converged": "Converged chains: the ensembles agree and hold enough independent draws.",
+    "tentative": "Tentative: not converged. Do not publish these numbers; sample longer.",
+    "unusable": "Not usable: the ensembles disagree, so the draws say nothing.",
+}
+
+
+def state_words(state: str) -> str:
+    """What to trust of a run in this state."""
+    return STATES[state]
+
+
 def counted(number: int, noun: str) -> str:
     """So many of a thing."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
@@ -188,7 +200,7 @@ VERDICT_TERMS = (
     "not identified",
     "no verdict, fixed",
 )
-"""Of the glossary, what verdicts are told in."""
+"""Terms of the verdicts."""
 
 
 def chosen_terms(*terms: str) -> list[tuple[str, str]]:

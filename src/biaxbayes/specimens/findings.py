@@ -207,27 +207,29 @@ def _unequal(specimen: Specimen) -> list[Finding]:
     names = [p.name for p in specimen.protocols if p.rest_rows]
     if len(names) < 2:
         return []
-    findings = []
+    pairs = list(combinations(range(len(readings)), 2))
+    differing = []
     for k, axis in enumerate("xy"):
-        pairs = list(combinations(range(len(readings)), 2))
         sd = np.array([np.hypot(sds[i, k], sds[j, k]) for i, j in pairs])
         apart = np.array([abs(readings[i, k] - readings[j, k]) for i, j in pairs])
         worst = int(np.argmax(apart - SIGNIFICANT * sd))
-        if apart[worst] <= SIGNIFICANT * sd[worst]:
-            continue
-        i, j = pairs[worst]
-        noise = f", {apart[worst] / sd[worst]:.1f} standard errors" if sd[worst] > 0.0 else ""
-        findings.append(
-            Finding(
-                "mounting-forces-differ",
-                "warning",
-                f"the mounting force in {axis} differs between protocols by up to "
-                f"{apart[worst]:.3g} {specimen.unit} ({names[i]}: {readings[i, k]:.3g}, "
-                f"{names[j]}: {readings[j, k]:.3g}){noise}: the mounted state is not the same in "
-                "all of them; compare --mounting-stretch per-protocol",
+        if apart[worst] > SIGNIFICANT * sd[worst]:
+            i, j = pairs[worst]
+            noise = f", {apart[worst] / sd[worst]:.1f} standard errors" if sd[worst] > 0.0 else ""
+            differing.append(
+                f"in {axis} by up to {apart[worst]:.3g} {specimen.unit} ({names[i]}: "
+                f"{readings[i, k]:.3g}, {names[j]}: {readings[j, k]:.3g}{noise})"
             )
+    if not differing:
+        return []
+    return [
+        Finding(
+            "mounting-forces-differ",
+            "warning",
+            f"the mounting force differs between protocols, {' and '.join(differing)}: the mounted "
+            "state is not the same in all of them; compare --mounting-stretch per-protocol",
         )
-    return findings
+    ]
 
 
 def _references(specimen: Specimen) -> list[Finding]:

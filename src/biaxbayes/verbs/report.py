@@ -46,7 +46,8 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
 def report_text(run: RunLike, kind: str = "html") -> str:
     """The report of a run: one page, tables for a paper, or a page to explore."""
     from biaxbayes.reports.explore import explore_page
-    from biaxbayes.reports.page import latex_table, report_page
+    from biaxbayes.reports.methods import latex_table
+    from biaxbayes.reports.page import report_page
 
     if kind not in REPORTS:
         raise InputError(f"no report {str(kind)[:40]!r}", remedy=f"choose {', '.join(REPORTS)}")

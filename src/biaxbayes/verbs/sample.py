@@ -377,7 +377,7 @@ def command(specimen: Path, quiet: bool, **given: Any) -> int:
     Writes a run folder with the draws, tables, figures and verdicts. Exit code 0 when the
     posterior has converged, 3 when the chains did not converge, 2 when the input cannot be used.
     """
-    from biaxbayes.reports.facts import closing_message
+    from biaxbayes.reports.closing_message import closing_message
 
     given = with_priors(**given)
     with shown_work(quiet) as work:

@@ -240,7 +240,7 @@ def _panels(columns: list[Column], width_mm: float) -> tuple[Figure, np.ndarray]
             remedy="name fewer with `parameters`, or choose `width_mm=180`",
         )
     figure = blank_figure(width_mm, min(width_mm, count * PANEL_MM + MARGIN_MM))
-    figure.get_layout_engine().set(w_pad=0.5 * MM, h_pad=0.5 * MM)  # type: ignore[union-attr,call-arg]
+    figure.get_layout_engine().set(w_pad=0.9 * MM, h_pad=0.5 * MM)  # type: ignore[union-attr,call-arg]
     places = figure.add_gridspec(count, count)
     grid = np.full((count, count), None, dtype=object)
     for i, j in np.argwhere(np.tri(count)).tolist():

@@ -1,0 +1,197 @@
+"""What of a run goes into a paper: the methods paragraph with its own numbers, the LaTeX table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from biaxbayes.identifiability.reported import DASH
+from biaxbayes.reports.words import as_latex, cut, latex_text, state_words
+from biaxbayes.runs.run import Run
+
+LOADS = {
+    "force": "the forces",
+    "piola": "the first Piola-Kirchhoff stresses",
+    "cauchy": "the nominal stresses (Cauchy stress over measured stretch)",
+}
+MOUNTING = {
+    "noisy": (
+        "For every draw the mounting stretches were the root of the balance between the model and "
+        "the load at the mounted state, whose reading has the load cell's own error; the density "
+        "was transformed with the determinant of that balance."
+    ),
+    "exact": (
+        "For every draw the mounting stretches were the root of the balance between the model and "
+        "the load read at the mounted state, taken as exact; the density was transformed with the "
+        "determinant of that balance."
+    ),
+    "free": (
+        "The mounting stretches were sampled directly, with the load read at the mounted state "
+        "as a further datum."
+    ),
+    "ignored": "The mounting stretch was ignored: the mounted state was taken as unloaded.",
+    "zeroed": (
+        "The mounting stretch was ignored: the loads were zeroed at the mounted state, and that "
+        "state was taken as unloaded."
+    ),
+}
+INDEPENDENT = 0.95
+"""Weight of the likelihood from which readings count as independent."""
+PRIOR_NUMBERS = {"sd_log": "sd of its logarithm", "low": "not below", "high": "not above"}
+"""What the numbers of a prior are called, where that is not their name."""
+
+
+def methods(run: Run) -> str:
+    """One paragraph of plain text."""
+    sentences = (
+        _test(run),
+        f"It was described by {run.law.in_words}. Measured stretches refer to the mounted state; "
+        "the total stretch is the measured one times the mounting stretch.",
+        MOUNTING[str(run.provenance["settings"]["mounting"])],
+        _noise(run),
+        _priors(run),
+        _sampling(run),
+        _result(run),
+    )
+    return " ".join(s for s in sentences if s)
+
+
+def _test(run: Run) -> str:
+    s = run.specimen
+    size = ""
+    if s.edge_x_mm and s.edge_y_mm and s.thickness_mm:
+        size = (
+            f" of {s.edge_x_mm:g} mm by {s.edge_y_mm:g} mm and {s.thickness_mm:g} mm thickness "
+            f"({s.geometry} dimensions)"
+        )
+    count, rows = len(s.protocols), sum(p.rows for p in s.protocols)
+    paths = "one loading path" if count == 1 else f"{count} loading paths"
+    thin = run.provenance["settings"].get("thin")
+    averaged = f" Longer protocols were averaged to {thin} rows." if thin else ""
+    return f"A specimen{size} was tested planar-biaxially on {paths} ({rows:,} rows).{averaged}"
+
+
+def _noise(run: Run) -> str:
+    noise, settings = run.provenance["noise"], run.provenance["settings"]
+    loads = LOADS[run.specimen.stress_pair]
+    text = f"Errors of {loads} were Gaussian with an inferred standard deviation"
+    if settings.get("noise_growth"):
+        text += " that grows with the load"
+    if noise["effective_readings"] is None:
+        return f"{text} and taken as independent ({noise['readings']:,} readings)."
+    if run.beta > INDEPENDENT:
+        return f"{text}; their residuals showed no correlation that would lower their number."
+    counted = "the autocorrelation of the residuals"
+    if settings.get("noise") == "systematic":
+        counted += " and with what is common to an eighth of a curve as one error of the curve"
+    return (
+        f"{text}. As neighbouring residuals are correlated, the log likelihood was weighted by "
+        f"{run.beta:.3g}: by {counted}, the {noise['readings']:,} "
+        f"readings carry as much information as {noise['effective_readings']:.0f} independent ones."
+    )
+
+
+def prior_in_words(prior: Any, unit: str = "") -> str:
+    """A prior of provenance.json as a phrase, with its unit where it has one."""
+    unit = f" {unit}" if unit not in ("", "1") else ""
+    if isinstance(prior, int | float):
+        return f"fixed at {prior:g}{unit}"
+    if not isinstance(prior, dict):
+        return f"tied: {cut(prior)}"
+    shape = cut(prior.get("distribution", ""), 30)
+    numbers = {k: v for k, v in prior.items() if isinstance(v, int | float)}
+    if shape in ("uniform", "loguniform") and {"low", "high"} <= set(numbers):
+        return f"{shape} from {numbers['low']:g} to {numbers['high']:.4g}{unit}"
+    natural = {"median", "mean", "low", "high"} | ({"sd"} if "mean" in numbers else set())
+    parts = [
+        f"{PRIOR_NUMBERS.get(k, k)} {v:.4g}{unit if k in natural else ''}"
+        for k, v in numbers.items()
+    ]
+    return f"{shape} ({', '.join(parts)})" if parts else shape
+
+
+def priors_in_words(run: Run) -> dict[str, str]:
+    """The priors of a run by the names of their quantities; empty where none are recorded."""
+    priors = run.provenance.get("priors")
+    words = {}
+    for name, prior in priors.items() if isinstance(priors, dict) else ():
+        known = run.quantities.get(name)
+        words[cut(name, 40)] = prior_in_words(prior, "" if known is None else known.unit)
+    return words
+
+
+def _priors(run: Run) -> str:
+    priors = priors_in_words(run)
+    parts = [f"{name} {words}" for name, words in priors.items()]
+    return f"Priors: {'; '.join(parts)}." if parts else ""
+
+
+def _sampling(run: Run) -> str:
+    record = run.provenance
+    sampler, convergence = record["sampler"], record["convergence"]
+    emcee = record.get("versions", {}).get("emcee", "")
+    text = (
+        f"The joint posterior was sampled with biaxbayes {cut(record.get('biaxbayes', ''), 30)} "
+        f"(emcee {cut(emcee, 30)}) in {sampler.get('ensembles', 4)} independent ensembles of "
+        f"{sampler.get('walkers', 0)} walkers for {sampler.get('steps', 0):,} steps after an "
+        f"adaptive warm-up (seed {record['seed']})"
+    )
+    if run.state == "converged" and convergence.get("worst_rhat"):
+        return (
+            f"{text}; the largest split R-hat across ensembles was "
+            f"{convergence['worst_rhat']:.4f}, the smallest effective sample size "
+            f"{convergence['worst_ess']:,.0f}."
+        )
+    return f"{text}. The chains did NOT converge: {cut(convergence['reason'], 300)}."
+
+
+def _result(run: Run) -> str:
+    """The reported table as a sentence; nothing of what is not reported."""
+    rows = [row for row in run.result.rows if row.interval != DASH]
+    without = [row.name for row in run.result.rows if row.interval == DASH]
+    if run.state != "converged" or not (rows or without):
+        return ""
+    parts = [
+        f"{row.name} ({row.quantity.parameter.words}) {row.interval_with_unit} ({row.verdict})"
+        for row in rows
+    ]
+    text = f"Reported are 90 % intervals and 95 % bounds: {'; '.join(parts)}." if parts else ""
+    if without:
+        text += f" The data do not identify {', '.join(without)}."
+    return f"{text} {run.result.fit[:1].upper()}{run.result.fit[1:]}.".strip()
+
+
+def latex_table(run: Run) -> str:
+    """The reported table with booktabs rules; the methods paragraph as a comment.
+
+    Protocols that the law misses stand below the table.
+    """
+    name = latex_text(run.specimen.name)
+    caption = f"{name}: reported 90\\,\\% intervals and 95\\,\\% bounds."
+    if run.state != "converged":
+        caption += f" {latex_text(state_words(run.state))}"
+    rows = []
+    for row in run.result.rows:
+        texts = [latex_text(t, 300) for t in (row.interval, row.unit, row.verdict, row.reason)]
+        rows.append(f"    {' & '.join((as_latex(row.quantity), *texts))} \\\\")
+    footnotes = [
+        f"  \\par\\smallskip\\footnotesize {latex_text(t, 500)}" for t in run.result.warnings
+    ]
+    return "\n".join(
+        [
+            "% needs \\usepackage{booktabs}",
+            f"% {methods(run)}",
+            "\\begin{table}",
+            "  \\centering",
+            f"  \\caption{{{caption}}}",
+            "  \\begin{tabular}{lllll}",
+            "    \\toprule",
+            "    Parameter & Interval & Unit & Verdict & Reason \\\\",
+            "    \\midrule",
+            *rows,
+            "    \\bottomrule",
+            "  \\end{tabular}",
+            *footnotes,
+            "\\end{table}",
+            "",
+        ]
+    )

@@ -1,0 +1,83 @@
+"""The templates of the pages and what they are filled with: cells of tables, figures as data URIs.
+
+Text that is put into a template is escaped.
+"""
+
+from __future__ import annotations
+
+import base64
+import struct
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
+
+from biaxbayes.parameters import Quantity
+from biaxbayes.reports.words import as_html
+
+Cell: TypeAlias = str | Quantity | Markup | tuple[str | Markup, ...]
+"""A text, a quantity (its symbol), or a text with further ones in small print below."""
+Row: TypeAlias = tuple[Cell, ...]
+"""Cells of a row of a table; the first names it."""
+
+
+@cache
+def page_template(name: str) -> Template:
+    """The template of a file beside this one."""
+    environment = Environment(
+        loader=PackageLoader("biaxbayes.reports", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"symbol": as_html, "cell": _cell}
+    return environment.get_template(name)
+
+
+def _cell(cell: Cell) -> str | Markup:
+    if isinstance(cell, Quantity):
+        return as_html(cell)
+    if isinstance(cell, tuple):
+        first, *others = cell
+        small = Markup("").join(Markup("<small>{}</small>").format(text) for text in others if text)
+        return Markup("{}").format(first) + small
+    return cell
+
+
+MAGIC = b"\x89PNG\r\n\x1a\n"
+TOTAL_BYTES = 3_300_000
+"""Largest size of all figures together; a third more once encoded. The page stays below 5 MB."""
+
+
+class Picture(NamedTuple):
+    """A PNG as a data URI, and its size in pixels."""
+
+    uri: str
+    width: int
+    height: int
+
+
+def pictures(folder: Path, stems: tuple[str, ...]) -> dict[str, Picture]:
+    """Figures of a folder by stem; the first ones where all would be too large."""
+    left, out = TOTAL_BYTES, {}
+    for stem in stems:
+        path = folder / f"{stem}.png"
+        try:
+            if path.is_symlink() or not path.is_file() or path.stat().st_size > left:
+                continue
+            data = path.read_bytes()
+        except OSError:
+            continue
+        if data[:8] == MAGIC and data[12:16] == b"IHDR":
+            left -= len(data)
+            out[stem] = embedded(data)
+    return out
+
+
+def embedded(data: bytes) -> Picture:
+    """A PNG as a part of a page."""
+    width, height = struct.unpack(">II", data[16:24])
+    return Picture("data:image/png;base64," + base64.b64encode(data).decode("ascii"), width, height)
