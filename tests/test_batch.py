@@ -255,7 +255,7 @@ def test_a_foreign_folder_is_left_alone(study, tmp_path):
     [
         (["study.toml", "--noise", "effective"], "--noise is for CSV files"),
         (["study.toml", "--ess", "100"], "under ess"),
-        (["study.toml", "media.csv"], "a study file stands alone"),
+        (["study.toml", "media.csv"], "a study file cannot be combined"),
         (["none.toml"], "no such file"),
         (["media.csv", "none.csv"], "no such file"),
         (["media.csv", "--mounting-force", "1", "1"], "of one specimen"),

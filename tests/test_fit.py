@@ -603,7 +603,7 @@ def test_table_fits_a_terminal(capsys, media_file):
 def test_table_and_figure_are_written_with_a_word_on_which_to_report(capsys, media_file, tmp_path):
     out = tmp_path / "fits"
     code, shown, _ = run(capsys, "fit", media_file, "--out", out)
-    assert code == 0 and "Report constrained" in shown and "fip: finds the mounting" in shown
+    assert code == 0 and "Report constrained" in shown and "fip: computes the mounting" in shown
     table = pd.read_csv(out / "fits.csv")
     assert list(table["method"]) == list(METHODS)
     specimen = read_specimen(media_file)

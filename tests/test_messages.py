@@ -102,7 +102,7 @@ def test_an_angle_in_radians(capsys, tmp_path):
 @pytest.mark.parametrize(("typed", "meant"), [("sampel", "sample"), ("Simulate", "simulate")])
 def test_did_you_mean(capsys, typed, meant):
     assert f"did you mean {meant}?" in refused(capsys, typed, "x.csv")
-    assert "verbs are sample" in refused(capsys, "quux")
+    assert "commands are sample" in refused(capsys, "quux")
 
 
 @pytest.mark.parametrize(

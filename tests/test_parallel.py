@@ -120,7 +120,7 @@ def test_signals_reach_the_workers_through_us_and_leave_none_behind(tmp_path, ho
     out, err = run.communicate(timeout=60)
     if how == "finish":
         assert out.count("ended") == 2
-        assert err == "stopping after this block; once more to stop at once\n"
+        assert err == "stopping after this block; press Ctrl-C again to stop at once\n"
         assert run.returncode == 0
     else:
         assert "ended" not in out

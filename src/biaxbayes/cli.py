@@ -50,8 +50,8 @@ class LazyGroup(click.Group):
             from difflib import get_close_matches
 
             close = get_close_matches(args[0].lower(), VERBS, n=1, cutoff=0.6)
-            hint = f"did you mean {close[0]}?" if close else f"verbs are {', '.join(VERBS)}"
-            raise InputError(f"no verb {args[0][:40]!r}", remedy=hint)
+            hint = f"did you mean {close[0]}?" if close else f"commands are {', '.join(VERBS)}"
+            raise InputError(f"unknown command {args[0][:40]!r}", remedy=hint)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -76,7 +76,7 @@ def main(arguments: list[str] | None = None) -> None:
     cannot be trusted, 70 a defect of this program (``BIAXBAYES_DEBUG=1`` shows where), and 128
     plus the signal when stopped by one.
     """
-    # Streams that the caller closed (2>&-): what is written to them is lost, as was asked for.
+    # Streams that the caller closed (2>&-): output to them is discarded.
     if sys.stdout is None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
     if sys.stderr is None:
@@ -87,12 +87,12 @@ def main(arguments: list[str] | None = None) -> None:
     # Matrices are small: with two threads `sample` takes an eighth more processor time, and longer.
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported
     os.environ["MPLBACKEND"] = "agg"  # that of a notebook, inherited, may not exist here
-    # What ArviZ 0.23 says once a day about ArviZ 1.
+    # ArviZ 0.23 announces ArviZ 1 once a day.
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     try:
         sys.exit(_outcome(arguments))
     except BrokenPipeError:
-        # Whoever read the output has gone; nothing may be flushed into it on the way out.
+        # The reader of the output has closed it; nothing may be flushed into it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
 
@@ -107,7 +107,7 @@ def _outcome(arguments: list[str] | None) -> int:
     except (click.exceptions.Abort, KeyboardInterrupt) as error:
         # A second signal says which it was.
         cause = error.__cause__ if isinstance(error, click.exceptions.Abort) else error
-        if isinstance(cause, EOFError):  # click takes it for the end of what a user types
+        if isinstance(cause, EOFError):  # click treats it as the end of the input
             return _internal(cause)
         number = next((a for a in getattr(cause, "args", ()) if isinstance(a, int)), 2)
         return _ended("stopped at once; what was saved is safe", 128 + number)

@@ -1,9 +1,9 @@
-"""What the user chooses: name, default, allowed values and words of every option, once.
+"""Every option that a user can set, defined once: name, default, range or choices, help text.
 
-The command line makes its options of these tables, the Python verbs their keyword arguments, study
-files their ``[options]``, and a run folder its record. A table is a frozen dataclass that checks
-itself; an option's words and range stand in the metadata of its field. Tables that one verb alone
-takes stand in its file in :mod:`biaxbayes.verbs`.
+An option is a field of a frozen dataclass, made by :func:`option`; the dataclass checks its
+values. The command line, the keyword arguments of the Python functions, the ``[options]`` of study
+files and the provenance of a run are derived from it. Options of a single verb are defined in its
+file in :mod:`biaxbayes.verbs`.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from biaxbayes.errors import InputError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
 from biaxbayes.laws.law import Law
 
-# --- an option, its words and its check ----------------------------------------------------------
+# --- an option, its help text and its check ------------------------------------------------------
 
 MOST_WHOLE = 2**63 - 1
 MOST = 9e18
 
 
 class Option(NamedTuple):
-    """Words and allowed values of an option; ``least`` and ``most`` are the range of a number."""
+    """Help text and allowed values of an option; numbers lie from ``least`` to ``most``."""
 
-    words: str
+    help: str
     choices: tuple[str, ...]
     kind: type | None
     least: float
@@ -48,7 +48,7 @@ class Option(NamedTuple):
         if self.least == -math.inf:
             return "a number"
         if self.most == math.inf:
-            return f"at least {self.least:g}" + (f": {self.reason}" if self.reason else "")
+            return f"at least {self.least:g}" + (f", because {self.reason}" if self.reason else "")
         whole = isinstance(self.most, int)
         if self.open_ends:
             return f"a number between {self.least:g} and {self.most:g}"
@@ -62,7 +62,7 @@ class Option(NamedTuple):
             return False
         number: Any = value
         if self.least == -math.inf:
-            return True  # the code that uses it checks it
+            return True  # checked where it is used
         if self.open_ends:
             return bool(self.least < number < self.most)
         return bool(self.least <= number <= self.most) and abs(number) != math.inf
@@ -70,7 +70,7 @@ class Option(NamedTuple):
 
 def option(
     default: Any,
-    words: str = "",
+    help: str = "",
     *,
     choices: tuple[str, ...] = (),
     kind: type | None = None,
@@ -82,11 +82,17 @@ def option(
     metavar: str | None = None,
     flag: str = "",
 ) -> Any:
-    """A field of a table with its default, its words and what it may be."""
+    """A field of a table with its default, its help text and its allowed values."""
     if kind is None and isinstance(default, bool | int | float):
         kind = type(default)
-    entry = Option(words, choices, kind, least, most, open_ends, show_range, reason, metavar, flag)
+    entry = Option(help, choices, kind, least, most, open_ends, show_range, reason, metavar, flag)
     return field(default=default, metadata={"option": entry})
+
+
+def same(table: type, name: str) -> Any:
+    """The same option as in another table."""
+    (original,) = (f for f in fields(table) if f.name == name)
+    return field(default=original.default, metadata=original.metadata)
 
 
 def options_of(table: type) -> dict[str, Option]:
@@ -185,8 +191,8 @@ def takes_options(*tables: type, without: tuple[str, ...] = ()) -> Callable[[Ver
                 if option is not None and option.choices:
                     kind = "{" + ", ".join(repr(c) for c in option.choices) + "}"
                 lines.append(f"{f.name} : {kind}, default {default!r}")
-                words = f.metadata.get("words", "") if option is None else option.words
-                lines += [f"    {words}"] if words else []
+                text = f.metadata.get("help", "") if option is None else option.help
+                lines += [f"    {text}"] if text else []
         verb.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
         verb.__doc__ = _with_lines(inspect.getdoc(verb) or "", lines)
         return verb
@@ -204,7 +210,7 @@ def _with_lines(doc: str, entries: list[str]) -> str:
     return "\n".join([*lines[:start], *entries, *lines[end:]])
 
 
-# --- words that options may take -----------------------------------------------------------------
+# --- choices of options -----------------------------------------------------------------
 
 INFERRING = ("noisy", "exact", "free")
 """Ways in which the mounting force enters where the mounting stretch is an unknown."""
@@ -215,7 +221,7 @@ MOUNTING_STRETCH = ("shared", "per-protocol")
 FIT_WORDS = {
     "standard": "takes the mounted state as unloaded, forces as read",
     "zeroed": "the same with the mounting force subtracted, as after a tare",
-    "fip": "finds the mounting stretch by the force balance, refits, and repeats (method paper)",
+    "fip": "computes the mounting stretch by the force balance, refits, and repeats (method paper)",
     "linden": "takes the mounting stretches as two more parameters of the stress fit",
     "constrained": "fits the forces in one go, the mounting stretch from the force balance, the "
     "mounting force one reading with the load cell's noise",
@@ -231,7 +237,7 @@ WHICH_FIT = (
 ALL_FITS = "all"
 ALL_ROWS, AUTOMATIC = "none", "auto"
 CONTENT = 0.9
-"""Content of every interval and band, where no other is asked for."""
+"""Default content of every interval and band."""
 CARD_PROGRAMS = ("abaqus", "febio")
 CARD_UNITS = ("kPa-mm", "MPa-mm", "Pa-m")
 PICTURES = ("pdf", "svg", "png")
@@ -249,16 +255,19 @@ class Settings(Options):
     mounting: str = option("noisy", "How the mounting force enters.", choices=MOUNTING)
     noise: str = option(
         "effective",
-        "Weigh the rows by the independent readings they are worth, or not.",
+        "Weight the likelihood by the effective number of readings, or treat all as independent.",
         choices=NOISE,
     )
     mounting_stretch: str = option(
-        "shared", "One mounted state for all protocols, or one each.", choices=MOUNTING_STRETCH
+        "shared",
+        "One mounted state for all protocols, or one per protocol.",
+        choices=MOUNTING_STRETCH,
     )
     noise_growth: bool = option(False, "Let the noise sd grow with the load.")
     law: str = option(DEFAULT_LAW, "The material law.", choices=tuple(LAWS))
     fibre_switch: bool = option(
-        False, "Fibres carry no compression (Abaqus, FEBio); for laws that leave it open."
+        False,
+        "Fibres carry no load in compression, as in Abaqus and FEBio; for laws with a choice.",
     )
     mounting_sd: float = option(
         0.1,
@@ -268,10 +277,10 @@ class Settings(Options):
         open_ends=True,
     )
     thin: int = 0
-    """Rows of a protocol that longer records are averaged to; 0 keeps all."""
+    """Largest number of rows per protocol; longer ones are averaged down to it. 0 keeps all."""
     priors: Mapping[str, Any] = field(
         default_factory=dict,
-        metadata={"words": "In place of default priors: a Prior, a number (fixed) or a Tie."},
+        metadata={"help": "In place of default priors: a Prior, a number (fixed) or a Tie."},
     )
 
     def __post_init__(self) -> None:
@@ -303,12 +312,12 @@ class Settings(Options):
 
 @dataclass(frozen=True)
 class ModelOptions(Settings):
-    """The same as the user gives it, before a specimen has settled the thinning."""
+    """The same as the user sets it: `thin` may still be a word."""
 
     thin: int | str = option(  # type: ignore[assignment]
         AUTOMATIC,
-        "Average longer protocols to N rows; auto: above 200 rows to 100, for effective "
-        "noise alone.",
+        "Average longer protocols to N rows; auto: above 200 rows to 100, with effective "
+        "noise only.",
         metavar=f"N|{ALL_ROWS}|{AUTOMATIC}",
     )
 
@@ -318,7 +327,7 @@ class ModelOptions(Settings):
         super().check(name, value, where, file)
         if name == "thin" and value not in (ALL_ROWS, AUTOMATIC):
             text = str(value) if isinstance(value, str | numbers.Integral) else ""
-            digits = text.lstrip("0")  # none of zero
+            digits = text.lstrip("0")  # empty for zero
             if isinstance(value, bool) or not digits.isdecimal() or len(digits) > 15:
                 raise InputError(
                     f"{where}thin must be a number of rows, {ALL_ROWS} or {AUTOMATIC}",
@@ -344,18 +353,14 @@ class FitOptions(Options):
     starts: int = option(8, least=1, most=512, show_range=True)
     seed: int = option(0, least=0, show_range=True)
     fixed: Mapping[str, float] | None = field(
-        default=None, metadata={"words": "Values of fixed parameters, in their own units."}
+        default=None, metadata={"help": "Values of fixed parameters, in their own units."}
     )
-    mounting_stretch: str = option(
-        Settings.mounting_stretch,
-        options_of(Settings)["mounting_stretch"].words,
-        choices=MOUNTING_STRETCH,
-    )
-    law: str = option(Settings.law, options_of(Settings)["law"].words, choices=tuple(LAWS))
-    fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].words)
+    mounting_stretch: str = same(Settings, "mounting_stretch")
+    law: str = same(Settings, "law")
+    fibre_switch: bool = same(Settings, "fibre_switch")
     initial: Any = field(
         default=None,
-        metadata={"words": "A Material as a further start; with it ``starts`` may be 0."},
+        metadata={"help": "A Material as a further start; with it ``starts`` may be 0."},
     )
 
     def __post_init__(self) -> None:
@@ -364,8 +369,8 @@ class FitOptions(Options):
                 self.check(name, getattr(self, name))
 
 
-SAME_SEED = "Same seed, same bytes."
-WANTED = "Effective draws wanted."
+SAME_SEED = "Random seed; the same seed gives the same files."
+WANTED = "Effective sample size to reach."
 WORKERS = "Processors to use [all, at most 4]."
 
 
@@ -375,7 +380,7 @@ class SamplingPlan(Options):
 
     seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
     ess: float = option(2000.0, WANTED, least=50, most=MOST)
-    max_steps: int = option(20_000, "When to give up.", least=128, most=MOST)
+    max_steps: int = option(20_000, "Largest number of steps per ensemble.", least=128, most=MOST)
     workers: int | None = option(None, WORKERS, kind=int, least=1)
 
     @property
@@ -385,13 +390,16 @@ class SamplingPlan(Options):
 
 
 @dataclass(frozen=True)
-class PopulationOptions(Options):
+class PopulationOptions(SamplingPlan):
     """A hierarchical posterior over specimens."""
+
+    ess: float = option(1000.0, WANTED, least=50, most=MOST)
+    max_steps: int = option(6000, "Largest number of steps.", least=128, most=MOST)
 
     pool_mounting: bool = option(False, "Pool the mounting stretches, too.")
     spread: str = option(
         "common",
-        "One sd between the specimens of a donor for all groups, or one each.",
+        "One sd between the specimens of a donor for all groups, or one per group.",
         choices=("common", "by-group"),
     )
     correlations: str = option(
@@ -399,15 +407,6 @@ class PopulationOptions(Options):
         "Correlations of donors and of specimens; auto: where there are four for each parameter.",
         choices=("auto", "always", "never"),
     )
-    seed: int = option(1, SAME_SEED, least=0, most=MOST_WHOLE)
-    ess: float = option(1000.0, WANTED, least=50, most=MOST)
-    max_steps: int = option(6000, "When to give up.", least=128, most=MOST)
-    workers: int | None = option(None, WORKERS, kind=int, least=1)
-
-    @property
-    def processors(self) -> int:
-        """Processors to use."""
-        return SamplingPlan(workers=self.workers).processors
 
 
 @dataclass(frozen=True)
@@ -423,9 +422,14 @@ class CalibrationPlan(Options):
     )
     seed: int = option(1, least=0, most=MOST_WHOLE)
     ess: float = option(
-        600.0, "Effective draws of each.", least=200, reason="127 draws are ranked against"
+        600.0,
+        "Effective draws of each replication.",
+        least=200,
+        reason="true values are ranked among 127",
     )
-    broken: str = option("", "determinant, or noise.", flag="break")
+    broken: str = option(
+        "", "Leave out the determinant, or the noise, to see that the test notices.", flag="break"
+    )
 
 
 # --- what is computed from a posterior -----------------------------------------------------------
@@ -440,21 +444,28 @@ class DesignOptions(Options):
     )
     further: float = option(
         1.25,
-        "How far the protocol goes that goes further, relative to the tested range.",
+        "Range of the extended protocol, relative to the tested range.",
         least=1.0,
         most=3.0,
         show_range=True,
     )
     alpha_sd_deg: float = option(
-        5.0, "Histology, degrees.", least=0.0, most=1e3, open_ends=True, flag="alpha-sd"
+        5.0,
+        "Sd of the fibre angle from histology (degrees).",
+        least=0.0,
+        most=1e3,
+        open_ends=True,
+        flag="alpha-sd",
     )
-    kappa_sd: float = option(0.03, "Histology.", least=0.0, most=1e3, open_ends=True)
+    kappa_sd: float = option(
+        0.03, "Sd of kappa from histology.", least=0.0, most=1e3, open_ends=True
+    )
     image_sd: float = option(
-        0.005, "Mounting stretch by image.", least=0.0, most=1e3, open_ends=True
+        0.005, "Sd of a mounting stretch measured by imaging.", least=0.0, most=1e3, open_ends=True
     )
     rank_by: str = option(
         "parameters",
-        "The mean over the parameters, 'information', or one quantity, such as kappa.",
+        "Rank by the mean over the parameters, 'information', or one quantity, such as kappa.",
     )
     seed: int = option(1, SAME_SEED, least=0)
 

@@ -1,4 +1,4 @@
-"""How far a long verb has come, in a live line; and a stop that finishes what is under way."""
+"""Progress display, and a graceful stop on signals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where long work stands.
+    """State of long work.
 
     Attributes
     ----------
@@ -91,14 +91,14 @@ def shown_progress(console: Console) -> Iterator[Callable[[Any], None]]:
     with live_bar(console) as bar:
         task = bar.add_task("starting", total=None)
 
-        def tell(progress: Any) -> None:
+        def show(progress: Any) -> None:
             if progress.note:
                 bar.console.print(f"biaxbayes: {progress.note}", markup=False, highlight=False)
             share = progress.share
             total = None if share is None else 1.0
             bar.update(task, description=progress.phase, total=total, completed=share or 0.0)
 
-        yield tell
+        yield show
 
 
 @contextlib.contextmanager
@@ -109,7 +109,7 @@ def _notebook_progress() -> Iterator[Callable[[Any], None]]:
     shown = ""
     line = display({"text/plain": "starting"}, raw=True, display_id=True)
 
-    def tell(progress: Any) -> None:
+    def show(progress: Any) -> None:
         nonlocal shown
         if progress.note:
             print(f"biaxbayes: {progress.note}")
@@ -119,7 +119,7 @@ def _notebook_progress() -> Iterator[Callable[[Any], None]]:
             line.update({"text/plain": text}, raw=True)
 
     try:
-        yield tell
+        yield show
     finally:
         line.update({"text/plain": ""}, raw=True)
 
@@ -140,7 +140,7 @@ def _shown() -> contextlib.AbstractContextManager[Callable[[Any], None]]:
 
 @contextlib.contextmanager
 def _plain_interruption() -> Iterator[None]:
-    """Let an interruption be one: where compiled code runs it is the cause of a SystemError."""
+    """Raise a KeyboardInterrupt that compiled code wrapped in a SystemError."""
     try:
         yield
     except SystemError as error:
@@ -156,7 +156,7 @@ Verb = TypeVar("Verb", bound=Callable[..., Any])
 
 
 def with_progress(verb: Verb) -> Verb:
-    """Let a verb show its progress where somebody watches.
+    """Let a verb show its progress on a terminal or in a notebook.
 
     Its ``progress`` may then be a callable, as before; True or False for a line or none; by
     default there is one on a terminal and in a notebook.
@@ -167,11 +167,11 @@ def with_progress(verb: Verb) -> Verb:
         with _plain_interruption():
             if callable(progress):
                 return verb(*arguments, progress=progress, **options)
-            somebody = sys.stderr.isatty() or _in_notebook()
-            if not (somebody if progress is None else progress):
+            interactive = sys.stderr.isatty() or _in_notebook()
+            if not (interactive if progress is None else progress):
                 return verb(*arguments, **options)
-            with _shown() as tell:
-                return verb(*arguments, progress=tell, **options)
+            with _shown() as show:
+                return verb(*arguments, progress=show, **options)
 
     return watched  # type: ignore[return-value]
 
@@ -201,8 +201,8 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         return
     from rich.console import Console
 
-    with shown_progress(Console(stderr=True)) as tell:
-        yield tell
+    with shown_progress(Console(stderr=True)) as show:
+        yield show
 
 
 def _print_note(progress: Any) -> None:
@@ -214,7 +214,7 @@ MINUTE = 60.0
 
 
 def minute_lines(clock: Callable[[], float] = time.monotonic) -> Callable[[Progress], None]:
-    """Print notes at once, and where the work stands a minute after the last line."""
+    """Print notes at once, and the state of the work a minute after the last line."""
     last = clock()
 
     def show(progress: Any) -> None:
@@ -232,13 +232,12 @@ def minute_lines(clock: Callable[[], float] = time.monotonic) -> Callable[[Progr
 def graceful_stop() -> Iterator[Callable[[], int]]:
     """Turn the first Ctrl-C, SIGTERM or hang-up into a request; the second acts at once.
 
-    Signals that whoever started the program had ignored (nohup, a shell's background job) stay
-    ignored.
+    Signals that were ignored at the start (nohup, a shell's background job) stay ignored.
 
     Yields
     ------
     callable
-        The number of the signal that asked for a stop, else 0.
+        The number of the signal that requested a stop, else 0.
     """
     signal_number = 0
     if threading.current_thread() is not threading.main_thread():
@@ -251,7 +250,7 @@ def graceful_stop() -> Iterator[Callable[[], int]]:
             raise StoppedAtOnce(number)
         signal_number = number
         with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
-            os.write(2, b"stopping after this block; once more to stop at once\n")
+            os.write(2, b"stopping after this block; press Ctrl-C again to stop at once\n")
 
     previous = {n: signal.getsignal(n) for n in STOPS}
     for number, handler in previous.items():

@@ -53,7 +53,7 @@ def derived_words(name: str) -> str:
 STATES = {
     "converged": "Converged chains: the ensembles agree and hold enough independent draws.",
     "tentative": "Tentative: not converged. Do not publish these numbers; sample longer.",
-    "unusable": "Not usable: the ensembles disagree, so the draws say nothing.",
+    "unusable": "Not usable: the ensembles disagree, so the draws must not be used.",
 }
 
 
@@ -137,8 +137,8 @@ GLOSSARY = {
     "100 % exactly known",
     "reported": "what goes into a paper; for a mounting stretch, what all laws that fit the record "
     "agree on",
-    "other laws, alike": "material laws fitted to the same record; alike where their misfits are "
-    "about as small as the best one",
+    "other laws": "material laws fitted to the same record; one fits as well as another where "
+    "their misfits are about equally small",
     "runs": "sequences of residuals of one sign; far fewer than expected mean that the model "
     "misses smoothly",
     "effective readings": "number of independent readings that carry as much information as "

@@ -73,7 +73,7 @@ def read_entries(study: Study) -> list[Entry]:
             specimen = read_specimen(entry.file)
             if entry.mounting_force is not None:
                 if not specimen.is_tared:
-                    raise InputError("has a mounting force of its own", file=entry.file)
+                    raise InputError("already has a mounting force", file=entry.file)
                 specimen = specimen.with_mounting_force(*entry.mounting_force)
         except BiaxbayesError as error:
             out.append(Entry(entry, slug, problem=str(error)))

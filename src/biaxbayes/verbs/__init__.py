@@ -1,7 +1,7 @@
-"""The verbs, one file each: the options, the function for Python, the command, its closing words.
+"""The verbs, one file each: options, function for Python, command, closing message.
 
 :mod:`biaxbayes.verbs.options` has the options that commands share, :mod:`biaxbayes.verbs.inputs`
-opens and checks what verbs are given.
+opens and checks inputs.
 """
 
 VERBS = {

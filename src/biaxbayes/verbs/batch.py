@@ -1,6 +1,6 @@
-"""``biaxbayes batch``: many specimens sampled once each, and set side by side.
+"""``biaxbayes batch``: sample many specimens and compare them.
 
-Everything that the task of a worker needs is in it; the run folders lie in the study's, which every
+A task holds everything that its worker needs; the run folders lie in the study folder, which every
 worker must see.
 """
 
@@ -89,7 +89,7 @@ def batch(
     stop: Stop = never,
     **options: Any,
 ) -> StudyResult:
-    """Sample every specimen of a study, or what is missing of it.
+    """Sample every specimen of a study that is not finished, and compare them.
 
     In a script of your own the call stands below ``if __name__ == "__main__":``, as for everything
     that starts processes.
@@ -112,7 +112,7 @@ def batch(
     """
     if isinstance(study, str | Path):
         if options:
-            raise InputError("options of a study stand in its file", file=study)
+            raise InputError("options of a study belong in its file", file=study)
         chosen = read_study(Path(study))
     else:
         own = ("seed", "ess", "max_steps", "anyway")
@@ -193,7 +193,7 @@ def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
 
 @dataclass(frozen=True)
 class LayerTask:
-    """Runs to compare with one another: the layers of one donor, empty where none is named."""
+    """Runs to compare: the layers of one donor (empty where none is named)."""
 
     donor: str
     labels: tuple[str, ...]
@@ -277,7 +277,7 @@ class Batch:
     def _sample(
         self, entries: list[Entry], going: Path, progress: Tell, stop: Stop
     ) -> dict[str, Tried]:
-        """What became of every specimen, by the name of its run folder."""
+        """The outcome of every specimen, by the name of its run folder."""
         readable = [e for e in entries if e.specimen is not None]
         tried = {e.slug: _failed(e.problem) for e in entries if e.specimen is None}
         recorded = self._finished_before()
@@ -316,7 +316,7 @@ class Batch:
             if result.state in STATES and entry.slug not in done:
                 done[entry.slug] = entry.fingerprint
                 self._save(done)
-            progress(_how_far(tried, len(entries), before, time.monotonic() - clock))
+            progress(_progress(tried, len(entries), before, time.monotonic() - clock))
         if len(tried) < len(entries):
             raise Interrupted(
                 f"interrupted after {len(tried)} of {len(entries)} specimens, all saved in "
@@ -346,16 +346,16 @@ class Batch:
             return {}
 
     def _save(self, done: dict[str, str]) -> None:
-        """Keep the fingerprints of the finished runs, and the study's own columns."""
+        """Write the fingerprints of the finished runs, and the study's own columns."""
         record = {"biaxbayes": biaxbayes.__version__, "name": self.study.name, "done": done}
         if self.study.columns:
-            stated = {e.label: dict(e.columns) for e in self.study.specimens}
-            record |= {"columns": list(self.study.columns), "stated": stated}
+            values = {e.label: dict(e.columns) for e in self.study.specimens}
+            record |= {"columns": list(self.study.columns), "stated": values}
         atomic_write_text(self.folder / STUDY, json.dumps(record, indent=2) + "\n")
 
 
-def _how_far(tried: Mapping[str, Tried], total: int, before: int, seconds: float) -> Progress:
-    """Where the sampling stands, and how long it will take yet."""
+def _progress(tried: Mapping[str, Tried], total: int, before: int, seconds: float) -> Progress:
+    """Specimens done so far, and the time left."""
     bad = sum(t.state not in STATES for t in tried.values())
     text = f"{len(tried)} of {total} specimens" + (f", {bad} failed" if bad else "")
     if len(tried) > before:
@@ -375,7 +375,7 @@ IN_FILE = {
     **dict.fromkeys(("fix", "priors"), "priors"),
     "mounting_force": "{}",
 }
-"""Where a study file states what is an option for CSV files; {} is the option's own name."""
+"""Place of an option in a study file; {} is its name."""
 
 
 @click.command("batch")
@@ -421,7 +421,7 @@ def command(
                 (name,),
                 "{} is for CSV files",
                 file=study,
-                remedy=f"state it in the study file, under {key.format(name)}",
+                remedy=f"write it in the study file, under {key.format(name)}",
             )
         given = {}
     else:
@@ -444,18 +444,20 @@ def _is_study(path: Path) -> bool:
 def _check_csvs(sources: tuple[Path, ...], mounting_force: object) -> None:
     if mounting_force is not None:
         raise InputError(
-            "`mounting_force` is that of one specimen",
-            remedy="state mounting_force for each in a study file",
+            "`mounting_force` belongs to one specimen",
+            remedy="give mounting_force for each specimen in a study file",
         )
     for path in sources:
         if _is_study(path):
             raise InputError(
-                "a study file stands alone", file=path, remedy="list all specimens in it"
+                "a study file cannot be combined with other files",
+                file=path,
+                remedy="list all specimens in it",
             )
 
 
 def closing_message(result: StudyResult) -> str:
-    """A line for each specimen, and where the rest is."""
+    """One line per specimen, and the files with everything else."""
     lines = [f"{'specimen':<28}{'donor':<12}{'layer':<14}state"]
     for s in result.specimens.to_dict("records"):
         cells = [

@@ -1,4 +1,4 @@
-"""What the verbs are given, opened and checked; and files and folders to write into."""
+"""Open and check the inputs of the verbs; make their output folders."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def never() -> int:
 def open_specimen(
     specimen: SpecimenLike, mounting_force: Sequence[float] | None = None
 ) -> Specimen:
-    """A specimen, or the CSV to read it from, with a stated mounting force put back on."""
+    """A specimen, or the CSV to read it from; adds a mounting force to a tared one."""
     file: object = None
     if not isinstance(specimen, Specimen):
         file = Path(specimen)
@@ -53,7 +53,7 @@ def open_specimen(
         return specimen
     if not specimen.is_tared:
         raise InputError(
-            "has a mounting force of its own",
+            "already has a mounting force",
             file=file or specimen.name,
             remedy="`mounting_force` is for files whose force was zeroed after mounting",
         )
@@ -74,23 +74,23 @@ def open_specimen(
             file=file or specimen.name,
             remedy=f"give it in {specimen.unit}",
         )
-    rescued = specimen.with_mounting_force(x, y)
-    if rescued.is_tared:
+    with_force = specimen.with_mounting_force(x, y)
+    if with_force.is_tared:
         raise InputError(
-            f"`mounting_force` {x:g} {y:g} is nothing beside the largest load recorded, "
+            f"`mounting_force` {x:g} {y:g} is negligible beside the largest recorded load, "
             f"{largest:.3g} {specimen.unit}",
             file=file or specimen.name,
             remedy=f"give it in {specimen.unit}",
         )
-    return readable_specimen(rescued, file or specimen.name)
+    return readable_specimen(with_force, file or specimen.name)
 
 
 FORCE_LIMIT = 3.0
-"""A stated mounting force beyond so many times the largest recorded load is in another unit."""
+"""Largest ratio of a mounting force to the peak load; beyond it the unit is probably wrong."""
 
 
 def readable_specimen(specimen: Specimen, file: object) -> Specimen:
-    """The same specimen, if a run folder's copy of it can be read again; refused else."""
+    """The same specimen; refused if it cannot be read again from the copy in a run folder."""
     check_readings(specimen)
     try:
         parse_specimen(specimen_text(specimen).split("\n"), Path("specimen.csv"))
@@ -102,7 +102,7 @@ def readable_specimen(specimen: Specimen, file: object) -> Specimen:
 
 def opened_run(run: RunLike) -> Run:
     """A run, or the folder to open it from."""
-    from biaxbayes.runs.run import open_run  # not for a mere look at a specimen
+    from biaxbayes.runs.run import open_run
 
     return open_run(run) if isinstance(run, str | Path) else run
 
@@ -113,14 +113,14 @@ def usable_run(run: RunLike, *, anyway: bool = False) -> Run:
     _check_draws(opened)
     if opened.state == "unusable" and not anyway:
         raise NotConverged(
-            f"{opened.path}: the chains of this run have not converged, so its draws say nothing; "
-            "sample longer, or add `anyway=True` to use them all the same"
+            f"{opened.path}: the chains of this run have not converged, so its draws must not be "
+            "used; sample longer, or add `anyway=True` to use them nevertheless"
         )
     return opened
 
 
 def _check_draws(run: Run) -> None:
-    """A folder may come from anywhere: what is computed with has to be a posterior's."""
+    """Refuse draws that are missing or out of range: a run folder is untrusted input."""
     needed = {p.name: p for p in (*run.law.parameters, NOISE_SD)}
     stretches = run.quantities.of_kind(STRETCH)
     known = needed | {q.name: q.parameter for q in stretches if q.name in run.draws}
@@ -132,7 +132,7 @@ def _check_draws(run: Run) -> None:
 
 
 def is_run(source: RunLike | SpecimenLike) -> bool:
-    """Whether this is a run, or its folder, and no specimen."""
+    """Whether this is a run or its folder, not a specimen."""
     if isinstance(source, str | Path):
         return Path(source).is_dir()
     from biaxbayes.runs.run import Run
@@ -153,9 +153,9 @@ def make_folder(path: PathLike) -> Path:
 def claim_folder(
     folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
 ) -> set[str]:
-    """Make the folder of a verb, refuse one that holds something else; the names in it.
+    """Make the output folder of a verb and return the names in it; refuse a foreign folder.
 
-    It holds one of the ``records``, or at most what is the verb's ``own``.
+    A folder is the verb's if it holds one of the ``records``, or at most its ``own`` names.
     """
     from biaxbayes.runs.folder import names_in
 
@@ -172,7 +172,7 @@ def write_table(folder: Path, stem: str, table: pd.DataFrame, digits: str | None
 
 
 def refuse_model(given: Mapping[str, Any], mounting_force: object) -> None:
-    """A run has its own model."""
+    """Refuse model options together with a run, which has its own model."""
     names = [*(["mounting_force"] if mounting_force is not None else []), *given]
     if names:
         raise InputError(
@@ -189,7 +189,7 @@ def opened_style(style: Any) -> dict[str, Any] | None:
 
 
 def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool) -> None:
-    """Draws that took an hour are replaced on purpose only; to continue them adds to them."""
+    """Refuse to overwrite a finished run, unless asked to or to continue it."""
     from biaxbayes.runs.checkpoint import NAMES
     from biaxbayes.runs.folder import KINDS, is_finished
 
@@ -202,7 +202,7 @@ def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool)
 
 
 def removal_note(tell: Tell, record: str) -> Callable[[list[str]], None]:
-    """What reports the names of what was made of the former run or population and went with it."""
+    """Callback that reports the derived files removed with the previous run or population."""
     from biaxbayes.runs.folder import KINDS
     from biaxbayes.sampling.sampler import Progress
 
@@ -215,7 +215,7 @@ def removal_note(tell: Tell, record: str) -> Callable[[list[str]], None]:
 
 
 def check_new(path: Path, overwrite: bool) -> None:
-    """Refuse to replace a file of the user's unasked."""
+    """Refuse to replace an existing file without `overwrite`."""
     if path.is_dir():
         raise InputError("is a folder, not a file", file=path, remedy="name a CSV in it")
     if path.exists() and not overwrite:

@@ -1,4 +1,4 @@
-"""What commands share: click's options made of the tables of :mod:`biaxbayes.options`."""
+"""Options that commands share, made for click from the tables of :mod:`biaxbayes.options`."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Pair(click.ParamType):
             x = y = math.nan
         lowest = min(x, y)
         if not (math.isfinite(x + y) and (lowest > 0.0 or (self.zero and lowest == 0.0))):
-            self.fail(f"{value!r} does not read like {self.example}", param, ctx)
+            self.fail(f"{value!r} is not of the form {self.example}", param, ctx)
         return x, y
 
 
@@ -58,7 +58,7 @@ RATIO = Pair("ratio", ":", "1:0.5", zero=True)
 
 
 def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
-    """Add options of a table to a command, in the order of ``names``; all where none is given.
+    """Add options of a table to a command, in the order of ``names``; by default all.
 
     ``changes`` are keyword arguments of ``click.option`` that differ from the table, by option.
     """
@@ -73,7 +73,7 @@ def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Dec
 
 def _option(table: type[Options], name: str, changes: dict[str, Any]) -> Decorator:
     option, default = options_of(table)[name], getattr(table, name)
-    settings: dict[str, Any] = {"help": option.words or None, "metavar": option.metavar}
+    settings: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
     if option.kind is bool:
         settings |= {"is_flag": True, "default": default}
     else:
@@ -98,7 +98,7 @@ def _range(option: Option) -> click.ParamType:
     return click.FloatRange(option.least, most, min_open=ends, max_open=ends)
 
 
-# --- arguments and options that stand in no table ------------------------------------------------
+# --- further arguments and options ------------------------------------------------
 
 
 def argument(name: str, **more: Any) -> Decorator:
@@ -114,7 +114,7 @@ def file_option(flag: str, words: str, metavar: str | None = None, **more: Any) 
 
 
 def choice_option(flag: str, choices: Any, words: str = "", **more: Any) -> Decorator:
-    """An option that takes one of several words, by default the first."""
+    """An option that takes one of several values, by default the first."""
     names = [f"--{flag}", more.pop("name", flag)]
     settings = {"default": next(iter(choices)), "show_default": True, "help": words or None, **more}
     return click.option(*names, type=click.Choice(list(choices)), **settings)
@@ -127,7 +127,7 @@ def flag(name: str, words: str) -> Decorator:
 
 quiet_option = flag("quiet", "Print nothing but errors.")
 anyway_option = flag("anyway", "Even if the run has not converged.")
-any_record_option = flag("anyway", "Even if the record cannot be a loading curve (see check).")
+any_record_option = flag("anyway", "Even if the data cannot be a loading curve (see check).")
 resume_option = flag("resume", "Continue from the folder's checkpoint.")
 
 
@@ -137,8 +137,8 @@ def json_option(words: str) -> Decorator:
 
 
 def overwrite_option(kind: str) -> Decorator:
-    """``--overwrite`` of what took long to sample."""
-    return flag("overwrite", f"Replace a finished {kind}, with all that was made of it.")
+    """``--overwrite`` for results that took long to sample."""
+    return flag("overwrite", f"Replace a finished {kind}, and everything derived from it.")
 
 
 def executor_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -172,7 +172,7 @@ def fix_option(words: str) -> Decorator:
 
 
 def mounting_force_option(
-    words: str = "For a tared file: the force (or stress) at the mounted state, put back on.",
+    words: str = "For a tared file: the force (or stress) at the mounted state, added back.",
 ) -> Decorator:
     """``--mounting-force X Y``."""
     return click.option(
@@ -228,7 +228,7 @@ def fixed_values(texts: tuple[str, ...], law: Law) -> dict[str, float]:
 
 
 def _warn_of_radians(name: str, value: float) -> None:
-    """An angle is given in degrees; one below pi / 2 may be meant in radians."""
+    """Warn of an angle below pi / 2 degrees, which may be meant in radians."""
     if name.startswith("alpha") and 0.0 < value <= math.pi / 2.0:
         click.echo(
             f"warning: {name} is fixed at {value:g} degrees; if that is in radians, write "
@@ -242,7 +242,7 @@ def _warn_of_radians(name: str, value: float) -> None:
 
 @contextlib.contextmanager
 def shown_work(quiet: bool) -> Iterator[dict[str, Any]]:
-    """Progress and stop of a verb, as its arguments: a live line, and a Ctrl-C that saves first."""
+    """Progress line and graceful interruption, as keyword arguments of a Python function."""
     with progress_line(quiet=quiet) as progress, graceful_stop() as stop:
         yield {"progress": progress, "stop": stop}
 
@@ -255,7 +255,7 @@ def refuse_given(context: click.Context, names: tuple[str, ...], problem: str, *
 
 
 def open_usable_run(path: Path, *, anyway: bool) -> Run:
-    """Open a run folder as :func:`~biaxbayes.verbs.inputs.usable_run`, and say how good it is."""
+    """Open a run folder as :func:`~biaxbayes.verbs.inputs.usable_run`; warn if not converged."""
     from biaxbayes.verbs.inputs import usable_run
 
     run = usable_run(path, anyway=anyway)

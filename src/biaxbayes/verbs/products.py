@@ -1,4 +1,4 @@
-"""What a run folder holds besides the draws: what was found, figures, a page to explore."""
+"""The products of a run besides its draws: result, figures, a page to explore."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def write_products(
     convergence: Mapping[str, Any],
     findings: Sequence[str],
 ) -> RunResult:
-    """Write what a run found and its figures into its folder.
+    """Write result and figures of a run into its folder.
 
-    Unusable draws get the traces that show why, and no figure of a posterior that is none.
+    Of unusable draws only the traces are drawn, which show why.
     """
     state, known = draws.convergence.state, posterior.quantities
     table = draw_table(draws.quantities)
-    found = identify_run(posterior, table, state)
-    result = run_result(found, posterior, table, summary, convergence, findings)
+    judged = identify_run(posterior, table, state)
+    result = run_result(judged, posterior, table, summary, convergence, findings)
     write_result(result, folder)
     if state != "converged":
         save_pictures(
@@ -51,7 +51,7 @@ def write_products(
     bands = bands_figure(posterior.specimen, table, settings=posterior.settings)
     save_pictures(corner_figure(table, known=known, law=posterior.law.called), folder, "corner")
     save_pictures(bands, folder, "stress-bands")
-    save_pictures(identifiability_figure(found, result.rows), folder, "identifiability")
+    save_pictures(identifiability_figure(judged, result.rows), folder, "identifiability")
     if can_be_explored(known, table):
         page = explore_page(posterior, table, state, report=NAME)
         atomic_write_text(folder / EXPLORE, page)

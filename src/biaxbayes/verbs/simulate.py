@@ -37,7 +37,7 @@ class VirtualTest(Options):
     """
 
     material: object = option(None, "A published material; 'list' prints them.", metavar="NAME")
-    fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].words)
+    fibre_switch: bool = option(False, options_of(Settings)["fibre_switch"].help)
     prestretch: Sequence[float] | None = option(
         None, "Mounting stretches; the published ones by default.", metavar="X Y"
     )

@@ -43,7 +43,7 @@ MAX_ROWS, LEAST_MM, LEFT_MM, STRIP_MM = 3, 32.0, 16.0, 12.0
 """Rows of panels, least width of a panel, space at their left, height of the residuals."""
 TRUE: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": DASHES}
 """How true loads are drawn."""
-OPEN_UP_TO = 60
+OPEN_UP_TO = 150
 """Readings of a curve up to which markers are large and open."""
 QUANTILES = (
     "credible_low",
@@ -198,7 +198,7 @@ def _is_curve(x: np.ndarray, part: pd.DataFrame) -> bool:
 def _marker(axis: str, readings: int) -> dict[str, Any]:
     """Marker of the readings of a curve: large and open where there are few."""
     hue, few = colour(axis), readings <= OPEN_UP_TO
-    size, edge = (2.4, 0.6) if few else (1.4, 0.0)
+    size, edge = (2.2, 0.5) if few else (1.4, 0.0)
     return {
         "marker": MARKERS[axis],
         "markersize": size,
