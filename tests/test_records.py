@@ -230,6 +230,8 @@ def test_one_protocol_is_told_that_it_cannot_carry_four_families():
         found = Sampling.prepare(made, out="unused", options=options, **plan).findings
         return [str(f) for f in found]
 
-    assert any("1 protocol cannot carry the law four-fibre" in f for f in findings(1, "four-fibre"))
+    assert any(
+        "1 protocol is too few for the law four-fibre" in f for f in findings(1, "four-fibre")
+    )
     assert not any("cannot carry" in f for f in findings(2, "four-fibre"))
     assert not any("cannot carry" in f for f in findings(1, "goh"))

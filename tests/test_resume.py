@@ -148,7 +148,7 @@ def test_a_signal_finishes_the_block_saves_and_says_how_to_continue(
     assert sample(tmp_path / "run") == code
     assert signal.getsignal(number) is before
     message = capsys.readouterr().err
-    assert f"interrupted after {saved[1]} kept steps, all saved in {tmp_path / 'run'}" in message
+    assert f"interrupted after {saved[1]} steps, all saved in {tmp_path / 'run'}" in message
     assert "--resume continues" in message
     assert len(saved) == 2
     assert not (tmp_path / "run" / PROVENANCE).exists()

@@ -1,4 +1,4 @@
-"""posterior.nc: the draws as an xarray DataTree that ArviZ reads, looked at before it is opened.
+"""posterior.nc: the draws as an xarray DataTree that ArviZ reads; the file is checked first.
 
 HDF5 can point to other files, keep data in them, loop, and claim more numbers than it holds.
 No run of this program does any of that.
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 MOST_OBJECTS = 2_000
 MOST_BYTES = 2_000_000_000
-BYTES_A_BYTE = 50
+MOST_COMPRESSION = 50
 """Compression beyond this is not that of numbers that were measured or drawn."""
 
 
@@ -51,7 +51,7 @@ def check_archive(path: Path) -> None:
     SuspiciousArchive
         If it leads outside itself, loops, or claims more data than it could hold.
     """
-    most = min(MOST_BYTES, BYTES_A_BYTE * path.stat().st_size)
+    most = min(MOST_BYTES, MOST_COMPRESSION * path.stat().st_size)
     seen: set[int] = set()
     claimed = 0
     with h5py.File(path, "r") as file:
@@ -111,7 +111,7 @@ def flatten(values: np.ndarray) -> np.ndarray:
 
 
 def draw_table(quantities: Mapping[str, np.ndarray]) -> pd.DataFrame:
-    """One row a draw, in the order of :func:`flatten`, of arrays (ensembles, steps, walkers)."""
+    """One row per draw, in the order of :func:`flatten`, of arrays (ensembles, steps, walkers)."""
     return pd.DataFrame({name: flatten(values).ravel() for name, values in quantities.items()})
 
 
@@ -141,7 +141,7 @@ def write_archive(
 def _weighting(group: str, posterior: Posterior) -> dict[str, str]:
     """What the two groups of log likelihoods say of themselves."""
     weight = f"n_eff / n = {posterior.beta:.6g}"
-    told = {
+    texts = {
         "log_likelihood": (
             f"weighted: pointwise log likelihood times {weight}, as the posterior was sampled"
         ),
@@ -150,7 +150,7 @@ def _weighting(group: str, posterior: Posterior) -> dict[str, str]:
             "that the posterior was sampled with; not for arviz.loo"
         ),
     }
-    return {"weighting": told[group]} if group in told else {}
+    return {"weighting": texts[group]} if group in texts else {}
 
 
 def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Dataset]:
@@ -208,7 +208,7 @@ def _pointwise(
 ) -> dict[str, dict[str, Any]]:
     """Variables with a number for each draw and reading, in single precision."""
     chains, draws = next(iter(natural.values())).shape
-    values = {name: of_draws.ravel() for name, of_draws in natural.items()}
+    values = {name: drawn.ravel() for name, drawn in natural.items()}
     mean, sd = posterior.forward.predict_rows(values, rows)
 
     def variable(values: np.ndarray, unit: str = "") -> tuple[Any, ...]:

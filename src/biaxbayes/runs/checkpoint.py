@@ -1,8 +1,8 @@
 """Checkpoints: the state of a run between two blocks, written so that no crash can lose it.
 
 One NumPy archive holds arrays and a JSON text; nothing in it is ever executed or unpickled.
-Writing goes to a temporary name, is synced, and replaces the previous checkpoint, which is kept
-under a second name until the next one. A checksum tells a damaged one.
+Writing goes to a temporary name, is synced, and replaces the previous checkpoint, which stays under
+a second name until the next one. A checksum shows whether one is damaged.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def save(
         following.replace(path)
     except (InputError, OSError) as error:
         raise RunError(
-            f"the checkpoint could not be saved: {error}; the one before it is kept, "
+            f"the checkpoint could not be saved: {error}; the one before it remains, "
             "and the same command with `resume=True` continues from there"
         ) from None
     sync_folder(folder)

@@ -1,6 +1,6 @@
-"""The files of a run folder: written together, recorded, read as if a stranger had made them.
+"""The files of a run folder: written together, recorded, and read as untrusted input.
 
-Those of a population's folder are written alike.
+Those of a population's folder are written in the same way.
 
 Until the last file is written, what was in the folder before stays as it was. The folder with the
 new files is then renamed to a fixed name; from there on they are the run, and whoever comes
@@ -63,7 +63,7 @@ TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 @contextlib.contextmanager
 def staged(
     folder: Path,
-    gone: Callable[[list[str]], None] = lambda names: None,
+    on_removed: Callable[[list[str]], None] = lambda names: None,
     record: str = PROVENANCE,
 ) -> Iterator[Path]:
     """A fresh folder to write a run's files into; they replace the old ones at the end.
@@ -71,9 +71,9 @@ def staged(
     Parameters
     ----------
     folder : Path
-        The run folder, whose lock is held.
-    gone : callable
-        Is told the names of what was made of the run before and went with it.
+        The run folder, locked by the caller.
+    on_removed : callable
+        Called with the names of the files that were derived from the run before and were removed.
     record : str
         The file that lists the others and is moved last.
 
@@ -82,7 +82,7 @@ def staged(
     RunError
         If anything cannot be written; what was there before is untouched.
     """
-    kept = "what was there before is untouched, and `resume=True` continues"
+    remains = "what was there before is untouched, and `resume=True` continues"
     try:
         aside = Path(tempfile.mkdtemp(prefix=WRITING, dir=folder))
         try:
@@ -95,21 +95,21 @@ def staged(
         except BiaxbayesError as error:
             # Named by where the file was to be, not by the passing folder it was written in.
             problem = str(error).replace(f"{aside.name}{os.sep}", "")
-            raise RunError(f"{problem}; {kept}") from None
+            raise RunError(f"{problem}; {remains}") from None
         finally:
             shutil.rmtree(aside, ignore_errors=True)
-        gone(finish_moving(folder, record))
+        on_removed(finish_moving(folder, record))
     except OSError as error:
         raise RunError(
             f"{folder}: cannot be written ({error.strerror or error}); check space and "
-            f"permissions; {kept}"
+            f"permissions; {remains}"
         ) from None
 
 
 def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
     """Move finished files into place, also those that a crash left waiting; no-op without any.
 
-    What was made of the draws of another posterior goes with them; its names are returned.
+    What was derived from the draws of another posterior is removed; its names are returned.
     Arguments as in :func:`staged`.
     """
     ready = folder / READY
@@ -117,7 +117,7 @@ def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
         return []
     listed, before = _listed(ready / record), _listed(folder / record)
     for name, digest in before.items():
-        # A product of the run before that this one does not have; never a file of the user's.
+        # A file of the run before that this one does not have; never one of the user's.
         if listed and name not in listed and _digest(folder / name) == digest:
             (folder / name).unlink(missing_ok=True)
     other = is_finished(folder, record) and _posterior(folder / record) != _posterior(
@@ -125,7 +125,7 @@ def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
     )
     waiting = _files(ready)
     new = {_name(p, ready) for p in waiting}
-    gone = _without_derived(folder, {*listed, *new, *before}) if listed and other else []
+    removed = _remove_derived(folder, {*listed, *new, *before}) if listed and other else []
     if any(p.parent != ready for p in waiting):
         if (folder / EVIDENCE).is_symlink():
             (folder / EVIDENCE).unlink()
@@ -134,15 +134,15 @@ def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
         path.replace(folder / _name(path, ready))
     sync_folder(folder)
     shutil.rmtree(ready, ignore_errors=True)
-    return gone
+    return removed
 
 
 def _files(folder: Path) -> list[Path]:
     """Files of a run folder and of its evidence; no links."""
     evidence = folder / EVIDENCE
     inner = evidence.iterdir() if evidence.is_dir() and not evidence.is_symlink() else ()
-    found = (*folder.iterdir(), *inner)
-    return sorted(p for p in found if p.is_file() and not p.is_symlink())
+    paths = (*folder.iterdir(), *inner)
+    return sorted(p for p in paths if p.is_file() and not p.is_symlink())
 
 
 def _name(path: Path, folder: Path) -> str:
@@ -156,12 +156,12 @@ def _posterior(path: Path) -> tuple[Any, ...]:
     return tuple(record.get(key) for key in ("specimen_sha256", "settings", "seed", "identity"))
 
 
-def _without_derived(folder: Path, kept: set[str]) -> list[str]:
-    """Remove what verbs made of the draws before; what the user changed or added stays."""
-    gone = []
+def _remove_derived(folder: Path, current: set[str]) -> list[str]:
+    """Remove what was derived from the draws before; what the user changed or added stays."""
+    removed = []
     cards = [p for p in folder.iterdir() if p.is_dir()]
     for path in sorted([*_files(folder), *cards]):
-        if path.is_symlink() or _name(path, folder) in kept:
+        if path.is_symlink() or _name(path, folder) in current:
             continue
         if path.is_file() and DERIVED.fullmatch(path.name):
             path.unlink()
@@ -169,12 +169,12 @@ def _without_derived(folder: Path, kept: set[str]) -> list[str]:
             shutil.rmtree(path)
         else:
             continue
-        gone.append(_name(path, folder))
-    return gone
+        removed.append(_name(path, folder))
+    return removed
 
 
 def clear_leftovers(folder: Path) -> None:
-    """Remove what a killed process left half-written; the lock of the folder is held."""
+    """Remove what a killed process left half-written; the caller has locked the folder."""
     for path in folder.glob(f"{WRITING}*"):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
@@ -246,7 +246,7 @@ def _sync(path: Path) -> None:
         os.fsync(handle.fileno())
 
 
-# --- the record of a run folder, and its files, read as if a stranger had made them --------------
+# --- the record of a run folder and its files, read as untrusted input ---------------------------
 
 
 STATES = ("converged", "tentative", "unusable")
@@ -376,10 +376,10 @@ def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
         return path
     try:
         with path.open("rb") as handle:
-            found = hashlib.file_digest(handle, "sha256").hexdigest()
+            digest = hashlib.file_digest(handle, "sha256").hexdigest()
     except OSError as error:
         raise RunError(f"{path}: cannot be read ({error.strerror})") from None
-    if found != wanted:
+    if digest != wanted:
         raise RunError(
             f"{path}: is not the file that the run wrote (damaged or changed); copy the folder "
             "again, or sample again"
@@ -420,7 +420,7 @@ def other_kind(folder: Path) -> str:
 
 
 def names_in(folder: Path) -> set[str]:
-    """Names of what lies in a folder, hidden files apart; it is made where it is not there.
+    """Names in a folder without hidden files; the folder is made where there is none.
 
     Raises
     ------

@@ -41,7 +41,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     """
     path = folder / NAME
     try:
-        held = _acquired(path)
+        lock = _acquired(path)
     except OSError as error:
         raise RunError(
             f"{folder}: cannot be written ({error.strerror}); choose another `out`"
@@ -49,11 +49,11 @@ def folder_lock(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # Removed while it is still held, so that nobody can take it in between.
+        # Removed while it is still locked, so that nobody can take it in between.
         with contextlib.suppress(OSError):
             path.unlink(missing_ok=True)
-        if held is not None:
-            held.release()
+        if lock is not None:
+            lock.release()
 
 
 def _acquired(path: Path) -> BaseFileLock | None:

@@ -1,6 +1,6 @@
-"""results.json: what a run found. It is written once, and everything else is printed from it.
+"""results.json: the result of a run, from which everything else is printed.
 
-The CSV files of a run are exports for spreadsheets and scripts: nothing reads them back.
+The CSV files of a run are exports for spreadsheets and scripts, which no part of the package reads.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def file_of(table: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """What a run found.
+    """Result of a run.
 
     Attributes
     ----------
@@ -134,14 +134,14 @@ class RunResult:
 
 
 def run_result(
-    found: Identifiability,
+    verdicts: Identifiability,
     posterior: Posterior,
     draws: pd.DataFrame,
     summary: pd.DataFrame,
     convergence: Mapping[str, Any],
     findings: Sequence[str] = (),
 ) -> RunResult:
-    """What a run found, from its draws and what they determine.
+    """Result of a run, from its draws and their verdicts.
 
     Parameters
     ----------
@@ -156,43 +156,43 @@ def run_result(
     """
     specimen, law, settings = posterior.specimen, posterior.law, posterior.settings
     nothing = pd.DataFrame()
-    usable, converged = found.state != "unusable", found.state == "converged"
+    usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
     checks = predictive_checks(specimen, draws, settings=settings) if usable else nothing
     curves = sloppiness(posterior, draws) if converged else None
     directions = () if curves is None else curves.directions
-    reported = found.reported
+    reported = verdicts.reported
     fits = nothing
-    if found.fits is not None:
-        fits = found.fits.to_frame(posterior.mounts if settings.infers_mounting else ())
+    if verdicts.fits is not None:
+        fits = verdicts.fits.to_frame(posterior.mounts if settings.infers_mounting else ())
     table = nothing
     if converged:
         table = determined(
             draws,
             specimen,
             law,
-            refits=found.mounting_ranges(),
-            values=found.mounting_values(),
+            refits=verdicts.mounting_ranges(),
+            values=verdicts.mounting_values(),
             mounting_known=mounting_stated(settings.priors),
         )
     return RunResult(
         law=law.name,
-        state=found.state,
+        state=verdicts.state,
         reported=reported,
         fit=fit_in_words(checks, specimen.unit, law.called) if usable else "",
-        advice=_advice(reported, found, settings.mounting, posterior.quantities),
+        advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
         warnings=tuple(path_warnings(checks, specimen.unit, law.name)) if usable else (),
         findings=tuple(findings),
-        better_law=found.better_law,
+        better_law=verdicts.better_law,
         convergence=dict(convergence),
-        thresholds=found.all_thresholds,
+        thresholds=verdicts.all_thresholds,
         directions=tuple(
             {"spread": d.spread, "loadings": d.loadings, "in_words": d.words} for d in directions
         ),
         same_curves_in_words="" if curves is None else curves.words,
         summary=summary,
-        identifiability=found.to_frame(),
+        identifiability=verdicts.to_frame(),
         law_fits=fits,
-        fixed_ends=fixed_end_table(found.fixed_ends) if found.fixed_ends else nothing,
+        fixed_ends=fixed_end_table(verdicts.fixed_ends) if verdicts.fixed_ends else nothing,
         determined=table,
         same_curves=nothing if curves is None else curves.path.to_frame(),
         checks=checks,
@@ -202,20 +202,20 @@ def run_result(
 
 def _advice(
     reported: Sequence[Reported],
-    found: Identifiability,
+    verdicts: Identifiability,
     mounting: str,
     quantities: Quantities,
 ) -> str:
     """What would help most: to converge, another law, the mounting stretch, a further test."""
-    if found.state != "converged":
+    if verdicts.state != "converged":
         return "the chains have not converged: continue with --resume and a larger --max-steps"
     if mounting not in INFERRING:
         return (
             f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry "
             "its error"
         )
-    if found.better_law:
-        return f"another law describes this record better: {found.better_law}"
+    if verdicts.better_law:
+        return f"another law describes this record better: {verdicts.better_law}"
     lost = [r for r in reported if r.verdict != IDENTIFIED]
     axes = {quantities[r.name].axis for r in lost if quantities[r.name].parameter.kind == STRETCH}
     if axes:

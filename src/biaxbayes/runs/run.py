@@ -159,7 +159,7 @@ class Run:
 
     @cached_property
     def draws(self) -> pd.DataFrame:
-        """One row a draw: natural quantities, ``log_likelihood`` (tempered) and ``lp``."""
+        """One row per draw: natural quantities, ``log_likelihood`` (tempered) and ``lp``."""
         stored = self._stored
         columns = {quantity_name(k): v.ravel() for k, v in stored.quantities.items()}
         columns["log_likelihood"] = stored.stats["tempered_log_likelihood"].ravel()
@@ -177,7 +177,7 @@ class Run:
 
     @cached_property
     def result(self) -> RunResult:
-        """What the run found: ``results.json``, or computed anew in a folder of before it."""
+        """Result: ``results.json``, or computed again in a folder of an earlier version."""
         from biaxbayes.runs.result import RESULTS, result_from_record
 
         path = self.path / RESULTS
@@ -188,7 +188,7 @@ class Run:
         return self.analysed()[0]
 
     def analysed(self) -> tuple[RunResult, Identifiability]:
-        """What the run found and the verdicts with their densities, computed from the draws."""
+        """The result, and the verdicts with their densities, computed from the draws."""
         from biaxbayes.identifiability.identify import identify_run
         from biaxbayes.runs.result import run_result
 
@@ -201,10 +201,10 @@ class Run:
         names = tuple(n for n in posterior.parameter_names if n in chains)
         judged = replace(assess(chains, target_ess=0.0), state=self.state)
         summary = summarise(chains, names, self.quantities, judged, self.law.called)
-        found = identify_run(posterior, self.draws, self.state)
+        verdicts = identify_run(posterior, self.draws, self.state)
         return run_result(
-            found, posterior, self.draws, summary, self.provenance["convergence"], self.findings
-        ), found
+            verdicts, posterior, self.draws, summary, self.provenance["convergence"], self.findings
+        ), verdicts
 
     @property
     def summary(self) -> pd.DataFrame:
@@ -215,12 +215,12 @@ class Run:
     @property
     def findings(self) -> list[str]:
         """What was odd about the record of the test before it was sampled, a sentence each."""
-        found, out = self.provenance.get("findings"), []
-        for finding in found if isinstance(found, list) else []:
+        stored, out = self.provenance.get("findings"), []
+        for finding in stored if isinstance(stored, list) else []:
             try:
                 out.append(one_line(str(Finding(**finding)))[:LONGEST_FINDING])
             except TypeError:
-                continue  # a stranger's file
+                continue  # the file of another program
         return out[:MOST_FINDINGS]
 
     @cached_property

@@ -6,13 +6,13 @@ import json
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from biaxbayes.errors import Interrupted, RunError, TaredSpecimen
+from biaxbayes.errors import Interrupted, TaredSpecimen
 from biaxbayes.identifiability.fit_quality import swapped_columns
 from biaxbayes.laws import law_named
 from biaxbayes.model.conflicts import bracket_findings, prior_findings, radian_findings
@@ -31,7 +31,6 @@ from biaxbayes.runs.folder import (
     finish_moving,
     is_run,
     manifest,
-    names_in,
     record_text,
     staged,
 )
@@ -42,7 +41,6 @@ from biaxbayes.sampling.sampler import (
     Draws,
     Plan,
     Progress,
-    State,
 )
 from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
@@ -54,6 +52,7 @@ from biaxbayes.verbs.inputs import (
     SpecimenLike,
     Stop,
     Tell,
+    claim_folder,
     never,
     open_specimen,
     readable_specimen,
@@ -77,9 +76,10 @@ from biaxbayes.verbs.options import (
 
 @dataclass
 class Sampling:
-    """A prepared run: what to sample, how, and where to put it.
+    """Checked inputs of one sampling run.
 
-    Made by :meth:`prepare`, which checks everything that can be checked before the work.
+    Made by :meth:`prepare`, which checks everything that can be checked before the work; ``batch``
+    checks all its specimens before it samples the first.
     """
 
     specimen: Specimen
@@ -116,8 +116,8 @@ class Sampling:
         chosen = SamplingPlan(seed, ess, max_steps, workers)
         findings = refuse_no_loading_curve(specimen, None if anyway else file)
         findings = (*findings, *_too_few_protocols(specimen, options["law"]))
-        specimen, options = _fitting_options(specimen, options, file)
-        Posterior(specimen, **options, beta=1.0)  # refuses what cannot be sampled, before a folder
+        specimen, options = _resolved_mounting(specimen, options, file)
+        Posterior(specimen, **options, beta=1.0)  # raises before a folder is made
         plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.processors)
         return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
 
@@ -132,76 +132,78 @@ class Sampling:
         """Sample, write the run folder, and return its path."""
         tell = progress or _warn
         clock = time.perf_counter()
-        self._make_folder()
+        finished = [PROVENANCE] if is_run(self.folder) else []
+        claim_folder(self.folder, {*checkpoint.NAMES, *finished}, "a run's")
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder)
             refuse_finished(self.folder, PROVENANCE, resume=resume, overwrite=overwrite)
+            tell(Progress("fitting"))
             for finding in self.findings:
                 tell(Progress("fitting", note=str(finding)))
-            tell(Progress("fitting"))
             fit_clock = time.perf_counter()
-            posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
-            swapped = swapped_columns(
-                posterior.specimen,
-                deterministic_fit(posterior).residuals,
-                law=posterior.settings.law,
-                fibre_switch=posterior.settings.fibre_switch,
-            )
-            contradictions = (*radian_findings(posterior), *prior_findings(posterior))
-            for finding in (*([swapped] if swapped else []), *contradictions):
-                self.findings = (*self.findings, finding)
-                tell(Progress("fitting", note=str(finding)))
+            posterior = self._fitted(tell)
             fit_seconds = time.perf_counter() - fit_clock
-            state = self._resumed(posterior, resume, tell)
-            draws = draw_posterior(
-                posterior,
-                self.plan,
-                state=state,
-                on_block=lambda s: checkpoint.save(self.folder, s, identity(posterior, self.plan)),
-                progress=tell,
-                stop=stop,
-            )
-            if draws.interrupted:
-                raise self._interruption(draws, stop())
-            tell(Progress("sampling", 1.0))
-            names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
-            drawn = {n: draws.quantities[n] for n in names if n in draws.quantities}
-            for finding in bracket_findings(drawn):
-                self.findings = (*self.findings, finding)
-                tell(Progress("sampling", note=str(finding)))
+            draws = self._drawn(posterior, fit_seconds, resume, tell, stop)
             tell(Progress("writing"))
-            if state is None:
-                draws.seconds["fit"] += fit_seconds
             draws.seconds["before output"] = time.perf_counter() - clock
-            # Every file of the run, in place of those of a run before.
+            # All files are replaced together.
             with staged(self.folder, removal_note(tell, PROVENANCE)) as folder:
                 self._write_files(folder, posterior, draws, clock)
         return self.folder
 
-    def _interruption(self, draws: Draws, signal: int) -> Interrupted:
-        steps = draws.chain.shape[1] * draws.thin
-        done = f"after {steps} kept steps" if steps else "after the warm-up"
-        return Interrupted(
-            f"interrupted {done}, all saved in {self.folder}; "
-            "the same command with `resume=True` continues",
-            signal,
+    def _fitted(self, tell: Tell) -> Posterior:
+        """The posterior with its fit; what the fit shows of the record becomes a finding."""
+        posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
+        swapped = swapped_columns(
+            posterior.specimen,
+            deterministic_fit(posterior).residuals,
+            law=posterior.settings.law,
+            fibre_switch=posterior.settings.fibre_switch,
         )
+        self._add([swapped] if swapped else [], "fitting", tell)
+        self._add(radian_findings(posterior), "fitting", tell)
+        self._add(prior_findings(posterior), "fitting", tell)
+        return posterior
 
-    def _make_folder(self) -> None:
-        """Make the folder, and do not write into one that holds something else than a run."""
-        names = names_in(self.folder)
-        ours = not names or names & {*checkpoint.NAMES} or is_run(self.folder)
-        if not ours:
-            raise RunError(f"{self.folder}: is a folder that is not a run's; choose another `out`")
+    def _drawn(
+        self, posterior: Posterior, fit_seconds: float, resume: bool, tell: Tell, stop: Stop
+    ) -> Draws:
+        """Draws of the posterior, from its checkpoint where the run is resumed."""
+        state = None  # an old checkpoint stays until the first new one is written
+        if resume:
+            state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
+            if note:
+                tell(Progress("resuming", note=note))
+        draws = draw_posterior(
+            posterior,
+            self.plan,
+            state=state,
+            on_block=lambda s: checkpoint.save(self.folder, s, identity(posterior, self.plan)),
+            progress=tell,
+            stop=stop,
+        )
+        if draws.interrupted:
+            steps = draws.chain.shape[1] * draws.thin
+            done = f"after {steps} steps" if steps else "after the warm-up"
+            raise Interrupted(
+                f"interrupted {done}, all saved in {self.folder}; "
+                "the same command with `resume=True` continues",
+                stop(),
+            )
+        tell(Progress("sampling", 1.0))
+        if state is None:
+            draws.seconds["fit"] += fit_seconds
+        names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
+        stretches = {n: draws.quantities[n] for n in names if n in draws.quantities}
+        self._add(bracket_findings(stretches), "sampling", tell)
+        return draws
 
-    def _resumed(self, posterior: Posterior, resume: bool, tell: Tell) -> State | None:
-        if not resume:
-            return None  # a checkpoint that is there stays until the first one of this run
-        state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
-        if note:
-            tell(Progress("resuming", note=note))
-        return state
+    def _add(self, findings: Sequence[Finding], step: str, tell: Tell) -> None:
+        """Record findings and show them."""
+        self.findings = (*self.findings, *findings)
+        for finding in findings:
+            tell(Progress(step, note=str(finding)))
 
     def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
         from biaxbayes.reports.page import write_report
@@ -238,7 +240,7 @@ class Sampling:
 
 
 def _warn(progress: Progress) -> None:
-    """Where nobody watches the progress, what must be known becomes a warning."""
+    """Without a progress callback, notes are issued as warnings."""
     if progress.note:
         warnings.warn(progress.note, RuntimeWarning, stacklevel=4)
 
@@ -249,7 +251,7 @@ def _safe_stem(name: str) -> str:
 
 
 def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
-    """A warning where the protocols of a record cannot carry a law."""
+    """A warning where the protocols are too few for a law."""
     count, needed = len(specimen.protocols), law_named(law).least_protocols
     if count >= needed:
         return []
@@ -257,16 +259,17 @@ def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
         Finding(
             "few-protocols",
             "warning",
-            f"{count} protocol cannot carry the law {law}: its posterior has several near-equal "
-            "regions, and the chains may not converge. Test another ratio, or choose another law",
+            f"{count} protocol is too few for the law {law}: its posterior has several modes of "
+            "similar mass, and the chains may not converge. Test another ratio, or choose another "
+            "law",
         )
     ]
 
 
-def _fitting_options(
+def _resolved_mounting(
     specimen: Specimen, options: dict[str, Any], file: object
 ) -> tuple[Specimen, dict[str, Any]]:
-    """Options that the specimen allows, or the reason why there are none."""
+    """Adapt the mounting option to the specimen, or raise."""
     if options["mounting"] in INFERRING and specimen.is_tared:
         raise TaredSpecimen(
             "the force at the mounted state is zero: the load cell was tared after mounting, and "
@@ -280,11 +283,7 @@ def _fitting_options(
         _, sd = specimen.mounting_readings(shared=shared)
         if (sd <= 0.0).any():
             note = "the file shows no load noise: the mounting force is taken as exact"
-            notes = (*specimen.notes, note)
-            specimen = Specimen(
-                **{k: getattr(specimen, k) for k in specimen.__dataclass_fields__ if k != "notes"},
-                notes=notes,
-            )
+            specimen = replace(specimen, notes=(*specimen.notes, note))
             options = options | {"mounting": "exact"}
     return specimen, options
 
@@ -310,15 +309,15 @@ def sample(
     specimen : Specimen or path-like
         A specimen, or the CSV to read it from.
     out : path-like, optional
-        The run folder; default ``<stem>-posterior`` beside where the command runs.
+        The run folder; default ``<stem>-posterior`` in the current directory.
     mounting_force : (float, float), optional
         For a tared file: the force (or stress) at the mounted state, put back on.
     anyway : bool
-        Sample what cannot be a loading curve (see ``biaxbayes check``), too.
+        Sample even if the data do not look like a loading curve (see ``biaxbayes check``).
     resume : bool
         Continue from the folder's checkpoint where there is one.
     overwrite : bool
-        Replace a finished run, with all that was made of it.
+        Replace a finished run and everything derived from it.
     progress : callable or bool, optional
         Called with each step; True or False shows a line or none, by default on a terminal and
         in a notebook.
@@ -331,7 +330,7 @@ def sample(
     Returns
     -------
     Run
-        Whatever its state is: look at ``run.state``.
+        Also where it has not converged: check ``run.state``.
 
     Raises
     ------
