@@ -258,7 +258,7 @@ def test_a_foreign_folder_is_left_alone(study, tmp_path):
         (["study.toml", "media.csv"], "a study file cannot be combined"),
         (["none.toml"], "no such file"),
         (["media.csv", "none.csv"], "no such file"),
-        (["media.csv", "--mounting-force", "1", "1"], "of one specimen"),
+        (["media.csv", "--mounting-force", "1", "1"], "belongs to one specimen"),
         (["media.csv", "--workers", "0"], "--workers must be at least 1"),
         (["media.csv", "--workers", "2", "--scheduler", "tcp://x:1"], "both"),
         (["media.csv", "--ess", "1"], "--ess must be"),

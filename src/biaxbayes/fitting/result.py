@@ -20,6 +20,9 @@ from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.specimens.specimen import Specimen
 
+EXPLAINED = 1.5
+"""Misfit over noise up to which the noise explains the misfit."""
+
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
@@ -224,3 +227,27 @@ def _written(specimen: Specimen) -> tuple[np.ndarray, np.ndarray]:
             column = np.concatenate([getattr(p, name) for p in specimen.protocols])
             out.append(half_digits(column * by) / by)
     return np.array(out[:2]), np.array(out[2:])
+
+
+def misfit_sentence(called: str, rms: float, noise: float, peak: float, unit: str) -> str:
+    """The misfit of a law beside the noise of a reading: the words of `check` and of a run.
+
+    Parameters
+    ----------
+    called : str
+        Name of the law in a sentence.
+    rms, noise, peak : float
+        Root mean square of the residuals, sd of a reading by the load cell, largest load.
+    unit : str
+        Of these, N or kPa.
+    """
+    small = unit == "N" and rms < 0.1
+    amount = f"{1e3 * rms:.2g} mN" if small else f"{rms:.2g} {unit}"
+    text = f"{called} misses this record by {amount} (root mean square)"
+    if not noise > 0.0:
+        return f"{text}, {100.0 * rms / max(peak, 1e-300):.2g} % of the peak"
+    ratio = rms / noise
+    if ratio < EXPLAINED:
+        return f"{text}, about the noise of the load cell"
+    times = "twice" if 1.75 <= ratio < 2.25 else f"{ratio:.2g} times"
+    return f"{text}, {times} the noise of the load cell"

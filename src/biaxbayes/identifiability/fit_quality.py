@@ -9,9 +9,8 @@ import numpy as np
 
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import fit
-from biaxbayes.fitting.result import FitResult
+from biaxbayes.fitting.result import FitResult, misfit_sentence
 from biaxbayes.options import FitOptions
-from biaxbayes.prediction.predictive_checks import misfit_sentence
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 

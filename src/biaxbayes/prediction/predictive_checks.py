@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.error_model import standard_cdf
+from biaxbayes.fitting.result import EXPLAINED, misfit_sentence
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws import DEFAULT_LAW, law_named
 from biaxbayes.options import Settings
@@ -24,8 +25,6 @@ MISSES = 0.05
 """Share of the peak load beyond which a miss matters to whoever uses the parameters."""
 NOISE = 4.0
 """Noise sds of one reading that a largest miss of some hundred readings may have by chance."""
-EXPLAINED = 1.5
-"""Misfit over noise up to which the noise explains the misfit."""
 FEW_INSIDE = 0.8
 """Share of readings inside a 90 % predictive band, below which the band is too narrow."""
 
@@ -216,30 +215,6 @@ def fit_in_words(checks: pd.DataFrame, unit: str, called: str) -> str:
     rms = float(np.sqrt(np.average(checks["rms"] ** 2, weights=checks["readings"])))
     noise, peak = float(checks["noise"].iloc[0]), float(checks["peak"].max())
     return misfit_sentence(called, rms, noise, peak, unit)
-
-
-def misfit_sentence(called: str, rms: float, noise: float, peak: float, unit: str) -> str:
-    """The misfit of a law beside the noise of a reading: the words of `check` and of a run.
-
-    Parameters
-    ----------
-    called : str
-        Name of the law in a sentence.
-    rms, noise, peak : float
-        Root mean square of the residuals, sd of a reading by the load cell, largest load.
-    unit : str
-        Of these, N or kPa.
-    """
-    small = unit == "N" and rms < 0.1
-    amount = f"{1e3 * rms:.2g} mN" if small else f"{rms:.2g} {unit}"
-    text = f"{called} misses this record by {amount} (root mean square)"
-    if not noise > 0.0:
-        return f"{text}, {100.0 * rms / max(peak, 1e-300):.2g} % of the peak"
-    ratio = rms / noise
-    if ratio < EXPLAINED:
-        return f"{text}, about the noise of the load cell"
-    times = "twice" if 1.75 <= ratio < 2.25 else f"{ratio:.2g} times"
-    return f"{text}, {times} the noise of the load cell"
 
 
 def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:

@@ -6,16 +6,27 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import pandas as pd
+from matplotlib.figure import Figure
 
 from biaxbayes.errors import InputError
+from biaxbayes.figures.run.bands import bands_figure
+from biaxbayes.figures.run.corner import corner_figure
+from biaxbayes.figures.run.identifiability import identifiability_figure
+from biaxbayes.figures.run.mounting import mounting_figure
+from biaxbayes.figures.run.profile import profile_figure
+from biaxbayes.figures.run.trace import trace_figure
+from biaxbayes.figures.style import SIDE_BY_SIDE_MM, Style, picture_suffix, save_figure
+from biaxbayes.identifiability.identify import identify_draws
+from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.laws import all_parameters
 from biaxbayes.options import PICTURES
 from biaxbayes.parallel import one_call
 from biaxbayes.parameters import mounting_names
+from biaxbayes.runs.run import Run
 from biaxbayes.text_files import read_text
 from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run, opened_style, usable_run
 from biaxbayes.verbs.options import (
@@ -25,11 +36,6 @@ from biaxbayes.verbs.options import (
     file_option,
     open_usable_run,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from biaxbayes.runs.run import Run
 
 PLOTS = {
     "corner": "corner",
@@ -100,44 +106,36 @@ def _number(value: Any, name: str, path: Path) -> float:
 
 def run_figure(run: Run, kind: str, **how: Any) -> Figure:
     """Draw a figure of a run; ``how`` are the arguments of its function in ``figures/run``."""
-    if kind not in PLOTS:
-        raise InputError(f"no figure {kind[:40]!r}", remedy=f"choose {', '.join(PLOTS)}")
     how = {"width_mm": 180.0, "style": None, **how}
-    if kind == "corner":
-        from biaxbayes.figures.run.corner import corner_figure
+    match kind:
+        case "corner":
+            return corner_figure(run.draws, known=run.quantities, law=run.law.called, **how)
+        case "bands":
+            return bands_figure(run.specimen, run.draws, settings=run.posterior().settings, **how)
+        case "mounting":
+            return mounting_figure(run.specimen, run.draws, **how)
+        case "trace":
+            rhat = dict(zip(run.summary["parameter"], run.summary["rhat"], strict=True))
+            how |= {"unit": run.specimen.unit, "known": run.quantities}
+            return trace_figure(run.chains, rhat=rhat, **how)
+        case "identifiability":
+            judged = identify_draws(run.posterior(), run.draws, run.state)
+            return identifiability_figure(judged, run.result.rows, **how)
+        case "profile":
+            return _profiles(run, **how)
+    raise InputError(f"no figure {kind[:40]!r}", remedy=f"choose {', '.join(PLOTS)}")
 
-        return corner_figure(run.draws, known=run.quantities, law=run.law.called, **how)
-    if kind == "bands":
-        from biaxbayes.figures.run.bands import bands_figure
 
-        return bands_figure(run.specimen, run.draws, settings=run.posterior().settings, **how)
-    if kind == "mounting":
-        from biaxbayes.figures.run.mounting import mounting_figure
-
-        return mounting_figure(run.specimen, run.draws, **how)
-    if kind == "trace":
-        from biaxbayes.figures.run.trace import trace_figure
-
-        rhat = dict(zip(run.summary["parameter"], run.summary["rhat"], strict=True))
-        unit = run.specimen.unit
-        return trace_figure(run.chains, unit=unit, rhat=rhat, known=run.quantities, **how)
-    if kind == "identifiability":
-        from biaxbayes.figures.run.identifiability import identifiability_figure
-        from biaxbayes.identifiability.identify import identify_draws
-
-        judged = identify_draws(run.posterior(), run.draws, run.state)
-        return identifiability_figure(judged, run.result.rows, **how)
-    from biaxbayes.figures.run.profile import profile_figure
-    from biaxbayes.identifiability.profile.profile import profiles
-
+def _profiles(run: Run, *, names: Sequence[str] = (), width_mm: float, style: Style) -> Figure:
+    """Profiles of the named parameters, by default of all that are free."""
     posterior = run.posterior()
-    names = how.pop("names", None) or [n for n in posterior.law.names if n in posterior.free]
-    if how["width_mm"] < 120.0 and len(names) > MOST_IN_COLUMN:
+    names = names or [n for n in posterior.law.names if n in posterior.free]
+    if width_mm < SIDE_BY_SIDE_MM and len(names) > MOST_IN_COLUMN:
         raise InputError(
             f"{len(names)} profiles do not fit one column of a page",
             remedy=f"name up to {MOST_IN_COLUMN} with `parameters`, or choose `width_mm=180`",
         )
-    return profile_figure(profiles(posterior, names), **how)
+    return profile_figure(profiles(posterior, names), width_mm=width_mm, style=style)
 
 
 # --- a figure in the style of a paper ------------------------------------------------------------
@@ -179,8 +177,6 @@ def plot(
     **how
         ``width_mm`` and what the figure takes; see :func:`run_figure`.
     """
-    from biaxbayes.figures.style import save_figure
-
     check_figure(figure, truth=truth, compare=compare, parameters=parameters)
     target = None if out is None else picture_file(out, suffix)
     with one_call:
@@ -218,9 +214,7 @@ def check_figure(figure: str, **given: Any) -> None:
 
 
 def picture_file(out: PathLike, suffix: str | None = None) -> Path:
-    """The file of a figure: ``out``, with the ending of its format where it has none."""
-    from biaxbayes.figures.style import picture_suffix
-
+    """The file of a figure: ``out``, with the suffix of its format if it has none."""
     path = Path(out)
     if not path.suffix:
         return path.with_name(f"{path.name}.{suffix or PICTURES[0]}")

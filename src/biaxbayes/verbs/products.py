@@ -33,7 +33,7 @@ def write_products(
 ) -> RunResult:
     """Write result and figures of a run into its folder.
 
-    Of unusable draws only the traces are drawn, which show why.
+    Unusable draws get only the traces, which show why.
     """
     state, known = draws.convergence.state, posterior.quantities
     table = draw_table(draws.quantities)
