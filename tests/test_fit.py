@@ -585,12 +585,30 @@ def test_json_has_the_promised_keys(capsys, media_file):
     records = json.loads(out)
     assert code == 0 and [r["method"] for r in records] == list(METHODS)
     keys = "method law C1_kPa k1_kPa k2 alpha_deg kappa mounting_stretch_x mounting_stretch_y r2 "
-    keys += "rmse_kPa iterations converged at_bound"
+    keys += "rmse_kPa mae_kPa iterations converged at_bound"
     assert all(list(r) == keys.split() for r in records)
     from biaxbayes import read_specimen
 
     again = fit(read_specimen(media_file), "linden").record()
     assert records[3] == again
+
+
+def test_errors_of_a_fit_in_the_sense_of_the_method_paper(capsys, media_file, tmp_path):
+    truth = tmp_path / "truth.json"
+    truth.write_text(json.dumps({"C1": 10.0, "k1": 100.0, "kappa": 0.0}))
+    out = tmp_path / "fits"
+    arguments = ("fit", media_file, "--truth", truth, "--out", out)
+    code, printed, _ = run(capsys, *arguments)
+    assert code == 0 and "MAE kPa" in printed and "parameter error" in printed
+    _, text, _ = run(capsys, "fit", media_file, "--truth", truth, "--json")
+    table = pd.read_csv(out / "fits.csv")
+    for row, record in zip(table.to_dict("records"), json.loads(text), strict=True):
+        # Eq. 8: the mean over the parameters that have a true value other than zero
+        by_hand = (abs(record["C1_kPa"] / 10.0 - 1.0) + abs(record["k1_kPa"] / 100.0 - 1.0)) / 2
+        assert record["parameter_error"] == pytest.approx(by_hand, rel=1e-12)
+        assert row["parameter_error"] == pytest.approx(by_hand, rel=1e-6)
+        assert row["mae_kPa"] == pytest.approx(record["mae_kPa"], rel=1e-6)
+        assert 0.0 < record["mae_kPa"] <= record["rmse_kPa"]
 
 
 def test_table_fits_a_terminal(capsys, media_file):

@@ -15,7 +15,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import islice, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,27 +24,6 @@ from biaxbayes.errors import InputError, printable
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = [
-    "DECIMAL_COMMA",
-    "atomic_write_bytes",
-    "atomic_write_text",
-    "bad_cell",
-    "cells_of",
-    "csv_text",
-    "fault_of",
-    "number_in",
-    "one_line",
-    "read_bytes",
-    "read_csv",
-    "read_lines",
-    "read_text",
-    "read_toml",
-    "rows_of",
-    "rows_text",
-    "sync_folder",
-    "write_csv",
-]
 
 
 # --- text files ----------------------------------------------------------------------------------
@@ -450,3 +429,24 @@ def write_csv(path: Path, table: pd.DataFrame, *, digits: int | None = None) -> 
         If the file cannot be written.
     """
     atomic_write_text(path, csv_text(table, digits=digits))
+
+
+def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
+    """A table for a terminal: each column as wide as its widest cell, two spaces between them.
+
+    Parameters
+    ----------
+    rows : sequence of sequences of str
+        With the heads, where there are any; rows may end early.
+    right : collection of int
+        Columns that are set flush right.
+    """
+    columns = range(max(map(len, rows), default=0))
+    widths = [max(len(row[k]) for row in rows if k < len(row)) for k in columns]
+    return [
+        "  ".join(
+            cell.rjust(widths[k]) if k in right else cell.ljust(widths[k])
+            for k, cell in enumerate(row)
+        ).rstrip()
+        for row in rows
+    ]

@@ -8,6 +8,7 @@ misses by no more than the rounding of the data has converged.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -36,9 +37,10 @@ class FitResult:
         One row, or one per protocol.
     mounting_load : ndarray, shape (m, 2)
         What the model carries at the mounted state, in the specimen's unit.
-    r2, rmse_kPa : float
-        Of the Cauchy stress against the data at the fit's own mounting stretch, all rows, both
-        directions pooled with one mean. R2 is NaN where the data do not vary.
+    r2, rmse_kPa, mae_kPa : float
+        Coefficient of determination, root mean square and mean absolute error of the Cauchy stress
+        against the data at the fit's own mounting stretch, all rows, both directions pooled with
+        one mean. R2 is NaN where the data do not vary.
     iterations : int
         Accepted steps; for ``fip`` the alternations.
     at_bound : tuple of str
@@ -55,6 +57,7 @@ class FitResult:
     mounting_load: np.ndarray
     r2: float
     rmse_kPa: float
+    mae_kPa: float
     iterations: int
     converged: bool
     at_bound: tuple[str, ...]
@@ -85,10 +88,27 @@ class FitResult:
             "mounting_stretch_y": stretch_y,
             "r2": self.r2 if math.isfinite(self.r2) else None,
             "rmse_kPa": self.rmse_kPa if math.isfinite(self.rmse_kPa) else None,
+            "mae_kPa": self.mae_kPa if math.isfinite(self.mae_kPa) else None,
             "iterations": self.iterations,
             "converged": self.converged,
             "at_bound": list(self.at_bound),
         }
+
+    def parameter_error(self, truth: Mapping[str, float]) -> float:
+        """Mean relative error of the material parameters, the MAE of the method paper (Eq. 8).
+
+        (1/n) sum |P_true - P| / |P_true| over the parameters whose true value is known and not
+        zero; NaN if there is none.
+
+        Parameters
+        ----------
+        truth : mapping
+            True values by label, such as ``{"C1_kPa": 10.0}``, or by name.
+        """
+        values = zip(self.material.law.parameters, self.material.values, strict=True)
+        known = [(v, truth.get(p.label, truth.get(p.name, 0.0))) for p, v in values]
+        errors = [abs(value - true) / abs(true) for value, true in known if true]
+        return float(np.mean(errors)) if errors else math.nan
 
     def _repr_html_(self) -> str:
         """The fit as a table of one column, for notebooks."""
@@ -127,6 +147,7 @@ def fit_result(
         total = float(((measured - measured.mean()) ** 2).sum())
         r2 = 1.0 - float((miss**2).sum()) / total if total > 0.0 else math.nan
         rmse = float(np.sqrt((miss**2).mean()))
+        mae = float(np.abs(miss).mean())
         solved = bool(np.isfinite(mounting_stretch).all())
         if not converged and solved:
             converged = rmse <= rounding_bound(specimen, data, response)
@@ -141,6 +162,7 @@ def fit_result(
         mounting_load=mounting_load.T.copy(),
         r2=r2,
         rmse_kPa=rmse,
+        mae_kPa=mae,
         iterations=iterations,
         converged=bool(converged and np.isfinite(rmse)),
         at_bound=_at_bound(point, free, lm, method, law),

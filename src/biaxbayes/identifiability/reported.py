@@ -40,6 +40,7 @@ from biaxbayes.identifiability.verdict import (
 )
 from biaxbayes.laws.law import Law
 from biaxbayes.parameters import MATERIAL, Parameter, Quantities, Quantity
+from biaxbayes.text_files import aligned
 
 OPEN = float("nan")
 PRIOR_DECIDES = "the prior, not the data, determines it"
@@ -281,8 +282,4 @@ def row_lines(rows: Sequence[ReportRow], most: int | None = None) -> list[str]:
     if most is not None and len(cells) > most:
         more = len(cells) - most + 1
         cells = [*cells[: most - 1], (f"... {more} more in report.csv", "", "", "", "")]
-    widths = [max((len(row[k]) for row in cells), default=0) for k in range(4)]
-    return [
-        "  ".join([*(f"{c:<{w}}" for c, w in zip(row, widths, strict=False)), row[4]]).rstrip()
-        for row in cells
-    ]
+    return aligned(cells)

@@ -58,7 +58,7 @@ from biaxbayes.studies.result import (
 )
 from biaxbayes.studies.rows import rows_of_run
 from biaxbayes.studies.study_file import Study, read_study, study_of_files
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import aligned, atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, Stop, Tell, claim_folder, never, silent
 from biaxbayes.verbs.options import (
     MODEL,
@@ -458,13 +458,9 @@ def _check_csvs(sources: tuple[Path, ...], mounting_force: object) -> None:
 
 def closing_message(result: StudyResult) -> str:
     """One line per specimen, and the files with everything else."""
-    lines = [f"{'specimen':<28}{'donor':<12}{'layer':<14}state"]
-    for s in result.specimens.to_dict("records"):
-        cells = [
-            printable(str(s[k]))[: n - 2]
-            for k, n in (("specimen", 28), ("donor", 12), ("layer", 14))
-        ]
-        lines.append(f"{cells[0]:<28}{cells[1]:<12}{cells[2]:<14}{s['state']}")
+    heads = ["specimen", "donor", "layer", "state"]
+    specimens = result.specimens.to_dict("records")
+    lines = aligned([heads, *([printable(str(s[k])) for k in heads] for s in specimens)])
     counts = ", ".join(f"{n} {state}" for state, n in result.states.items())
     lines += ["", f"{len(result.specimens)} specimens: {counts}"]
     lines.append(f"open {result.folder / 'study.html'}; all numbers are in study.csv beside it")

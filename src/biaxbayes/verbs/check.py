@@ -13,6 +13,7 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.specimen import REFERENCES, Specimen
+from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, open_specimen
 from biaxbayes.verbs.options import argument, file_option, json_option
 
@@ -235,10 +236,9 @@ def _protocol_table(about: dict[str, Any]) -> list[str]:
             if p["rest_rows"]
             else ["of the others"]
         )
-        name = p["name"] if len(p["name"]) <= 30 else p["name"][:29] + "…"
         lines.append(
             (
-                name,
+                p["name"],
                 str(p["rows"]),
                 str(p["rest_rows"]),
                 "{:.4f}-{:.4f}".format(*p["stretch_x"]),
@@ -246,11 +246,7 @@ def _protocol_table(about: dict[str, Any]) -> list[str]:
                 ", ".join(forces),
             )
         )
-    widths = [max(len(line[i]) for line in lines) for i in range(len(heads))]
-    return [
-        "  " + "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
-        for line in lines
-    ]
+    return [f"  {line}" for line in aligned(lines)]
 
 
 def _wrapped(text: str) -> str:

@@ -12,6 +12,7 @@ from biaxbayes.errors import InputError, printable
 from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import (
     PathLike,
     RunLike,
@@ -195,10 +196,13 @@ def _print_comparison(result: Comparison, out: Path) -> None:
     for (a, b), rows in apart.groupby(["run_a", "run_b"], sort=False):
         most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
         click.echo(f"  {printable(str(b))} minus {printable(str(a))}")
+        cells = []
         for r in most.to_dict("records"):
             unit = "" if r["unit"] == "1" else str(r["unit"])
             ends = f"{r['difference_q05']:.4g} to {r['difference_q95']:.4g} {unit}".rstrip()
-            click.echo(f"    {_name(r):<24}{ends:<32}{r['standardised']:+.1f}")
+            cells.append([_name(r), ends, f"{r['standardised']:+.1f}"])
+        for line in aligned(cells, right=(2,)):
+            click.echo(f"    {line}")
     for note in result.notes:
         click.echo(f"note: {note}")
     click.echo(f"note: {WARNING}")

@@ -9,6 +9,7 @@ import click
 
 from biaxbayes.options import DesignOptions, takes_options
 from biaxbayes.progress_bar import progress_line, with_progress
+from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import (
     PathLike,
     RunLike,
@@ -113,17 +114,17 @@ def print_design(result: Design, unit: str) -> None:
     click.echo(
         f"expected reduction of the standard deviation, per cent; information in nats:\n{NATS}\n"
     )
-    head = "".join(f" {n:>8}" for n in names)
-    click.echo(f"{'':<24} {'information':>13}{head} {'draws':>7} {f'peak load ({unit})':>17}")
+    cells = [["", "information", *names, "draws", f"peak load ({unit})"]]
     for expected, load in zip(result.expected, result.peaks, strict=True):
         name = expected.name + ("" if expected.trusted else "*")
         gain = f"{expected.gain:.1f} ± {expected.gain_error:.1f}"
-        line = f"{name:<24} {gain:>13}"
-        for i in columns:
-            percent = f"{100 * expected.reduction[i]:.0f}±{100 * expected.error[i]:.0f}"
-            line += f" {percent:>8}"
+        per_cent = [
+            f"{100 * expected.reduction[i]:.0f}±{100 * expected.error[i]:.0f}" for i in columns
+        ]
         peak = "" if load is None else f"{load.low:.3g} to {load.high:.3g}"
-        click.echo(f"{line} {expected.effective:>7.0f} {peak:>17}")
+        cells.append([name, gain, *per_cent, f"{expected.effective:.0f}", peak])
+    for line in aligned(cells, right=range(1, len(cells[0]))):
+        click.echo(line)
     if not all(e.trusted for e in result.expected):
         click.echo(
             "\n* too few draws could be had for these outcomes: the true reduction "

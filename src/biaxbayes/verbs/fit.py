@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,8 +103,13 @@ def fit_all(
     return results
 
 
-def _write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: PathLike) -> None:
-    """Write fits.csv, one row a fit, and the fits over the data as fits.pdf and fits.png."""
+def _write_fits(
+    specimen: Specimen,
+    fits: Sequence[FitResult],
+    folder: PathLike,
+    truth: Mapping[str, float] | None = None,
+) -> None:
+    """Write fits.csv, one row per fit, and the fits over the data as fits.pdf and fits.png."""
     import pandas as pd
 
     from biaxbayes.figures.fits import fits_figure
@@ -112,7 +118,7 @@ def _write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: PathLike)
     target = make_folder(folder)
     rows = []
     for result in fits:
-        row = result.record()
+        row = _record(result, truth)
         for name in ("mounting_stretch_x", "mounting_stretch_y"):
             value = row.pop(name)
             if isinstance(value, list):
@@ -128,6 +134,15 @@ def _write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: PathLike)
         )
     write_csv(target / "fits.csv", pd.DataFrame(rows), digits=8)
     save_pictures(fits_figure(specimen, fits), target, "fits")
+
+
+def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, object]:
+    """The fit as plain values, with its parameter error where true values are known."""
+    record = result.record()
+    if truth is not None:
+        error = result.parameter_error(truth)
+        record["parameter_error"] = None if math.isnan(error) else error
+    return record
 
 
 # --- the command ---------------------------------------------------------------------------------
@@ -149,6 +164,12 @@ def _write_fits(specimen: Specimen, fits: Sequence[FitResult], folder: PathLike)
     "Force (N, or stress in kPa) at the mounted state of a tared file, known from elsewhere."
 )
 @options(FitOptions, "starts", "seed", "law", "fibre_switch")
+@file_option(
+    "truth",
+    "True values, as 'simulate' writes them: adds the mean relative error of the parameters "
+    "(MAE of the method paper, Eq. 8).",
+    "JSON",
+)
 @file_option("out", "Folder for fits.csv and a figure of the fits over the data.", "DIR")
 def command(
     specimen: Path,
@@ -156,6 +177,7 @@ def command(
     as_json: bool,
     fix: tuple[str, ...],
     mounting_force: tuple[float, float] | None,
+    truth: Path | None,
     out: Path | None,
     **given: Any,
 ) -> int:
@@ -164,16 +186,20 @@ def command(
     With --out the table goes into fits.csv, the fits over the data into fits.pdf and fits.png.
     """
     from biaxbayes.identifiability.fit_quality import poor_fit
+    from biaxbayes.verbs.plot import read_truth
 
     fixed = fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
     data = open_specimen(specimen, mounting_force)
-    results = fit(data, method, fixed=fixed, out=out, **given)
+    known = None if truth is None else read_truth(truth, data.name)
+    results = fit(data, method, fixed=fixed, **given)
     fits = results if isinstance(results, list) else [results]
+    if out is not None:
+        _write_fits(data, fits, out, known)
     if as_json:
-        records = [result.record() for result in fits]
+        records = [_record(result, known) for result in fits]
         click.echo(json.dumps(records, indent=2, allow_nan=False))
     else:
-        _print_fits(data, fits, fixed)
+        _print_fits(data, fits, fixed, known)
         if out is not None:
             click.echo(f"{out / 'fits.csv'}, {out / 'fits.pdf'}")
     if method == ALL_FITS and data.is_tared:
@@ -197,6 +223,7 @@ AFTER = (
     *((name.replace("_", " "), "", name, "{:.4f}") for name in STRETCHES),
     ("R2", "", "r2", "{:.5f}"),
     ("RMSE", "kPa", "rmse_kPa", "{:.4g}"),
+    ("MAE", "kPa", "mae_kPa", "{:.4g}"),
     ("iterations", "", "iterations", "{:d}"),
 )
 
@@ -213,13 +240,18 @@ def _format(parameter: Parameter) -> str:
     return "{:.4g}" if parameter.logarithmic else COARSE[parameter.unit]
 
 
-def _print_fits(specimen: Specimen, fits: list[FitResult], fixed: dict[str, float]) -> None:
+def _print_fits(
+    specimen: Specimen,
+    fits: list[FitResult],
+    fixed: dict[str, float],
+    truth: Mapping[str, float] | None,
+) -> None:
     from rich.console import Console
 
     console = Console(highlight=False)
     for note in specimen.notes:
         console.print(f"note: {note}", markup=False)
-    console.print(_table(specimen, fits, fixed))
+    console.print(_table(specimen, fits, fixed, truth))
     if any(result.at_bound for result in fits):
         console.print("* ended on a bound", markup=False)
     if fixed:
@@ -229,13 +261,18 @@ def _print_fits(specimen: Specimen, fits: list[FitResult], fixed: dict[str, floa
     console.print(WHICH_FIT, markup=False)
     if any(result.method in ("standard", "zeroed") for result in fits):
         console.print(
-            "standard and zeroed fit their own data; R2 does not tell how far they are from the "
-            "tissue.",
+            "R2, RMSE and MAE compare the Cauchy stress with the data at the mounting stretch of "
+            "the fit; for standard and zeroed they do not show the distance from the tissue.",
             markup=False,
         )
 
 
-def _table(specimen: Specimen, fits: list[FitResult], fixed: dict[str, float]) -> Table:
+def _table(
+    specimen: Specimen,
+    fits: list[FitResult],
+    fixed: dict[str, float],
+    truth: Mapping[str, float] | None,
+) -> Table:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -246,8 +283,11 @@ def _table(specimen: Specimen, fits: list[FitResult], fixed: dict[str, float]) -
     table.add_column("", no_wrap=True)
     for result in fits:
         table.add_column(result.method, justify="right", no_wrap=True)
-    records = [result.record() for result in fits]
-    for label, unit, key, form in _fit_rows(fits[0].material.law):
+    records = [_record(result, truth) for result in fits]
+    rows = _fit_rows(fits[0].material.law)
+    if truth is not None:
+        rows.append(("parameter error", "", "parameter_error", "{:.4g}"))
+    for label, unit, key, form in rows:
         cells = []
         for result, record in zip(fits, records, strict=True):
             value = record[key]

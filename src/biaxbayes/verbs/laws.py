@@ -35,7 +35,7 @@ from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.runs.result import REPORT
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import atomic_write_text, write_csv
+from biaxbayes.text_files import aligned, atomic_write_text, write_csv
 from biaxbayes.verbs.inputs import (
     PathLike,
     SpecimenLike,
@@ -334,23 +334,28 @@ def _print_laws(result: LawComparison, folder: Path) -> None:
     from biaxbayes.identifiability.reported import report_rows, row_lines
 
     stretches = [c for c in result.table if str(c).startswith("mounting_stretch_x")]
-    head = f"{'':<18}{'rms':>9}{'left out':>10}{'density':>10}{'weight':>8}{'(range)':>14}"
-    click.echo(head + ("   mounting stretch x, 90 %" if stretches else ""))
-    click.echo(f"{'':<18}{'kPa':>9}{'kPa':>10}{'nats':>10}")
+    lines = [
+        ["", "rms", "left out", "density", "weight", "(range)"],
+        ["", "kPa", "kPa", "nats", "", ""],
+    ]
+    if stretches:
+        lines[0].append("mounting stretch x, 90 %")
     table = result.table.sort_values("weight", ascending=False, kind="stable", na_position="last")
     for row in (*table.iloc[1:].to_dict("records"), table.iloc[0].to_dict()):
         if row["left_out_rms"] != row["left_out_rms"]:
-            click.echo(f"{row['law']:<18}{row['state']}")
+            lines.append([row["law"], *[""] * 5, row["state"]])
             continue
         rms = f"{row['rms']:.3g}" if row["rms"] == row["rms"] else ""
         spread = ""
         if row["weight_low"] == row["weight_low"]:
             spread = f"({row['weight_low']:.2f}-{row['weight_high']:.2f})"
-        line = f"{row['law']:<17} {rms:>9} {row['left_out_rms']:>9.3g}"
-        line += f" {row['left_out_density']:>9.1f}{row['weight']:>8.2f}{spread:>14}"
+        left_out = f"{row['left_out_rms']:.3g}", f"{row['left_out_density']:.1f}"
+        cells = [row["law"], rms, *left_out, f"{row['weight']:.2f}", spread]
         if stretches:
             low, high = row["mounting_stretch_x_q05"], row["mounting_stretch_x_q95"]
-            line += f"   {low:.4f} to {high:.4f}"
+            cells.append(f"{low:.4f} to {high:.4f}")
+        lines.append(cells)
+    for line in aligned(lines, right=range(1, 6)):
         click.echo(line)
     click.echo(
         "\nrms (typical miss) of the fit to all, and of parts left out; density: how well these\n"

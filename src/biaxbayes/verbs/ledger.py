@@ -21,6 +21,7 @@ from biaxbayes.options import (
     takes_options,
 )
 from biaxbayes.progress_bar import Progress, progress_line, with_progress
+from biaxbayes.text_files import aligned
 from biaxbayes.verbs.inputs import (
     PathLike,
     RunLike,
@@ -186,16 +187,18 @@ def _print_ledger(result: Ledger, folder: Path) -> None:
     from biaxbayes.prediction.stress import INSIDE
 
     click.echo(f"{result.specimen}: median (5 %, 95 %); shift in sd of the inferred posterior\n")
-    click.echo(f"{'':<27}{'inferred':>24}{'ignored':>24}{'shift':>8}{'zeroed':>24}{'shift':>8}")
+    lines = [["", "inferred", "ignored", "shift", "zeroed", "shift"]]
     for _, row in result.table.iterrows():
         name = str(row["quantity"])
         if row["total_stretch"] == row["total_stretch"]:
             mark = "" if row["extrapolation"] == INSIDE else "*"
             name = f"{name} at {row['total_stretch']:.4g}{mark}"
         unit = f" ({row['unit']})" if row["unit"] else ""
-        line = f"{name + unit:<26} {cell(row, 'inferred'):>23}"
+        cells = [name + unit, cell(row, "inferred")]
         for treatment in ("ignored", "zeroed"):
-            line += f" {cell(row, treatment):>23} {row[f'shift_{treatment}_sd']:>+7.1f}"
+            cells += [cell(row, treatment), f"{row[f'shift_{treatment}_sd']:+.1f}"]
+        lines.append(cells)
+    for line in aligned(lines, right=range(1, 6)):
         click.echo(line)
     outside = result.stresses["extrapolation"] != INSIDE
     if outside.any():

@@ -35,6 +35,7 @@ from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.proposal import TransportedMixture
+from biaxbayes.text_files import aligned
 from biaxbayes.verbs.batch import batch
 from biaxbayes.verbs.inputs import (
     PathLike,
@@ -429,7 +430,7 @@ def closing_message(result: PopulationFound) -> str:
 
     def sd(row: dict[Any, Any], side: str) -> str:
         mark = MARK if row[f"{side}_verdict"] == NOT_IDENTIFIED else " "
-        return f" {three_digits(row[f'{side}_q50']) + mark:>10}"
+        return three_digits(row[f"{side}_q50"]) + mark
 
     state = (
         result.state if result.state == "converged" else f"{result.state.upper()}: {result.reason}"
@@ -441,16 +442,18 @@ def closing_message(result: PopulationFound) -> str:
             "",
             f"{printable(str(group))}: {counted(first['specimens'], 'specimen')} of "
             f"{counted(first['donors'], 'donor')}",
-            f"{'quantity':<22}{'unit':<6}{'median':>9}{'5 %':>9}{'95 %':>9}"
-            f"{'sd donors':>10}{'sd spec.':>11}    {'new specimen':<19}verdict on the median",
         ]
+        heads = (
+            "quantity,unit,median,5 %,95 %,sd donors,sd spec.,new specimen,verdict on the median"
+        )
+        cells = [heads.split(",")]
         for r in part.to_dict("records"):
-            mean = "".join(f" {three_digits(r[f'mean_{q}']):>8}" for q in ("q50", "q05", "q95"))
-            sds = "".join(sd(r, side) for side in SDS)
+            mean = [three_digits(r[f"mean_{q}"]) for q in ("q50", "q05", "q95")]
+            sds = [sd(r, side) for side in SDS]
             new = f"{three_digits(r['new_specimen_q05'])} to {three_digits(r['new_specimen_q95'])}"
             unit = "" if r["unit"] == "1" else str(r["unit"])
-            head = f"{str(r['quantity'])[:21]:<21} {unit:<5} "
-            lines.append(f"{head}{mean}{sds}   {new:<19}{_qualified(r)}")
+            cells.append([str(r["quantity"]), unit, *mean, *sds, new, _qualified(r)])
+        lines += aligned(cells, right=range(2, 5 + len(SDS)))
     lines += ["", "sds of logs where the scale is log (population.csv)"]
     if any((result.groups[f"{side}_verdict"] == NOT_IDENTIFIED).any() for side in SDS):
         lines.append(f"{MARK} {NOT_IDENTIFIED}: the specimens say little of this sd")
