@@ -360,16 +360,18 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand()
         square, size = 0.0, 0
         for (miss, area), (_, row) in zip(misses(specimen, k1, kappa), own.iterrows(), strict=True):
             density = norm.logpdf(miss, 0.0, SD).sum()
-            assert row["left_out_density"] == pytest.approx(density, rel=1e-9)
+            assert row["left_out_density_nats"] == pytest.approx(density, rel=1e-9)
             in_kPa = miss / area
-            assert row["left_out_rms"] == pytest.approx(np.sqrt((in_kPa**2).mean()), rel=1e-9)
+            assert row["left_out_rms_kPa"] == pytest.approx(np.sqrt((in_kPa**2).mean()), rel=1e-9)
             half = norm.ppf(0.95) * SD
             assert row["band_coverage"] == pytest.approx((np.abs(miss) <= half).mean())
             assert row["band_width"] == pytest.approx((2 * half / area).mean(), rel=1e-6)
             assert row["readings"] == row["effective_readings"] == miss.size
             square, size = square + (in_kPa**2).sum(), size + miss.size
-        assert table["left_out_rms"][law] == pytest.approx(np.sqrt(square / size), rel=1e-9)
-        assert table["left_out_density"][law] == pytest.approx(own["left_out_density"].sum())
+        assert table["left_out_rms_kPa"][law] == pytest.approx(np.sqrt(square / size), rel=1e-9)
+        assert table["left_out_density_nats"][law] == pytest.approx(
+            own["left_out_density_nats"].sum()
+        )
         for at in ("q05", "q50", "q95"):
             assert table[f"mounting_stretch_y_{at}"][law] == pytest.approx(1.02)
     assert table["weight"]["goh"] > 0.9
@@ -380,10 +382,12 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand()
     assert mixture["weight"].tolist() == [1.0] * 3
     told = {law: f"{table['weight'][law]:.2f}" for law in ("goh", "hgo")}
     assert repr(judged) == f"LawComparison(virtual: goh {told['goh']}, hgo {told['hgo']})"
-    assert table["left_out_density"][STACKED] == pytest.approx(mixture["left_out_density"].sum())
+    assert table["left_out_density_nats"][STACKED] == pytest.approx(
+        mixture["left_out_density_nats"].sum()
+    )
     sizes = mixture["readings"] / mixture["readings"].sum()
-    rms = np.sqrt((sizes * mixture["left_out_rms"] ** 2).sum())
-    assert table["left_out_rms"][STACKED] == pytest.approx(rms, rel=1e-9)
+    rms = np.sqrt((sizes * mixture["left_out_rms_kPa"] ** 2).sum())
+    assert table["left_out_rms_kPa"][STACKED] == pytest.approx(rms, rel=1e-9)
     assert set(judged.draws["law"]) == {"goh", "hgo"}
     assert len(judged.bands) == mixture["readings"].sum()
     for axis, middle in (("x", 1.01), ("y", 1.02)):
@@ -411,7 +415,7 @@ def test_weights_of_the_other_parts_alone_and_of_none():
     second = np.concatenate([m.ravel() for m, _ in misses(specimen, 63.0, 0.0)[:1]])
     density = np.log(expected @ np.exp(norm.logpdf([first, second], 0.0, SD))).sum()
     name = specimen.protocols[0].name
-    assert mixture["left_out_density"][name] == pytest.approx(density, rel=1e-9)
+    assert mixture["left_out_density_nats"][name] == pytest.approx(density, rel=1e-9)
     alone = _LeftOut(np.ones(3), np.zeros((4, 3)), [], [], np.zeros(3), [])
     np.testing.assert_allclose(_weights([alone], []), 0.25)
 
@@ -482,19 +486,19 @@ def test_the_law_of_the_truth_predicts_best(compared):
     assert list(table.index) == ["goh", "hgo", STACKED]
     assert table["weight"]["goh"] > 0.9
     assert table["weight"][["goh", "hgo"]].sum() == pytest.approx(1.0, abs=1e-5)
-    assert table["left_out_rms"]["goh"] < table["left_out_rms"]["hgo"]
-    assert table["left_out_density"][STACKED] > table["left_out_density"]["goh"] - 2.0
+    assert table["left_out_rms_kPa"]["goh"] < table["left_out_rms_kPa"]["hgo"]
+    assert table["left_out_density_nats"][STACKED] > table["left_out_density_nats"]["goh"] - 2.0
     assert table["mounting_stretch_x_q05"]["goh"] < table["mounting_stretch_x_q95"]["goh"]
     parts = pd.read_csv(folder / "out" / "left-out.csv")
-    sums = parts.groupby("law")["left_out_density"].sum()
+    sums = parts.groupby("law")["left_out_density_nats"].sum()
     for law in table.index:
-        assert sums[law] == pytest.approx(table["left_out_density"][law], rel=1e-5)
+        assert sums[law] == pytest.approx(table["left_out_density_nats"][law], rel=1e-5)
     # weights that have seen a part foretell it better, but for what their prior asks for
     mixture = parts[parts["law"] == STACKED]
-    assert mixture["density_final_weights"].sum() > mixture["left_out_density"].sum() - 0.5
+    assert mixture["density_final_weights"].sum() > mixture["left_out_density_nats"].sum() - 0.5
     alone = parts[parts["law"] == "goh"]
     pd.testing.assert_series_equal(
-        alone["density_final_weights"], alone["left_out_density"], check_names=False
+        alone["density_final_weights"], alone["left_out_density_nats"], check_names=False
     )
     assert alone["band_low_level"].tolist() == pytest.approx([0.05] * len(alone))
     sums = mixture["band_low_level"] + mixture["band_high_level"]

@@ -147,14 +147,23 @@ def write_weighed_laws(folder) -> None:
     rng = np.random.default_rng(3)
     rows = []
     for law, weight in (("goh", 0.7), ("fung", 0.3), (STACKED, 1.0)):
-        row = {"law": law, "state": "" if law == STACKED else "converged", "rms": 2.0 * weight}
-        row |= {"left_out_rms": 3.0 * weight, "left_out_density": -40.0 * weight, "weight": weight}
+        row = {"law": law, "state": "" if law == STACKED else "converged", "rms_kPa": 2.0 * weight}
+        row |= {
+            "left_out_rms_kPa": 3.0 * weight,
+            "left_out_density_nats": -40.0 * weight,
+            "weight": weight,
+        }
         row |= {"weight_low": weight - 0.1, "weight_high": weight + 0.1}
         for name in ("mounting_stretch_x", "mounting_stretch_y"):
             three = np.sort(1.02 + 0.005 * rng.standard_normal(3))
             row |= dict(zip((f"{name}_{q}" for q in LEVELS), three, strict=True))
         rows.append(row)
-    part = {"part": "<b>1:1</b>", "left_out_rms": 2.5, "readings": 80, "effective_readings": 7.2}
+    part = {
+        "part": "<b>1:1</b>",
+        "left_out_rms_kPa": 2.5,
+        "readings": 80,
+        "effective_readings": 7.2,
+    }
     part |= {"band_coverage": 0.91, "band_width": 8.1}
     compared = LawComparison(
         "<script>alert(1)</script>",

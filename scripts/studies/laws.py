@@ -72,10 +72,10 @@ def weigh(law: str, seed: int, laws: str | None) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         found = biaxbayes.compare_laws(specimen, out=folder, laws=laws, seed=seed, workers=1)
     rows = found.table.set_index("law")
-    density = rows["left_out_density"]
+    density = rows["left_out_density_nats"]
     mixture = found.parts[found.parts["law"] == STACKED]
     single = rows.drop(STACKED)
-    missing = single[single["rms"] > MISSES * noise_kPa]
+    missing = single[single["rms_kPa"] > MISSES * noise_kPa]
     return {
         "short": float(density[law] - mixture["density_final_weights"].sum()),
         "short_unseen": float(density[law] - density[STACKED]),
@@ -110,8 +110,8 @@ def measured(folder: Path) -> pd.DataFrame:
     weighted = parts[["band_coverage", "band_width"]].mul(parts["readings"], axis=0)
     sums = weighted.assign(law=parts["law"], readings=parts["readings"]).groupby("law").sum()
     bands = sums[["band_coverage", "band_width"]].div(sums["readings"], axis=0)
-    columns = ["law", "rms", "left_out_rms", "left_out_density", "weight", "state"]
-    table = laws[columns].sort_values("left_out_density", ascending=False)
+    columns = ["law", "rms_kPa", "left_out_rms_kPa", "left_out_density_nats", "weight", "state"]
+    table = laws[columns].sort_values("left_out_density_nats", ascending=False)
     return table.merge(bands, on="law", how="left")
 
 

@@ -274,14 +274,14 @@ def _law_table(
     rows = []
     for law in laws:
         whole = predictions[law, WHOLE]
-        row: dict[str, Any] = {"law": law, "state": whole.state, "rms": whole.rmse_kPa}
+        row: dict[str, Any] = {"law": law, "state": whole.state, "rms_kPa": whole.rmse_kPa}
         if law in used:
             k = used.index(law)
             alone = np.eye(len(used))[k]
             density, square = _left_out_scores(left, [alone] * len(left))
             row |= {
-                "left_out_rms": float(np.sqrt(square @ sizes / sizes.sum())),
-                "left_out_density": float(density.sum()),
+                "left_out_rms_kPa": float(np.sqrt(square @ sizes / sizes.sum())),
+                "left_out_density_nats": float(density.sum()),
                 "weight": float(weight[k]),
                 "weight_low": float(blind[:, k].min()),
                 "weight_high": float(blind[:, k].max()),
@@ -292,8 +292,8 @@ def _law_table(
     rows.append(
         {
             "law": STACKED,
-            "left_out_rms": float(np.sqrt(square @ sizes / sizes.sum())),
-            "left_out_density": float(density.sum()),
+            "left_out_rms_kPa": float(np.sqrt(square @ sizes / sizes.sum())),
+            "left_out_density_nats": float(density.sum()),
             "weight": 1.0,
             **dict(zip(LEVELS, levels, strict=True)),
             **_quantiles(draws, shared_stretches(draws, specimen)),
@@ -342,8 +342,8 @@ def _part_table(
                     "part": part.name,
                     "law": law,
                     "weight": float(w[used.index(law)]) if law != STACKED else 1.0,
-                    "left_out_rms": float(np.sqrt(square)),
-                    "left_out_density": float(density),
+                    "left_out_rms_kPa": float(np.sqrt(square)),
+                    "left_out_density_nats": float(density),
                     "density_final_weights": float(seen),
                     "band_coverage": float(np.mean((own.measured >= low) & (own.measured <= high))),
                     "band_width": float(np.mean((high - low) / scale)),
@@ -360,11 +360,13 @@ def _reported(
 ) -> tuple[Reported, ...]:
     """Mounting stretches from the laws that predict the record about as well as the best."""
     names = mounting_names("stretch")
-    laws = table[(table["law"] != STACKED) & table["left_out_density"].notna()].set_index("law")
+    laws = table[(table["law"] != STACKED) & table["left_out_density_nats"].notna()].set_index(
+        "law"
+    )
     if f"{names[0]}_q50" not in laws:
         return ()
     smooth = misses_smoothly(residuals)
-    density = {str(law): float(value) for law, value in laws["left_out_density"].items()}
+    density = {str(law): float(value) for law, value in laws["left_out_density_nats"].items()}
     rows = []
     for name in names:
         columns = [f"{name}_q{round(100 * q):02d}" for q in QUANTILES]

@@ -19,7 +19,7 @@ ROW_MM, HEAD_MM = 5.5, 14.0
 
 def _judged_rows(compared: LawComparison) -> tuple[pd.DataFrame, np.ndarray]:
     """Laws that were judged, the heaviest on top, the mixture below; and their heights."""
-    table = compared.table[compared.table["left_out_rms"].notna()]
+    table = compared.table[compared.table["left_out_rms_kPa"].notna()]
     laws = table[table["law"] != STACKED].sort_values("weight", ascending=False, kind="stable")
     rows = pd.concat([laws, table[table["law"] == STACKED]])
     return rows, -np.arange(len(rows), dtype=float)
@@ -42,10 +42,12 @@ def law_misfit_figure(
         blue = colour("run")
         figure = blank_figure(width_mm, HEAD_MM + 6.0 + ROW_MM * (len(rows) + 0.4))
         misfit, weights = figure.subplots(1, 2, sharey=True, width_ratios=(1.7, 1.0))
-        misfit.hlines(places, rows["rms"], rows["left_out_rms"], color="0.75", linewidth=0.8)
+        misfit.hlines(
+            places, rows["rms_kPa"], rows["left_out_rms_kPa"], color="0.75", linewidth=0.8
+        )
         for column, face, label in (
-            ("rms", "white", "of the fit to all"),
-            ("left_out_rms", blue, "of parts left out"),
+            ("rms_kPa", "white", "of the fit to all"),
+            ("left_out_rms_kPa", blue, "of parts left out"),
         ):
             misfit.plot(rows[column], places, "o", ms=4.0, mfc=face, mec=blue, label=label)
         misfit.set_xlim(left=0.0)

@@ -153,7 +153,7 @@ LAW_TERMS = (
 def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
     """The page of a comparison of laws, with its figures by the stems of their files."""
     table = compared.table
-    best = table[table["law"] != STACKED].sort_values("left_out_rms").iloc[0]
+    best = table[table["law"] != STACKED].sort_values("left_out_rms_kPa").iloc[0]
     mixture = table.set_index("law").loc[STACKED]
     rows = report_rows(compared.reported, Quantities(()))
     lost = [row.name for row in compared.reported if row.verdict != IDENTIFIED]
@@ -161,8 +161,8 @@ def laws_page(compared: LawComparison, figures: Mapping[str, Figure]) -> str:
         specimen=compared.specimen,
         best=(
             f"{best['law']} predicts best what was left out of its fit: it misses by "
-            f"{best['left_out_rms']:.3g} kPa (root mean square); the mixture of all laws by "
-            f"{mixture['left_out_rms']:.3g} kPa."
+            f"{best['left_out_rms_kPa']:.3g} kPa (root mean square); the mixture of all laws "
+            f"by {mixture['left_out_rms_kPa']:.3g} kPa."
         ),
         laws=[_law_row(row) for row in _heaviest_first(table)],
         left_out=sorted(compared.left_out.items()),
@@ -192,9 +192,9 @@ def _law_row(row: dict[Any, Any]) -> Row:
     return (
         "mixture" if row["law"] == STACKED else row["law"],
         row["state"],
-        _number(row["rms"], ".3g"),
-        _number(row.get("left_out_rms"), ".3g"),
-        _number(row.get("left_out_density"), ".1f"),
+        _number(row["rms_kPa"], ".3g"),
+        _number(row.get("left_out_rms_kPa"), ".3g"),
+        _number(row.get("left_out_density_nats"), ".1f"),
         weight,
     )
 
@@ -203,10 +203,10 @@ def _part_rows(parts: pd.DataFrame) -> list[Row]:
     out: list[Row] = []
     for name, rows in parts.groupby("part", sort=False):
         mixture = rows[rows["law"] == STACKED].iloc[0]
-        best = rows[rows["law"] != STACKED].sort_values("left_out_rms").iloc[0]
+        best = rows[rows["law"] != STACKED].sort_values("left_out_rms_kPa").iloc[0]
         cells = [
-            f"{mixture['left_out_rms']:.3g}",
-            f"{best['law']}, {best['left_out_rms']:.3g}",
+            f"{mixture['left_out_rms_kPa']:.3g}",
+            f"{best['law']}, {best['left_out_rms_kPa']:.3g}",
             f"{mixture['readings']:.0f}, worth {mixture['effective_readings']:.2g}",
             f"{100 * mixture['band_coverage']:.0f} %",
             f"{mixture['band_width']:.3g}",

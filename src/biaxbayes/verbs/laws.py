@@ -335,21 +335,21 @@ def _print_laws(result: LawComparison, folder: Path) -> None:
 
     stretches = [c for c in result.table if str(c).startswith("mounting_stretch_x")]
     lines = [
-        ["", "rms", "left out", "density", "weight", "(range)"],
+        ["", "rms_kPa", "left out", "density", "weight", "(range)"],
         ["", "kPa", "kPa", "nats", "", ""],
     ]
     if stretches:
         lines[0].append("mounting stretch x, 90 %")
     table = result.table.sort_values("weight", ascending=False, kind="stable", na_position="last")
     for row in (*table.iloc[1:].to_dict("records"), table.iloc[0].to_dict()):
-        if row["left_out_rms"] != row["left_out_rms"]:
+        if row["left_out_rms_kPa"] != row["left_out_rms_kPa"]:
             lines.append([row["law"], *[""] * 5, row["state"]])
             continue
-        rms = f"{row['rms']:.3g}" if row["rms"] == row["rms"] else ""
+        rms = f"{row['rms_kPa']:.3g}" if row["rms_kPa"] == row["rms_kPa"] else ""
         spread = ""
         if row["weight_low"] == row["weight_low"]:
             spread = f"({row['weight_low']:.2f}-{row['weight_high']:.2f})"
-        left_out = f"{row['left_out_rms']:.3g}", f"{row['left_out_density']:.1f}"
+        left_out = f"{row['left_out_rms_kPa']:.3g}", f"{row['left_out_density_nats']:.1f}"
         cells = [row["law"], rms, *left_out, f"{row['weight']:.2f}", spread]
         if stretches:
             low, high = row["mounting_stretch_x_q05"], row["mounting_stretch_x_q95"]
