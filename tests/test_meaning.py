@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from biaxbayes.errors import InputError
@@ -308,3 +309,26 @@ def test_displacements_with_cauchy_stresses_need_the_gauge_length(tmp_path, geom
     specimen = convert([path], choice, header=header).specimen
     nominal = specimen.load(specimen.protocols[0]) * EDGE * THICKNESS * 1e-3
     np.testing.assert_allclose(nominal, force, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Green strain [%] {}", "% Green strain {}", "{} percent Green", "E{} [%] (Green)",
+        "Green%{}", "strainPercent_{} green", "pct Green-Lagrange {}",
+    ],
+)  # fmt: skip
+def test_per_cent_anywhere_in_a_name_is_per_cent(tmp_path, name):
+    """Of small strains: 2 % read as a strain of 2 would be a stretch of 2.2, which could be."""
+    stretch, force = next(iter(TRUE.values()))
+    small = 1.0 + 0.1 * (stretch - 1.0)
+    path = tmp_path / "a.csv"
+    names = [name.format(axis) for axis in "XY"]
+    table = pd.DataFrame(np.column_stack([50.0 * (small**2 - 1.0), force]))
+    table.to_csv(path, index=False, header=[*names, "Force [mN] X", "Force [mN] Y"])
+    columns = (
+        f"stretch_x={names[0]},stretch_y={names[1]},force_x_N=Force [mN] X,force_y_N=Force [mN] Y"
+    )
+    (p,) = convert([path], Choice("generic", (columns,)), header=HEADER).specimen.protocols
+    np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), small, rtol=1e-12)
+    np.testing.assert_allclose(np.column_stack([p.load_x, p.load_y]), 1e-3 * force, rtol=1e-12)

@@ -16,6 +16,7 @@ from biaxbayes.tables.units import (
     UNITS,
     Unit,
     likely_name,
+    share_in,
     stem_of,
     strain_kinds,
     unit_named,
@@ -207,6 +208,8 @@ def _stretch_unit(table: Table, index: int, target: str, stated: Unit | None) ->
     """The kind of stretch, strain, length or displacement of a column; asks rather than guesses."""
     name = table.names[index]
     kinds, written = strain_kinds(name), table.unit(index)
+    if written is not None and written.quantity in STRAINS and written.factor == 1.0:
+        written = share_in(name) or written  # `E [%] (Green)`: the kind at the end, per cent before
     per_cent = written is not None and written.quantity == "fraction" and written.factor < 1.0
     if stated is not None and stated.name == "percent" and kinds <= {"engineering"}:
         return UNITS["engineering_percent"]

@@ -125,7 +125,7 @@ def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
         remedy = next(iter(tables.values())).listing
         raise InputError("no sheet has the columns", file=path, remedy=remedy)
     if others:
-        note = "sheets left out: " + ", ".join(f"{k} ({why[:60]})" for k, why in others.items())
+        note = "sheets left out: " + ", ".join(f"{k} ({why})" for k, why in others.items())
         recordings = [replace(r, notes=(*r.notes, note)) for r in recordings]
     if choice.tension_negative:
         signs = [-1.0 if axis in choice.tension_negative else 1.0 for axis in "xy"]

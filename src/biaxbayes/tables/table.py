@@ -331,7 +331,8 @@ def _first_row_of_numbers(rows: Sequence[Sequence[str]], path: Path) -> int:
     if len(numeric) < 2 or len(rows) < 2:
         width = max(map(len, rows), default=0)
         raise InputError(
-            f"holds no table: {len(rows)} rows of up to {width} cells, without columns of numbers",
+            f"holds no table: {len(rows)} rows of up to {width} cells, fewer than two columns of "
+            "numbers",
             file=path,
             remedy="a table has a line of column names and at least two rows",
         )

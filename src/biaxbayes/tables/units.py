@@ -95,27 +95,42 @@ def unit_named(text: str) -> Unit | None:
 
 BOX = re.compile(r"^(?P<stem>.*?)\s*[\[({](?P<boxed>[^\[\](){}]*)[\])}]\s*$")
 
+BOX_INSIDE = re.compile(r"[\[({][^\[\](){}]*[\])}]")
+SHARE = re.compile(
+    r"[%‰]|(?:(?<![A-Za-z])[Pp]|(?<=[a-z])P)(ercent|ct|ermille)(?![a-z])|(?<![A-Z])PERCENT(?![A-Z])"
+)
+
 
 def split_unit(column: str) -> tuple[str, Unit | None]:
     """A column name without its unit, and the unit: ``Force X [mN]``, ``XForce_mN``, ``P, N/mm2``.
 
-    The unit is None, and the name whole, where the name ends with none.
+    The unit stands at the end, in brackets elsewhere (``Force [mN] X``), or is a sign or word for
+    per cent anywhere (``% Green strain``). It is None, and the name whole, where there is none.
     """
     column = column.strip()
     match = BOX.match(column)
-    if match is not None:
-        unit = unit_named(match["boxed"])
-        return (match["stem"], unit) if unit is not None else (column, None)
-    for separator in re.finditer(r"[_\s,/]+", column):
-        unit = unit_named(column[separator.end() :])
-        if unit is not None and separator.start() > 0:
-            return column[: separator.start()], unit
+    if match is not None and (unit := unit_named(match["boxed"])) is not None:
+        return match["stem"], unit
+    if match is None:
+        for separator in re.finditer(r"[_\s,/]+", column):
+            unit = unit_named(column[separator.end() :])
+            if unit is not None and separator.start() > 0:
+                return column[: separator.start()], unit
+    for match in (*BOX_INSIDE.finditer(column), *SHARE.finditer(column)):
+        if (unit := unit_named(match[0])) is not None:
+            return f"{column[: match.start()].rstrip()} {column[match.end() :].lstrip()}", unit
     return column, None
 
 
 def unit_of_column(column: str) -> Unit | None:
     """The unit at the end of a column name; None where there is none."""
     return split_unit(column)[1]
+
+
+def share_in(column: str) -> Unit | None:
+    """Per cent or per mille anywhere in a column name; None where there is neither."""
+    match = SHARE.search(column)
+    return None if match is None else unit_named(match[0])
 
 
 def unknown_unit(column: str) -> str:
