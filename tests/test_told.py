@@ -1,6 +1,7 @@
 """What the terminal tells: progress, ledgers, few replications."""
 
 import io
+import time
 
 import numpy as np
 import pandas as pd
@@ -37,12 +38,23 @@ def test_time_spent_is_not_called_time_left():
 
 
 def test_a_terminal_without_a_live_line_gets_a_line_each_minute(capsys):
-    seconds = iter([0.0, 10.0, 59.0, 61.0, 61.0, 100.0])
-    show = minute_lines(lambda: next(seconds))
-    for done in (1, 2, 3, 4):
-        show(Progress(f"{done} of 9 specimens", done / 9, note="sampled anew" if done == 1 else ""))
-    lines = capsys.readouterr().err.splitlines()
-    assert lines == ["biaxbayes: sampled anew", "biaxbayes: 3 of 9 specimens, 33 %"]
+    err = ""
+    with minute_lines(every=0.01) as show:
+        show(Progress("sampling", 1 / 9, note="sampled again"))
+        # nothing is reported any more, and the line is repeated all the same
+        deadline = time.monotonic() + 20.0
+        while err.count("sampling") < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+            err += capsys.readouterr().err
+    lines = [line for line in err.splitlines() if line != "biaxbayes: starting, 0 min"]
+    assert lines[0] == "biaxbayes: sampled again"
+    assert len(lines) > 2 and set(lines[1:]) == {"biaxbayes: sampling, 11 %, 0 min"}
+
+
+def test_a_minute_passes_before_the_first_line(capsys):
+    with minute_lines() as show:
+        show(Progress("sampling"))
+    assert capsys.readouterr().err == ""
 
 
 def test_intervals_of_a_ledger_are_not_rounded_to_nothing():

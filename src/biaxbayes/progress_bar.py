@@ -197,7 +197,8 @@ def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
         yield _print_note
         return
     if not sys.stderr.isatty() or os.environ.get("TERM", "") in ("dumb", "unknown"):
-        yield minute_lines()
+        with minute_lines() as show:
+            yield show
         return
     from rich.console import Console
 
@@ -213,19 +214,33 @@ def _print_note(progress: Any) -> None:
 MINUTE = 60.0
 
 
-def minute_lines(clock: Callable[[], float] = time.monotonic) -> Callable[[Progress], None]:
-    """Print notes at once, and the state of the work a minute after the last line."""
-    last = clock()
+@contextlib.contextmanager
+def minute_lines(every: float = MINUTE) -> Iterator[Callable[[Progress], None]]:
+    """Print notes at once, and the phase, share and minutes spent once a minute.
 
-    def show(progress: Any) -> None:
-        nonlocal last
+    The lines come from a thread, so that a long step without any news shows that it runs.
+    """
+    latest = Progress("starting")
+    begin, done = time.monotonic(), threading.Event()
+
+    def show(progress: Progress) -> None:
+        nonlocal latest
+        latest = progress
         _print_note(progress)
-        if clock() - last >= MINUTE:
-            last = clock()
-            share = "" if progress.share is None else f", {100 * progress.share:.0f} %"
-            print(f"biaxbayes: {progress.phase}{share}", file=sys.stderr, flush=True)
 
-    return show
+    def repeat() -> None:
+        while not done.wait(every):
+            share = "" if latest.share is None else f", {100 * latest.share:.0f} %"
+            spent = f"{(time.monotonic() - begin) / MINUTE:.0f} min"
+            print(f"biaxbayes: {latest.phase}{share}, {spent}", file=sys.stderr, flush=True)
+
+    thread = threading.Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield show
+    finally:
+        done.set()
+        thread.join()
 
 
 @contextlib.contextmanager

@@ -253,16 +253,20 @@ def _references(specimen: Specimen) -> list[Finding]:
     if span[k] > DRIFT:
         low, high = int(starts[:, k].argmin()), int(starts[:, k].argmax())
         names = [p.name for p in specimen.protocols]
-        stated = specimen.reference is not None
+        reported = specimen.reference is not None
+        remedy = (
+            ", as '# reference: each protocol' of the header says"
+            if reported
+            else ". Add '# reference: common' to the header if the stretches share one reference, "
+            "'# reference: each protocol' if each protocol starts at the mounted state"
+        )
         return [
             Finding(
                 "stretch-drift",
-                "error" if span[k] > LARGE_DRIFT and not stated else "warning",
+                "error" if span[k] > LARGE_DRIFT and not reported else "warning",
                 f"the protocols start at different stretches, from {starts[low, k]:.4f} "
                 f"({names[low]}) to {starts[high, k]:.4f} ({names[high]}) in {'xy'[k]}, and each "
-                "was divided by its own start. Add '# reference: common' to the header if the "
-                "stretches share one reference, '# reference: each protocol' if each protocol "
-                "starts at the mounted state",
+                f"was divided by its own start{remedy}",
             )
         ]
     off = float(np.abs(starts - 1.0).max())
@@ -272,7 +276,7 @@ def _references(specimen: Specimen) -> list[Finding]:
         Finding(
             "re-referenced",
             "note",
-            f"the file's stretches do not start at 1 (off by up to {off:.4f}); they were divided "
+            f"the file's stretches do not start at 1 (off by up to {off:.2g}); they were divided "
             "by their value at rest",
         )
     ]
