@@ -35,7 +35,9 @@ def sources(page: str) -> list[dict[str, np.ndarray]]:
                 walk(child)
 
     def array(v):
-        data = gzip.decompress(base64.b64decode(v["array"]["data"]))
+        data = base64.b64decode(v["array"]["data"])
+        if data.startswith(b"\x1f\x8b"):  # Bokeh before 3.7 does not compress
+            data = gzip.decompress(data)
         return np.frombuffer(data, dtype=v["dtype"]).reshape(v["shape"])
 
     for text in re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.S):

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from biaxbayes.errors import InputError, RunError
+from biaxbayes.file_lock import try_lock
 from biaxbayes.runs import lock
 from biaxbayes.runs.folder import (
     PROVENANCE,
@@ -181,6 +182,19 @@ def test_of_many_at_once_one_gets_a_stale_lock(tmp_path):
     for process in many:
         process.communicate("\n")
     assert sorted(said) == ["got"] + ["refused"] * 3
+
+
+def test_a_lock_removed_by_its_owner_while_another_takes_it_is_taken_again(tmp_path, monkeypatch):
+    removed = []
+
+    def slow(handle):
+        if not removed:
+            removed.append((tmp_path / NAME).unlink())
+        return try_lock(handle)
+
+    monkeypatch.setattr(lock, "try_lock", slow)
+    with folder_lock(tmp_path):
+        assert json.loads((tmp_path / NAME).read_text())["pid"] == os.getpid()
 
 
 def test_a_link_in_place_of_the_lock_is_not_followed(tmp_path):

@@ -14,7 +14,8 @@ from typing import Any
 
 import click
 
-from biaxbayes.errors import BiaxbayesError, InputError, as_options, os_error_text, printable
+from biaxbayes.errors import BiaxbayesError, InputError, as_options, printable
+from biaxbayes.text_files import os_error_text
 from biaxbayes.verbs import VERBS
 
 

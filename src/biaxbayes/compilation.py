@@ -22,6 +22,7 @@ import os
 import shutil
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ import platformdirs
 from numba.extending import register_jitable
 
 from biaxbayes.errors import InputError
+from biaxbayes.file_lock import try_lock
 
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise InputError("NUMBA_DISABLE_JIT is set", remedy="unset it: the density has to be compiled")
@@ -149,9 +151,9 @@ def first_alone() -> Iterator[None]:
         return
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):
-            from filelock import FileLock
-
-            stack.enter_context(FileLock(CACHE / ".filling"))
+            file = stack.enter_context((CACHE / ".filling").open("w"))
+            while not try_lock(file.fileno()):
+                time.sleep(0.1)
         if (CACHE / FILLED).exists():
             stack.close()
         yield

@@ -14,7 +14,6 @@ writes them as its options.
 from __future__ import annotations
 
 import re
-import traceback
 from collections.abc import Mapping, Sequence
 
 
@@ -110,21 +109,6 @@ def printable(text: str) -> str:
 def listed(names: Sequence[str]) -> str:
     """Names in a sentence: ``k2, alpha and kappa``."""
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
-
-
-def os_error_text(error: OSError) -> str:
-    """An error of the operating system in one line, with its path.
-
-    Numba does not say which file it could not write into the cache of compiled code.
-    """
-    where, remedy = error.filename, ""
-    frames = traceback.walk_tb(error.__traceback__)
-    if any(frame.f_globals.get("__name__") == "numba.core.caching" for frame, _ in frames):
-        from biaxbayes.compilation import CACHE  # loaded, as its functions are being compiled
-
-        where = where or CACHE
-        remedy = "; NUMBA_CACHE_DIR names another folder for compiled code"
-    return f"{f'{where}: ' if where else ''}{error.strerror or error}{remedy}"
 
 
 def as_options(text: str, flags: Mapping[str, str] | None = None) -> str:

@@ -15,6 +15,7 @@ import math
 import os
 import re
 import stat
+import traceback
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import islice, takewhile
 from pathlib import Path
@@ -450,3 +451,21 @@ def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[
         ).rstrip()
         for row in rows
     ]
+
+
+# --- errors of the operating system ---------------------------------------------------------------
+
+
+def os_error_text(error: OSError) -> str:
+    """An error of the operating system in one line, with its path.
+
+    Numba does not say which file it could not write into the cache of compiled code.
+    """
+    where, remedy = error.filename, ""
+    frames = traceback.walk_tb(error.__traceback__)
+    if any(frame.f_globals.get("__name__") == "numba.core.caching" for frame, _ in frames):
+        from biaxbayes.compilation import CACHE  # loaded, as its functions are being compiled
+
+        where = where or CACHE
+        remedy = "; NUMBA_CACHE_DIR names another folder for compiled code"
+    return f"{f'{where}: ' if where else ''}{error.strerror or error}{remedy}"

@@ -124,14 +124,16 @@ def write_archive(
     is what ``arviz.loo`` must take), log_likelihood_unweighted, posterior_predictive,
     observed_data, constant_data.
     """
-    import xarray as xr  # takes half a second
+    import h5netcdf
+    from xarray.backends import H5NetCDFStore  # takes half a second
 
-    tree = xr.DataTree.from_dict(_groups(posterior, draws, seed))
-    for group in (tree, *tree.children.values()):
-        group.attrs = attributes | _weighting(group.name or "", posterior)
     # In memory: on a full disk the HDF5 library can crash the process while it closes a file.
     whole = io.BytesIO()
-    tree.to_netcdf(whole, engine="h5netcdf")
+    with h5netcdf.File(whole, "w") as file:
+        file.attrs.update(attributes)
+        for name, group in _groups(posterior, draws, seed).items():
+            group.attrs = attributes | _weighting(name, posterior)
+            group.dump_to_store(H5NetCDFStore(file, group=name, mode="a"))
     try:
         atomic_write_bytes(path, whole.getbuffer())
     except OSError as error:

@@ -6,15 +6,12 @@ import contextlib
 import json
 import os
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from biaxbayes.errors import RunError
-
-if TYPE_CHECKING:
-    from filelock import BaseFileLock
-
+from biaxbayes.file_lock import try_lock
 
 NAME = ".lock"
 RELEASE_SECONDS = 0.25
@@ -41,7 +38,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     """
     path = folder / NAME
     try:
-        lock = _acquired(path)
+        handle = _acquire(path)
     except OSError as error:
         raise RunError(
             f"{folder}: cannot be written ({error.strerror}); choose another `out`"
@@ -49,43 +46,48 @@ def folder_lock(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        # Removed while it is still locked, so that nobody can take it in between.
+        # Removed while it is locked, so that nobody can take it in between.
         with contextlib.suppress(OSError):
             path.unlink(missing_ok=True)
-        if lock is not None:
-            lock.release()
+        os.close(handle)
 
 
-def _acquired(path: Path) -> BaseFileLock | None:
-    """The lock of a file that has our name in it; None where the file system has no locks."""
-    from filelock import FileLock, Timeout
-
-    host, pid, began = _owner(path)
-    if host not in ("", socket.gethostname()):
-        raise _in_use(path.parent, host, pid)
-    lock = FileLock(
-        path,
-        timeout=RELEASE_SECONDS,
-        poll_interval=RELEASE_SECONDS / 5,
-        thread_local=False,
-        fallback_to_soft=False,
-        on_acquired=_sign,
-    )
-    try:
-        lock.acquire()
-    except Timeout:
-        raise _in_use(path.parent, *_owner(path)[:2]) from None
-    except OSError:  # no locks there, or no way to write; which of them is seen on opening
+def _acquire(path: Path) -> int:
+    """The handle of a lock that is ours and has our name in it."""
+    end = time.monotonic() + RELEASE_SECONDS
+    while True:
+        host, pid, began = _owner(path)
+        if host not in ("", socket.gethostname()):
+            raise _in_use(path.parent, host, pid)
         # A link in place of the lock is refused: it would lead our name elsewhere.
         handle = os.open(path, os.O_CREAT | os.O_RDWR | NOT_A_LINK, 0o644)
         try:
-            if _alive(pid, began):
-                raise _in_use(path.parent, host, pid) from None
-            _sign(handle)
-        finally:
+            if _lock_or_stale(handle, pid, began) and _is_at(path, handle):
+                _sign(handle)
+                return handle
+        except OSError:
             os.close(handle)
-        return None
-    return lock
+            raise
+        os.close(handle)
+        if time.monotonic() > end:
+            raise _in_use(path.parent, *_owner(path)[:2])
+        time.sleep(RELEASE_SECONDS / 5)
+
+
+def _lock_or_stale(handle: int, pid: int, began: str) -> bool:
+    """Whether a lock is ours now or, where the file system has no locks, its owner is dead."""
+    try:
+        return try_lock(handle)
+    except OSError:
+        return not _alive(pid, began)
+
+
+def _is_at(path: Path, handle: int) -> bool:
+    """Whether an open file is still the one of this name: its owner may have removed it."""
+    try:
+        return os.path.samestat(os.fstat(handle), path.lstat())
+    except FileNotFoundError:
+        return False
 
 
 def _in_use(folder: Path, host: str, pid: int) -> RunError:

@@ -31,7 +31,6 @@ from biaxbayes.errors import (
     Interrupted,
     RunError,
     as_options,
-    os_error_text,
     printable,
 )
 from biaxbayes.laws import DEFAULT_LAW
@@ -58,7 +57,7 @@ from biaxbayes.studies.result import (
 )
 from biaxbayes.studies.rows import rows_of_run
 from biaxbayes.studies.study_file import Study, read_study, study_of_files
-from biaxbayes.text_files import aligned, atomic_write_text
+from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
 from biaxbayes.verbs.inputs import PathLike, Stop, Tell, claim_folder, never, silent
 from biaxbayes.verbs.options import (
     MODEL,
