@@ -124,20 +124,30 @@ def write_archive(
     is what ``arviz.loo`` must take), log_likelihood_unweighted, posterior_predictive,
     observed_data, constant_data.
     """
+    groups = _groups(posterior, draws, seed)
+    for name, group in groups.items():
+        group.attrs = attributes | _weighting(name, posterior)
+    whole = netcdf_bytes(groups, attributes)
+    try:
+        atomic_write_bytes(path, whole)
+    except OSError as error:
+        raise RunError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def netcdf_bytes(groups: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]) -> bytes:
+    """A netCDF file of groups, made in memory.
+
+    On a full disk the HDF5 library can crash the process while it closes a file.
+    """
     import h5netcdf
     from xarray.backends import H5NetCDFStore  # takes half a second
 
-    # In memory: on a full disk the HDF5 library can crash the process while it closes a file.
     whole = io.BytesIO()
     with h5netcdf.File(whole, "w") as file:
         file.attrs.update(attributes)
-        for name, group in _groups(posterior, draws, seed).items():
-            group.attrs = attributes | _weighting(name, posterior)
+        for name, group in groups.items():
             group.dump_to_store(H5NetCDFStore(file, group=name, mode="a"))
-    try:
-        atomic_write_bytes(path, whole.getbuffer())
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written ({error.strerror or error})") from None
+    return whole.getvalue()
 
 
 def _weighting(group: str, posterior: Posterior) -> dict[str, str]:

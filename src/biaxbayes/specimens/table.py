@@ -106,8 +106,7 @@ def _column_names(line: str, row: int, path: Path) -> list[str]:
     if len(names) > MAX_COLUMNS or not any(name in COLUMNS for name in names):
         count = f" ({len(names)} columns)" if len(names) > MAX_COLUMNS else ""
         raise refusal(
-            f"not a specimen CSV: the first line after the header reads "
-            f"{line.strip()[:60]!r}{count}",
+            f"not a specimen CSV: no column of the first line after the header is known{count}",
             "expected comma-separated column names such as "
             "stretch_x,stretch_y,force_x_N,force_y_N ('biaxbayes convert' reads machine exports)",
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import platform
 from dataclasses import dataclass, field, replace
@@ -18,6 +17,7 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.parameters import MATERIAL
 from biaxbayes.populations.result import Population
 from biaxbayes.reports.population import PAGE, population_page
+from biaxbayes.runs.archive import netcdf_bytes
 from biaxbayes.runs.folder import (
     POPULATION,
     PROVENANCE,
@@ -305,26 +305,21 @@ def archive(result: Population) -> bytes:
         "scale": json.dumps({v.name: v.scale for v in result.values}),
         "every": history.every,
     }
-    tree = xr.DataTree.from_dict(
-        {
-            "/posterior": xr.Dataset(common, coords),
-            "/specimens": xr.Dataset(
-                own,
-                {
-                    "specimen": list(result.grouping.labels),
-                    "group_of": ("specimen", list(result.grouping.group)),
-                    "donor_of": ("specimen", list(result.grouping.donor)),
-                    "donor": list(result.grouping.donors),
-                    "quantity": names,
-                },
-            ),
-            "/new_specimens": xr.Dataset(
-                {"material": (("group", "draw", "parameter"), materials)},
-                {"group": groups, "parameter": list(law.names)},
-            ),
-        }
-    )
-    tree.attrs.update(attributes)
-    whole = io.BytesIO()
-    tree.to_netcdf(whole, engine="h5netcdf")
-    return whole.getvalue()
+    datasets = {
+        "posterior": xr.Dataset(common, coords),
+        "specimens": xr.Dataset(
+            own,
+            {
+                "specimen": list(result.grouping.labels),
+                "group_of": ("specimen", list(result.grouping.group)),
+                "donor_of": ("specimen", list(result.grouping.donor)),
+                "donor": list(result.grouping.donors),
+                "quantity": names,
+            },
+        ),
+        "new_specimens": xr.Dataset(
+            {"material": (("group", "draw", "parameter"), materials)},
+            {"group": groups, "parameter": list(law.names)},
+        ),
+    }
+    return netcdf_bytes(datasets, attributes)
