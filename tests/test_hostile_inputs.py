@@ -74,7 +74,7 @@ HEADERS = {  # what stands in the good file, what in its place, and what the mes
     ("# layer", "# rest_rows: 0\n# layer"): "rest_rows must be at least 1",
     ("# layer", "# rest_rows: 2.5\n# layer"): "whole number",
     ("# layer", "# rest_rows: 99\n# layer"): "no stretched row",
-    ("# layer", "# rest_rows: 1, 2\n# layer"): "2 numbers where the protocols are 1",
+    ("# layer", "# rest_rows: 1, 2\n# layer"): "rest_rows has 2 values for 1 protocol",
     ("# layer", "# mounting_stretch_x: 1.03\n# layer"): "1.03 +- 0.01",
     ("# layer: media", "# layer: \x1b[31m"): "control character 0x1b",
 }

@@ -196,7 +196,7 @@ def test_arrays_that_are_strains_or_of_different_length_are_refused():
         Protocol("p", *stretch.T, load[1:, 0], load[:, 1])
     with pytest.raises(InputError, match="must be an array of numbers"):
         Protocol("p", *stretch.T, load[:, 0], ["a"] * 60)
-    with pytest.raises(InputError, match="geometry: 'loaded' is not known"):
+    with pytest.raises(InputError, match="geometry 'loaded' is not one of the choices"):
         Specimen("s", [Protocol("p", *stretch.T, *load.T)], "piola", geometry="loaded")
 
 

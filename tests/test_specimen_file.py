@@ -137,7 +137,7 @@ def test_line_breaks_and_control_characters_do_not_reach_the_file(tmp_path):
 
 def test_writer_refuses_what_the_reader_would(tmp_path):
     p = Protocol("a", [1.0, 1.1], [1.0, 1.1], [0.1, 1.0], [0.1, 2.0])
-    with pytest.raises(InputError, match="there twice"):
+    with pytest.raises(InputError, match="duplicated"):
         write_specimen(Specimen("x", (p, p), "piola"), tmp_path / "a.csv")
     with pytest.raises(InputError, match="metadata key 'lab'"):
         write_specimen(Specimen("x", (p,), "piola", metadata={"lab": "1"}), tmp_path / "a.csv")

@@ -105,13 +105,13 @@ def read_text(path: Path, *, encoding: str = "utf-8-sig") -> str:
             raise InputError(f"is {kind}, not a text file", file=path, remedy=remedy)
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError("is UTF-16, not UTF-8 text", file=path, remedy="save it as CSV UTF-8")
-    found = CONTROL.search(raw)
-    if found:
-        byte = found.group()[0]
+    control = CONTROL.search(raw)
+    if control:
+        byte = control.group()[0]
         raise InputError(
             "is binary, not text" if byte == 0 else f"control character {byte:#04x}",
             file=path,
-            row=_row(raw, found.start()),
+            row=_row(raw, control.start()),
             remedy="export it as CSV UTF-8",
         )
     try:
@@ -229,8 +229,6 @@ def read_toml(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise InputError("not valid TOML (nested too deeply)", file=path) from None
 
-
-# --- tables as comma-separated text: one reader for the files of others, one writer for our own --
 
 # --- one cell: its number, or why it is none ----------------------------------------------------
 

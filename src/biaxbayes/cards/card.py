@@ -154,8 +154,8 @@ def safe_label(text: str) -> str:
 def plain_text(text: str) -> str:
     """One line of printable ASCII; what is not becomes a question mark, and it ends somewhere."""
     decomposed = unicodedata.normalize("NFKD", text)
-    kept = (ch for ch in decomposed if not unicodedata.combining(ch))
-    line = "".join(ch if ch.isascii() and ch.isprintable() else "?" for ch in kept)
+    plain = (ch for ch in decomposed if not unicodedata.combining(ch))
+    line = "".join(ch if ch.isascii() and ch.isprintable() else "?" for ch in plain)
     line = " ".join(line.split())
     return line if len(line) <= TEXT else line[: TEXT - 3] + "..."
 

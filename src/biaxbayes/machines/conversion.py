@@ -182,7 +182,7 @@ def _named(recordings: list[Recording], names: Sequence[str]) -> list[Recording]
     for name in chosen:
         if not name.strip() or chosen.count(name) > 1:
             raise InputError(
-                f"protocol name {name[:40]!r} is empty or there twice",
+                f"protocol name {name[:40]!r} is empty or duplicated",
                 remedy="give `protocol_names`, one for each protocol",
             )
     return [replace(r, name=name) for r, name in zip(recordings, chosen, strict=True)]

@@ -1,4 +1,4 @@
-"""Everything that is noticed about a specimen, as data, and what its curves say.
+"""Checks of a specimen, returned as findings, and those of its curves.
 
 Unloading, jumps, a stiff start, one direction only.
 """
@@ -94,8 +94,8 @@ def _backwards(p: Protocol, stretch: np.ndarray, load: np.ndarray, noise: float)
             "backwards",
             "error",
             f"stretch and load fall from row to row, to {stretch[-1, 0]:.4g} and "
-            f"{stretch[-1, 1]:.4g} of the first stretches: the rows run backwards, or hold the "
-            "unloading. The first row must be the mounted state; turn the rows round",
+            f"{stretch[-1, 1]:.4g} of the first stretches: the rows are in reverse order, or "
+            "belong to unloading. The first row must be the mounted state; reverse the rows",
             p.name,
         )
     ]
@@ -191,8 +191,8 @@ def _stiff_start(specimen: Specimen) -> list[Finding]:
             "warning",
             f"{len(ratios)} of {2 * len(specimen.protocols)} curves are concave at their start: up "
             f"to {max(ratios):.1f} times as stiff there as at about {np.median(ends):.2g} "
-            f"{specimen.unit} ({shown}). A GOH toe is not, and the mounting stretch is read "
-            "from it",
+            f"{specimen.unit} ({shown}). GOH predicts a convex start, from which the mounting "
+            "stretch is inferred",
         )
     ]
 
@@ -248,7 +248,7 @@ def _resampled(specimen: Specimen) -> list[Finding]:
             "resampled",
             "warning",
             f"the loads{where} lie on an evenly spaced grid: the record was resampled or "
-            "smoothed, so its rows are no independent readings and its noise is gone",
+            "smoothed, so its rows are not independent and its noise cannot be estimated",
         )
     ]
 
@@ -295,7 +295,7 @@ def _one_direction(specimen: Specimen) -> list[Finding]:
 
 
 def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
-    """What a user should know of a specimen before trusting a fit of it.
+    """Everything that a user should know of a specimen before trusting a fit of it.
 
     Returns
     -------

@@ -58,7 +58,7 @@ SERIOUS = (
     "camera-lag",
     "clipped",
 )
-"""Warnings that a sampled posterior is not told without; an error always is one of these."""
+"""Warnings that are repeated in the output of ``sample``; errors always are."""
 
 
 def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -190,7 +190,7 @@ def _weak_or_negative(specimen: Specimen) -> list[Finding]:
                     Finding(
                         "mounting-force-in-noise",
                         "warning",
-                        f"{what}, cannot be told from zero: expect a wide interval of the "
+                        f"{what}, cannot be distinguished from zero: expect a wide interval of the "
                         f"mounting stretch in {axis}",
                         p.name,
                     )

@@ -21,12 +21,12 @@ from biaxbayes.errors import InputError
 from biaxbayes.specimens.protocol import Protocol, second_difference_scatter
 from biaxbayes.specimens.specimen import Specimen
 
-# --- loading and unloading branches of a record, found from its own curves -----------------------
+# --- loading and unloading branches of a record, from its own curves --------------------------
 
 SWING = 0.3
 """Share of the whole range that a rise and a fall must have to count as a cycle."""
 RELAPSE = 0.05
-"""Share of the whole range by which a path may fall behind itself without being unloaded."""
+"""Tolerated drop below the running maximum, as a share of the range."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def cycles(path: np.ndarray) -> list[Cycle]:
     # The valley is the lowest of many noisy rows: allow for both ends of the noise.
     level = 0.001 * float(np.ptp(path)) + 6.0 * scatter(path)
     turns = _turning_points(path, swing)
-    found = []
+    cycles = []
     for number, (valley, peak) in enumerate(turns):
         before = turns[number - 1][1] if number else 0
         # The rest before the rise: rows as low as the valley, without a gap, up to it.
@@ -112,8 +112,8 @@ def cycles(path: np.ndarray) -> list[Cycle]:
         stop = turns[number + 1][0] if number + 1 < len(turns) else path.size
         if relapse(path[start:stop]) is None:
             peak = stop - 1  # the end of the record is the peak, up to noise
-        found.append(Cycle(slice(start, peak + 1), slice(peak, stop)))
-    return found
+        cycles.append(Cycle(slice(start, peak + 1), slice(peak, stop)))
+    return cycles
 
 
 def _turning_points(path: np.ndarray, swing: float) -> list[tuple[int, int]]:

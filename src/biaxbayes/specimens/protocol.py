@@ -88,7 +88,7 @@ class Protocol:
         The stress pair: N, or kPa (Piola or Cauchy).
     time_s : array_like, shape (n,), optional
     rest_rows : int, optional
-        Leading rows recorded at the mounted state; found with :func:`rest_rows` where not given.
+        Leading rows recorded at the mounted state; by default from :func:`rest_rows`.
         Zero only for a protocol that starts elsewhere, in a specimen with one common reference.
     reference : (float, float)
         The stretches by which the columns were divided. No part of equality.

@@ -1,4 +1,4 @@
-"""A specimen on a planar biaxial machine: its loading paths, and what they refer to."""
+"""A specimen on a planar biaxial machine: its loading curves and their reference states."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ STRESS_PAIRS = {
 }
 """Columns of the stress pair a file may hold."""
 RESOLUTION = 1e-6
-"""Load that a load cell tells apart, as a share of the largest: one of 20 bits, which few reach.
-What a noise-free record is missed by below it is rounding of its digits, and no error."""
+"""Resolution of a load cell relative to the peak load (20 bit); smaller residuals are rounding."""
 FINE_DIGITS = 0.1
-"""A last digit below this share of the error of a mounting reading is no coarse one."""
+"""Digits finer than this share of the standard error of a mounting reading are fine enough."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +46,9 @@ class Specimen:
         their mean there. ``common``: one state for all protocols, the mounted state, where the
         stretch is (1, 1); a protocol that does not start there has no rows at rest.
     metadata : mapping, optional
-        Other known header keys (measurement uncertainties and the like), kept as numbers or text.
+        Other known header keys (measurement uncertainties and the like), as numbers or text.
     notes : tuple of str
-        What the reader did to the file (re-referencing and the like).
+        Changes made when reading, such as re-referenced stretches.
 
     Raises
     ------
@@ -86,7 +85,7 @@ class Specimen:
             value = getattr(self, argument)
             if value not in choices:
                 raise ReadingError(
-                    f"{str(value)[:40]!r} is not known",
+                    f"{argument} {str(value)[:40]!r} is not one of the choices",
                     argument=argument,
                     remedy=f"use one of {', '.join(filter(None, choices))}",
                 )
@@ -191,7 +190,7 @@ class Specimen:
 
     @property
     def is_tared(self) -> bool:
-        """Whether every mounting reading is zero: the prestretch is gone from the file.
+        """Whether every mounting reading is zero, so that the information on prestretch is lost.
 
         Zero in the digits of the file, as the mean of the rows at rest or as their first one,
         whichever the tare subtracted.
@@ -208,14 +207,14 @@ class Specimen:
         if written[0] == 0.0 or smallest <= 1e-9 * max(self.peak_load, 1e-300):
             return True
         digit = float(np.diff(np.unique(written)).min(initial=np.inf))
-        # Where digits are as coarse as the noise, a mean of zero is no tare.
+        # With digits as coarse as the noise, a zero mean does not indicate taring.
         return mean <= digit <= FINE_DIGITS * self.noise_sd / np.sqrt(p.rest_rows)
 
     @property
     def noise_sd(self) -> float:
         """Standard deviation of one load reading, in :attr:`unit`.
 
-        The header's value, else the high-frequency scatter of the record: third differences
+        The header's value; otherwise the high-frequency scatter of the record: third differences
         of the load along the rows, scaled to one reading (median over curves). Zero when the
         record is noise-free at the precision of the file.
         """
@@ -224,7 +223,7 @@ class Specimen:
         return self.high_frequency_scatter()
 
     def high_frequency_scatter(self) -> float:
-        """Scatter of the load between neighbouring rows, in :attr:`unit`; rounding is none."""
+        """Scatter of the load between neighbouring rows, in :attr:`unit`; 0 for rounding alone."""
         scatter = []
         for protocol in self.protocols:
             if protocol.rows < 8:
@@ -270,27 +269,25 @@ class Specimen:
     # --- variants ---
 
     def with_mounting_force(self, x: float, y: float) -> Specimen:
-        """The same tared specimen with a mounting load known from elsewhere put back on."""
-        protocols = []
-        for p in self.protocols:
-            scale = (p.stretch_x, p.stretch_y) if self.stress_pair == "cauchy" else (1.0, 1.0)
-            protocols.append(
-                replace(p, load_x=p.load_x + x * scale[0], load_y=p.load_y + y * scale[1])
-            )
+        """The same tared specimen with a known mounting load added back."""
         note = f"mounting force of {x:g}, {y:g} {self.unit} added to every row, as stated"
-        return replace(self, protocols=tuple(protocols), notes=(*self.notes, note))
+        protocols = tuple(self._shifted(p, x, y) for p in self.protocols)
+        return replace(self, protocols=protocols, notes=(*self.notes, note))
 
     def zeroed(self) -> Specimen:
-        """The same specimen with each protocol's mounting reading subtracted, or else the mean."""
-        protocols = []
+        """The same specimen with the mounting reading of each protocol subtracted.
+
+        Where a protocol has no row at rest, the mean over the others is subtracted.
+        """
         mean = self.mounting_readings(shared=True)[0][0]
-        for p in self.protocols:
-            fx, fy = self.mounting_reading(p) if p.rest_rows else mean
-            scale = (p.stretch_x, p.stretch_y) if self.stress_pair == "cauchy" else (1.0, 1.0)
-            protocols.append(
-                replace(p, load_x=p.load_x - fx * scale[0], load_y=p.load_y - fy * scale[1])
-            )
-        return replace(self, protocols=tuple(protocols))
+        readings = [self.mounting_reading(p) if p.rest_rows else mean for p in self.protocols]
+        protocols = zip(self.protocols, readings, strict=True)
+        return replace(self, protocols=tuple(self._shifted(p, -f[0], -f[1]) for p, f in protocols))
+
+    def _shifted(self, p: Protocol, x: float, y: float) -> Protocol:
+        """A protocol with a nominal load added to every row."""
+        by = (p.stretch_x, p.stretch_y) if self.stress_pair == "cauchy" else (1.0, 1.0)
+        return replace(p, load_x=p.load_x + x * by[0], load_y=p.load_y + y * by[1])
 
     def only(self, *names: str) -> Specimen:
         """The same specimen with the named protocols alone."""
@@ -335,7 +332,7 @@ def pooled_reading(reading: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.
     Returns
     -------
     mean, sd : ndarray, shape (..., 2)
-        The sd is what the readings' own make it, or their scatter where that is larger.
+        The sd is propagated from those of the readings, or their scatter if that is larger.
     """
     count = reading.shape[-2]
     pooled = np.sqrt((sd**2).sum(axis=-2)) / count

@@ -137,7 +137,7 @@ def _protocols(table: Table, header: Header, stress_pair: str, path: Path) -> li
     given, count = header.rest_rows, len(table.groups)
     if given is not None and len(given) not in (1, count):
         raise InputError(
-            f"rest_rows states {len(given)} numbers where the protocols are {count}",
+            f"rest_rows has {len(given)} values for {count} protocol{'s' * (count != 1)}",
             file=path,
             row=header.rows["rest_rows"],
             remedy="give one for all protocols, or one each",
@@ -241,7 +241,7 @@ def _check_writable(specimen: Specimen) -> None:
     for name in names:
         if not name or names.count(name) > 1:
             raise InputError(
-                f"protocol name {name[:40]!r} is empty or there twice",
+                f"protocol name {name[:40]!r} is empty or duplicated",
                 remedy="give each protocol a name of its own",
             )
 

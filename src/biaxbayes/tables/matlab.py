@@ -43,14 +43,14 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
             file=path,
             remedy="save it again, or write the table as CSV",
         ) from None
-    found = {name: _sheet(columns, name) for name, columns in _tables(variables).items()}
-    if not found:
+    sheets_by_name = {name: _sheet(columns, name) for name, columns in _tables(variables).items()}
+    if not sheets_by_name:
         raise InputError(
             "holds no numeric vectors or matrices",
             file=path,
             remedy="a MATLAB table or timetable: save it with writetable(T, 'name.csv')",
         )
-    return found
+    return sheets_by_name
 
 
 def _version5_variables(raw: bytes, path: Path) -> dict[str, Any]:
@@ -83,21 +83,21 @@ def _hdf5_group(group: Any, path: Path, cells: list[int], depth: int = 0) -> dic
     """Arrays of a group, turned as MATLAB shows them; links out of the file are not followed."""
     import h5py
 
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for name in group:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
         item = group[name]
         if isinstance(item, h5py.Group) and depth == 0:
-            found[name] = _hdf5_group(item, path, cells, depth + 1)
+            variables[name] = _hdf5_group(item, path, cells, depth + 1)
         elif isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
             if item.is_virtual or item.external or "MATLAB_empty" in item.attrs:
                 continue
             cells[0] += item.size
             if cells[0] > MAX_CELLS:
                 raise too_large(f"holds more than {MAX_CELLS:,} numbers", path)
-            found[name] = item[()].T
-    return found
+            variables[name] = item[()].T
+    return variables
 
 
 def _tables(variables: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:

@@ -188,14 +188,14 @@ class Table:
         if not rows.size:
             return self
         where = row_ranges(self.lines[rows])
-        kept = np.flatnonzero(~lacks.any(axis=0)).tolist()
-        if drop and kept:
-            columns = tuple([cells[i] for i in kept] for cells in self.columns)
+        complete = np.flatnonzero(~lacks.any(axis=0)).tolist()
+        if drop and complete:
+            columns = tuple([cells[i] for i in complete] for cells in self.columns)
             note = f"{rows.size} of {self.rows} rows without a reading left out ({where})"
             notes = (*self.notes, note)
-            return replace(self, columns=columns, lines=self.lines[kept], notes=notes)
+            return replace(self, columns=columns, lines=self.lines[complete], notes=notes)
         column = indices[int(np.argmax(lacks[:, rows[0]]))]
-        if rows.size == 1 or not kept:
+        if rows.size == 1 or not complete:
             row = int(self.lines[rows[0]])
             problem, mend = fault_of(self.columns[column][int(rows[0])])
             raise InputError(
@@ -245,24 +245,24 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
     InputError
         If the file cannot be read, or the sheets that are wanted hold no table.
     """
-    found = read_sheets(path)
+    available = read_sheets(path)
     wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
-    if sheets and "" in found:
+    if sheets and "" in available:
         raise InputError("is text and has no sheets", file=path, remedy="leave out `sheets`")
     for name in wanted:
-        if name not in found:
+        if name not in available:
             raise InputError(
-                f"no sheet {name[:40]!r}", file=path, remedy=f"found {', '.join(found)[:300]}"
+                f"no sheet {name[:40]!r}", file=path, remedy=f"found {', '.join(available)[:300]}"
             )
         if wanted.count(name) > 1:
             raise InputError(f"sheet {name[:40]!r} is given twice", file=path, remedy="keep one")
     tables: dict[str, Table] = {}
     others: dict[str, str] = {}
-    for name in wanted or found:
+    for name in wanted or available:
         try:
-            tables[name] = table_of(found[name], path)
+            tables[name] = table_of(available[name], path)
         except InputError as error:
-            if wanted or len(found) == 1:
+            if wanted or len(available) == 1:
                 label = f"sheet {name[:40]!r} " if name else ""
                 raise InputError(
                     label + error.problem, file=path, row=error.row, remedy=error.remedy
@@ -273,7 +273,7 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
             f"{'more than one sheet holds' if tables else 'no sheet holds'} a table",
             file=path,
             remedy=f"choose with `sheets`, once for each protocol, or `sheets={ALL_SHEETS}`; found "
-            f"{', '.join(found)[:300]}",
+            f"{', '.join(available)[:300]}",
         )
     return tables, others
 

@@ -30,14 +30,14 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
         groups = nptdms.TdmsFile.read_metadata(io.BytesIO(raw)).groups()
         if sum(len(channel) for group in groups for channel in group.channels()) > MAX_CELLS:
             raise too_large(f"holds more than {MAX_CELLS:,} readings", path)
-        found = {}
+        by_name = {}
         for group in nptdms.TdmsFile.read(io.BytesIO(raw)).groups():
             channels = [channel for channel in group.channels() if len(channel)]
             names = [channel.name for channel in channels]
             units = [str(channel.properties.get("unit_string", "")) for channel in channels]
             rows = zip_longest(*(channel[:].tolist() for channel in channels), fillvalue="")
             head = [names, units] if any(units) else [names]
-            found[group.name] = sheet_of([*head, *map(list, rows)], f"group {group.name}")
+            by_name[group.name] = sheet_of([*head, *map(list, rows)], f"group {group.name}")
     except InputError:
         raise
     except Exception as error:  # a damaged file fails in many ways inside npTDMS
@@ -46,4 +46,4 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
             file=path,
             remedy="export it as CSV",
         ) from None
-    return found
+    return by_name

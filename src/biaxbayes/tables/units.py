@@ -193,14 +193,14 @@ def likely_name(name: str, known: Iterable[str], cutoff: float = 0.75) -> tuple[
     """
     given = unit_of_column(name)
     for likely in difflib.get_close_matches(name[:60], known, n=3, cutoff=cutoff):
-        kept = unit_of_column(likely)
-        if given is not None and (kept is None or kept.quantity != given.quantity):
+        known_unit = unit_of_column(likely)
+        if given is not None and (known_unit is None or known_unit.quantity != given.quantity):
             continue
         scaled = ""
-        if kept is not None and given is not None and kept != given:
-            ratio = given.factor / kept.factor
-            scaled = f" (values in {kept.name}: 1 {given.name} = {ratio:g} {kept.name})"
-        elif kept is not None and given is None and stem_of(likely) != stem_of(name):
-            scaled = f" (values in {kept.name})"
+        if known_unit is not None and given is not None and known_unit != given:
+            ratio = given.factor / known_unit.factor
+            scaled = f" (values in {known_unit.name}: 1 {given.name} = {ratio:g} {known_unit.name})"
+        elif known_unit is not None and given is None and stem_of(likely) != stem_of(name):
+            scaled = f" (values in {known_unit.name})"
         return likely, f"did you mean {likely}{scaled}? "
     return "", ""

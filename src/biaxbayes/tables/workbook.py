@@ -53,7 +53,7 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
         elif raw.count(LABEL) > MAX_LABELS:
             raise too_large("holds too many cells of text", path)
         book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(raw))
-        found = {}
+        by_name = {}
         for meta in book.sheets_metadata:
             if meta.typ != python_calamine.SheetTypeEnum.WorkSheet:
                 continue
@@ -61,7 +61,7 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
             if sheet.total_height * sheet.total_width > MAX_CELLS:
                 raise too_large(f"sheet {meta.name[:40]!r} spans too many cells", path)
             rows = sheet.to_python(skip_empty_area=False)
-            found[meta.name] = sheet_of(rows, f"sheet {meta.name}")
+            by_name[meta.name] = sheet_of(rows, f"sheet {meta.name}")
     except (InputError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # a damaged file fails in many ways; a panic of Rust is one
@@ -70,7 +70,7 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
             file=path,
             remedy="save it again as .xlsx, or as CSV",
         ) from None
-    return found
+    return by_name
 
 
 def _check_archive(raw: bytes, path: Path) -> None:
