@@ -34,7 +34,9 @@ ALONE = "0.62"
 """Grey of a specimen alone."""
 NOTE = "grey: alone; coloured: pooled; diamond: group's median; thin: a new specimen; 90 %"
 PAIRS = "new specimens: filled 50 %, outline 90 %; points: tested specimens, pooled"
-BAND_NOTE = "band: 90 % of new specimens; thin lines: equibiaxial records"
+BAND_NOTE = (
+    "band: 90 % of new specimens, up to ten times the median; thin lines: equibiaxial records"
+)
 HIGHEST = 10.0
 """Times the largest median at which the axis of a band ends."""
 

@@ -91,7 +91,7 @@ def population_page(
     record : mapping
         As in population.json.
     """
-    found = pictures(folder, tuple(FIGURES))
+    there = pictures(folder, tuple(FIGURES))
     own = tables["specimens"].drop_duplicates("specimen")
     state, reason = (record["convergence"][k] for k in ("state", "reason"))
     converged = state == "converged"
@@ -107,8 +107,8 @@ def population_page(
         reason="" if converged else reason,
         left_out=[(cut(k), cut(v, 300)) for k, v in record["left_out"].items()],
         notes=[cut(n, 500) for n in record["notes"]],
-        figure_titles={stem: FIGURES[stem][0] for stem in found},
-        figures=[(k, *FIGURES[k], ALTERNATIVES[k], picture) for k, picture in found.items()],
+        figure_titles={stem: FIGURES[stem][0] for stem in there},
+        figures=[(k, *FIGURES[k], ALTERNATIVES[k], picture) for k, picture in there.items()],
         groups=_groups(tables["groups"], tuple(record["pooled"])),
         columns=["Specimen, group, donor", ">#Fit", *heads],
         own=_specimens(tables["specimens"], shown),
