@@ -14,11 +14,12 @@ import quick_posteriors
 from biaxbayes.cli import main
 from biaxbayes.errors import Interrupted, RunError
 from biaxbayes.laws.goh import GOH
-from biaxbayes.parallel import InThisProcess, Outcome
+from biaxbayes.parallel import InThisProcess
 from biaxbayes.runs.run import open_run
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.result import Tried
 from biaxbayes.studies.study_file import read_study
+from biaxbayes.tasks import Outcome
 from biaxbayes.verbs import batch as batch_module
 from biaxbayes.verbs.batch import Batch, SpecimenTask, try_specimen
 

@@ -18,9 +18,10 @@ import pytest
 import quick_posteriors
 from biaxbayes.calibration.calibration import Study, run_replications
 from biaxbayes.calibration.simulated_specimen import protocol_prior
+from biaxbayes.cluster import Cluster
 from biaxbayes.laws.goh import GOH
 from biaxbayes.optimal_design.design import design
-from biaxbayes.parallel import Cluster, InThisProcess, Processes
+from biaxbayes.parallel import InThisProcess, Processes
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs.batch import Batch

@@ -15,9 +15,12 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import executor_tasks as tasks
-from biaxbayes import parallel
+from biaxbayes import cluster as dask_cluster
+from biaxbayes import tasks as shared
+from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.parallel import Cluster, InThisProcess, Processes, executor_for, one_blas_thread
+from biaxbayes.parallel import InThisProcess, Processes, executor_for
+from biaxbayes.tasks import one_blas_thread
 
 
 def test_every_task_is_done_once_and_in_several_processes():
@@ -204,7 +207,7 @@ def blas_threads():
 def test_threads_that_ask_for_one_blas_thread_share_the_setting(leaves_first):
     import scipy.linalg  # noqa: F401
 
-    parallel._in_short_thread(lambda: threadpool_limits(2, user_api="blas"))
+    shared._in_short_thread(lambda: threadpool_limits(2, user_api="blas"))
     events = {name: threading.Event() for name in ("first", "second")}
     inside = {name: threading.Event() for name in events}
 
@@ -232,7 +235,7 @@ def test_threads_that_ask_for_one_blas_thread_share_the_setting(leaves_first):
 
 
 def test_without_distributed_the_extra_is_named(monkeypatch):
-    monkeypatch.setattr(parallel.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(dask_cluster.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"distributed.*biaxbayes\[cluster\]"):
         executor_for(scheduler="tcp://127.0.0.1:8786")
 
@@ -240,7 +243,7 @@ def test_without_distributed_the_extra_is_named(monkeypatch):
 def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
     from distributed import default_client
 
-    monkeypatch.setattr(parallel, "CONNECT_SECONDS", 1.0)
+    monkeypatch.setattr(dask_cluster, "CONNECT_SECONDS", 1.0)
     for address in ("tcp://127.0.0.1:9", "nowhere", ""):
         with pytest.raises(InputError, match="no Dask scheduler answers"):
             list(Cluster(address).run(tasks.square, [1]))
@@ -283,8 +286,8 @@ def test_a_cluster_does_every_task_once_and_raises_errors_here(scheduler):
 
 
 def test_workers_with_other_versions_are_refused(scheduler, monkeypatch):
-    other = parallel._versions() | {"numpy": "1.0", "scipy": "1.1"}
-    monkeypatch.setattr(parallel, "_versions", lambda: other)
+    other = dask_cluster._versions() | {"numpy": "1.0", "scipy": "1.1"}
+    monkeypatch.setattr(dask_cluster, "_versions", lambda: other)
     with pytest.raises(InputError, match=r"numpy .*, scipy .*, here is numpy 1.0, scipy 1.1"):
         list(Cluster(scheduler).run(tasks.square, [1]))
 

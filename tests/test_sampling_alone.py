@@ -163,7 +163,7 @@ def test_the_sampler_imports_nothing_of_specimens():
         "    __import__(module.name)\n"
         "rooms = {name.split('.')[1] for name in sys.modules if name.startswith('biaxbayes.')}\n"
         # of no tissue
-        "general = {'errors', 'progress_bar', 'parallel'}\n"
+        "general = {'errors', 'progress_bar', 'tasks'}\n"
         "assert rooms == general | {'sampling'}, rooms\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -14,7 +14,6 @@ from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted, inside_priors, start_parameters
 from biaxbayes.model.priors import Prior
-from biaxbayes.parallel import one_blas_thread
 from biaxbayes.parameters import DIMENSION, FORCE, NOISE_GROWTH, STRETCH
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
@@ -27,6 +26,7 @@ from biaxbayes.sampling.population_monte_carlo import search as search_target
 from biaxbayes.sampling.proposal import fit_mixture_proposal
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
 from biaxbayes.sampling.target import Target
+from biaxbayes.tasks import one_blas_thread
 
 EXTRA_STARTS = 16
 """Materials, far from one another, from which other modes of the posterior are looked for."""

@@ -14,10 +14,10 @@ from typing import Any
 import emcee
 import numpy as np
 
-from biaxbayes.parallel import one_blas_thread
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import Proposal
 from biaxbayes.sampling.target import LogDensity
+from biaxbayes.tasks import one_blas_thread
 
 SWEEPS = 4
 """Proposals tried in one step. They are evaluated together, which costs little more than one; at an

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.parallel import one_blas_thread
 from biaxbayes.sampling.modes import Mode, find_modes, separate_groups
 from biaxbayes.sampling.proposal import (
     MixtureProposal,
@@ -27,6 +26,7 @@ from biaxbayes.sampling.proposal import (
     fit_mixture_proposal,
 )
 from biaxbayes.sampling.target import LogDensity, Target
+from biaxbayes.tasks import one_blas_thread
 
 POPULATION = 4096
 MAX_GENERATIONS = 24

@@ -24,9 +24,9 @@ from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.laws import all_parameters
 from biaxbayes.options import PICTURES
-from biaxbayes.parallel import one_call
 from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
+from biaxbayes.tasks import one_call
 from biaxbayes.text_files import read_text
 from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run, opened_style, usable_run
 from biaxbayes.verbs.options import (

@@ -20,7 +20,6 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, takes_options
-from biaxbayes.parallel import one_call
 from biaxbayes.parameters import STRETCH
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.runs import checkpoint
@@ -46,6 +45,7 @@ from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
+from biaxbayes.tasks import one_call
 from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs.inputs import (
     PathLike,

@@ -1,0 +1,179 @@
+"""Tasks on the workers of a Dask scheduler, which have to give the draws of this machine."""
+
+from __future__ import annotations
+
+import importlib.util
+import pickle
+import threading
+import time
+import traceback
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Self
+
+import biaxbayes
+from biaxbayes.errors import InputError, RunError
+from biaxbayes.tasks import Outcome, Result, Task, never, with_one_blas_thread
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT_SECONDS, WORKER_SECONDS = 10.0, 30.0
+"""How long a cluster may take to answer, and to have its first worker."""
+POLL_SECONDS = 0.05
+SAME_VERSIONS = ("numpy", "scipy", "numba", "pandas")
+"""Packages on which draws depend to the last digit: the same here and on a cluster."""
+
+
+class Cluster:
+    """Workers of a Dask scheduler. TLS settings are those of Dask's own configuration."""
+
+    def __init__(self, address: str) -> None:
+        if importlib.util.find_spec("distributed") is None:
+            raise InputError(
+                "`scheduler` needs the package distributed, which is not installed",
+                remedy="pip install 'biaxbayes[cluster]'",
+            )
+        self.address = address
+        self._client: Client | None = None
+
+    def __enter__(self) -> Self:
+        client = self._connected()
+        try:
+            _check_workers(client, self.address)
+        except BaseException:
+            client.close()
+            raise
+        self._client = client
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            client.close()
+
+    def run(
+        self,
+        function: Callable[[Task], Result],
+        tasks: Sequence[Task],
+        *,
+        stop: Callable[[], object] = never,
+    ) -> Iterator[Outcome[Result]]:
+        """As ``Executor.run``."""
+        if self._client is None:
+            with self:
+                yield from self.run(function, tasks, stop=stop)
+            return
+        client = self._client
+        waiting, running = deque(range(len(tasks))), dict[Any, int]()
+        stopped = False
+        while running or (waiting and not stopped):
+            stopped = stopped or bool(stop())
+            try:
+                workers = len(client.nthreads())
+            except (OSError, ValueError, RuntimeError):
+                raise RunError(f"{self.address}: the scheduler has gone") from None
+            # One task per worker: were more with it, its death would count against them all.
+            while waiting and not stopped and len(running) < workers:
+                index = waiting.popleft()
+                # Pickled here, as between any processes: Dask would hand over arrays to read only.
+                work = pickle.dumps((function, tasks[index]))
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # that a specimen is large
+                    running[client.submit(_answer, work, _versions(), pure=False)] = index
+            done = [future for future in running if future.done()]
+            for future in done:
+                yield self._outcome(running.pop(future), future)
+            if not done:
+                time.sleep(POLL_SECONDS)
+
+    def _connected(self) -> Client:
+        from distributed import Client
+
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # that versions of Dask differ a little
+                # Never the default: what else writes files here must not ask the cluster.
+                return Client(self.address, timeout=CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(
+                f"`scheduler` {self.address[:80]}: no Dask scheduler answers there "
+                f"({type(error).__name__})",
+                remedy="start one with 'dask scheduler' and give the address that it prints",
+            ) from None
+
+    def _outcome(self, index: int, future: Any) -> Outcome[Any]:
+        from distributed import CancelledError, KilledWorker
+
+        try:
+            value, error = pickle.loads(future.result())
+        except KilledWorker:
+            return Outcome(index, None, "the workers that had it died (out of memory, or killed)")
+        except (CancelledError, OSError):
+            raise RunError(
+                f"{self.address}: the scheduler has gone, or has dropped the work"
+            ) from None
+        if error is not None:
+            raise error
+        return Outcome(index, value)
+
+
+def _check_workers(client: Client, address: str) -> None:
+    """Refuse workers that would draw differently."""
+    try:
+        client.wait_for_workers(1, timeout=WORKER_SECONDS)
+    except TimeoutError:
+        raise InputError(
+            f"`scheduler` {address}: the cluster has no workers",
+            remedy=f"start some with 'dask worker {address} --nthreads 1'",
+        ) from None
+    here = _versions()
+    for worker, there in client.run(_versions, on_error="return").items():
+        if not isinstance(there, dict):
+            raise InputError(
+                f"the worker {worker} has no biaxbayes of this version",
+                remedy=f"install biaxbayes {here['biaxbayes']} for all workers",
+            )
+        if there != here:
+            raise _other_versions(f"the worker {worker}", there, here)
+
+
+def _versions() -> dict[str, str]:
+    return {"biaxbayes": biaxbayes.__version__, **{name: version(name) for name in SAME_VERSIONS}}
+
+
+def _other_versions(who: str, there: dict[str, str], here: dict[str, str]) -> InputError:
+    others = [name for name in here if there[name] != here[name]]
+    return InputError(
+        f"{who} has {', '.join(f'{name} {there[name]}' for name in others)}, here is "
+        f"{', '.join(f'{name} {here[name]}' for name in others)}: the draws would differ",
+        remedy="install the same versions for all workers",
+    )
+
+
+_one_at_a_time = threading.Lock()
+"""In a worker of a cluster: one with several threads still works off one task at a time."""
+
+
+def _answer(work: bytes, versions: dict[str, str]) -> bytes:
+    """In a worker of a cluster: do a task; its result, or its error and where it happened."""
+    import dask
+
+    reply: tuple[Any, BaseException | None]
+    # A task that writes files must not take its locks from the cluster, as xarray would.
+    plain = dask.config.set(scheduler="synchronous")
+    try:
+        if _versions() != versions:  # a worker that came later
+            raise _other_versions("a worker of the cluster", _versions(), versions)
+        with _one_at_a_time, plain:
+            function, task = pickle.loads(work)
+            reply = with_one_blas_thread(function, task), None
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        reply = None, error
+    try:
+        return pickle.dumps(reply)
+    except Exception:
+        return pickle.dumps((None, RuntimeError(f"could not be sent back: {reply!r:.200}")))
