@@ -182,6 +182,6 @@ def test_one_still_walker_in_the_middle_is_noticed(monkeypatch):
     draws[0, :150, 0] = draws[0, 0, 0] = 0.1
     found = assess({"k2": draws}, target_ess=1000.0)
     assert found.state == "tentative"
-    assert found.reason == "a walker stood still for 150 of 300 kept steps"
-    monkeypatch.setattr("biaxbayes.sampling.convergence.MAX_STAND", 1.0)
+    assert found.reason == "a walker was stuck for 150 of 300 steps"
+    monkeypatch.setattr("biaxbayes.sampling.convergence.MAX_STUCK", 1.0)
     assert assess({"k2": draws}, target_ess=1000.0).state == "converged"

@@ -114,7 +114,7 @@ def test_modes_on_one_ridge_have_one_part_and_a_ridge_without_mass_has_none():
 
 
 def test_quantities_and_reasons_are_those_of_the_target():
-    """Judged, unjudged and counted by name."""
+    """Assessed, not assessed and counted by name."""
     counts = np.zeros(2, dtype=np.int64)
 
     def log_prob(x):
@@ -126,7 +126,7 @@ def test_quantities_and_reasons_are_those_of_the_target():
         log_prob,
         BOUNDS,
         lambda x: {"ratio": x[:, 1] / (1.0 + x[:, 0]), "noise": np.arange(len(x)) * 1.0},
-        unjudged=("noise",),
+        not_assessed=("noise",),
         counts=counts,
         reasons=("beyond",),
     )

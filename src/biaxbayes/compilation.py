@@ -1,4 +1,4 @@
-"""How code is compiled, and where compiled code is kept between runs.
+"""How code is compiled, and where compiled code is cached between runs.
 
 Numba notices a change of the file that a compiled function stands in, not of the files that it
 calls. Keyed by all sources that are compiled, the cache can never serve a density of yesterday's
@@ -59,12 +59,12 @@ def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
     return generic.dispatch(kind) if kind in generic.registry else None
 
 
-# --- where compiled code is kept ------------------------------------------------------------------
+# --- where compiled code is cached ----------------------------------------------------------------
 
 
 COMPILED = ("laws/*.py", "mechanics/*.py", "error_model.py", "model/*.py", "populations/*.py")
 FREE_BYTES = 100_000_000
-"""Least space of a disk that compiled code is kept on; that of all laws takes some 20 MB."""
+"""Least free space of the disk of the cache; all laws take some 20 MB."""
 
 
 def _cache_folder() -> Path | None:
@@ -117,7 +117,7 @@ _deciding = threading.Lock()
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """As ``numba.njit(**options)``, and kept between runs in :data:`CACHE`.
+    """As ``numba.njit(**options)``, and cached between runs in :data:`CACHE`.
 
     Numba asks for the folder where a function is decorated: its setting is ours until then alone.
     """

@@ -52,7 +52,7 @@ class Study:
     priors : mapping
         Of every parameter, drawn from and sampled with.
     ess : float
-        Effective draws of the worst quantity asked for.
+        Required effective sample size of the worst quantity.
     max_steps, ensembles, walkers, population, first_block : int
         As in :class:`~biaxbayes.sampling.sampler.Plan`, and smaller than there: a replication
         needs a few hundred effective draws, not thousands.
@@ -208,12 +208,12 @@ def _ranked(
     truth = truth | {"log_likelihood": float(at_truth["log_likelihood"][0])}
     rank, below, median, sd = {}, {}, {}, {}
     total = draws.chain.shape[0] * draws.chain.shape[1] * draws.chain.shape[2]
-    kept = rng.choice(total, size=min(RANKED_DRAWS, total), replace=False)
+    chosen = rng.choice(total, size=min(RANKED_DRAWS, total), replace=False)
     for name, values in draws.quantities.items():
         flat = values.ravel()
         if name == "lp" or not np.ptp(flat) > 1e-12 * max(abs(float(flat[0])), 1e-300):
             continue  # constants have no rank; lp differs from the likelihood by the prior only
-        rank[name] = int(np.count_nonzero(flat[kept] < truth[name]))
+        rank[name] = int(np.count_nonzero(flat[chosen] < truth[name]))
         below[name] = float(np.mean(flat < truth[name]))
         median[name], sd[name] = float(np.median(flat)), float(flat.std())
     judged = draws.convergence

@@ -211,8 +211,8 @@ def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
             "inside_band": "yes" if p >= SIGNIFICANT else "no",
         }
         for level in LEVELS:
-            found, key = coverage(group["below"].to_numpy(), level), f"coverage_{100 * level:.0f}"
-            row |= {key: found.observed, f"{key}_low": found.low, f"{key}_high": found.high}
+            covered, key = coverage(group["below"].to_numpy(), level), f"coverage_{100 * level:.0f}"
+            row |= {key: covered.observed, f"{key}_low": covered.low, f"{key}_high": covered.high}
         rows.append(row)
     return pd.DataFrame(rows)
 

@@ -206,7 +206,7 @@ def _add_mounting_forces(rules: Rules, truth: dict[str, float]) -> bool:
 
 
 def _stable(material: MaterialResponse, reading: np.ndarray, lm: np.ndarray, mounted: bool) -> bool:
-    """Whether the balance is stable at a state, however it would be found."""
+    """Whether the balance is stable at a state."""
     _, _, jxx, jxy, jyy = balance(
         material.constants, reading[0], reading[1], mounted, np.log(lm[0]), np.log(lm[1])
     )
@@ -269,11 +269,11 @@ def local_prior(
     out: dict[str, Prior | float | Tie] = {}
     for name, prior in wide.items():
         own = [q for q in known.of_parameter(name) if q.name in draws]
-        found = [draws[q.name].ravel() for q in own]
-        if not isinstance(prior, Prior) or not found:
+        values_of_states = [draws[q.name].ravel() for q in own]
+        if not isinstance(prior, Prior) or not values_of_states:
             out[name] = prior
             continue
-        values = np.concatenate(found)
+        values = np.concatenate(values_of_states)
         parameter = own[0].parameter
         logs = parameter.logarithmic
         x = np.log(values) if logs else values

@@ -1,6 +1,6 @@
 """Material laws: one law, one file.
 
-:data:`LAWS` is the registry; a law is imported when it is asked for.
+:data:`LAWS` is the registry; a law is imported on first use.
 """
 
 from __future__ import annotations
@@ -62,11 +62,11 @@ def law_named(name: str, *, fibre_switch: bool = False) -> Law:
 
 def all_parameters() -> tuple[Parameter, ...]:
     """The parameters of all laws, each name once: for tables that do not say the law."""
-    found: dict[str, Parameter] = {}
+    known: dict[str, Parameter] = {}
     for name in LAWS:
         for parameter in law_named(name).parameters:
-            found.setdefault(parameter.name, parameter)
-    return tuple(found.values())
+            known.setdefault(parameter.name, parameter)
+    return tuple(known.values())
 
 
 def material(name: str, *, fibre_switch: bool = False, **values: float) -> StatedMaterial:

@@ -6,8 +6,8 @@ r"""The law of Holzapfel, Sommer, Gasser and Regitnig for coronary arteries.
     I1 = X + Y + Z,    I4 = X cos^2 alpha + Y sin^2 alpha
 
 with the squared stretches X, Y, Z. Two equal families of fibres lie at +alpha and -alpha from x; an
-axis-aligned test stretches both alike. rho = 0 are aligned fibres, rho = 1 is an isotropic law; the
-paper's own rho is 1 - rho here. Fibres carry load in extension only, as in the paper.
+axis-aligned test stretches both equally. rho = 0 are aligned fibres, rho = 1 is an isotropic law;
+the paper's own rho is 1 - rho here. Fibres carry load in extension only, as in the paper.
 
 The sampler works in ln mu, ln S, ln q, alpha, which is folded at 0 and 90 degrees, and rho, with
 

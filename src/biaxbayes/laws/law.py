@@ -417,7 +417,7 @@ class Law(ABC):
         points : ndarray, shape (size, p)
             Coordinates that fits move in.
         marks : ndarray, shape (size, k)
-            Coordinates in which chosen points are kept apart from one another: the exponents
+            Coordinates in which chosen points have to differ: the exponents
             first.
         """
         points, marks = np.ones((size, len(self.parameters))), []

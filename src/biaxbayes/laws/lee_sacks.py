@@ -4,7 +4,7 @@ r"""The Lee-Sacks law: an isotropic and a fibre exponential, weighted, in a neo-
     I1 = X + Y + Z,    E = I4 - 1 = X cos^2 alpha + Y sin^2 alpha - 1
 
 with the squared stretches X, Y, Z. I4 is shared by two families at +alpha and -alpha from x, which
-an axis-aligned test strains alike; fibres carry load in extension and compression. delta is the
+an axis-aligned test strains equally; fibres carry load in extension and compression. delta is the
 isotropic share of the exponentials. Without the matrix (c0 = 0) the unloaded state is singular
 under a dead load, so that c0 is positive.
 
@@ -124,7 +124,7 @@ def lee_sacks_to_natural(coordinates, value):
     if coordinates.stresses > 0.0:
         log_S2, slope2 = log_square(value[_C1])
         log_S3, slope3 = log_square(value[_DELTA])
-        # a = ln(c1 delta) = ln S2 - ln(c2 (I1* - 3)) - q2,  b = ln(c1 (1 - delta)) alike
+        # a = ln(c1 delta) = ln S2 - ln(c2 (I1* - 3)) - q2,  b = ln(c1 (1 - delta)) likewise
         a = coordinates.log_scale + log_S2 - value[_C2] - log_J
         a -= np.exp(value[_C2] + 2.0 * log_J)
         b = coordinates.log_scale + log_S3 - value[_C3] - log_E

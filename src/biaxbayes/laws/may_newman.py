@@ -5,8 +5,8 @@ r"""The law of May-Newman and Yin for heart valves, with a neo-Hookean matrix.
     I1 = X + Y + Z,    I4 = X cos^2 alpha + Y sin^2 alpha
 
 with the squared stretches X, Y, Z. Two families of fibres at +alpha and -alpha from x share the one
-exponential; an axis-aligned test stretches both alike. Without the matrix (c0 = 0) the stiffness at
-the unloaded state is zero, so that c0 is positive.
+exponential; an axis-aligned test stretches both equally. Without the matrix (c0 = 0) the stiffness
+at the unloaded state is zero, so that c0 is positive.
 
 The sampler works in ln c0, ln S, ln Q*, d and alpha, which is folded at 0 and 90 degrees, with
 

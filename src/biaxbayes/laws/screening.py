@@ -60,7 +60,7 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
     cost : ndarray, shape (S,)
         Sum of squares; infinite where a material cannot be evaluated.
     marks : ndarray, shape (S, k)
-        Coordinates in which chosen points are kept apart from one another.
+        Coordinates in which chosen points have to differ.
     """
     mounting = np.ones((data.size, 2))
     if data.with_mounting:

@@ -281,7 +281,7 @@ class Posterior:
             log_prob,
             self.bounds,
             self.natural,
-            unjudged=("log_likelihood",),
+            not_assessed=("log_likelihood",),
             counts=seen,
             reasons=REASONS,
             frame={"softening": self.chart.softening},

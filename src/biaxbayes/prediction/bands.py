@@ -123,7 +123,7 @@ def known_percentiles(values: np.ndarray, levels: tuple[float, ...]) -> np.ndarr
 # --- credible and predictive bands of a run at the states that were measured ---------------------
 
 
-BLOCK = 1_000_000  # model values held at once
+BLOCK = 1_000_000  # model values in memory at once
 
 
 def bands(

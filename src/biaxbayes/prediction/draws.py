@@ -104,11 +104,12 @@ def random_draws(draws: pd.DataFrame, count: int, *, seed: int = 0) -> list[int]
     Raises
     ------
     InputError
-        If there are fewer draws than asked for, or fewer than one is asked for.
+        If ``count`` is below one, or larger than the number of draws.
     """
     if not 1 <= count <= len(draws):
         raise InputError(
-            f"{count} draws asked for", remedy=f"the run holds {len(draws)}: ask for 1 to that many"
+            f"cannot choose {count} draws",
+            remedy=f"the run has {len(draws)}: choose 1 to {len(draws)}",
         )
     chosen = np.random.default_rng(seed).choice(len(draws), size=count, replace=False)
     return sorted(int(i) for i in chosen)

@@ -50,7 +50,7 @@ TOLERANCE = 1e-13  # of the stretch
 
 @dataclass(frozen=True)
 class Tube:
-    """An unloaded thin-walled tube held at an axial stretch.
+    """An unloaded thin-walled tube at a fixed axial stretch.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def inflation_stretch(
 
     grid = np.geomspace(*BRACKET, GRID)
     coarse = pressure(grid[None, :])
-    first, found = _branch(grid, coarse, target, tube.axial_stretch)
+    first, exists = _branch(grid, coarse, target, tube.axial_stretch)
     low, high = grid[first], grid[first + 1]
     for _ in range(MAX_STEPS):
         middle = 0.5 * (low + high)
@@ -181,7 +181,7 @@ def inflation_stretch(
         low, high = np.where(below, middle, low), np.where(below, high, middle)
         if np.max(high - low) <= TOLERANCE:
             break
-    return np.where(found, 0.5 * (low + high), np.nan)
+    return np.where(exists, 0.5 * (low + high), np.nan)
 
 
 def _branch(
@@ -205,13 +205,13 @@ def _branch(
     free = np.full(len(coarse), np.searchsorted(grid, axial_stretch**-0.5))
     start, at_rest = nearest(rises(0.0), free), rises(0.0).any(axis=1)
     first = np.empty((len(coarse), target.size), dtype=int)
-    found = np.empty(first.shape, dtype=bool)
+    exists = np.empty(first.shape, dtype=bool)
     for j, value in enumerate(target):
         side = interval >= start[:, None] if value >= 0.0 else interval <= start[:, None]
         candidates = rises(value) & side
         first[:, j] = nearest(candidates, start)
-        found[:, j] = candidates.any(axis=1) & at_rest
-    return first, found
+        exists[:, j] = candidates.any(axis=1) & at_rest
+    return first, exists
 
 
 # --- what the posterior predicts for a tube made of the specimen's tissue ------------------------

@@ -17,7 +17,7 @@ from biaxbayes.specimens.specimen import Specimen
 
 
 BLOCK = 500_000
-"""Model values held at once."""
+"""Model values in memory at once."""
 SMOOTH = -3.0
 """Runs fewer than expected by this many standard deviations are no accident."""
 TAILS = (0.05, 0.95)

@@ -152,7 +152,7 @@ def _distance(hull: np.ndarray, points: np.ndarray, *, closed: bool = True) -> n
 
 MAX_DRAWS = 4000
 """Draws that carry the bands, evenly chosen: enough for their percentiles."""
-BLOCK = 2_000_000  # numbers held at once
+BLOCK = 2_000_000  # numbers in memory at once
 
 
 def stretch_path(
@@ -279,7 +279,7 @@ def measured_stress(
     -------
     DataFrame
         One row a reading of a protocol that runs along the path, at most 200 of each:
-        ``protocol``, ``stretch_x`` and ``stretch_y`` in the reference asked for, and of each
+        ``protocol``, ``stretch_x`` and ``stretch_y`` in the chosen reference, and of each
         direction medians over the draws such as ``cauchy_x_kPa`` and ``cauchy_x_kPa_residual``,
         the reading less the model at the state it was taken at. A file's sections and the mounting
         stretch, which make a stress of a reading, are those of each draw.
@@ -308,9 +308,9 @@ def measured_stress(
         table = {"protocol": p.name, "stretch_x": state[:, 0], "stretch_y": state[:, 1]}
         for axis, name in enumerate("xy"):
             scale = total[..., axis] if stress == "cauchy" else 1.0  # s_k = l_k P_k
-            found = piola[..., axis] * scale
-            table[f"{stress}_{name}_kPa"] = np.median(found, axis=0)
-            missed = np.median(found - model[axis] * scale, axis=0)
+            measured = piola[..., axis] * scale
+            table[f"{stress}_{name}_kPa"] = np.median(measured, axis=0)
+            missed = np.median(measured - model[axis] * scale, axis=0)
             table[f"{stress}_{name}_kPa_residual"] = missed
         tables.append(pd.DataFrame(table))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
@@ -347,7 +347,7 @@ def prediction_mounting(
 def prediction_range(
     draws: pd.DataFrame, specimen: Specimen, protocol: str | None, reference: str
 ) -> CoveredStretches:
-    """What was tested, in the stretches that a prediction is asked in."""
+    """The tested range, in the stretches of the prediction."""
     own = np.ones(2)
     if reference == "measured":
         # Other protocols' states, referred to the mounted state of this one.

@@ -1,8 +1,8 @@
 """Warm-up: from a first proposal to ensembles with a frozen one that fits.
 
-An independence sampler holds a walker for as long as its importance weight w = density / proposal
-exceeds the typical one. So the proposal is fitted to the walkers' own history, again and on a
-longer one while the largest weights stand far above the median.
+An independence sampler leaves a walker stuck for as long as its importance weight, density over
+proposal, exceeds the typical one. So the proposal is fitted to the walkers' own history, again and
+on a longer one while the largest weights lie far above the median.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ COMPONENTS_OF_ROUNDS, COMPONENTS, MORE_COMPONENTS = 8, 12, 20
 MAX_COMPONENTS = 24
 """Of all parts together, where there are several."""
 LOW_EXCESS, HIGH_EXCESS = 1.6, 4.0
-"""Excess, how far the largest log weights (their 0.998 quantile) lie above the median one: up to
-the first walkers move freely, from the second they hardly do."""
+"""Excess: how far the largest log weights (their 0.998 quantile) lie above the median one. Below
+the first, mixing is good; above the second, walkers get stuck."""
 DE_SHARES = (0.2, 0.35, 0.5)
 """Share of differential evolution, another way to move: at a low excess, between, at a high one."""
 MAX_ROUNDS = 8
@@ -77,8 +77,8 @@ def warm_up(
     """Let the ensembles forget their starts, adapt the proposal to their history and freeze it.
 
     Rounds of steps alternate with fits of the proposal to the newest pooled history, until the
-    acceptance stops rising; unless the proposal then holds no walker for long, another is fitted
-    with more care. Differential evolution stays in the mix throughout.
+    acceptance stops rising; if walkers could then be stuck for long, another is fitted with more
+    care. Differential evolution stays in the mix throughout.
 
     Parameters
     ----------
@@ -86,8 +86,8 @@ def warm_up(
         A first proposal.
     spread : ndarray, shape (n, d)
         Points spread wider than the density (:func:`.population_monte_carlo.tempered_points`). A
-        proposal too narrow where they are would hold a walker for long: none stays without a
-        fit, and they make up a fifth of the points of a final fit.
+        proposal too narrow there would leave walkers stuck; they make up a fifth of the points of
+        a final fit.
     ridge_points : ndarray, shape (m, d)
         Points of every ridge (:func:`.population_monte_carlo.ridge_points`). Where the first
         proposal has several parts, every later one is fitted to them, too: few walkers may be on a
@@ -141,7 +141,7 @@ def _rounds(
 def _fits(
     ensembles: Ensembles, points: np.ndarray, log_prob: np.ndarray, spread: np.ndarray
 ) -> bool:
-    """Whether no walker would stand for long, among the points or where ``spread`` is."""
+    """Whether no walker would be stuck for long, among the points or where ``spread`` is."""
     assert ensembles.proposal is not None
     if ensembles.acceptance < ENOUGH_ACCEPTANCE:
         return False
@@ -196,7 +196,7 @@ def _adapt(
         history = np.concatenate([history, ridge_points])
         by_part = ensembles.proposal.log_densities(history)
         points = np.bincount(by_part.argmax(axis=0), minlength=len(by_part))
-        kept = points >= MIN_POINTS_PER_DIMENSION * history.shape[1]
-        label = by_part[kept].argmax(axis=0)
+        large = points >= MIN_POINTS_PER_DIMENSION * history.shape[1]
+        label = by_part[large].argmax(axis=0)
         components = min(components * (int(label.max()) + 1), MAX_COMPONENTS)
     ensembles.adapt(history, components=components, label=label)

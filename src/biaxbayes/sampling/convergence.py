@@ -20,9 +20,9 @@ MIN_STEPS_PER_TAU = 25.0
 """A chain shorter than this many autocorrelation times cannot measure the time itself."""
 TENTATIVE_ESS = 100.0
 TENTATIVE_STEPS_PER_TAU = 2.0
-"""Below these nothing is shown: walkers that never move count as many independent draws."""
-MAX_STAND = 1.0 / 3.0
-"""Share of the run that no walker may stand still for: one that does never left its start."""
+"""Below these nothing is shown, since stuck walkers would count as independent draws."""
+MAX_STUCK = 1.0 / 3.0
+"""Largest share of a run for which a walker may be stuck in one place."""
 
 
 def split_rhat(draws: np.ndarray) -> float:
@@ -69,8 +69,8 @@ def _effective_sample_size(draws: np.ndarray, **method: Any) -> float:
     return size if np.isfinite(size) else 0.0
 
 
-def longest_stand(chain: np.ndarray) -> int:
-    """Most steps that any walker stood still for; shape (ensembles, steps, walkers, d)."""
+def longest_stuck(chain: np.ndarray) -> int:
+    """Most steps that any walker was stuck for; shape (ensembles, steps, walkers, d)."""
     moved = (chain[:, 1:] != chain[:, :-1]).any(axis=-1)
     steps = np.arange(1, chain.shape[1])[None, :, None]
     last_move = np.maximum.accumulate(np.where(moved, steps, 0), axis=1)
@@ -84,9 +84,9 @@ class Convergence:
     Attributes
     ----------
     ess_bulk, ess_tail, rhat, tau : ndarray, shape (quantities,)
-        ``tau`` is the autocorrelation time in kept steps, of the rank-normalised draws.
+        ``tau`` is the autocorrelation time in stored steps, of the rank-normalised draws.
     steps : int
-        Kept steps of each ensemble.
+        Stored steps of each ensemble.
     state : {"converged", "tentative", "unusable"}
     reason : str
         Why the state has not converged; empty when it is.
@@ -126,7 +126,7 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     -------
     Convergence
         ``converged``: R-hat below 1.01, ESS on target, chains longer than 25 autocorrelation
-        times and no walker that stood still for a third of them. ``tentative``: R-hat below 1.05,
+        times and no walker that was stuck for a third of them. ``tentative``: R-hat below 1.05,
         ESS above 100 and chains longer than two autocorrelation times. ``unusable`` otherwise.
     """
     moving = {
@@ -145,9 +145,9 @@ def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergen
     names, rhat = list(moving), np.array([split_rhat(draws) for draws in moving.values()])
     ess_bulk, ess_tail = np.array(bulk), np.array(tail)
     state, reason = _state(names, ess_bulk, ess_tail, rhat, np.array(tau), steps, target_ess)
-    stand = longest_stand(np.stack(list(moving.values()), axis=-1)) if names else 0
-    if state == "converged" and stand > MAX_STAND * steps:
-        state, reason = "tentative", f"a walker stood still for {stand} of {steps} kept steps"
+    stuck = longest_stuck(np.stack(list(moving.values()), axis=-1)) if names else 0
+    if state == "converged" and stuck > MAX_STUCK * steps:
+        state, reason = "tentative", f"a walker was stuck for {stuck} of {steps} steps"
     return Convergence(tuple(names), ess_bulk, ess_tail, rhat, np.array(tau), steps, state, reason)
 
 
@@ -161,7 +161,7 @@ def _state(
     target: float,
 ) -> tuple[str, str]:
     if not names:
-        return "unusable", "nothing moved"
+        return "unusable", "no walker moved"
     ess = np.minimum(bulk, tail)
     worst, slow, least = int(np.argmax(rhat)), int(np.argmax(tau)), int(np.argmin(ess))
     short = steps < MIN_STEPS_PER_TAU * tau[slow]

@@ -55,7 +55,8 @@ class Ensemble:
         self.evaluations = len(start)
         self.independence_share = 0.0
         self.stop = threading.Event()
-        # In the neck of a funnel only steps much shorter than the usual ones are accepted.
+        # In the neck of a funnel (Neal, Ann. Stat. 31 (2003) 705) only steps much shorter than the
+        # usual ones are accepted.
         self._de = [
             (emcee.moves.DEMove(), 0.4),
             (emcee.moves.DEMove(gamma0=0.2), 0.3),

@@ -13,7 +13,7 @@ acceptance ratio is the exact Metropolis-Hastings one,
     min(1, pi(y) q(x) / (pi(x) q(y))),
 
 so the mixture decides how fast the chain mixes, never where it goes. Adapting the proposal to
-the chain's own past breaks detailed balance: draws are to be kept only after :meth:`freeze`.
+the chain's own past breaks detailed balance: draws may be used only after :meth:`freeze`.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         )
 
     def freeze(self) -> None:
-        """Refuse further adaptation; every draw from here on may be kept."""
+        """Refuse further adaptation; every draw from here on may be used."""
         self.frozen = True
 
     def propose(self, model: Any, state: emcee.State) -> tuple[emcee.State, np.ndarray]:

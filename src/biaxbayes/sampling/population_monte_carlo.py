@@ -5,11 +5,11 @@ fitted to it (Cappe et al., J. Comput. Graph. Stat. 13 (2004) 907). Thousands of
 cost a compiled density a few milliseconds; walkers would need hundreds of steps to come as far.
 The first proposal has a Student t around every mode (:mod:`.modes`).
 
-One transport map and its mixture do not describe ridges that lie apart, and fitted to points of
-both, they lose one of them for good. So each ridge has a part of the proposal of its own, fitted to
-the points at which that part is the densest, and as many points as any other. A ridge that had
-points by its mass would have few where it is light; a part that is fitted to few fits badly, so
-that the ridge seems lighter yet.
+A *ridge* is a group of modes with no deep valley between them (:func:`.modes.separate_groups`). A
+single transport map fitted to separated ridges tends to lose one. So each ridge has its own *part*
+of the proposal, a mixture of *components*, fitted to the points at which that part is the densest.
+All parts get equally many points, so that light ridges are not fitted from too few points and then
+underestimated.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ NESTED = (0.3, 1.0, 3.0)
 MAX_POPULATIONS = 2
 """Populations that several parts share."""
 NEGLIGIBLE_MASS = 1e-3
-"""Share of the density below which a part of the proposal that fits is given up."""
+"""A well-fitted part of the proposal is dropped below this share of the mass."""
 MIN_POINTS_PER_DIMENSION = 5
 """Points per dimension below which a part is given up: another is denser where it is."""
 RIDGE_POINTS = 600
@@ -80,8 +80,8 @@ def search(
 
     The first proposal has a part for each group of modes that lie on one ridge. It has two Student
     t distributions at each mode, one of the local curvature and one of twice its width; three
-    nested and wide ones, around the first mode and the first start, are there in case the modes are
-    not all.
+    nested and wide ones, around the first mode and the first start, guard against modes that were
+    not found.
 
     Parameters
     ----------
@@ -132,8 +132,8 @@ def explore(
     The first one is much wider than the density, so the weights are tempered: raised to the
     largest power that keeps a share of the population effective, in each part of the proposal for
     itself. All parts have as many points. A mode that no point of a generation comes near is lost;
-    :mod:`.modes` looks for them beforehand. A part is given up once its points, none of which
-    stands out, weigh next to nothing.
+    :mod:`.modes` looks for them beforehand. A part is dropped when its total weight is
+    negligible and no single point dominates.
 
     Parameters
     ----------

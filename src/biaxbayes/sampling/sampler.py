@@ -1,4 +1,4 @@
-"""From a search to draws that have been judged.
+"""Sample until converged: warm-up, blocks of steps, assessments of convergence.
 
 Warm-up, then blocks of steps until the effective sample size of the worst quantity is on
 target and the ensembles agree. Every decision depends on the draws alone, never on the clock, so
@@ -16,7 +16,7 @@ import numpy as np
 
 from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
-from biaxbayes.sampling.convergence import MAX_STAND, Convergence, assess, longest_stand
+from biaxbayes.sampling.convergence import MAX_STUCK, Convergence, assess, longest_stuck
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
@@ -30,7 +30,7 @@ from biaxbayes.sampling.target import Target
 
 FIRST_BLOCK = 64
 LONGEST_BLOCK = 8 * FIRST_BLOCK
-"""Steps after which the state is saved and may be stopped at."""
+"""Number of steps between checkpoints; a run can be stopped there."""
 ASSESSMENT_GROWTH = 1.5
 """Ratio of the numbers of steps at which the draws are assessed: as they grow by a factor, all
 assessments together take time in proportion to the length of the chain."""
@@ -47,9 +47,9 @@ class Plan:
     ess : float
         Effective sample size of the worst quantity.
     max_steps : int
-        Steps of each ensemble, after the warm-up, at which it gives up.
+        Maximum number of steps of each ensemble after the warm-up.
     walkers : int
-        At least; four times the number of coordinates if that is more.
+        Minimum number per ensemble; at least four per coordinate are used.
     workers : int
         Threads that advance ensembles; the draws do not depend on it.
     population : int
@@ -86,14 +86,14 @@ class State:
     Attributes
     ----------
     frame : mapping of str to float
-        That of the target.
+        Coordinate constants of the target.
     members : list of dict
         Snapshot of each ensemble.
     chain : ndarray, shape (ensembles, stored steps, walkers, d)
     steps, thin : int
         Steps of each ensemble so far, of which every ``thin``-th is stored.
     evaluations : int
-        Of the density by the ensembles, warm-up included.
+        Number of density evaluations by the ensembles, including the warm-up.
     rejected : int64 ndarray
         Counts of the target so far.
     finished : bool
@@ -119,7 +119,7 @@ class Draws:
     Attributes
     ----------
     target : Target
-        In the coordinates of ``chain`` and ``proposal``.
+        The density, in the coordinates of ``chain`` and ``proposal``.
     chain : ndarray, shape (ensembles, steps, walkers, d)
     quantities : dict of ndarray, shape (ensembles, steps, walkers)
         The target's quantities.
@@ -127,7 +127,7 @@ class Draws:
         Evaluations, and those of zero density by reason, over the whole run; empty where the
         target does not count.
     acceptance : float
-        Of the independence move, after the warm-up.
+        Acceptance rate of the independence move after the warm-up.
     thin : int
         Steps from one stored step to the next.
     seconds : dict
@@ -196,8 +196,8 @@ def draw(
             due = _next_assessment(due + 1, plan)
         state = _advance(ensembles, state, min(due - state.steps, LONGEST_BLOCK), target)
         quantities = {}
-        # A walker that stands still is seen at once; the other diagnostics take longer.
-        moving = longest_stand(state.chain) <= MAX_STAND * state.chain.shape[1]
+        # The check for stuck walkers is cheap, the other diagnostics take longer.
+        moving = longest_stuck(state.chain) <= MAX_STUCK * state.chain.shape[1]
         if state.steps == due and (moving or state.steps == plan.max_steps):
             quantities, convergence = _assess(target, state.chain, plan)
             state.finished = convergence.state == "converged"
@@ -234,7 +234,7 @@ def warmed_up(
     plan: Plan,
     progress: Callable[[Progress], None] = lambda p: None,
 ) -> tuple[Ensembles, State]:
-    """Ensembles that have forgotten their dispersed starts, and the state before the first step."""
+    """Ensembles after the warm-up, and the state before the first step."""
     walkers = max(plan.walkers, 4 * target.dimension)
     ensembles = Ensembles(
         target.log_prob,
@@ -312,10 +312,10 @@ def _next_assessment(steps: int, plan: Plan) -> int:
 def _assess(
     target: Target, chain: np.ndarray, plan: Plan
 ) -> tuple[dict[str, np.ndarray], Convergence]:
-    """The target's quantities, and the convergence of those that are judged."""
+    """The target's quantities, and the convergence of those that are assessed."""
     quantities = _quantities(target, chain)
-    judged = {name: v for name, v in quantities.items() if name not in target.unjudged}
-    return quantities, assess(judged, target_ess=plan.ess)
+    assessed = {name: v for name, v in quantities.items() if name not in target.not_assessed}
+    return quantities, assess(assessed, target_ess=plan.ess)
 
 
 def _quantities(target: Target, chain: np.ndarray) -> dict[str, np.ndarray]:

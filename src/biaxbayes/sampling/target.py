@@ -1,4 +1,4 @@
-"""What a sampler needs to know of a density: its logarithm, its bounds, and what is judged."""
+"""Interface between a log density and the sampler."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ class Target:
     quantities : callable, optional
         Coordinates (n, d) to the quantities of interest, a dict of arrays (n,). Default: the
         coordinates.
-    unjudged : tuple of str
-        Quantities that are computed and kept, but whose convergence is not judged.
+    not_assessed : tuple of str
+        Quantities that are computed and stored, but whose convergence is not assessed.
     counts : int64 ndarray, shape (1 + reasons,), optional
         Where ``log_prob`` counts its evaluations: first those of positive density, then those
         of zero density, by reason.
     reasons : tuple of str
         Names of the reasons of a zero density.
     frame : mapping of str to float
-        What the coordinates refer to, if that can change; the sampler only keeps it with its
-        state, for whoever continues from there.
+        Constants of the coordinates, which are stored with the state of a run so that it can be
+        continued.
     """
 
     log_prob: LogDensity
     bounds: np.ndarray
     quantities: Callable[[np.ndarray], Mapping[str, np.ndarray]] = _coordinates
-    unjudged: tuple[str, ...] = ()
+    not_assessed: tuple[str, ...] = ()
     counts: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     reasons: tuple[str, ...] = ()
     frame: Mapping[str, float] = field(default_factory=dict)
