@@ -19,9 +19,15 @@ from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations.model import PopulationPriors
-from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
 from biaxbayes.populations.sampler import Plan
-from biaxbayes.populations.specimens import Source, individual_of, pooled_names
+from biaxbayes.populations.specimens import Source, make_individual, pooled_names
+from biaxbayes.populations.tables import (
+    CONTRAST_COLUMNS,
+    POPULATION_COLUMNS,
+    SPECIMEN_COLUMNS,
+    contradictions,
+)
+from biaxbayes.populations.text import contrast_rows, group_rows
 from biaxbayes.runs.folder import POPULATION, manifest
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
@@ -87,12 +93,12 @@ def found(study, tmp_path_factory):
 
 def test_likelihood_is_the_runs_without_its_prior_of_the_pooled_values(study):
     run = biaxbayes.open_run(study / "runs" / "a")
-    source = Source.of("a", run)
+    source = Source.from_run("a", run)
     names = pooled_names([source])
     assert names == ("C1", "k1", "k2", "alpha")
     from biaxbayes.populations.model import pooled_values
 
-    own = individual_of(source, pooled_values(run.law, names), 4)
+    own = make_individual(source, pooled_values(run.law, names), 4)
     u = own.pool[0][:50]
     log, theta = own.density(u)
     # flat density times the run's prior is the run's own density, up to one constant
@@ -109,7 +115,7 @@ def test_tables_have_their_columns_and_hold_together(found):
     assert tuple(found.specimens.columns) == SPECIMEN_COLUMNS
     assert tuple(found.contrasts.columns) == CONTRAST_COLUMNS
     assert list(dict.fromkeys(table["group"])) == ["healthy", "aneurysm"]
-    for part in ("mean", "sd_donors", "sd_specimens", "new_specimen", "new_donor"):
+    for part in ("mean", "sd_donors", "sd_specimens", "sd_total", "new_specimen", "new_donor"):
         q05, q50, q95 = (table[f"{part}_{q}"] for q in ("q05", "q50", "q95"))
         assert (q05 <= q50).all() and (q50 <= q95).all()
     C1 = table[table["quantity"] == "C1"].set_index("group")
@@ -224,6 +230,59 @@ def test_the_terminal_qualifies_a_verdict(found):
     assert next(line for line in lines if line.startswith("C1 ")).endswith(" identified")
 
 
+def test_terminal_and_page_print_the_same_digits(found):
+    terminal = closing_message(found).splitlines()
+    page = (found.folder / "population.html").read_text()
+    heads = [k for k, line in enumerate(terminal) if line.startswith("quantity ")]
+    assert len(heads) == 3  # two groups, and what differs between them
+    assert terminal[heads[2] - 1] == "aneurysm compared with healthy"
+    for _, part in found.groups.groupby("group", sort=False):
+        for row in group_rows(part):
+            cells = [row.median, row.reported, *(s for s, _ in row.spreads), row.new[0][1]]
+            assert any(all(c in line for c in cells) for line in terminal), row
+            assert all(f">{c}<" in page or f">{c}*<" in page for c in cells if c != "–"), row
+    for row in contrast_rows(found.contrasts):
+        cells = [row.kind, row.median, row.interval, row.direction]
+        assert any(all(c in line for c in cells) for line in terminal[heads[2] :]), row
+        assert f">{row.interval}<" in page and f">{row.direction}<" in page
+
+
+def test_a_contrast_says_whether_the_groups_differ(found):
+    table = found.contrasts.iloc[:3].copy()
+    table["scale"] = ["log", "log", "linear"]
+    table["direction"] = ["smaller", "open", "open"]
+    table[["difference_q05", "difference_q50", "difference_q95"]] = [
+        [-0.9, -0.7, -0.5],
+        [-0.9, 0.1, 0.4],
+        [-3.0, 1.0, 4.0],
+    ]
+    rows = contrast_rows(table)
+    assert [r.direction for r in rows] == ["smaller", "includes 1", "includes 0"]
+    assert rows[0].median == f"{np.exp(-0.7):.3g}" and rows[0].kind == "ratio"
+    own = found.contrasts
+    if found.state == "converged":
+        assert list(own["direction"] == "larger") == list(own["difference_q05"] > 0.0)
+        assert list(own["direction"] == "smaller") == list(own["difference_q95"] < 0.0)
+    else:
+        assert own["direction"].isna().all()
+
+
+def test_one_specimen_per_donor_has_a_total_spread_only(study, tmp_path, quick):
+    name, members = members_of_study(study)
+    apart = [replace(m, donor=f"D{k}") for k, m in enumerate(members)]
+    result = PopulationJob(name, apart, tmp_path / "out", anyway=True).execute()
+    written = read_population(tmp_path / "out").groups
+    for table in (result.groups, written):
+        for part in ("sd_donors", "sd_specimens", "new_donor"):
+            assert table[[f"{part}_{q}" for q in ("q05", "q50", "q95")]].isna().all(axis=None)
+        assert (table["sd_total_q50"] > 0.0).any() and table["sd_total_q50"].notna().all()
+    out = closing_message(result)
+    assert "sd total" in out and "sd donors" not in out and "sd specimens" not in out
+    assert any("cannot be split between donors and specimens" in note for note in result.notes)
+    page = (tmp_path / "out" / "population.html").read_text()
+    assert "Specimens of different donors differ by" in page and "Donors differ by<" not in page
+
+
 @pytest.mark.long
 def test_stopped_and_resumed_writes_the_same_bytes(study, found, tmp_path, quick):
     asked = []
@@ -257,7 +316,7 @@ def test_words_for_difficult_studies(study):
 
     assert "one donor" in notes(donor=["D"] * 4)[0]
     assert "split" in notes(donor=list("pqrs"))[0]
-    assert "no donor is stated" in notes(donor=["", "D", "D", "D"])[0]
+    assert "no donor is given" in notes(donor=["", "D", "D", "D"])[0]
     assert "group x has one specimen" in notes(group=["x", "y", "y", "y"])[0]
     assert "no donor in common" in notes(donor=["p", "p", "q", "q"])[0]
     _, left_out = notes(state=["converged", "unusable", "converged", "converged"])
@@ -310,9 +369,7 @@ def test_a_specimen_apart_is_named(found):
     of = table["specimen"] == "a"
     table.loc[of, "specimen_predictive_p"] = 0.01
     table.loc[of & (table["quantity"] == "k1"), "predictive_p"] = 0.002
-    from biaxbayes.populations.result import Population
-
-    said = Population.contradictions(found, table)
+    said = contradictions(table)
     assert len(said) == 1 and "a contradicts its group healthy" in said[0] and "k1" in said[0]
 
 

@@ -262,7 +262,7 @@ def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):
     from biaxbayes.populations.specimens import Source, pooled_names
     from biaxbayes.runs.run import open_run
 
-    first, second = (Source.of(n, open_run(whole / "runs" / n)) for n in ("m0", "m1"))
+    first, second = (Source.from_run(n, open_run(whole / "runs" / n)) for n in ("m0", "m1"))
     fixed = second.posterior.replaced(priors={**second.posterior.priors, "k2": 8.0})
     with pytest.raises(InputError, match="k2 was sampled in m0 and fixed or tied in m1") as told:
         pooled_names([first, replace(second, posterior=fixed)])

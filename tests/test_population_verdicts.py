@@ -20,10 +20,17 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.options import PopulationOptions
+from biaxbayes.parameters import Parameter
 from biaxbayes.populations.hierarchy import Layout, _allowed
-from biaxbayes.populations.model import Grouping, PooledValue, design_of, pooled_values
+from biaxbayes.populations.model import Grouping, PooledValue, make_design, pooled_values
 from biaxbayes.populations.predictive import Hyper
-from biaxbayes.populations.verdicts import mean_verdicts, spread_parameter, spread_verdicts
+from biaxbayes.populations.verdicts import (
+    derived_verdict,
+    mean_verdicts,
+    reported_text,
+    spread_parameter,
+    spread_verdicts,
+)
 from goh_functions import GOH_LAW
 from quick_posteriors import sampled, specimen
 
@@ -33,7 +40,7 @@ DRAWS = 4000
 
 def layout(values: list[PooledValue]) -> Layout:
     grouping = Grouping(tuple("abcd"), ("m", "m", "a", "a"), ("P", "Q", "P", "Q"))
-    whole = design_of([], grouping, values, PopulationOptions())
+    whole = make_design([], grouping, values, PopulationOptions())
     # one block of all values: who belongs to whom is the same in all
     return whole.layout
 
@@ -45,7 +52,7 @@ def values() -> list[PooledValue]:
 
 @pytest.fixture(scope="module")
 def prior(values) -> tuple[Hyper, np.ndarray]:
-    return Hyper.of_prior(values, layout(values), 2**14, np.random.default_rng(1))
+    return Hyper.from_prior(values, layout(values), 2**14, np.random.default_rng(1))
 
 
 def hyper_of(values, mu, *, sd_donors=0.05, sd=0.05) -> Hyper:
@@ -160,8 +167,32 @@ def test_a_group_that_is_known_is_identified(values, prior):
     assert found["C1"].words == f"C1: identified, {low:.3g} to {high:.3g} kPa (90 %)"
 
 
+def test_a_value_known_to_a_factor_of_more_than_ten_is_not_identified(values, prior):
+    rng = np.random.default_rng(11)
+    mu = known(values, rng)
+    mu[:, 0] += 0.8 * rng.standard_normal(DRAWS)  # 90 % of the draws span a factor of 14
+    verdicts = judged(hyper_of(values, mu), prior)
+    assert verdicts["C1"].evidence.contraction > 0.75
+    assert verdicts["C1"].verdict == NOT_IDENTIFIED and reported_text(verdicts["C1"]) == ""
+    assert "known only to a factor of 1" in verdicts["C1"].words
+    assert verdicts["k1"].verdict == IDENTIFIED and " to " in reported_text(verdicts["k1"])
+    stiffness = Parameter("stiffness_x at 1.2", unit="kPa", logarithmic=True)
+    wide, narrow = (np.exp(9.8 + sd * rng.standard_normal(DRAWS)) for sd in (3.0, 0.05))
+    assert derived_verdict(wide, 0.99, stiffness)["verdict"] == NOT_IDENTIFIED
+    assert derived_verdict(narrow, 0.99, stiffness)["verdict"] == IDENTIFIED
+    assert derived_verdict(narrow, 0.5, stiffness)["verdict"] == NOT_IDENTIFIED
+
+
+def test_a_bound_is_reported_as_a_bound(values, prior):
+    rng = np.random.default_rng(12)
+    mu = known(values, rng)
+    mu[:, 4] = np.abs(0.02 * rng.standard_normal(DRAWS))
+    kappa = judged(hyper_of(values, mu), prior)["kappa"]
+    assert kappa.verdict == BOUNDED and reported_text(kappa).startswith("below 0.0")
+
+
 def test_a_group_nobody_looked_at_is_that_of_the_prior(values, prior):
-    other, _ = Hyper.of_prior(values, layout(values), DRAWS, np.random.default_rng(4))
+    other, _ = Hyper.from_prior(values, layout(values), DRAWS, np.random.default_rng(4))
     found = judged(other, prior)
     assert {found[n].verdict for n in NAMES} == {NOT_IDENTIFIED}
     assert all(abs(found[n].evidence.contraction) < 0.1 for n in NAMES)
@@ -225,12 +256,16 @@ def test_spreads_are_judged_by_the_same_rule(values):
 
 
 def test_spreads_of_which_only_the_sum_is_known_are_told_together(values):
-    """One specimen a donor: sd_donors^2 + sd_specimens^2 is what the specimens show."""
+    """One specimen per donor: sd_donors^2 + sd_specimens^2 is what the specimens show."""
     rng = np.random.default_rng(10)
     whole, angle = 1.5 + 0.05 * rng.standard_normal(DRAWS), 0.5 * np.pi * rng.random(DRAWS)
     found = spread(values, whole * np.sin(angle), whole * np.cos(angle))
     assert found["sd_donors"].verdict == COMBINATION
     assert found["sd_donors"].partners == ("sd_specimens of C1",)
+    total = found["sd_total"]
+    assert total.verdict == IDENTIFIED
+    # 1.5 times the scale 0.5 of a log
+    assert total.evidence.median == pytest.approx(0.75, abs=0.01)
 
 
 def test_a_spread_is_sharp_by_what_it_does_to_a_new_specimen(values):

@@ -17,7 +17,7 @@ from biaxbayes.figures.population import band_figure, forest_figure, pairs_figur
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.reported import Reported
 from biaxbayes.laws.goh import GOH
-from biaxbayes.populations.result import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
+from biaxbayes.populations.tables import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
 from biaxbayes.reports import comparison, population, study_page
 from biaxbayes.reports.comparison import laws_page, write_comparison
 from biaxbayes.reports.population import population_methods, population_page

@@ -15,9 +15,9 @@ from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import PopulationOptions
 from biaxbayes.populations import sampler
-from biaxbayes.populations.model import Grouping, PopulationPriors, design_of, pooled_values
-from biaxbayes.populations.result import Population, judged
-from biaxbayes.populations.specimens import Source, individual_of, pooled_names
+from biaxbayes.populations.model import Grouping, PopulationPriors, make_design, pooled_values
+from biaxbayes.populations.result import Population, assessed_quantities
+from biaxbayes.populations.specimens import Source, make_individual, pooled_names
 from biaxbayes.sampling.sampler import Draws, Plan
 from biaxbayes.specimens.specimen import Specimen
 
@@ -67,7 +67,7 @@ class HeldRun:
         return self.posterior.specimen
 
     def source(self, label: str) -> Source:
-        """As ``Source.of`` makes it of a run's folder."""
+        """As ``Source.from_run`` makes it of a run's folder."""
         law = self.posterior.law
         medians = {n: float(self.draws[n].median()) for n in law.names}
         chart = Chart(law.softening(medians), None)
@@ -94,9 +94,11 @@ def pool(
     stated = priors or PopulationPriors()
     values = stated.applied(pooled_values(sources[0].posterior.law, pooled_names(sources)))
     asked = sampler.Plan(seed=seed, **(POPULATION | plan))
-    individuals = [individual_of(s, values, asked.ensembles) for s in sources]
-    design = design_of(individuals, grouping, values, PopulationOptions(), stated)
-    found = sampler.draw(design, asked, lambda history: judged(grouping, values, history))
+    individuals = [make_individual(s, values, asked.ensembles) for s in sources]
+    design = make_design(individuals, grouping, values, PopulationOptions(), stated)
+    found = sampler.draw(
+        design, asked, lambda history: assessed_quantities(grouping, values, history)
+    )
     return Population(
         "virtual", tuple(sources), grouping, tuple(values), design, found, seed, {}, []
     )

@@ -24,13 +24,13 @@ from biaxbayes.studies.groups import KNOWN
 
 DERIVED = ("Hx", "Hy", "stiffness_x at 1", "stiffness_y at 1")
 ROW_MM, TALLEST_PANEL_MM = 4.2, 62.0
-NOTE = "within the law; filled: determined; open: not determined; cross: fixed"
+NOTE = "within the law; filled: identified or bounded; open: neither; cross: fixed"
 
 
 def study_figure(table: pd.DataFrame, *, width_mm: float = PAGE_MM, style: Style = None) -> Figure:
     """Medians and 90 % intervals of every specimen of a study table, one panel per quantity.
 
-    Open symbols stand for parameters that the specimen does not determine.
+    Open symbols stand for parameters that the specimen does not identify.
     """
     drawn = table[np.isfinite(table["q50"].astype(float))]
     layers = list(dict.fromkeys(table["layer"]))
@@ -69,13 +69,13 @@ def _draw_panel(
         if record["verdict"] == FIXED:
             ax.plot(record["q50"], i, "x", color="0.35", ms=3.4, mew=0.8)
             continue
-        determined = record["state"] == "converged" and record["verdict"] in KNOWN
+        identified = record["state"] == "converged" and record["verdict"] in KNOWN
         hue = group_colour(k)
         interval = np.clip([record["q05"], record["q95"]], axis.low, axis.high)
         ax.plot(interval, [i, i], color=hue, linewidth=1.0)
         look: dict[str, Any] = {
             "color": hue,
-            "mfc": hue if determined else "white",
+            "mfc": hue if identified else "white",
             "ms": 3.4,
             "mew": 0.8,
         }

@@ -44,7 +44,6 @@ class Individual:
 
     Attributes
     ----------
-    name : str
     density : callable
         Coordinates (n, d) to the log density without the prior of the pooled values, (n,), and
         those values, (n, p).
@@ -74,7 +73,6 @@ class Design:
 
     Attributes
     ----------
-    individuals : sequence of Individual
     blocks : tuple of (tuple of int, Layout)
         Pooled values that may correlate with one another, by index, and their layout.
     centre : ndarray, shape (p,)
@@ -165,11 +163,8 @@ class Ensemble:
 
     Parameters
     ----------
-    design : Design
     number : int
         Which of the pools is its own.
-    chains : int
-    seed : numpy.random.SeedSequence
     """
 
     def __init__(
@@ -219,25 +214,25 @@ class Ensemble:
         members = self.design.individuals
         draws = [member.pool[number] for member in members]
         N = min(len(d) for d in draws)
-        found = [self.design.density(i, d[:N]) for i, d in enumerate(draws)]
+        evaluated = [self.design.density(i, d[:N]) for i, d in enumerate(draws)]
         weights = [
             -member.log_prior(values + self.design.centre)
-            for member, (_, values) in zip(members, found, strict=True)
+            for member, (_, values) in zip(members, evaluated, strict=True)
         ]
-        return self._stacked([d[:N] for d in draws], found, weights)
+        return self._stacked([d[:N] for d in draws], evaluated, weights)
 
     def _stacked(
         self,
         u: list[np.ndarray],
-        found: list[tuple[np.ndarray, np.ndarray]],
+        evaluated: list[tuple[np.ndarray, np.ndarray]],
         weights: list[np.ndarray],
     ) -> Values:
         size = int(self.sizes.max())
         padded = np.zeros((len(u), len(u[0]), size))
         for i, own in enumerate(u):
             padded[i, :, : own.shape[1]] = own
-        log = np.array([f[0] for f in found])
-        theta = np.array([f[1] for f in found])
+        log = np.array([f[0] for f in evaluated])
+        theta = np.array([f[1] for f in evaluated])
         weight = np.where(np.isfinite(log), np.array(weights), -np.inf)
         return Values(padded, np.where(np.isfinite(theta), theta, 0.0), log, weight)
 
@@ -288,13 +283,13 @@ class Ensemble:
         if not tuning.proposals:
             return None
         drawn = [q.sample(self.rng, size) for q in tuning.proposals]
-        found = [self.design.density(i, d) for i, d in enumerate(drawn)]
+        evaluated = [self.design.density(i, d) for i, d in enumerate(drawn)]
         with np.errstate(invalid="ignore"):
             weights = [
                 f[0] - q.log_density(d)
-                for q, d, f in zip(tuning.proposals, drawn, found, strict=True)
+                for q, d, f in zip(tuning.proposals, drawn, evaluated, strict=True)
             ]
-        return self._stacked(drawn, found, weights)
+        return self._stacked(drawn, evaluated, weights)
 
     def sweep(self, tuning: Tuning, fresh: Values | None, row: int) -> None:
         """All moves once; ``row`` is the first row of ``fresh`` that was not offered yet."""
@@ -409,13 +404,13 @@ class Ensemble:
         there = self._marginal(theta, augmented)
         gain[known] += (there - marginal)[known]
         yes = np.log(1.0 - rng.random(C)) < gain
-        kept = [a.copy() for a in (self.u, self.theta, self.log, self.mu, self.effect)]
+        previous = [a.copy() for a in (self.u, self.theta, self.log, self.mu, self.effect)]
         for own, other in ((self.u, new), (self.theta, theta), (self.log, log)):
             own[yes] = other[yes]
         # the means follow; a mean that is not allowed takes the whole move back
         back = ~self._update(augmented, 0)
         carried = (self.u, self.theta, self.log, self.mu, self.effect)
-        for values, before in zip(carried, kept, strict=True):
+        for values, before in zip(carried, previous, strict=True):
             values[back] = before[back]
         moved = yes & ~back
         marginal[moved] = there[moved]

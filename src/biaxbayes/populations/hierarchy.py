@@ -28,9 +28,9 @@ import numpy as np
 
 from biaxbayes.compilation import compiled
 from biaxbayes.populations.integrated import (
+    accumulate,
     correlation_factor,
     draw_means,
-    gather,
     integrate,
     inverse_from,
     invert,
@@ -55,7 +55,6 @@ class Layout(NamedTuple):
         Of each specimen.
     set_of : int64 ndarray, shape (groups,)
         Which set of spreads a group has.
-    donors, sets : int
     low, high : ndarray, shape (b,)
         The box, centred as the values are; infinite where there is no edge.
     mean_sd : ndarray, shape (b,)
@@ -202,7 +201,7 @@ def augment(rng, layout, block, augmented):
 def _prepare(layout, block, c, augmented, work):
     """Sums and precisions of chain c."""
     b = layout.low.size
-    gather(
+    accumulate(
         layout,
         block.theta[c],
         augmented.number[c],
@@ -364,9 +363,6 @@ def update(rng, layout, block, augmented, cycles):
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-    layout : Layout
-    block : Block
     augmented : Augmented
         Drawn anew in every cycle but the first.
     cycles : int

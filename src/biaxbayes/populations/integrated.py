@@ -1,9 +1,20 @@
-"""Group means and donor effects integrated out of a chain, and drawn from their normal.
+"""Marginal likelihood over group means and donor effects, and their conditional draws.
 
-With specimens theta_i ~ N(mu_g + b_d, Sigma), b_d ~ N(0, Omega), mu_g ~ N(0, diag(s0^2)) everything
-that the density needs of the specimens are counts, sums and squares. Donors with as many specimens
-in every group share one matrix, and only the sums of their products: the work of an evaluation does
-not grow with the donors.
+Specimens theta_i ~ N(mu_g + b_d, Sigma_g), donor effects b_d ~ N(0, Omega), group means
+mu_g ~ N(0, S0) with S0 = diag(s0^2). With P_g = Sigma_g^-1, counts N_dg, sums S_dg and squares Q of
+the specimens, the donor effects are integrated out first, then the means:
+
+    A_d^-1 = Omega^-1 + sum_g N_dg P_g
+    h_d    = sum_g P_g S_dg
+    M_gh   = [g = h] (S0^-1 + sum_d N_dg P_g) - sum_d N_dg P_g A_d P_h N_dh
+    r_g    = sum_d (P_g S_dg - N_dg P_g A_d h_d)
+
+    ln p = - 1/2 sum_i ln |2 pi Sigma_g(i)| - 1/2 tr P Q
+           - 1/2 sum_d (ln |A_d^-1| + ln |Omega|) + 1/2 sum_d h_d' A_d h_d
+           - 1/2 (ln |S0| + ln |M|) + 1/2 r' M^-1 r
+
+Donors with the same numbers of specimens per group (a pattern) share A_d, and only the sums of
+their products are needed: the work of an evaluation does not grow with the donors.
 """
 
 from __future__ import annotations
@@ -107,11 +118,12 @@ class Sums(NamedTuple):
         Counts and sums.
     Q : ndarray, shape (sets, b, b); ns : ndarray, shape (sets,)
         Sums of squares, and counts.
-    kind : int64 ndarray, shape (donors,); kinds : int64 ndarray, shape (1,)
+    pattern : int64 ndarray, shape (donors,); n_patterns : int64 ndarray, shape (1,)
         Which counts a donor has, and how many different ones there are.
-    counts : ndarray, shape (kinds, groups); times : ndarray, shape (kinds,)
+    counts : ndarray, shape (patterns, groups); multiplicity : ndarray, shape (patterns,)
         These counts, and how many donors have them.
-    first : ndarray, shape (kinds, groups, b); second : ndarray, shape (kinds, groups, groups, b, b)
+    first : ndarray, shape (patterns, groups, b)
+    second : ndarray, shape (patterns, groups, groups, b, b)
         Sums over their donors of S_g, and of S_g S_h'.
     total : ndarray, shape (groups, b)
         Sums over all donors.
@@ -121,10 +133,10 @@ class Sums(NamedTuple):
     S: np.ndarray
     Q: np.ndarray
     ns: np.ndarray
-    kind: np.ndarray
-    kinds: np.ndarray
+    pattern: np.ndarray
+    n_patterns: np.ndarray
     counts: np.ndarray
-    times: np.ndarray
+    multiplicity: np.ndarray
     first: np.ndarray
     second: np.ndarray
     total: np.ndarray
@@ -133,7 +145,7 @@ class Sums(NamedTuple):
 class Precisions(NamedTuple):
     """Inverse covariances of specimens by set (sets, b, b) and of donors (b, b).
 
-    With the log determinants of the covariances, (sets,) and (1,), and room to work in.
+    With the log determinants of the covariances, (sets,) and (1,), and work arrays.
     """
 
     P: np.ndarray
@@ -148,14 +160,14 @@ class Solved(NamedTuple):
 
     Attributes
     ----------
-    A : ndarray, shape (kinds, b, b)
+    A : ndarray, shape (patterns, b, b)
         Covariance of a donor's effect given the means.
     M : ndarray, shape (groups b, groups b)
         Cholesky factor of the precision of the means.
     r : ndarray, shape (groups b,)
         Its inverse times the linear term of the means.
     left, middle : ndarray, shape (b, b)
-        Room to work in.
+        Work arrays.
     """
 
     A: np.ndarray
@@ -204,7 +216,7 @@ def workspace(layout):
 
 
 @compiled()
-def gather(layout, theta, count, total, square, sums):
+def accumulate(layout, theta, count, total, square, sums):
     """Sums of a chain: theta (n, b), and count, total and square of the augmented draws."""
     n, b = theta.shape
     D, G = sums.N.shape
@@ -224,33 +236,33 @@ def gather(layout, theta, count, total, square, sums):
             sums.total[g, k] += x
             for j in range(b):
                 sums.Q[s, k, j] += theta[i, k] * theta[i, j]
-    kinds = 0
+    patterns = 0
     for d in range(D):
-        kind = 0
-        while kind < kinds:
+        pattern = 0
+        while pattern < patterns:
             same = True
             for g in range(G):
-                same = same and sums.counts[kind, g] == sums.N[d, g]
+                same = same and sums.counts[pattern, g] == sums.N[d, g]
             if same:
                 break
-            kind += 1
-        if kind == kinds:
-            kinds += 1
-            sums.times[kind] = 0.0
-            sums.first[kind] = 0.0
-            sums.second[kind] = 0.0
+            pattern += 1
+        if pattern == patterns:
+            patterns += 1
+            sums.multiplicity[pattern] = 0.0
+            sums.first[pattern] = 0.0
+            sums.second[pattern] = 0.0
             for g in range(G):
-                sums.counts[kind, g] = sums.N[d, g]
-        sums.kind[d] = kind
-        sums.times[kind] += 1.0
+                sums.counts[pattern, g] = sums.N[d, g]
+        sums.pattern[d] = pattern
+        sums.multiplicity[pattern] += 1.0
         for g in range(G):
             for k in range(b):
                 x = sums.S[d, g, k]
-                sums.first[kind, g, k] += x
+                sums.first[pattern, g, k] += x
                 for h in range(G):
                     for j in range(b):
-                        sums.second[kind, g, h, k, j] += x * sums.S[d, h, j]
-    sums.kinds[0] = kinds
+                        sums.second[pattern, g, h, k, j] += x * sums.S[d, h, j]
+    sums.n_patterns[0] = patterns
 
 
 @compiled()
@@ -290,31 +302,31 @@ def integrate(layout, work):
             for j in range(b):
                 x += P[s, k, j] * sums.total[g, j]
             r[g * b + k] = x
-    for kind in range(sums.kinds[0]):
-        times = sums.times[kind]
+    for pattern in range(sums.n_patterns[0]):
+        multiplicity = sums.multiplicity[pattern]
         # A^-1 = Omega^-1 + sum_g N_g P_g
         for k in range(b):
             for j in range(b):
                 middle[k, j] = precisions.omega[k, j]
         for g in range(G):
-            if sums.counts[kind, g] > 0.0:
+            if sums.counts[pattern, g] > 0.0:
                 s = layout.set_of[g]
                 for k in range(b):
                     for j in range(b):
-                        own = sums.counts[kind, g] * P[s, k, j]
+                        own = sums.counts[pattern, g] * P[s, k, j]
                         middle[k, j] += own
-                        M[g * b + k, g * b + j] += times * own
+                        M[g * b + k, g * b + j] += multiplicity * own
         log = cholesky(middle, b)
         if not np.isfinite(log):
             return -np.inf
-        inverse_from(middle, b, A[kind])
-        value -= 0.5 * times * (log + precisions.logdet_donors[0])
+        inverse_from(middle, b, A[pattern])
+        value -= 0.5 * multiplicity * (log + precisions.logdet_donors[0])
         for s in range(layout.sets):
             for k in range(b):
                 for j in range(b):
                     x = 0.0
                     for q in range(b):
-                        x += P[s, k, q] * A[kind, q, j]
+                        x += P[s, k, q] * A[pattern, q, j]
                     left[k, j] = x
             for u in range(layout.sets):
                 for k in range(b):
@@ -324,19 +336,19 @@ def integrate(layout, work):
                             x += left[k, q] * P[u, q, j]
                         middle[k, j] = x
                 for g in range(G):
-                    if layout.set_of[g] != s or sums.counts[kind, g] == 0.0:
+                    if layout.set_of[g] != s or sums.counts[pattern, g] == 0.0:
                         continue
                     for h in range(G):
-                        if layout.set_of[h] != u or sums.counts[kind, h] == 0.0:
+                        if layout.set_of[h] != u or sums.counts[pattern, h] == 0.0:
                             continue
-                        own = sums.counts[kind, g]
-                        both = times * own * sums.counts[kind, h]
+                        own = sums.counts[pattern, g]
+                        both = multiplicity * own * sums.counts[pattern, h]
                         for k in range(b):
                             for j in range(b):
                                 x = middle[k, j]
-                                value += 0.5 * x * sums.second[kind, g, h, k, j]
+                                value += 0.5 * x * sums.second[pattern, g, h, k, j]
                                 M[g * b + k, h * b + j] -= both * x
-                                r[g * b + k] -= own * x * sums.first[kind, h, j]
+                                r[g * b + k] -= own * x * sums.first[pattern, h, j]
     size = G * b
     log = cholesky(M, size)
     if not np.isfinite(log):
@@ -373,11 +385,11 @@ def draw_means(rng, layout, work, mu, effect):
     for g in range(G):
         for k in range(b):
             mu[g, k] = r[g * b + k]
-    for kind in range(sums.kinds[0]):
-        cholesky(A[kind], b)
+    for pattern in range(sums.n_patterns[0]):
+        cholesky(A[pattern], b)
     h, z = np.empty(b), np.empty(b)
     for d in range(D):
-        kind = sums.kind[d]
+        pattern = sums.pattern[d]
         h[:] = 0.0
         for g in range(G):
             if sums.N[d, g] > 0.0:
@@ -389,8 +401,8 @@ def draw_means(rng, layout, work, mu, effect):
         for k in range(b):
             z[k] = rng.standard_normal()
             for j in range(k, b):
-                z[k] += A[kind, j, k] * h[j]
+                z[k] += A[pattern, j, k] * h[j]
         for k in range(b):
             effect[d, k] = 0.0
             for j in range(k + 1):
-                effect[d, k] += A[kind, k, j] * z[j]
+                effect[d, k] += A[pattern, k, j] * z[j]

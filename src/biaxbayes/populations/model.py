@@ -42,10 +42,12 @@ from biaxbayes.populations.hierarchy import Layout
 from biaxbayes.text_files import read_toml
 
 LOG, LINEAR = "log", "linear"
+LARGER, SMALLER, OPEN = "larger", "smaller", "open"
+"""Of a contrast: whether its 90 % interval excludes that the groups are equal."""
 SD_LOG, SD_SHARE, SD_STRETCH = 0.5, 0.15, 0.02
 """Scales of the half-normal priors of sds: of a log, a share of a bounded range, of a stretch."""
 ETA = 2.0
-SPECIMENS_A_VALUE = 4
+SPECIMENS_PER_VALUE = 4
 """With fewer specimens (or donors) for each pooled value, correlations are left out."""
 
 
@@ -55,7 +57,6 @@ class PooledValue:
 
     Attributes
     ----------
-    parameter : Parameter
     mean, mean_sd : float
         Normal prior of a group's mean, on the scale.
     donor_scale, specimen_scale : float
@@ -99,7 +100,7 @@ class PooledValue:
         return f"N({self.mean:.4g}, {self.mean_sd:.3g})"
 
     @classmethod
-    def of(cls, parameter: Parameter) -> PooledValue:
+    def from_parameter(cls, parameter: Parameter) -> PooledValue:
         """The value with its default priors."""
         mean, sd = _default_mean(parameter)
         low, high = parameter.range
@@ -129,7 +130,6 @@ def pooled_values(law: Law, free: Sequence[str], *, mounting: bool = False) -> l
 
     Parameters
     ----------
-    law : Law
     free : sequence of str
         Parameters that the runs sampled; fixed and tied ones have no spread.
     mounting : bool
@@ -138,7 +138,7 @@ def pooled_values(law: Law, free: Sequence[str], *, mounting: bool = False) -> l
     chosen = [p for p in law.parameters if p.name in free]
     if mounting:
         chosen += [p for p in MOUNTED if p.kind == STRETCH]
-    return [PooledValue.of(p) for p in chosen]
+    return [PooledValue.from_parameter(p) for p in chosen]
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,6 @@ class PopulationPriors:
     mean : mapping of str to (float, float)
         Mean and sd on the scale, by parameter.
     sd_donors, sd_specimens : mapping of str to float
-    eta_donors, eta_specimens : float
     """
 
     mean: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -284,12 +283,17 @@ class Grouping:
         """Indices of the specimens of a group."""
         return [i for i, g in enumerate(self.group) if g == group]
 
+    @property
+    def one_specimen_per_donor(self) -> bool:
+        """Whether donors and specimens cannot be separated: only the prior splits their spread."""
+        return len(self.donors) == len(self.labels)
+
     def donors_of(self, group: str) -> int:
         """Number of donors of a group."""
         return len({self.donor[i] for i in self.members(group)})
 
 
-def design_of(
+def make_design(
     individuals: Sequence[Individual],
     grouping: Grouping,
     values: Sequence[PooledValue],
@@ -300,22 +304,19 @@ def design_of(
 
     Parameters
     ----------
-    individuals : sequence of Individual
-    grouping : Grouping
     values : sequence of PooledValue
         With their priors.
-    options : PopulationOptions
     priors : PopulationPriors, optional
         For the correlations.
     """
-    stated = priors or PopulationPriors()
+    chosen = priors or PopulationPriors()
     donors, groups = grouping.donors, grouping.groups
     sets = len(groups) if options.spread == "by-group" else 1
     eta_donors, eta_specimens = (
         eta if correlated(options.correlations, count, len(values)) else 0.0
         for eta, count in (
-            (stated.eta_donors, len(donors)),
-            (stated.eta_specimens, len(individuals)),
+            (chosen.eta_donors, len(donors)),
+            (chosen.eta_specimens, len(individuals)),
         )
     )
     together = max(eta_donors, eta_specimens) > 0.0
@@ -347,8 +348,8 @@ def design_of(
     return Design(tuple(individuals), tuple((c, layout(c)) for c in blocks), centre)
 
 
-def correlated(asked: str, count: int, values: int) -> bool:
+def correlated(option: str, count: int, values: int) -> bool:
     """Whether correlations are inferred from so many specimens or donors."""
-    if values < 2 or asked == "never":
+    if values < 2 or option == "never":
         return False
-    return asked == "always" or count >= SPECIMENS_A_VALUE * values
+    return option == "always" or count >= SPECIMENS_PER_VALUE * values

@@ -51,7 +51,6 @@ class Hyper:
 
     Attributes
     ----------
-    values : tuple of PooledValue
     set_of : ndarray, shape (groups,)
     mu : ndarray, shape (M, groups, p)
     sd_donors : ndarray, shape (M, p); sd : ndarray, shape (M, sets, p)
@@ -68,7 +67,7 @@ class Hyper:
     factor: np.ndarray
 
     @classmethod
-    def of(
+    def from_history(
         cls,
         history: History,
         values: Sequence[PooledValue],
@@ -82,9 +81,6 @@ class Hyper:
 
         Parameters
         ----------
-        history : History
-        values : sequence of PooledValue
-        set_of : ndarray
         blocks : sequence of tuple of int
             Values that may correlate.
         every : int
@@ -96,8 +92,8 @@ class Hyper:
         def flat(a: np.ndarray, axes: int) -> np.ndarray:
             taken = a[:, ::every]
             own = taken.shape[taken.ndim - axes :]
-            found = taken.reshape(math.prod(taken.shape[: taken.ndim - axes]), *own)
-            return found[cls.rows(len(found), most)]
+            flattened = taken.reshape(math.prod(taken.shape[: taken.ndim - axes]), *own)
+            return flattened[cls.rows(len(flattened), most)]
 
         p = len(values)
         mu, sd_donors, sd = flat(history.mu, 2), flat(history.sd_donors, 1), flat(history.sd, 2)
@@ -111,7 +107,7 @@ class Hyper:
         return cls(tuple(values), set_of, mu + centre, sd_donors, sd, factors[0], factors[1])
 
     @classmethod
-    def of_prior(
+    def from_prior(
         cls,
         values: Sequence[PooledValue],
         layout: Layout,
@@ -124,11 +120,8 @@ class Hyper:
 
         Parameters
         ----------
-        values : sequence of PooledValue
         layout : Layout
             Who belongs to whom.
-        draws : int
-        rng : numpy.random.Generator
 
         Returns
         -------
@@ -178,6 +171,10 @@ class Hyper:
     def spread(self, group: int) -> np.ndarray:
         """Sds between specimens of a donor, shape (M, p)."""
         return self.sd[:, self.set_of[group]]
+
+    def total_spread(self, group: int) -> np.ndarray:
+        """Sds between specimens of different donors, shape (M, p)."""
+        return np.hypot(self.sd_donors, self.spread(group))
 
     def median(self, location: np.ndarray, group: int) -> np.ndarray:
         """Medians of the specimens at a location, shape (M, p)."""
@@ -254,8 +251,6 @@ class Hyper:
         ----------
         theta : ndarray, shape (M, p)
             The specimen's values in the same draws.
-        group : int
-        rng : numpy.random.Generator
         """
         covariance = self.covariance(group)
         inverse = np.linalg.inv(covariance)
@@ -271,7 +266,7 @@ def _prior_of(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Means (M, groups), sds of donors (M,) and specimens (M, sets), locations (M, groups)."""
     first = [int(np.flatnonzero(layout.group == g)[0]) for g in range(layout.set_of.size)]
-    kept: list[tuple[np.ndarray, ...]] = []
+    accepted: list[tuple[np.ndarray, ...]] = []
     for _ in range(PRIOR_TRIES):
         sd_donors = np.abs(rng.standard_normal(draws)) * v.donor_scale
         sd = np.abs(rng.standard_normal((draws, layout.sets))) * v.specimen_scale
@@ -280,10 +275,12 @@ def _prior_of(
         location = mu[:, layout.group] + effect[:, layout.donor]
         own = sd[:, layout.set_of[layout.group]]
         ok = (_mass_inside(location, own, v.edges) >= LEAST_INSIDE).all(axis=1)
-        kept.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
-        if sum(len(part[1]) for part in kept) >= draws:
+        accepted.append(tuple(a[ok] for a in (mu, sd_donors, sd, location[:, first])))
+        if sum(len(part[1]) for part in accepted) >= draws:
             break
-    mu, sd_donors, sd, location = (np.concatenate(part)[:draws] for part in zip(*kept, strict=True))
+    mu, sd_donors, sd, location = (
+        np.concatenate(part)[:draws] for part in zip(*accepted, strict=True)
+    )
     if len(sd_donors) < draws:  # priors that hardly leave a location inside: some draws stand twice
         at = np.arange(draws) % max(len(sd_donors), 1)
         mu, sd_donors, sd, location = (a[at] for a in (mu, sd_donors, sd, location))

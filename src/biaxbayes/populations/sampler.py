@@ -16,13 +16,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble
 from biaxbayes.populations.tuning import Spreading, Tuning
 from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
+from biaxbayes.tasks import one_blas_thread
 
 LENGTH_ROUNDS = 2
 ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
@@ -50,7 +50,6 @@ class Plan:
         Effective sample size of the worst quantity.
     max_steps : int
         Kept sweeps of each ensemble at which it gives up.
-    seed : int
     workers : int
         Threads; the draws do not depend on it.
     ensembles, chains : int
@@ -88,7 +87,6 @@ class History:
         Values (centred) and coordinates of the specimens, every ``every``-th sweep.
     effect : ndarray, shape (..., donors, p)
         Likewise.
-    every : int
     """
 
     mu: np.ndarray
@@ -146,12 +144,9 @@ class Sampled:
 
     Attributes
     ----------
-    history : History
-    convergence : Convergence
     acceptance : dict of ndarray
         Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together``,
         ``apart`` and ``apart in donors`` by direction.
-    interrupted : bool
     """
 
     history: History
@@ -177,8 +172,6 @@ def draw(
 
     Parameters
     ----------
-    design : Design
-    plan : Plan
     quantities : callable
         What is judged of a history: dicts of arrays (ensembles, kept, chains) by name, each of
         sweeps of its own.
@@ -186,11 +179,10 @@ def draw(
         Where to go on.
     on_block : callable
         Given the state after the warm-up and after every block.
-    progress, stop : callable
     """
     seeds = np.random.SeedSequence(plan.seed).spawn(plan.ensembles + 1)
     ensembles = [Ensemble(design, k, plan.chains, seeds[k]) for k in range(plan.ensembles)]
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(plan.workers) as pool:
+    with one_blas_thread(), ThreadPoolExecutor(plan.workers) as pool:
         if state is None:
             rng = np.random.default_rng(seeds[-1])
             tuning = _warm_up(design, plan, ensembles, pool, rng, progress)
@@ -269,18 +261,18 @@ def _run_block(
 
 def _run(ensemble: Ensemble, tuning: Tuning, done: int, sweeps: int, every: int) -> History:
     """Kept sweeps of one ensemble, with a first axis of one."""
-    kept: dict[str, list[np.ndarray]] = {k: [] for k in ("mu", "sd_donors", "sd")}
+    common: dict[str, list[np.ndarray]] = {k: [] for k in ("mu", "sd_donors", "sd")}
     parts: list[list[np.ndarray]] = [[] for _ in ensemble.partial]
     of_specimens: dict[str, list[np.ndarray]] = {k: [] for k in SPECIMENS_OWN}
     for number in _sweeps(ensemble, tuning, sweeps):
-        for name, values in kept.items():
+        for name, values in common.items():
             values.append(getattr(ensemble, name).copy())
         for of, own in zip(parts, ensemble.partial, strict=True):
             of.append(own.transpose(1, 0, 2).copy())
         if (done + number) % every == 0:
             for name, values in of_specimens.items():
                 values.append(getattr(ensemble, name).copy())
-    arrays = {k: np.array(v)[None] for k, v in (kept | of_specimens).items()}
+    arrays = {k: np.array(v)[None] for k, v in (common | of_specimens).items()}
     return History(**arrays, partial=tuple(np.array(v)[None] for v in parts), every=every)
 
 

@@ -37,8 +37,6 @@ class Source:
 
     Attributes
     ----------
-    label : str
-    run : Run
     posterior : Posterior
         With a chart around the draws.
     """
@@ -53,7 +51,7 @@ class Source:
         return largest_equibiaxial(self.run.draws, self.run.specimen)
 
     @classmethod
-    def of(cls, label: str, run: Run) -> Source:
+    def from_run(cls, label: str, run: Run) -> Source:
         """A finished run under its label."""
         posterior = run.posterior()
         law = posterior.law
@@ -106,13 +104,11 @@ def _log_priors(kinds, rows, values):
     return out
 
 
-def individual_of(source: Source, values: Sequence[PooledValue], ensembles: int) -> Individual:
+def make_individual(source: Source, values: Sequence[PooledValue], ensembles: int) -> Individual:
     """A specimen for the sampler.
 
     Parameters
     ----------
-    source : Source
-    values : sequence of PooledValue
     ensembles : int
         Of the population's sampler.
 
@@ -142,15 +138,14 @@ def individual_of(source: Source, values: Sequence[PooledValue], ensembles: int)
 
     def density(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         log, _, natural = kernel.evaluate(problem, u)
-        found = natural[:, at] * per_unit
+        pooled = natural[:, at] * per_unit
         with np.errstate(divide="ignore", invalid="ignore"):
-            found[:, logs] = np.log(found[:, logs])
-        log[~np.isfinite(found).all(axis=1)] = -np.inf
-        return log, found
+            pooled[:, logs] = np.log(pooled[:, logs])
+        log[~np.isfinite(pooled).all(axis=1)] = -np.inf
+        return log, pooled
 
     def log_prior(theta: np.ndarray) -> np.ndarray:
-        found: np.ndarray = _log_priors(kinds, rows, np.ascontiguousarray(theta))
-        return found
+        return np.asarray(_log_priors(kinds, rows, np.ascontiguousarray(theta)))
 
     pool = _pools(source, ensembles, density)
     return Individual(source.label, density, log_prior, posterior.bounds, pool)

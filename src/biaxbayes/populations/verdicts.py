@@ -1,30 +1,31 @@
-"""What is told of a population: verdicts on pooled values, and what follows from them.
+"""Verdicts on pooled values and on quantities that follow from them.
 
 The rule is :func:`biaxbayes.identifiability.verdict.decide`. A group's mean is compared with the
 prior of the same median, a specimen's pooled value with the prior of a specimen of its group, both
-before any record was looked at: what the records of the whole study tell, its own or not. Spreads
-are compared on the scale of the model, where their priors are half-normal, and end at zero.
+without any data: all records of the study count, not only the specimen's own. Spreads are compared
+on the scale of the model, where their priors are half-normal and end at zero.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.comparison.distance import contractions
-from biaxbayes.identifiability.determined import NORMAL_90, Derived, derived_quantities
+from biaxbayes.identifiability.determined import NORMAL_90
 from biaxbayes.identifiability.evidence import evidence_of_draws
 from biaxbayes.identifiability.identify import identify_draws
 from biaxbayes.identifiability.marginals import Scale
+from biaxbayes.identifiability.reported import WIDEST, interval_text
 from biaxbayes.identifiability.verdict import (
+    BOUNDED,
+    COMBINATION,
     FIXED,
     IDENTIFIED,
-    NO_VERDICT,
     NOT_IDENTIFIED,
     ParameterVerdict,
     Thresholds,
@@ -33,12 +34,15 @@ from biaxbayes.identifiability.verdict import (
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior
 from biaxbayes.parameters import STRETCH, Parameter, Quantity
-from biaxbayes.populations.model import LINEAR, LOG, PooledValue
+from biaxbayes.populations.model import PooledValue
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.specimens import Source
 
 if TYPE_CHECKING:
-    from biaxbayes.populations.result import Population
+    pass
+
+CONSTANT = 1e-9
+PRIOR_DRAWS = 2**14
 
 # --- verdicts: the rule of single runs, with the prior that a value has here ---------------------
 
@@ -58,13 +62,10 @@ def mean_verdicts(
     ----------
     hyper, prior : Hyper
         Draws of the posterior and of the prior.
-    group : int
-    law : Law
     materials : DataFrame
         The group's means of the same draws, as parameters of the law.
     top : float
         Largest equibiaxial total stretch, at which ends of ranges are near.
-    state : str
     """
     own, before = hyper.typical(group), prior.typical(group)
     columns = {v.name: v.from_scale(own[:, k]) for k, v in enumerate(hyper.values)}
@@ -74,7 +75,34 @@ def mean_verdicts(
     ]
     ends = np.full((len(materials), 2), top)
     distances = law.edge_distances(law.material(materials), [ends])
-    return _judged(scales, columns, hyper.log_prior(), distances, law, state)
+    verdicts = _judged(scales, columns, hyper.log_prior(), distances, law, state)
+    return {name: unless_wide(p) for name, p in verdicts.items()}
+
+
+def unless_wide(p: ParameterVerdict) -> ParameterVerdict:
+    """The verdict, but not identified where a positive scale is known only to a factor of ten."""
+    e = p.evidence
+    wide = e is not None and p.scale.logarithmic and e.high > WIDEST * e.low
+    if e is None or not wide or p.verdict != IDENTIFIED:
+        return p
+    q = p.scale.parameter
+    words = (
+        f"{p.name}: {NOT_IDENTIFIED}, {q.number(e.low)} to {q.number(e.high)}{q.unit_words()} "
+        f"(90 %); known only to a factor of {e.high / e.low:.2g}"
+    )
+    return replace(p, verdict=NOT_IDENTIFIED, words=words)
+
+
+def reported_text(p: ParameterVerdict) -> str:
+    """The interval or the bound of a verdict; empty where there is nothing to report."""
+    e = p.evidence
+    if e is None or p.verdict not in (IDENTIFIED, COMBINATION, BOUNDED):
+        return ""
+    low, high = e.low, e.high
+    if p.verdict == BOUNDED:
+        sides = {edge.side for edge in e.open_edges(Thresholds())}
+        low, high = (math.nan if side in sides else v for side, v in enumerate((low, high)))
+    return interval_text(low, high, p.scale.parameter)
 
 
 def spread_parameter(v: PooledValue, side: str) -> Parameter:
@@ -99,17 +127,13 @@ def spread_parameter(v: PooledValue, side: str) -> Parameter:
 def spread_verdicts(
     hyper: Hyper, group: int, law: Law, state: str
 ) -> dict[str, dict[str, ParameterVerdict]]:
-    """Verdicts on the sds of donors and of a group's specimens, by pooled value and side.
+    """Verdicts on sd_donors, sd_specimens and sd_total of a group, by pooled value."""
+    from scipy.stats import halfnorm
 
-    Parameters
-    ----------
-    hyper : Hyper
-    group : int
-    law : Law
-    state : str
-    """
     out = {}
     log_prior = hyper.log_prior()
+    levels = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
+    rng = np.random.default_rng(0)
     for k, v in enumerate(hyper.values):
         sides = {
             "sd_donors": (hyper.sd_donors[:, k], v.donor_scale),
@@ -118,19 +142,25 @@ def spread_verdicts(
         scales, columns, distances = [], {}, {}
         for side, (values, scale) in sides.items():
             p = spread_parameter(v, side)
-            scales.append(Scale(Quantity(p), _half_normal(scale)))
+            half_normal = DrawnPrior(halfnorm.ppf(levels, scale=scale))
+            scales.append(Scale(Quantity(p), half_normal))
             columns[p.name] = values
             distances[p.name] = p.sharp
-        found = _judged(scales, columns, log_prior, distances, law, state)
-        out[v.name] = {side: found[f"{side} of {v.name}"] for side in sides}
+        verdicts = _judged(scales, columns, log_prior, distances, law, state)
+        # apart: it is a function of the other two, not something that they trade with
+        p = spread_parameter(v, "sd_total")
+        prior = DrawnPrior(
+            np.hypot(
+                rng.normal(0.0, v.donor_scale, PRIOR_DRAWS),
+                rng.normal(0.0, v.specimen_scale, PRIOR_DRAWS),
+            )
+        )
+        total = {p.name: hyper.total_spread(group)[:, k]}
+        verdicts |= _judged(
+            [Scale(Quantity(p), prior)], total, log_prior, {p.name: p.sharp}, law, state
+        )
+        out[v.name] = {side: verdicts[f"{side} of {v.name}"] for side in (*sides, "sd_total")}
     return out
-
-
-def _half_normal(scale: float) -> DrawnPrior:
-    from scipy.stats import halfnorm
-
-    levels = (np.arange(2**14) + 0.5) / 2**14
-    return DrawnPrior(halfnorm.ppf(levels, scale=scale))
 
 
 def _judged(
@@ -146,8 +176,8 @@ def _judged(
     if state != "unusable":
         draws = pd.DataFrame(dict(columns))
         evidence = evidence_of_draws(scales, draws, draws, (log_prior, None), distances, thresholds)
-    found = judge_parameters(scales, evidence, law, state, thresholds=thresholds)
-    return {p.name: p for p in found}
+    verdicts = judge_parameters(scales, evidence, law, state, thresholds=thresholds)
+    return {p.name: p for p in verdicts}
 
 
 def specimen_verdicts(
@@ -163,22 +193,19 @@ def specimen_verdicts(
 
     Parameters
     ----------
-    source : Source
     pooled : DataFrame
         Natural quantities of the specimen, with ``log_likelihood``.
-    values : sequence of PooledValue
     prior : ndarray, shape (M, p)
         Specimens of the group drawn from the prior, on the scale.
-    state : str
     """
     own = {v.name: DrawnPrior(v.from_scale(prior[:, k])) for k, v in enumerate(values)}
-    found = identify_draws(
+    identification = identify_draws(
         source.posterior,
         pooled,
         state,
         priors={**source.posterior.priors, **own},
     )
-    verdicts = {p.name: p.verdict for p in found.parameters}
+    verdicts = {p.name: unless_wide(p).verdict for p in identification.parameters}
     if state != "converged":
         return verdicts
     of_run = {r.name: r.verdict for r in source.run.result.reported}
@@ -186,84 +213,13 @@ def specimen_verdicts(
     return verdicts | {q.name: of_run[q.name] for q in stretches if q.name in of_run}
 
 
-# --- what follows from pooled parameters: structure tensor, stiffness and stress of a group ------
-
-CURVE_DRAWS = 400
-CONSTANT = 1e-9
-WITHIN, BETWEEN = 60, 30
-"""Specimens of the typical donor, and donors, made for each draw of a quantity that follows."""
-
-
-def stated_stretches(sources: Sequence[Source]) -> list[float]:
-    """Equibiaxial total stretches that every specimen reached: half-way and the largest."""
-    top = min(s.largest_stretch for s in sources)
-    return [round(1.0 + share * (top - 1.0), 3) for share in (0.5, 1.0)]
-
-
-def derived(found: Population, theta: np.ndarray) -> list[Derived]:
-    """Quantities that follow from materials; infinite where they cannot be computed."""
-    stretches = stated_stretches(found.sources)
-    all_of = derived_quantities(found.materials(theta), found.law, stretches, [1.0, stretches[-1]])
-    return [replace(q, values=np.nan_to_num(q.values, nan=np.inf)) for q in all_of]
-
-
-def _typical(
-    found: Population, hyper: Hyper, g: int, rng: np.random.Generator
-) -> tuple[list[Derived], list[Derived]]:
-    """Quantities of the typical donor's specimens, and their median draw by draw."""
-    within = hyper.repeated(WITHIN)
-    single = derived(found, within.specimens(within.mu[:, g], g, rng))
-    shape = (hyper.draws, WITHIN)
-    return single, [replace(q, values=np.median(q.values.reshape(shape), axis=1)) for q in single]
-
-
-def following(
-    found: Population, g: int
-) -> Iterator[tuple[str, str, str, dict[str, np.ndarray], dict[str, Any]]]:
-    """Structure tensor, stiffness and stress of a group, as its parameters are told.
-
-    They are identified where the records narrow the median, as in a study.
-    """
-    hyper = found.hyper(CURVE_DRAWS)
-    rng = found.rng(1 + g)
-    M = hyper.draws
-    of_typical, medians = _typical(found, hyper, g, rng)
-    between = hyper.repeated(BETWEEN)
-    of_donors = derived(found, between.median(between.donors(g, rng), g))
-    wide = hyper.repeated(4)
-    location = wide.donors(g, rng)
-    new = derived(found, wide.specimens(location, g, rng))
-    donor = derived(found, wide.median(location, g))
-    _, before = _typical(found, found.prior[0].thinned(CURVE_DRAWS), g, found.rng(700 + g))
-    shares = contractions(before, medians)
-    for q, median, share, *others in zip(
-        of_typical, medians, shares, of_donors, new, donor, strict=True
-    ):
-        typical, (donors, specimen, one) = q.values, (o.values for o in others)
-        unit = q.unit or "1"
-        told = {"verdict": NO_VERDICT}
-        if found.state == "converged":
-            known = share >= Thresholds().contraction
-            told = {"verdict": IDENTIFIED if known else NOT_IDENTIFIED, "contraction": share}
-            if np.ptp(median.values) <= CONSTANT * abs(median.values[0]):
-                told = {"verdict": FIXED}  # as the parameters are that it follows from
-        scale = LOG if unit != "1" and min(typical.min(), donors.min()) > 0.0 else LINEAR
-
-        def spread(values: np.ndarray, scale: str = scale) -> np.ndarray:
-            with np.errstate(over="ignore", invalid="ignore"):
-                moved = np.log(values) if scale == LOG else values
-                return np.asarray(moved.reshape(M, -1).std(axis=1, ddof=1))
-
-        yield (
-            q.key,
-            unit,
-            scale,
-            {
-                "mean": median.values,
-                "sd_donors": spread(donors),
-                "sd_specimens": spread(typical),
-                "new_specimen": specimen,
-                "new_donor": one,
-            },
-            told,
-        )
+def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter) -> dict[str, Any]:
+    """Verdict on a quantity that follows from parameters, as columns of population.csv."""
+    if np.ptp(values) <= CONSTANT * abs(values[0]):
+        return {"verdict": FIXED}  # as the parameters are that it follows from
+    low, high = (float(v) for v in np.quantile(values, [0.05, 0.95]))
+    narrow = not parameter.logarithmic or high <= WIDEST * low
+    if contraction < Thresholds().contraction or not narrow:
+        return {"verdict": NOT_IDENTIFIED, "contraction": contraction}
+    text = interval_text(low, high, parameter)
+    return {"verdict": IDENTIFIED, "reported": text, "contraction": contraction}

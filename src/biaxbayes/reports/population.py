@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,20 @@ from markupsafe import Markup
 import biaxbayes
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.parameters import unit_words
-from biaxbayes.populations.result import SDS
+from biaxbayes.populations.text import (
+    DASH,
+    contrast_rows,
+    group_rows,
+    interval,
+    spread_parts,
+    three_digits,
+)
 from biaxbayes.reports.study_page import KNOWN_QUANTITIES, named, unit_text, with_unit
 from biaxbayes.reports.templates import Cell, Row, page_template, pictures
 from biaxbayes.reports.words import VERDICT_TERMS, chosen_terms, counted, cut
 from biaxbayes.studies.groups import KNOWN
 
 PAGE = "population.html"
-DASH = "–"
 FIGURES = {
     "population-forest": (
         "Specimens alone and pooled",
@@ -120,57 +125,36 @@ def population_page(
     )
 
 
-def three_digits(value: float) -> str:
-    """A number with three digits; a dash where there is none."""
-    return DASH if math.isnan(value) else f"{float(f'{value:.3g}'):g}"
-
-
-def _interval(
-    r: Mapping[Any, Any], part: str, write: Callable[[float], str] = three_digits
-) -> tuple[str, str]:
-    """Median and interval as text."""
-    values = [float(r[f"{part}_{q}"]) for q in ("q50", "q05", "q95")]
-    if math.isnan(values[0]):
-        return DASH, ""
-    median, low, high = (write(v) for v in values)
-    return median, f"{low} to {high}"
-
-
-def _exponential(value: float) -> str:
-    return three_digits(math.exp(min(value, 700.0)))
-
-
-def _marked(median: str, verdict: object) -> str | Markup:
+def _marked(median: str, identified: bool) -> str | Markup:
     """In italics with an asterisk where it is not identified."""
-    return median if verdict in (*KNOWN, FIXED) else Markup("<i>{}*</i>").format(median)
-
-
-def _text(value: object) -> str:
-    return value if isinstance(value, str) else ""
+    return median if identified else Markup("<i>{}*</i>").format(median)
 
 
 def _groups(table: pd.DataFrame, pooled: tuple[str, ...]) -> list[dict[str, Any]]:
     out = []
     for group, part in table.groupby("group", sort=False):
+        split = len(spread_parts(part)) > 1
+        spreads = ["Donors differ by", "Specimens differ by"]
+        heads = spreads if split else ["Specimens of different donors differ by"]
         rows: list[Row] = []
-        sentences = []
-        for r in part.to_dict("records"):
-            name, log = str(r["quantity"]), r["scale"] == "log"
-            mean, interval = _interval(r, "mean")
-            spreads = []
-            for side in SDS:
-                middle, ends = _interval(r, side, _exponential if log else three_digits)
-                factor = "factor " if log and middle != DASH else ""
-                spreads.append((factor + middle, ends, _text(r[f"{side}_verdict"])))
-            new = [_interval(r, part) for part in ("new_specimen", "new_donor")]
-            marked = (_marked(mean, r["verdict"]), interval)
-            verdict = _text(r["verdict"]) or DASH
-            rows.append((named(name), unit_text(r["unit"]), marked, verdict, *spreads, *new))
-            if name in pooled and isinstance(r["in_words"], str):
-                words = cut(r["in_words"].removeprefix(f"{name}: "), 400)
-                sentences.append((named(name), words))
+        for r in group_rows(part):
+            sds = [
+                (*cells, verdict)
+                for cells, verdict in zip(r.spreads, r.spread_verdicts, strict=True)
+            ]
+            median = (_marked(r.median, r.identified), r.reported)
+            rows.append((named(r.quantity), unit_text(r.unit), median, r.verdict, *sds, *r.new))
+        sentences = [
+            (named(r["quantity"]), cut(r["in_words"].removeprefix(f"{r['quantity']}: "), 400))
+            for r in part.to_dict("records")
+            if r["quantity"] in pooled and isinstance(r["in_words"], str)
+        ]
         counts = {k: counted(int(part.iloc[0][k]), k[:-1]) for k in ("specimens", "donors")}
-        out.append({"name": cut(group, 60), "rows": rows, "words": sentences, **counts})
+        columns = ["Quantity", "Unit", ">#Typical donor", "#Verdict"]
+        columns += [*(f">{head}" for head in heads), ">#New specimen", ">#New donor"]
+        out.append(
+            {"name": cut(group, 60), "columns": columns, "rows": rows, "words": sentences, **counts}
+        )
     return out
 
 
@@ -185,9 +169,10 @@ def _specimens(table: pd.DataFrame, names: list[str]) -> list[Row]:
             if r is None:
                 cells.append(DASH)
                 continue
-            median, ends = _interval(r, "pooled", KNOWN_QUANTITIES[name].parameter.number)
-            alone = f"({_text(r['reported']) or DASH})"
-            cells.append((_marked(median, r["pooled_verdict"]), ends, alone))
+            median, ends = interval(r, "pooled", KNOWN_QUANTITIES[name].parameter.number)
+            alone = r["reported"] if isinstance(r["reported"], str) and r["reported"] else DASH
+            identified = r["pooled_verdict"] in (*KNOWN, FIXED)
+            cells.append((_marked(median, identified), ends, f"({alone})"))
         first = part.iloc[0]
         head = (cut(label, 60), f"{cut(first['group'], 40)}, {cut(first['donor'], 40)}")
         out.append((head, three_digits(float(first["specimen_predictive_p"])), *cells))
@@ -198,14 +183,10 @@ def _contrasts(table: pd.DataFrame) -> list[tuple[str, str, list[Row]]]:
     """Both groups and the rows of their differences."""
     out = []
     for (a, b), part in table.groupby(["group_a", "group_b"], sort=False):
-        rows: list[Row] = []
-        for r in part.to_dict("records"):
-            log, unit = r["scale"] == "log", unit_words(str(r["unit"]))
-            median, ends = _interval(r, "difference", _exponential if log else three_digits)
-            kind = "ratio" if log else f"difference{' in' if unit else ''}{unit}"
-            share = float(r["probability_positive"])
-            probability = DASH if math.isnan(share) else f"{share:.3f}"
-            rows.append((named(str(r["quantity"])), kind, median, ends, probability))
+        rows: list[Row] = [
+            (named(r.quantity), r.kind, r.median, r.interval, r.direction, r.probability)
+            for r in contrast_rows(part)
+        ]
         out.append((cut(a, 40), cut(b, 40), rows))
     return out
 

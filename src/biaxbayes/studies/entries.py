@@ -49,8 +49,8 @@ class Entry:
     @property
     def donor(self) -> str:
         """Donor, by the study file or the header of the specimen."""
-        stated = self.specimen.metadata.get("donor", "") if self.specimen else ""
-        return self.entry.donor or str(stated)
+        in_header = self.specimen.metadata.get("donor", "") if self.specimen else ""
+        return self.entry.donor or str(in_header)
 
     @property
     def layer(self) -> str:
@@ -59,7 +59,7 @@ class Entry:
 
 
 def read_entries(study: Study) -> list[Entry]:
-    """Read the specimens; one that cannot be read is kept with its problem."""
+    """Read the specimens; one that cannot be read stays in the list with its error."""
     out = []
     slugs: set[str] = set()
     for entry in study.specimens:

@@ -1,4 +1,4 @@
-"""A study as plain tables: who its specimens are, what their runs say, what it found."""
+"""A study as plain tables: specimens, rows of their runs, and summaries."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def compared_layers(
     return ComparedLayers(donor, table, notes)
 
 
-# --- what a study found, as plain tables ---------------------------------------------------------
+# --- result of a study, as plain tables ----------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -190,9 +190,9 @@ class StudyResult:
     @cached_property
     def specimens(self) -> pd.DataFrame:
         """One row per specimen: donor, layer, own columns, state, reason, file, folder."""
-        kept = ["specimen", "donor", "layer", *self.own_columns]
-        kept += ["state", "reason", "file", "folder"]
-        return self.table[kept].drop_duplicates("specimen").reset_index(drop=True)
+        columns = ["specimen", "donor", "layer", *self.own_columns]
+        columns += ["state", "reason", "file", "folder"]
+        return self.table[columns].drop_duplicates("specimen").reset_index(drop=True)
 
     @cached_property
     def groups(self) -> pd.DataFrame:

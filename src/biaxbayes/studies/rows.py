@@ -70,12 +70,12 @@ def _curve_rows(run: Run, draws: pd.DataFrame) -> list[dict[str, Any]]:
     """Structure tensor and small-strain stiffness: often known where parameters trade."""
     posterior = run.posterior()
     few = some_draws(draws)
-    found, before = (
+    after, before = (
         derived_quantities(d, posterior.law, [], [1.0])
         for d in (few, prior_material(posterior, few))
     )
     rows = []
-    for quantity, share in zip(found, contractions(before, found), strict=True):
+    for quantity, share in zip(after, contractions(before, after), strict=True):
         scale = LOG if quantity.unit else LINEAR
         q05, q50, q95 = np.quantile(quantity.values, [0.05, 0.5, 0.95])
         narrow = scale == LINEAR or q95 <= WIDEST * q05

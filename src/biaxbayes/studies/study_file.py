@@ -225,14 +225,14 @@ def _specimen(entry: object, number: int, common: _Common) -> StudySpecimen:
     file = entry.get("file")
     if not isinstance(file, str) or not file.strip() or "\0" in file:
         raise InputError(f"{where}file must be the path of a CSV", file=path)
-    found = path.parent / file
-    _check_file(found, f"{path}, {where}file", path=path)
+    specimen = path.parent / file
+    _check_file(specimen, f"{path}, {where}file", path=path)
     options = _options(entry.get("options", {}), common.options, f"{where}options", path)
     own = _priors(entry.get("priors", {}), options["law"], f"{where}priors", path)
     priors = {**common.priors, **own}
     return StudySpecimen(
-        found,
-        _text(entry, "label", where, path) or found.stem[:LONGEST],
+        specimen,
+        _text(entry, "label", where, path) or specimen.stem[:LONGEST],
         options | {"priors": priors},
         int(_number(f"{where}seed", entry.get("seed", common.seed), "seed", path)),
         _text(entry, "donor", where, path),
@@ -253,14 +253,14 @@ def _check_keys(table: Mapping[str, object], known: tuple[str, ...], what: str, 
             )
 
 
-def _check_file(file: Path, told: object, *, path: Path | None = None) -> None:
+def _check_file(file: Path, name_in_message: object, *, path: Path | None = None) -> None:
     try:
         there = file.is_file()
     except (OSError, ValueError):
         there = False
     if not there:
         name = f": {str(file)[:200]}" if path is not None else ""
-        raise InputError(f"no such file{name}", file=told, remedy="check the path")
+        raise InputError(f"no such file{name}", file=name_in_message, remedy="check the path")
 
 
 def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> None:
@@ -277,14 +277,14 @@ def _check_labels(specimens: tuple[StudySpecimen, ...], path: Path | None) -> No
         seen[label] = number
 
 
-def _number(told: str, value: object, key: str, path: Path | None) -> Any:
+def _number(what: str, value: object, key: str, path: Path | None) -> Any:
     """A number that the key allows."""
     option = options_of(SamplingPlan)[key]
     whole = option.kind is int
     fits = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
     if not (fits and option.least <= value <= MOST and math.isfinite(value)):  # type: ignore
         raise InputError(
-            f"{told} must be a {'whole ' if whole else ''}number, at least {option.least:g}",
+            f"{what} must be a {'whole ' if whole else ''}number, at least {option.least:g}",
             file=path,
         )
     return value
@@ -316,9 +316,9 @@ def _priors(table: object, law: str, where: str, path: Path) -> dict[str, Prior 
     return parse_priors(table, f"{path}, {where}", law_named(law))
 
 
-def _flag(value: object, told: str, path: Path) -> bool:
+def _flag(value: object, what: str, path: Path) -> bool:
     if not isinstance(value, bool):
-        raise InputError(f"{told} must be true or false", file=path)
+        raise InputError(f"{what} must be true or false", file=path)
     return value
 
 

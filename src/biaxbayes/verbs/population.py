@@ -13,22 +13,26 @@ from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
 
 import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError, printable
+from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.options import PopulationOptions, takes_options
 from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
     PopulationPriors,
-    design_of,
+    make_design,
     pooled_values,
 )
-from biaxbayes.populations.result import Population, judged
+from biaxbayes.populations.result import Population, assessed_quantities
 from biaxbayes.populations.sampler import History, Plan, State, draw
-from biaxbayes.populations.specimens import Source, individual_of, pooled_names
+from biaxbayes.populations.specimens import Source, make_individual, pooled_names
+from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
 from biaxbayes.populations.tuning import Spreading, Tuning
 from biaxbayes.progress_bar import Progress, with_progress
+from biaxbayes.reports.words import counted
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.folder import POPULATION, clear_leftovers, finish_moving, staged
 from biaxbayes.runs.lock import folder_lock
@@ -112,12 +116,12 @@ class PopulationJob:
             )
             identity = self._identity(sources, grouping, values, plan)
             state = self._resumed(identity, resume, progress)
-            individuals = [individual_of(s, values, plan.ensembles) for s in sources]
-            design = design_of(individuals, grouping, values, self.options, self.priors)
+            individuals = [make_individual(s, values, plan.ensembles) for s in sources]
+            design = make_design(individuals, grouping, values, self.options, self.priors)
             sampled = draw(
                 design,
                 plan,
-                lambda history: judged(grouping, values, history),
+                lambda history: assessed_quantities(grouping, values, history),
                 state=state,
                 on_block=lambda s: checkpoint.save(self.folder, s, identity, pack),
                 progress=progress,
@@ -161,7 +165,7 @@ class PopulationJob:
                 if run.state not in usable:
                     left_out[member.label] = f"its run is {run.state}"
                     continue
-                sources.append(Source.of(member.label, run))
+                sources.append(Source.from_run(member.label, run))
             except BiaxbayesError as error:
                 left_out[member.label] = str(error)
         if len(sources) < 2:
@@ -227,9 +231,7 @@ def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> 
     out = []
     nameless = [m.label for m in members if not m.donor]
     if nameless:
-        out.append(
-            f"no donor is stated for {_listed(nameless)}: each is taken as a donor of its own"
-        )
+        out.append(f"no donor is given for {_listed(nameless)}: each counts as a separate donor")
     donors = len(grouping.donors)
     if donors == 1:
         out.append(
@@ -238,8 +240,8 @@ def _notes(members: list[Member], grouping: Grouping, sources: list[Source]) -> 
         )
     elif donors == len(members):
         out.append(
-            "every donor gave one specimen: how the spread splits between donors and specimens is "
-            "that of the prior; new_specimen holds both"
+            "every donor gave one specimen, so the spread cannot be split between donors and "
+            "specimens: sd_total and new_specimen contain both"
         )
     elif donors < 4:
         out.append(f"there are {donors} donors: sd_donors rests much on its prior")
@@ -297,7 +299,7 @@ def _unlike(sources: list[Source]) -> list[str]:
         few = [s.label for s, top in zip(sources, tops, strict=True) if top - low < high - top]
         out.append(
             f"specimens were stretched to {low:.3f} to {high:.3f} from the unloaded state (least: "
-            f"{_listed(few)}): stress and stiffness are stated up to {low:.3f}, and the band of a "
+            f"{_listed(few)}): stress and stiffness are given up to {low:.3f}, and the band of a "
             "new specimen goes beyond what those show"
         )
     return out
@@ -377,6 +379,8 @@ def population(
 MARK = "*"
 QUALIFIED = (", but loosely", "; sensitive to the prior")
 """What the sentence on a verdict may add to it."""
+MOST_PAIRS = 3
+"""Pairs of groups whose differences are printed."""
 
 
 @click.command("population")
@@ -422,50 +426,52 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
 
 
 def closing_message(result: PopulationFound) -> str:
-    """One screen that says what was result."""
-    from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
-    from biaxbayes.populations.result import SDS
-    from biaxbayes.reports.population import three_digits
-    from biaxbayes.reports.words import counted
-
-    def sd(row: dict[Any, Any], side: str) -> str:
-        mark = MARK if row[f"{side}_verdict"] == NOT_IDENTIFIED else " "
-        return three_digits(row[f"{side}_q50"]) + mark
-
+    """Groups, differences between them and notes, for a terminal."""
     state = (
         result.state if result.state == "converged" else f"{result.state.upper()}: {result.reason}"
     )
     lines = [f"{printable(result.name)}: {state}"]
     for group, part in result.groups.groupby("group", sort=False):
-        first = part.iloc[0]
-        lines += [
-            "",
-            f"{printable(str(group))}: {counted(first['specimens'], 'specimen')} of "
-            f"{counted(first['donors'], 'donor')}",
-        ]
-        heads = (
-            "quantity,unit,median,5 %,95 %,sd donors,sd spec.,new specimen,verdict on the median"
-        )
-        cells = [heads.split(",")]
-        for r in part.to_dict("records"):
-            mean = [three_digits(r[f"mean_{q}"]) for q in ("q50", "q05", "q95")]
-            sds = [sd(r, side) for side in SDS]
-            new = f"{three_digits(r['new_specimen_q05'])} to {three_digits(r['new_specimen_q95'])}"
-            unit = "" if r["unit"] == "1" else str(r["unit"])
-            cells.append([str(r["quantity"]), unit, *mean, *sds, new, _qualified(r)])
-        lines += aligned(cells, right=range(2, 5 + len(SDS)))
-    lines += ["", "sds of logs where the scale is log (population.csv)"]
-    if any((result.groups[f"{side}_verdict"] == NOT_IDENTIFIED).any() for side in SDS):
-        lines.append(f"{MARK} {NOT_IDENTIFIED}: the specimens say little of this sd")
-    lines += [f"note: {printable(note)}" for note in result.notes]
-    lines += ["", f"all tables and draws are in {result.folder}"]
+        lines += ["", *_group_lines(str(group), part)]
+    groups = result.groups
+    if any((groups[f"{side}_verdict"] == NOT_IDENTIFIED).any() for side in spread_parts(groups)):
+        lines += ["", f"{MARK} {NOT_IDENTIFIED}: the specimens say little of this sd"]
+    pairs = list(result.contrasts.groupby(["group_a", "group_b"], sort=False))
+    for (a, b), part in pairs[:MOST_PAIRS]:
+        lines += ["", *_contrast_lines(str(a), str(b), part)]
+    if len(pairs) > MOST_PAIRS:
+        lines += ["", f"{len(pairs) - MOST_PAIRS} more pairs of groups are in contrasts.csv"]
+    lines += ["", *(f"note: {printable(note)}" for note in result.notes)]
+    lines += [f"all tables and draws are in {result.folder}"]
     return "\n".join(lines)
 
 
-def _qualified(row: dict[Any, Any]) -> str:
-    """A verdict with what its sentence adds to it."""
-    sentence = str(row["in_words"])
-    return "".join((str(row["verdict"]), *(words for words in QUALIFIED if words in sentence)))
+def _group_lines(group: str, part: pd.DataFrame) -> list[str]:
+    """What a group's specimens have in common, and how they differ."""
+    first = part.iloc[0]
+    members = f"{counted(first['specimens'], 'specimen')} of {counted(first['donors'], 'donor')}"
+    split = len(spread_parts(part)) > 1
+    sds = ["sd donors", "sd specimens"] if split else ["sd total"]
+    table = [["quantity", "unit", "median", "5 to 95 %", *sds, "new specimen", "verdict"]]
+    for row, r in zip(group_rows(part), part.to_dict("records"), strict=True):
+        spreads = [
+            text + (MARK if verdict == NOT_IDENTIFIED else "")
+            for (text, _), verdict in zip(row.spreads, row.spread_verdicts, strict=True)
+        ]
+        loosely = "".join(words for words in QUALIFIED if words in str(r["in_words"]))
+        cells = [row.quantity, row.unit, row.median, row.reported, *spreads, row.new[0][1]]
+        table.append([*cells, row.verdict + loosely])
+    return [f"{printable(group)}: {members}", *aligned(table)]
+
+
+def _contrast_lines(a: str, b: str, part: pd.DataFrame) -> list[str]:
+    """How group b differs from group a, and whether the 90 % interval excludes no difference."""
+    table = [
+        [row.quantity, row.kind, row.median, row.interval, row.direction]
+        for row in contrast_rows(part)
+    ]
+    head = ["quantity", "", "median", "5 to 95 %", f"in {printable(b)}"]
+    return [f"{printable(b)} compared with {printable(a)}", *aligned([head, *table])]
 
 
 # --- its state between two blocks, as the bytes of a checkpoint ----------------------------------

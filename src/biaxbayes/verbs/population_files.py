@@ -16,6 +16,14 @@ import biaxbayes
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.parameters import MATERIAL
 from biaxbayes.populations.result import Population
+from biaxbayes.populations.tables import (
+    bands_table,
+    contradictions,
+    contrasts_table,
+    equibiaxial_records,
+    groups_table,
+    specimens_table,
+)
 from biaxbayes.reports.population import PAGE, population_page
 from biaxbayes.runs.archive import netcdf_bytes
 from biaxbayes.runs.folder import (
@@ -179,12 +187,12 @@ def _no_population(folder: Path) -> str:
 
 def write_population(folder: Path, result: Population, identity: dict[str, Any]) -> PopulationFound:
     """Every file of a population, its record last."""
-    specimens = result.specimens_table()
-    result = replace(result, notes=[*result.notes, *result.contradictions(specimens)])
+    specimens = specimens_table(result)
+    result = replace(result, notes=[*result.notes, *contradictions(specimens)])
     tables = {
-        "groups": result.groups_table(),
+        "groups": groups_table(result),
         "specimens": specimens,
-        "contrasts": result.contrasts_table(),
+        "contrasts": contrasts_table(result),
     }
     for key, table in tables.items():
         write_csv(folder / f"{TABLES[key]}.csv", table, digits=8)
@@ -244,7 +252,7 @@ def _draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFra
         return
     specimen = result.sources[0].run.specimen
     parameters = [v.parameter for v in result.values]
-    bands = result.bands_table()
+    bands = bands_table(result)
     write_csv(folder / f"{BANDS}.csv", bands, digits=8)
     drawn = (
         forest_figure(tables["specimens"], tables["groups"], parameters),
@@ -255,7 +263,7 @@ def _draw_figures(folder: Path, result: Population, tables: dict[str, pd.DataFra
         ),
         band_figure(
             bands,
-            result.records(),
+            equibiaxial_records(result),
             directions=(specimen.axis_x or "x", specimen.axis_y or "y"),
         ),
     )

@@ -1,0 +1,382 @@
+"""Tables of a population: groups, specimens, contrasts, and stress of new specimens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.comparison.distance import contractions
+from biaxbayes.forward import ForwardModel
+from biaxbayes.identifiability.determined import Derived, derived_quantities
+from biaxbayes.identifiability.verdict import NO_VERDICT
+from biaxbayes.parameters import MATERIAL, STRETCH, Parameter
+from biaxbayes.populations.model import LARGER, LINEAR, LOG, OPEN, SMALLER
+from biaxbayes.populations.predictive import Hyper
+from biaxbayes.populations.result import NATURAL_DRAWS, Population
+from biaxbayes.populations.verdicts import (
+    derived_verdict,
+    mean_verdicts,
+    reported_text,
+    specimen_verdicts,
+    spread_verdicts,
+)
+from biaxbayes.prediction.draws import protocol_mounting
+
+QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
+SDS = ("sd_donors", "sd_specimens", "sd_total")
+PARTS = ("mean", *SDS, "new_specimen", "new_donor")
+SPLIT = ("sd_donors", "sd_specimens", "new_donor")
+"""Left empty with one specimen per donor, where the prior alone would decide them."""
+POPULATION_COLUMNS = (
+    "group",
+    "quantity",
+    "unit",
+    *(f"{part}_{q}" for part in PARTS for q in QUANTILES),
+    "scale",
+    "specimens",
+    "donors",
+    "reported",
+    "verdict",
+    "contraction",
+    "in_words",
+    *(f"{side}_{what}" for side in SDS for what in ("verdict", "contraction")),
+)
+SPECIMEN_COLUMNS = (
+    "specimen",
+    "group",
+    "donor",
+    "quantity",
+    "unit",
+    *(f"single_{q}" for q in QUANTILES),
+    *(f"pooled_{q}" for q in QUANTILES),
+    "single_verdict",
+    "pooled_verdict",
+    "reported_low",
+    "reported_high",
+    "reported",
+    "predictive_p",
+    "specimen_predictive_p",
+    "beta",
+)
+CONTRAST_COLUMNS = (
+    "group_a",
+    "group_b",
+    "quantity",
+    "unit",
+    "scale",
+    *(f"difference_{q}" for q in QUANTILES),
+    "probability_positive",
+    "direction",
+)
+BAND_POINTS = 41
+EQUIBIAXIAL = 0.1
+"""A record is equibiaxial where its strains differ by less than this share of the larger."""
+JOINT_P, SINGLE_P = 0.05, 0.01
+"""Posterior predictive p of a specimen, and of one value, below which it contradicts its group."""
+CURVE_DRAWS = 400
+WITHIN, BETWEEN = 60, 30
+"""Specimens of the typical donor, and donors, made for each draw of a derived quantity."""
+
+
+def _quantiles(part: str, values: np.ndarray) -> dict[str, float]:
+    ends = np.quantile(values, list(QUANTILES.values()))
+    return {f"{part}_{q}": float(v) for q, v in zip(QUANTILES, ends, strict=True)}
+
+
+def groups_table(population: Population) -> pd.DataFrame:
+    """population.csv."""
+    rows = []
+    many, few = population.hyper(), population.hyper(NATURAL_DRAWS * 2)
+    rng = population.rng(0)
+    for g, group in enumerate(population.grouping.groups):
+        head = {
+            "group": group,
+            "specimens": len(population.grouping.members(group)),
+            "donors": population.grouping.donors_of(group),
+        }
+        typical = many.typical(g)
+        location = few.donors(g, rng)
+        donor, new = few.median(location, g), few.specimens(location, g, rng)
+        verdicts = _verdicts(population, many, g)
+        for k, v in enumerate(population.values):
+            parts = {
+                "mean": v.from_scale(typical[:, k]),
+                "sd_donors": many.sd_donors[:, k],
+                "sd_specimens": many.spread(g)[:, k],
+                "sd_total": many.total_spread(g)[:, k],
+                "new_specimen": v.from_scale(new[:, k]),
+                "new_donor": v.from_scale(donor[:, k]),
+            }
+            rows.append(
+                head
+                | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
+                | _numbers(population, parts)
+                | verdicts[v.name]
+            )
+        for key, unit, scale, parts, verdict in derived_rows(population, g):
+            rows.append(
+                head
+                | {"quantity": key, "unit": unit, "scale": scale}
+                | _numbers(population, parts)
+                | verdict
+            )
+    return pd.DataFrame(rows, columns=list(POPULATION_COLUMNS))
+
+
+def _verdicts(population: Population, hyper: Hyper, g: int) -> dict[str, dict[str, Any]]:
+    """Verdicts on a group's means and spreads, as columns, by pooled value."""
+    means = mean_verdicts(
+        hyper,
+        population.prior[0],
+        g,
+        population.law,
+        population.materials(hyper.typical(g)),
+        population.largest_stretch,
+        population.state,
+    )
+    spreads = spread_verdicts(hyper, g, population.law, population.state)
+    out: dict[str, dict[str, Any]] = {}
+    for name, mean in means.items():
+        row: dict[str, Any] = {"in_words": mean.words, "reported": reported_text(mean)}
+        for stem, p in {"": mean, **{f"{k}_": v for k, v in spreads[name].items()}}.items():
+            row[f"{stem}verdict"] = p.verdict
+            if p.evidence is not None:
+                row[f"{stem}contraction"] = p.evidence.contraction
+        out[name] = row
+    return out
+
+
+def _numbers(population: Population, parts: dict[str, np.ndarray]) -> dict[str, float]:
+    """Quantiles of the parts that the specimens can show."""
+    if population.state == "unusable":
+        return {}
+    empty = SPLIT if population.grouping.one_specimen_per_donor else ()
+    shown = {part: values for part, values in parts.items() if part not in empty}
+    return {k: x for part, values in shown.items() for k, x in _quantiles(part, values).items()}
+
+
+def specimens_table(population: Population) -> pd.DataFrame:
+    """specimens.csv."""
+    rows = []
+    theta, _ = population.specimen_values(NATURAL_DRAWS)
+    hyper = population.hyper(NATURAL_DRAWS, with_specimens=True)
+    names = [v.name for v in population.values]
+    prior, locations = population.prior
+    rng = population.rng(800)
+    of_prior = [
+        prior.specimens(locations[:, g], g, rng) for g in range(len(population.grouping.groups))
+    ]
+    for i, source in enumerate(population.sources):
+        g = population.grouping.groups.index(population.grouping.group[i])
+        joint, each = hyper.conflict(theta[:, i], g, population.rng(100 + i))
+        pooled = population.natural(i)
+        verdicts = specimen_verdicts(
+            source, pd.DataFrame(pooled), population.values, of_prior[g], population.state
+        )
+        single = {row["parameter"]: row for row in source.run.result.to_frame().to_dict("records")}
+        kinds = source.posterior.quantities.of_kind(MATERIAL, STRETCH)
+        for q in (q for q in kinds if q.name in pooled and q.name in source.run.draws):
+            own = single.get(q.name, {})
+            numbers = (
+                _quantiles("single", source.run.draws[q.name].to_numpy())
+                | _quantiles("pooled", pooled[q.name])
+                | {"specimen_predictive_p": joint}
+            )
+            if q.name in names:
+                numbers["predictive_p"] = float(each[names.index(q.name)])
+            rows.append(
+                {
+                    "specimen": source.label,
+                    "group": population.grouping.group[i],
+                    "donor": population.grouping.donor[i],
+                    "quantity": q.name,
+                    "unit": q.unit,
+                    "beta": source.run.beta,
+                    "single_verdict": own.get("verdict", ""),
+                    "pooled_verdict": verdicts.get(q.name, ""),
+                    "reported_low": own.get("low", np.nan),
+                    "reported_high": own.get("high", np.nan),
+                    "reported": own.get("interval", ""),
+                }
+                | (numbers if population.state != "unusable" else {})
+            )
+    return pd.DataFrame(rows, columns=list(SPECIMEN_COLUMNS))
+
+
+def contrasts_table(population: Population) -> pd.DataFrame:
+    """contrasts.csv: median of group b minus that of group a, for typical donors, on the scale."""
+    rows = []
+    many, few = population.hyper(), population.hyper(CURVE_DRAWS)
+    groups = population.grouping.groups
+    for a, b in combinations(range(len(groups)), 2):
+        head = {"group_a": groups[a], "group_b": groups[b]}
+        first, second = many.typical(a), many.typical(b)
+        for k, v in enumerate(population.values):
+            rows.append(
+                head
+                | {"quantity": v.name, "unit": v.parameter.unit, "scale": v.scale}
+                | _difference(population, second[:, k] - first[:, k])
+            )
+        pair = (derived(population, few.typical(g)) for g in (a, b))
+        for q, other in zip(*pair, strict=True):
+            key, unit, x, y = q.key, q.unit or "1", q.values, other.values
+            log = unit != "1" and min(x.min(), y.min()) > 0.0
+            with np.errstate(invalid="ignore", over="ignore"):
+                difference = np.log(y) - np.log(x) if log else y - x
+            rows.append(
+                head
+                | {"quantity": key, "unit": unit, "scale": LOG if log else LINEAR}
+                | _difference(population, difference)
+            )
+    return pd.DataFrame(rows, columns=list(CONTRAST_COLUMNS))
+
+
+def _difference(population: Population, values: np.ndarray) -> dict[str, Any]:
+    """Quantiles of a difference, and whether its 90 % interval excludes zero."""
+    if population.state == "unusable":
+        return {}
+    share = float((values > 0.0).mean() + 0.5 * (values == 0.0).mean())
+    out: dict[str, Any] = _quantiles("difference", values) | {"probability_positive": share}
+    if population.state == "converged":
+        low, high = out["difference_q05"], out["difference_q95"]
+        out["direction"] = LARGER if low > 0.0 else SMALLER if high < 0.0 else OPEN
+    return out
+
+
+def bands_table(population: Population) -> pd.DataFrame:
+    """Equibiaxial Cauchy stress of new specimens, by group and total stretch."""
+    stretches = np.linspace(1.0, population.largest_stretch, BAND_POINTS)
+    parts = []
+    for group, table in population.new_specimens().items():
+        with np.errstate(over="ignore", invalid="ignore"):
+            stress = population.law.material(table).cauchy(stretches[None], stretches[None])
+        part = pd.DataFrame({"group": group, "total_stretch": stretches})
+        for axis, values in zip("xy", stress, strict=True):
+            known = np.nan_to_num(values, nan=np.inf)
+            for q, level in QUANTILES.items():
+                part[f"cauchy_{axis}_{q}"] = np.quantile(known, level, axis=0)
+        parts.append(part)
+    return pd.concat(parts, ignore_index=True)
+
+
+def equibiaxial_records(population: Population) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Equibiaxial records: group, total stretches and Cauchy stresses, (rows, 2) each.
+
+    At the median mounting stretch of the pooled draws.
+    """
+    out = []
+    for i, source in enumerate(population.sources):
+        specimen = source.run.specimen
+        draws = pd.DataFrame(population.natural(i, 500))
+        for p in specimen.protocols:
+            stretch = np.column_stack([p.stretch_x, p.stretch_y])
+            lm = np.median(protocol_mounting(draws, p), axis=0)
+            off = (stretch * lm)[-1] - 1.0
+            if abs(off[0] - off[1]) > EQUIBIAXIAL * np.abs(off).max():
+                continue
+            forward = ForwardModel.from_specimen(specimen, source.run.law)
+            per_stress = forward.per_stress(stretch.T, lm[:, None]).T
+            stress = specimen.load(p) / per_stress
+            out.append((population.grouping.group[i], stretch * lm, stress))
+    return out
+
+
+def contradictions(table: pd.DataFrame) -> list[str]:
+    """Messages on specimens that contradict their group, from specimens.csv."""
+    out = []
+    for label, part in table.groupby("specimen", sort=False):
+        joint = float(part["specimen_predictive_p"].iloc[0])
+        each = part.dropna(subset=["predictive_p"])
+        if not np.isfinite(joint) or each.empty:
+            continue
+        worst = each.sort_values("predictive_p").to_dict("records")[0]
+        alone = float(worst["predictive_p"])
+        if joint < JOINT_P or alone < SINGLE_P:
+            out.append(
+                f"{label} contradicts its group {part['group'].iloc[0]} (posterior predictive "
+                f"p {joint:.3f}, most by {worst['quantity']}, p {alone:.3f})"
+            )
+    return out
+
+
+# --- what follows from pooled parameters: structure tensor, stiffness and stress of a group ------
+
+
+def derived(population: Population, theta: np.ndarray) -> list[Derived]:
+    """Quantities that follow from materials; infinite where they cannot be computed."""
+    # equibiaxial total stretches that every specimen reached: half-way and the largest
+    top = min(s.largest_stretch for s in population.sources)
+    stretches = [round(1.0 + share * (top - 1.0), 3) for share in (0.5, 1.0)]
+    materials = population.materials(theta)
+    quantities = derived_quantities(materials, population.law, stretches, [1.0, stretches[-1]])
+    return [replace(q, values=np.nan_to_num(q.values, nan=np.inf)) for q in quantities]
+
+
+def _typical(
+    population: Population, hyper: Hyper, g: int, rng: np.random.Generator
+) -> tuple[list[Derived], list[Derived]]:
+    """Quantities of the typical donor's specimens, and their median draw by draw."""
+    within = hyper.repeated(WITHIN)
+    single = derived(population, within.specimens(within.mu[:, g], g, rng))
+    shape = (hyper.draws, WITHIN)
+    return single, [replace(q, values=np.median(q.values.reshape(shape), axis=1)) for q in single]
+
+
+def derived_rows(
+    population: Population, g: int
+) -> Iterator[tuple[str, str, str, dict[str, np.ndarray], dict[str, Any]]]:
+    """Structure tensor, stiffness and stress of a group: name, unit, scale, draws and verdict.
+
+    They are identified where the records narrow the median, to less than a factor of ten, as in a
+    study.
+    """
+    hyper = population.hyper(CURVE_DRAWS)
+    rng = population.rng(1 + g)
+    M = hyper.draws
+    of_typical, medians = _typical(population, hyper, g, rng)
+    between = hyper.repeated(BETWEEN)
+    of_donors = derived(population, between.median(between.donors(g, rng), g))
+    wide = hyper.repeated(4)
+    location = wide.donors(g, rng)
+    new = derived(population, wide.specimens(location, g, rng))
+    donor = derived(population, wide.median(location, g))
+    _, before = _typical(
+        population, population.prior[0].thinned(CURVE_DRAWS), g, population.rng(700 + g)
+    )
+    shares = contractions(before, medians)
+    for q, median, share, *others in zip(
+        of_typical, medians, shares, of_donors, new, donor, strict=True
+    ):
+        typical, (donors, specimen, of_new_donor) = q.values, (o.values for o in others)
+        unit = q.unit or "1"
+        scale = LOG if unit != "1" and min(typical.min(), donors.min()) > 0.0 else LINEAR
+        verdict: dict[str, Any] = {"verdict": NO_VERDICT}
+        if population.state == "converged":
+            parameter = Parameter(q.key, unit=unit, logarithmic=scale == LOG)
+            verdict = derived_verdict(median.values, share, parameter)
+
+        def spread(values: np.ndarray, scale: str = scale) -> np.ndarray:
+            with np.errstate(over="ignore", invalid="ignore"):
+                moved = np.log(values) if scale == LOG else values
+                return np.asarray(moved.reshape(M, -1).std(axis=1, ddof=1))
+
+        sd_donors, sd_specimens = spread(donors), spread(typical)
+        yield (
+            q.key,
+            unit,
+            scale,
+            {
+                "mean": median.values,
+                "sd_donors": sd_donors,
+                "sd_specimens": sd_specimens,
+                "sd_total": np.hypot(sd_donors, sd_specimens),
+                "new_specimen": specimen,
+                "new_donor": of_new_donor,
+            },
+            verdict,
+        )
