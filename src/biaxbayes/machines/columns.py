@@ -117,9 +117,9 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
     loads_named = any(TARGETS[target] in ("force", "stress") for target in wanted)
     columns: dict[str, Column] = {}
     for target, quantity in TARGETS.items():
-        stated = None
+        given = None
         if target in wanted:
-            index, stated = _named(table, wanted[target])
+            index, given = _named(table, wanted[target])
         elif quantity in ("force", "stress") and loads_named:
             continue
         else:
@@ -128,7 +128,7 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
             if own is None or (target in OPTIONAL and not table.is_numeric(own)):
                 continue
             index = own
-        unit = None if quantity == "text" else _unit(table, index, target, quantity, stated)
+        unit = None if quantity == "text" else _unit(table, index, target, quantity, given)
         columns[target] = Column(index, table.names[index], unit)
     _check_complete(table, columns)
     return columns
@@ -140,7 +140,7 @@ def numeric_columns(columns: Mapping[str, Column]) -> list[int]:
 
 
 def _named(table: Table, text: str) -> tuple[int, Unit | None]:
-    """Column and stated unit from ``column`` or ``column:unit``."""
+    """Column and unit from ``column`` or ``column:unit``."""
     name, colon, ending = text.rpartition(":")
     if not colon or text in table.names:
         return table.column(text), None
@@ -157,13 +157,13 @@ def _named(table: Table, text: str) -> tuple[int, Unit | None]:
     return table.column(text), None
 
 
-def _unit(table: Table, index: int, target: str, quantity: str, stated: Unit | None) -> Unit:
+def _unit(table: Table, index: int, target: str, quantity: str, given: Unit | None) -> Unit:
     name = table.names[index]
     if quantity == "stretch":
-        return _stretch_unit(table, index, target, stated)
+        return _stretch_unit(table, index, target, given)
     if quantity == "stress":
         _check_kind_of_stress(table, name, target)
-    unit = stated or table.unit(index)
+    unit = given or table.unit(index)
     if unit is None and quantity == "time":
         return UNITS["s"]
     if quantity == "shear":
@@ -204,36 +204,36 @@ def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
         )
 
 
-def _stretch_unit(table: Table, index: int, target: str, stated: Unit | None) -> Unit:
+def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
     """The kind of stretch, strain, length or displacement of a column; asks rather than guesses."""
     name = table.names[index]
     kinds, written = strain_kinds(name), table.unit(index)
     if written is not None and written.quantity in STRAINS and written.factor == 1.0:
         written = share_in(name) or written  # `E [%] (Green)`: the kind at the end, per cent before
     per_cent = written is not None and written.quantity == "fraction" and written.factor < 1.0
-    if stated is not None and stated.name == "percent" and kinds <= {"engineering"}:
+    if given is not None and given.name == "percent" and kinds <= {"engineering"}:
         return UNITS["engineering_percent"]
-    if stated is not None and stated.quantity in STRAINS:
+    if given is not None and given.quantity in STRAINS:
         # ':green' states the kind; per cent in the name is its scale.
         factor = written.factor if per_cent and written is not None else 1.0
-        return Unit(stated.name, stated.quantity, min(stated.factor, factor))
-    if stated is not None and stated.quantity in ("length", "displacement"):
-        return stated
-    if stated is None and written is not None and written.quantity == "length":
+        return Unit(given.name, given.quantity, min(given.factor, factor))
+    if given is not None and given.quantity in ("length", "displacement"):
+        return given
+    if given is None and written is not None and written.quantity == "length":
         return _length_unit(table, index, target, written)
-    if stated is None and written is not None and written.quantity == "displacement":
+    if given is None and written is not None and written.quantity == "displacement":
         return written
     described = written is None or written.quantity == "fraction" or written.quantity in STRAINS
-    if stated is None and described and not unknown_unit(name) and len(kinds) == 1:
+    if given is None and described and not unknown_unit(name) and len(kinds) == 1:
         (kind,) = kinds
         if not per_cent or written is None:
             return UNITS[kind]
         if kind != "stretch":
             return Unit(f"{kind}, {written.name}", kind, written.factor)
     state = f"it is not clear what kind of stretch or strain {name!r} is"
-    if stated is not None:
-        state = f"{name!r} is stated as {stated.name}, which leaves its kind open"
-    if stated is not None and kinds:
+    if given is not None:
+        state = f"{name!r} is given as {given.name}, which leaves its kind open"
+    if given is not None and kinds:
         state += f" (its name says {' and '.join(sorted(kinds))})"
     raise InputError(
         state,
@@ -258,12 +258,12 @@ def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
         return UNITS[f"displacement_{unit.name}"]
     if apart and not moved:
         return unit
-    stated = [shlex.quote(f"{target}={name}:{kind}{unit.name}") for kind in ("displacement_", "")]
+    texts = [shlex.quote(f"{target}={name}:{kind}{unit.name}") for kind in ("displacement_", "")]
     raise InputError(
         f"{name!r} may be a displacement or a length",
         file=table.path,
         column=name,
-        remedy=f"write {stated[0]} for how far grips or marks have moved, {stated[1]} for the "
+        remedy=f"write {texts[0]} for how far grips or marks have moved, {texts[1]} for the "
         "distance between them",
     )
 

@@ -70,7 +70,7 @@ class VirtualTest(Options):
     )
     hooks: int | None = option(
         None,
-        "Finite elements with N hooks an edge (5 if not said).",
+        "Finite elements with N hooks an edge (default 5).",
         kind=int,
         least=1,
         most=50,
