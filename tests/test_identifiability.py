@@ -173,7 +173,7 @@ def test_a_users_bound_is_not_a_physical_edge():
     found = identify(made_up(priors=cut, kappa=piled))["kappa"]
     assert found.verdict == NOT_IDENTIFIED
     assert [e.kind for e in found.evidence.edges] == ["physical", "user"]
-    assert "limited by the bound 0.100" in found.words
+    assert "limited by the prior bound 0.100" in found.words
     # the same draws below a physical edge
     physical = 1 / 3 - np.abs(rng.normal(0.0, 0.005, 8000))
     assert identify(made_up(kappa=physical))["kappa"].verdict == BOUNDED

@@ -82,7 +82,7 @@ def test_an_interval_is_widened_about_its_median_where_the_law_misses(clean):
 def test_what_the_misfit_leaves_open_is_not_identified(clean):
     row = rows(with_fit(clean, widening={"C1": 400.0}, misfit=0.2))["C1"]
     assert row.verdict == "not identified" and math.isnan(row.low) and math.isnan(row.high)
-    assert "the smooth misfit of GOH" in row.reason
+    assert "the model error of GOH" in row.reason
     # as wide as that, the dispersion is bounded or open, never a value
     kappa = rows(with_fit(clean, widening={"kappa": 20.0}))["kappa"]
     assert kappa.verdict != "identified"
@@ -111,7 +111,7 @@ def test_a_law_that_another_beats_has_no_parameters(clean):
     ordered = replace(worse, fits=tuple(sorted(worse.fits, key=lambda f: f.rms)))
     found = rows(replace(clean, fits=ordered))
     assert all(found[name].verdict == "not identified" for name in TRUTH)
-    assert "misses by" in found["C1"].reason and "goh misses by 9 kPa" in found["C1"].reason
+    assert "fits better than goh" in found["C1"].reason and " and 9 kPa" in found["C1"].reason
 
 
 def test_draws_that_have_not_converged_identify_nothing(clean):

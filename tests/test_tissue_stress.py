@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.identifiability.determined import MEASURED, _moved, determined, mounting_stated
+from biaxbayes.identifiability.determined import MEASURED, _moved, determined, mounting_measured
 from biaxbayes.laws.goh import GOH
 from biaxbayes.specimens.specimen import Protocol, Specimen
 from goh_functions import GOH_LAW
@@ -123,8 +123,8 @@ def test_nothing_is_stated_where_a_tenth_of_the_stretch_may_be_unmeasured():
         assert found.loc[cauchy, "low_90"].notna().all()
         nominal = found["quantity"].str.contains(MEASURED, regex=False)
         assert found.loc[nominal, "tissue_low_90"].notna().all()
-    assert mounting_stated({"mounting_stretch_x": 1.12})
-    assert not mounting_stated({"kappa": 0.1})
+    assert mounting_measured({"mounting_stretch_x": 1.12})
+    assert not mounting_measured({"kappa": 0.1})
 
 
 def test_stresses_hold_with_the_mounting_stretch_that_is_stated_as_a_value():

@@ -144,17 +144,17 @@ def kappa(verdict: str, evidence: Evidence | None, prior: object = 0.1, **how: s
         (
             NOT_IDENTIFIED,
             replace(LOOSE, posterior_sd=0.08, prior_sensitivity=0.3),
-            "not identified, 0.050 to 0.250 (90 %); the data take 36 % off the prior's variance",
+            "not identified, 0.050 to 0.250 (90 %); the data reduce the prior variance by 36 %",
         ),
         (
             NOT_IDENTIFIED,
             replace(LOOSE, posterior_sd=0.12),
-            "not identified, 0.050 to 0.250 (90 %); the data take 0 % off the prior's variance",
+            "not identified, 0.050 to 0.250 (90 %); the data reduce the prior variance by 0 %",
         ),
         (
             NOT_IDENTIFIED,
             replace(LOOSE, edges=(LOW, edge(1, "user", value=0.27))),
-            "not identified, 0.050 to 0.250 (90 %); limited by the bound 0.270 of its prior",
+            "not identified, 0.050 to 0.250 (90 %); limited by the prior bound 0.270",
         ),
         (NO_VERDICT, LOOSE, "no verdict, the chains have not converged (tentative)"),
         (FIXED, None, "fixed at 0.1"),
@@ -167,9 +167,7 @@ def test_a_verdict_is_one_sentence(verdict, evidence, sentence):
 def test_sentences_say_ties_units_and_what_means_nothing():
     assert kappa(FIXED, None, Tie(0.5, "k1")) == "kappa: tied, 0.5 times k1"
     why = "means nothing at kappa 1/3"
-    assert kappa(NOT_IDENTIFIED, SHARP, meaningless=why).endswith(
-        f"% off the prior's variance; {why}"
-    )
+    assert kappa(NOT_IDENTIFIED, SHARP, meaningless=why).endswith(f"%; {why}")
     e = replace(LOOSE, parameter=K1, low=10.0, high=19.9)
     told = verdict_sentence(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
     assert told == "k1: identified, 10 to 19.9 kPa (90 %)"  # sharp: the ends' ratio is below 2

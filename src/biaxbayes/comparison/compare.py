@@ -33,19 +33,6 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL
 
-__all__ = [
-    "DISJOINT",
-    "WARNING",
-    "Comparison",
-    "Member",
-    "compare",
-    "differing_settings",
-    "distances_between",
-    "labels_of",
-    "reported_rows",
-]
-
-
 # --- whether runs can be compared at all: what else than the tissue differs between them ---------
 
 
@@ -263,7 +250,6 @@ def reported_rows(member: Member, thresholds: Thresholds | None = None) -> Seque
 
     Parameters
     ----------
-    member : Member
     thresholds : Thresholds, optional
     """
     if member.reported:
@@ -304,7 +290,6 @@ def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
 
     Parameters
     ----------
-    specimens : sequence of Specimen
     folders : sequence of str
         Names of the run folders.
     """

@@ -18,9 +18,6 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL
 
-__all__ = ["Distance", "contractions", "distance", "prior_material", "spread"]
-
-
 # --- how far two posteriors of one quantity lie apart --------------------------------------------
 
 
@@ -58,10 +55,6 @@ def distance(a: np.ndarray, b: np.ndarray, *, seed: int = 0) -> Distance:
         Finite draws of two runs.
     seed : int
         For the random pairing behind the interval of the difference.
-
-    Returns
-    -------
-    Distance
     """
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     rng = np.random.default_rng(seed)
@@ -107,7 +100,6 @@ def prior_material(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
 
     Parameters
     ----------
-    posterior : Posterior
     draws : DataFrame
         Its draws, for the names.
     """

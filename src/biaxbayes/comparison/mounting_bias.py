@@ -29,17 +29,6 @@ from biaxbayes.prediction.stress import covered_stretches
 from biaxbayes.sampling.sampler import Plan, Progress
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "TREATMENTS",
-    "Ledger",
-    "Treated",
-    "classical",
-    "default_stretches",
-    "ledger",
-    "treat",
-    "treated_three_ways",
-]
-
 TREATMENTS = ("inferred", "ignored", "zeroed")
 MOST_DRAWS = 20_000
 
@@ -124,11 +113,8 @@ def treat(
 
     Parameters
     ----------
-    specimen : Specimen
     options : mapping
         Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`.
-    plan : Plan
-    progress : callable
     """
     posterior = prepare(specimen, **options, seed=plan.seed)
     drawn = draw_posterior(posterior, plan, progress=progress)
@@ -175,10 +161,6 @@ def ledger(treated: Mapping[str, Treated], stretches: Sequence[float] | None = N
     stretches : sequence of float, optional
         Total equibiaxial stretches of the stresses; five up to the largest tested one if not
         given.
-
-    Returns
-    -------
-    Ledger
     """
     inferred = treated["inferred"]
     specimen = inferred.posterior.specimen

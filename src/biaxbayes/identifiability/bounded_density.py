@@ -13,8 +13,6 @@ import numpy as np
 
 from biaxbayes.options import CONTENT
 
-__all__ = ["Span", "at_edges", "curve", "interval", "robust_sd", "span"]
-
 BINS = 256
 TAIL = 0.0005
 """Share of the draws on each side that a range may leave out."""
@@ -99,7 +97,6 @@ def curve(values: np.ndarray, axis: Span) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     values : ndarray, shape (n,)
-    axis : Span
 
     Returns
     -------

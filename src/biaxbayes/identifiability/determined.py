@@ -1,18 +1,16 @@
-"""What the data do determine: the structure tensor, stiffness, stress and energy.
-
-These are what a biaxial test sees. Draws that disagree in every parameter may agree in all of
-them.
+"""Quantities that the data determine: structure tensor, stiffness, stress and energy.
 
 Parameters that trade with each other can leave these sharp: the same curves mean the same stress.
-A stress has two intervals. The model's holds what the parameters leave open; the tissue's holds,
-with it, the error that the run inferred, which is mostly what the model misses, and, at total
-stretches, a mounting stretch that is not identified.
+A stress has two intervals. The law's holds the uncertainty of the parameters; the tissue's holds
+the inferred error as well, mostly model error, and at total stretches a mounting stretch that is
+not identified.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,21 +25,7 @@ from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = [
-    "FARTHEST",
-    "MEASURED",
-    "Derived",
-    "derived_quantities",
-    "determined",
-    "largest_equibiaxial",
-    "median_mounting",
-    "mounting_stated",
-    "some_draws",
-    "stated_stretches",
-]
-
-
-# --- what a material does, draw by draw: structure tensor -----------------------------------------
+# --- draw by draw: structure tensor, stiffness, stress --------------------------------------------
 
 
 STRESS, STIFFNESS, TENSOR = "stress", "stiffness", "structure tensor"
@@ -89,13 +73,12 @@ def derived_quantities(
     ----------
     draws : DataFrame
         With the parameters of the law.
-    law : Law
     stress_at, stiffness_at : sequence of float
         Total equibiaxial stretches. The stress is the Cauchy stress; the stiffness is
         d s_x / d ln l_x at constant l_y (y alike), kPa. At a stretch of one that is the
         small-strain stiffness.
     tensor : bool
-        Whether to give what the law says of itself, as the structure tensor.
+        Whether to give quantities of the law itself, as the structure tensor.
 
     Returns
     -------
@@ -120,7 +103,7 @@ def derived_quantities(
 
 
 def some_draws(draws: pd.DataFrame) -> pd.DataFrame:
-    """At most :data:`MOST_DRAWS` rows, evenly chosen: the same wherever a quantity is told of."""
+    """At most :data:`MOST_DRAWS` rows, evenly chosen."""
     return draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
 
 
@@ -141,27 +124,35 @@ def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
     return float(np.max(top, axis=0).min())
 
 
-# --- what the data do determine: the structure tensor, stiffness, stress and energy --------------
+# --- the table: determined.csv ------------------------------------------------------------------
 
 
 MOST_DRAWS = 8000
-"""Draws, evenly chosen, that every number that follows from parameters is computed of."""
+"""Draws, evenly chosen, from which every derived quantity is computed."""
 MEASURED = " at the measured stretch"
 """Ending of a nominal stress whose stretches refer to the mounted state."""
 FARTHEST = 1.1
-"""Where the mounting stretch may be larger, total stretches rest too much on extrapolation."""
+"""Above this mounting stretch, stresses at total stretches rest too much on extrapolation."""
 SHARES = (0.5, 1.0)
 NORMAL_90 = 3.29
 """Width of a normal's central 90 % over its sd."""
 
 
 State = tuple[float, float]
-Quantity = tuple[str, str, State, np.ndarray, tuple[np.ndarray, np.ndarray] | None]
-"""Name, unit, stretches, values of the draws, those of the tissue and the sd of their error."""
 
 
-def stated_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[float, float]]:
-    """Total stretches to state quantities at: half-way and at the end of every protocol.
+class _Quantity(NamedTuple):
+    """A row of the table, draw by draw; of the tissue its values and the sd of their error."""
+
+    name: str
+    unit: str
+    stretches: State
+    values: np.ndarray
+    tissue: tuple[np.ndarray, np.ndarray] | None = None
+
+
+def table_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[float, float]]:
+    """Total stretches of the table: half-way and at the end of every protocol.
 
     The measured stretches times the posterior median of the mounting stretch, to three decimals.
     """
@@ -175,8 +166,8 @@ def stated_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[floa
     return out
 
 
-def mounting_stated(priors: Mapping[str, object]) -> bool:
-    """Whether a user stated priors of the mounting stretch: it was measured then."""
+def mounting_measured(priors: Mapping[str, object]) -> bool:
+    """Whether the priors of a user hold the mounting stretch: it was measured then."""
     return not {"mounting_stretch", *mounting_names("stretch")}.isdisjoint(priors)
 
 
@@ -202,28 +193,26 @@ def determined(
     ----------
     draws : DataFrame
         Posterior draws by the names of ``summary.csv``.
-    specimen : Specimen
-    law : Law
     stretches : sequence of (float, float), optional
-        Total stretches (x, y); default :func:`stated_stretches`.
+        Total stretches (x, y); default :func:`table_stretches`.
     refits : mapping of str to (float, float), optional
         Ranges of the mounting stretches that are not identified, by name. Stresses of the tissue at
         total stretches are those of a mounted state that lies anywhere in the range.
     values : mapping of str to (float, float), optional
-        Both ends of the mounting stretches that are stated of the tissue as values, by name: they
-        stand in the place of ``refits`` and of the draws' own interval, however far they are.
+        Both ends of the mounting stretches that are identified, by name: they replace ``refits``
+        and the interval of the draws.
     mounting_known : bool
-        Whether the mounting stretch was measured, as by an image, and its prior states it. Else
-        stresses of the tissue at total stretches are not stated where one that is not stated as a
-        value may be 1.1 or more.
+        Whether the mounting stretch was measured and its prior holds it. Else the tissue has no
+        stresses at total stretches where a mounting stretch that is not identified may be 1.1 or
+        more.
 
     Returns
     -------
     DataFrame
         Columns quantity, unit, stretch_x, stretch_y (NaN where there is none), median, low_90,
         high_90, relative_width, the interval over the median's magnitude, and for stresses
-        tissue_low_90 and tissue_high_90 (else, and where they are not stated, NaN), which hold the
-        error that the run inferred as well: the interval to state for the tissue.
+        tissue_low_90 and tissue_high_90 (else, and where there are none, NaN), which hold the
+        error that the run inferred as well: the interval of the tissue.
 
         Stretches are total, but for the nominal stresses "at the measured stretch", half-way and
         at the end of every protocol and relative to its mounted state. These are loads over the
@@ -235,34 +224,34 @@ def determined(
         d s_x / d ln l_y (xy). The exponent is k2 E^2 at the largest stretch of the tests.
     """
     few = some_draws(draws)
-    states = list(stretches) if stretches is not None else stated_stretches(draws, specimen)
+    states = list(stretches) if stretches is not None else table_stretches(draws, specimen)
     ranges = {**(refits or {}), **(values or {})}
     with np.errstate(over="ignore", invalid="ignore"):
-        stated = mounting_known or _farthest(few, specimen, ranges, values or {}) < FARTHEST
-        found = list(_quantities(few, specimen, states, law, ranges, stated))
+        near = mounting_known or _farthest(few, specimen, ranges, values or {}) < FARTHEST
+        quantities = list(_quantities(few, specimen, states, law, ranges, near))
         if stretches is None:
-            found += _measured_stresses(few, specimen, law.material(few))
-        tissue = _tissue([around for *_, around in found])
-        rows = [_row(*of[:4], ends) for of, ends in zip(found, tissue, strict=True)]
+            quantities += _measured_stresses(few, specimen, law.material(few))
+        tissue = _tissue_intervals([q.tissue for q in quantities])
+        rows = [_row(q, ends) for q, ends in zip(quantities, tissue, strict=True)]
     return pd.DataFrame(rows)
 
 
-def _tissue(
-    arounds: Sequence[tuple[np.ndarray, np.ndarray] | None],
+def _tissue_intervals(
+    tissues: Sequence[tuple[np.ndarray, np.ndarray] | None],
 ) -> list[tuple[float, float]]:
     """Intervals of quantities with their errors, NaN where there is none.
 
-    All whose draws are known at the same places are found at once, in a tenth of the time.
+    All whose draws are finite at the same places are computed at once, in a tenth of the time.
     """
-    out = [(np.nan, np.nan)] * len(arounds)
-    alike: dict[bytes, list[int]] = {}
-    for i, around in enumerate(arounds):
-        if around is not None:
-            alike.setdefault(np.isfinite(around[0]).tobytes(), []).append(i)
-    for mask, members in alike.items():
-        known = np.frombuffer(mask, dtype=bool)
+    out = [(np.nan, np.nan)] * len(tissues)
+    groups: dict[bytes, list[int]] = {}
+    for i, tissue in enumerate(tissues):
+        if tissue is not None:
+            groups.setdefault(np.isfinite(tissue[0]).tobytes(), []).append(i)
+    for mask, members in groups.items():
+        finite = np.frombuffer(mask, dtype=bool)
         centre, sd = (
-            np.column_stack([around[k][known] for i in members if (around := arounds[i])])
+            np.column_stack([pair[k][finite] for i in members if (pair := tissues[i])])
             for k in (0, 1)
         )
         for i, low, high in zip(members, *mixture_percentiles(centre, sd, INTERVAL), strict=True):
@@ -270,20 +259,14 @@ def _tissue(
     return out
 
 
-def _row(
-    name: str,
-    unit: str,
-    state: State,
-    values: np.ndarray,
-    tissue: tuple[float, float],
-) -> dict[str, object]:
-    values = np.nan_to_num(values, nan=np.inf)  # what overflows is large
+def _row(quantity: _Quantity, tissue: tuple[float, float]) -> dict[str, object]:
+    values = np.nan_to_num(quantity.values, nan=np.inf)  # what overflows is large
     low, median, high = (float(q) for q in np.quantile(values, [INTERVAL[0], 0.5, INTERVAL[1]]))
     return {
-        "quantity": name,
-        "unit": unit,
-        "stretch_x": state[0],
-        "stretch_y": state[1],
+        "quantity": quantity.name,
+        "unit": quantity.unit,
+        "stretch_x": quantity.stretches[0],
+        "stretch_y": quantity.stretches[1],
         "median": median,
         "low_90": low,
         "high_90": high,
@@ -299,15 +282,16 @@ def _quantities(
     states: list[State],
     law: Law,
     ranges: Mapping[str, tuple[float, float]],
-    stated: bool,
-) -> Iterator[Quantity]:
+    near: bool,
+) -> Iterator[_Quantity]:
     material = law.material(draws)
     nowhere = (np.nan, np.nan)
     for name, values in law.derived_quantities(material).items():
-        yield name, "", nowhere, values[:, 0], None
+        yield _Quantity(name, "", nowhere, values[:, 0])
     small = material.cauchy_by_log_stretch(1.0, 1.0)
     for name, i, j in TANGENTS:
-        yield f"small-strain stiffness {name}", "kPa", (1.0, 1.0), small[i, j, :, 0], None
+        stiffness = small[i, j, :, 0]
+        yield _Quantity(f"small-strain stiffness {name}", "kPa", (1.0, 1.0), stiffness)
     lm = np.mean([protocol_mounting(draws, p) for p in specimen.protocols], axis=0)
     moved = _moved(specimen, lm, ranges)
     for state in states:
@@ -323,13 +307,14 @@ def _quantities(
         for axis, name in enumerate("xy"):
             # s_k = l_k P_k
             own, tissue, sd = (state[axis] * v[:, axis] for v in (piola, there, error))
-            yield f"Cauchy stress {name}", "kPa", state, own, (tissue, sd) if stated else None
+            around = (tissue, sd) if near else None
+            yield _Quantity(f"Cauchy stress {name}", "kPa", state, own, around)
         for name, i, j in TANGENTS:
-            yield f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0], None
-        yield "strain energy", "kPa", state, energy[:, 0], None
+            yield _Quantity(f"tangent stiffness {name}", "kPa", state, tangent[i, j, :, 0])
+        yield _Quantity("strain energy", "kPa", state, energy[:, 0])
     tops = [np.tile(state, (len(draws), 1)) for state in states]
     for name, values in law.derived_at(material, tops).items():
-        yield name, "", nowhere, values, None
+        yield _Quantity(name, "", nowhere, values)
 
 
 TANGENTS = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1))
@@ -341,7 +326,7 @@ def _farthest(
     ranges: Mapping[str, tuple[float, float]],
     values: Mapping[str, tuple[float, float]],
 ) -> float:
-    """The largest mounting stretch that intervals and ranges hold, but for stated values."""
+    """The largest mounting stretch in intervals and ranges, without those that are identified."""
     states = mounting_labels(draws, specimen)
     columns = [name for state in states for name in mounting_names("stretch", state)]
     ends = {c: float(np.quantile(draws[c], INTERVAL[1])) for c in columns}
@@ -359,10 +344,10 @@ def _moved(
     states = ("", *(p.name for p in specimen.protocols))
     for axis in range(2):
         own = (ranges.get(mounting_names("stretch", state)[axis]) for state in states)
-        found = [r for r in own if r is not None]
-        if not found:
+        known = [r for r in own if r is not None]
+        if not known:
             continue
-        low, high = np.mean(found, axis=0)
+        low, high = np.mean(known, axis=0)
         first, last = np.quantile(lm[:, axis], INTERVAL)
         # As much scatter as fills the range with 90 %, together with that of the draws.
         sd = np.sqrt(max((high - low) ** 2 - (last - first) ** 2, 0.0)) / NORMAL_90
@@ -374,7 +359,7 @@ def _moved(
 
 def _measured_stresses(
     draws: pd.DataFrame, specimen: Specimen, material: Material
-) -> Iterator[Quantity]:
+) -> Iterator[_Quantity]:
     """Nominal stresses half-way and at the end of every protocol, from its own mounted state."""
     if not mounting_labels(draws, specimen):
         return
@@ -389,7 +374,7 @@ def _measured_stresses(
             scale = lm if specimen.geometry == "mounted" else np.ones_like(lm)
             for axis, name in enumerate("xy"):
                 own, sd = (scale[:, axis] * v[:, axis] for v in (piola, error))
-                yield f"nominal stress {name}{ending}", "kPa", state, own, (own, sd)
+                yield _Quantity(f"nominal stress {name}{ending}", "kPa", state, own, (own, sd))
 
 
 def _piola(

@@ -50,7 +50,6 @@ def evidence_of_run(
         Medians and intervals are theirs.
     free : tuple of Scale
         With a prior each.
-    thresholds : Thresholds
     refits : callable
         Fits to parts of the record, of the posterior.
     """
@@ -101,7 +100,6 @@ def evidence_of_draws(
         sensitivity is not known.
     distances : mapping of str to float
         How near to a physical edge counts as near, by kind of parameter.
-    thresholds : Thresholds
     """
     values = np.column_stack([s.to_scale(draws[s.name].to_numpy(dtype=float)) for s in free])
     by_prior, by_data = (power_scaling.sensitivity(values, log) for log in log_components)

@@ -93,12 +93,9 @@ def swapped_columns(
 
     Parameters
     ----------
-    specimen : Specimen
     residuals : sequence of ndarray
         Of a fit of the specimen as it is, in its unit. The two fits that are compared fix
         nothing.
-    law : str
-    fibre_switch : bool
 
     Returns
     -------

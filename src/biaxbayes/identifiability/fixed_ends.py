@@ -60,10 +60,8 @@ def fixed_ends(
 
     Parameters
     ----------
-    posterior : Posterior
     edges : mapping of str to sequence of Edge
         By parameter: physical ends of its range.
-    seed : int
 
     Returns
     -------
@@ -81,15 +79,8 @@ def fixed_end(posterior: Posterior, name: str, edge: Edge, seed: int = 0) -> Fix
 
     Parameters
     ----------
-    posterior : Posterior
     name : str
         A parameter of the law.
-    edge : Edge
-    seed : int
-
-    Returns
-    -------
-    FixedEnd or None
     """
     from biaxbayes.model.preparation import charted
 

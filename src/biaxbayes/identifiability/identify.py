@@ -172,7 +172,6 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
 
     Parameters
     ----------
-    posterior : Posterior
     draws : DataFrame
         As of :func:`identify_draws`.
     state : {"converged", "tentative", "unusable"}

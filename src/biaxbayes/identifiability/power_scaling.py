@@ -20,8 +20,6 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.parameters import mounting_names
 
-__all__ = ["ends_by_prior", "log_likelihood", "log_prior", "sensitivity"]
-
 POWERS = (0.99, 1.01)
 END_POWERS = (0.8, 1.25)
 DECIDES = 0.25

@@ -1,14 +1,15 @@
 """What to report of every parameter: one interval or bound, one verdict, one short reason.
 
-`identified` is a two-sided interval that no other law, no misfit and no prior takes away; `bounded`
-one end; `only in combination` an interval that shrinks once the named partners are known; `not
-identified` neither. Intervals are 90 %, bounds 95 %.
+- `identified`: a two-sided interval, robust to the choice of law, to model error and to the prior
+- `bounded`: one limit
+- `only in combination`: a two-sided interval, wide because the parameter trades with those named
+- `not identified`: no usable limit
 
-A posterior holds within its law. Where the law misses the record smoothly, its intervals are too
-narrow: each is widened about its median by the ratio of two errors of the least squares, with the
-smooth misfit and without (:mod:`biaxbayes.fitting.law_fit`). Where another law describes the record
-distinctly better, a parameter of this law is no property of the tissue. Mounting stretches are
-those on which all laws that fit agree (:mod:`.mounting_stretch.interval`).
+Intervals are 90 %, bounds 95 %. A posterior holds within its law. Where the law misses the record
+smoothly, its intervals are too narrow: each is widened about its median by the ratio of two errors
+of the least squares, with the smooth misfit and without (:mod:`biaxbayes.fitting.law_fit`). Where
+another law fits distinctly better, the parameters of this law are not identified. Mounting
+stretches are those on which all laws that fit agree (:mod:`.mounting_stretch.interval`).
 
 The rows as text are the same words and digits wherever they are printed.
 """
@@ -45,9 +46,9 @@ from biaxbayes.text_files import aligned
 OPEN = float("nan")
 PRIOR_DECIDES = "the prior, not the data, determines it"
 WIDEST = 10.0
-"""Ratio of the ends of an interval of a stiffness or an exponent beyond which it is no value."""
+"""Largest ratio of the ends of an interval that counts as identified, of stiffnesses, exponents."""
 NAMED_WIDENING = 1.2
-"""A reason names the widening of an interval from here on."""
+"""The reason gives the widening of an interval from this factor on."""
 
 
 @dataclass(frozen=True)
@@ -87,14 +88,12 @@ def reported(
 
     Parameters
     ----------
-    parameters : sequence of ParameterVerdict
     fits : LawFits or None
         Fits of all laws to the record.
     law : Law
         Of the run.
     state : {"converged", "tentative", "unusable"}
         Of the run.
-    thresholds : Thresholds
     """
     out = []
     for p in parameters:
@@ -123,69 +122,85 @@ def _material(
     p: ParameterVerdict, e: Evidence, fits: LawFits | None, law: Law, thresholds: Thresholds
 ) -> Reported:
     scale = p.scale
-    name, unit = p.name, scale.unit
-
-    def not_identified(reason: str) -> Reported:
-        return Reported(name, unit, OPEN, OPEN, NOT_IDENTIFIED, reason)
-
     own = None if fits is None else fits[law.name]
-    if fits is not None and (better := better_law_message(fits, law.name)):
-        return not_identified(better)
-    if p.verdict == NOT_IDENTIFIED:
-        bounds = [edge for edge in e.open_edges(thresholds) if edge.kind == "user"]
-        if bounds:
-            bound = scale.parameter.number(bounds[0].value)
-            return not_identified(f"limited by the bound {bound} of its prior")
-        return not_identified(p.meaningless or PRIOR_DECIDES)
+    better_law = "" if fits is None else better_law_message(fits, law.name)
     factor = 1.0 if own is None else own.widening.get(scale.kind, 1.0)
-    low, high, open_low, open_high = _interval(scale, e, factor)
-    misfit = ""
-    if own is not None and factor >= NAMED_WIDENING:
-        misfit = (
-            f"widened {factor:.2g} times for the smooth misfit of {law.called} "
-            f"({100.0 * own.misfit:.2g} % of the load)"
-        )
+    low, high, reached = _interval(scale, e, factor)
+    # the verdict on the interval as it is reported
     wide = replace(e, low=low, high=high, posterior_sd=factor * e.posterior_sd)
     verdict = decide(wide, thresholds, meaningless=bool(p.meaningless))
+    open_sides = reached | {edge.side for edge in e.open_edges(thresholds)}
+    ratio = high / max(low, 1e-300) if scale.logarithmic else 1.0
+    model_error = ""
+    if own is not None and factor >= NAMED_WIDENING:
+        model_error = (
+            f"widened {factor:.2g} times for the model error of {law.called} "
+            f"({100.0 * own.misfit:.2g} % of the load)"
+        )
     partners = e.partners.names if e.is_traded(thresholds) else ()
     trades = f"trades with {listed(partners)}" if partners else ""
-    if verdict == COMBINATION:
-        if wide.contraction <= 0.0:  # wider than the prior
-            return not_identified(misfit or PRIOR_DECIDES)
-        return Reported(name, unit, low, high, COMBINATION, trades, partners)
-    # one-sided where the data do not exclude an end of the range, or the misfit carries it there
-    sides = [edge.side for edge in e.open_edges(thresholds)]
-    sides += [side for side, at in ((0, open_low), (1, open_high)) if at]
-    if len(set(sides)) == 2:
-        return not_identified(misfit or "the data exclude neither end of its range")
-    if sides:
-        ends = (OPEN, high) if sides[0] == 0 else (low, OPEN)
-        return Reported(name, unit, *ends, BOUNDED, misfit or _end_words(p, sides[0]))
-    if verdict == NOT_IDENTIFIED:
-        return not_identified(misfit or PRIOR_DECIDES)
-    if scale.logarithmic and high > WIDEST * low:
-        factor_words = f"known only to a factor of {high / low:.2g}"
-        return not_identified("; ".join(filter(None, (factor_words, misfit))))
-    reason = "; ".join(filter(None, (misfit or "the data determine it", trades)))
-    return Reported(name, unit, low, high, IDENTIFIED, reason)
+
+    # the first rule that holds: verdict and reason
+    rules: list[tuple[object, str, str]] = [
+        (better_law, NOT_IDENTIFIED, better_law),
+        (p.verdict == NOT_IDENTIFIED, NOT_IDENTIFIED, _prior_reason(p, e, thresholds)),
+        (
+            verdict == COMBINATION and wide.contraction <= 0.0,  # wider than the prior
+            NOT_IDENTIFIED,
+            model_error or PRIOR_DECIDES,
+        ),
+        (verdict == COMBINATION, COMBINATION, trades),
+        (
+            len(open_sides) == 2,
+            NOT_IDENTIFIED,
+            model_error or "the data are compatible with both ends of its range",
+        ),
+        (open_sides, BOUNDED, model_error or _end_reason(p, open_sides)),
+        (verdict == NOT_IDENTIFIED, NOT_IDENTIFIED, model_error or PRIOR_DECIDES),
+        (
+            ratio > WIDEST,
+            NOT_IDENTIFIED,
+            "; ".join(filter(None, (f"known only to a factor of {ratio:.2g}", model_error))),
+        ),
+        (
+            True,
+            IDENTIFIED,
+            "; ".join(filter(None, (model_error or "the data determine it", trades))),
+        ),
+    ]
+    verdict, reason = next((v, why) for holds, v, why in rules if holds)
+    if verdict == NOT_IDENTIFIED or (verdict == BOUNDED and 0 in open_sides):
+        low = OPEN
+    if verdict == NOT_IDENTIFIED or (verdict == BOUNDED and 1 in open_sides):
+        high = OPEN
+    partners = partners if verdict == COMBINATION else ()
+    return Reported(p.name, scale.unit, low, high, verdict, reason, partners)
 
 
-def _interval(scale: Scale, e: Evidence, factor: float) -> tuple[float, float, bool, bool]:
-    """The widened interval in natural units, and whether it reaches an end of the range."""
+def _interval(scale: Scale, e: Evidence, factor: float) -> tuple[float, float, set[int]]:
+    """The widened interval in natural units, and the ends of the range that it reaches."""
     median = float(scale.to_scale(np.array(e.median)))
     ends = scale.to_scale(np.array([e.low, e.high]))
     low, high = scale.from_scale(np.array(widened(float(ends[0]), median, float(ends[1]), factor)))
     bottom, top = scale.limits
-    mirror = scale.parameter.mirror
-    out = max(float(low), bottom), min(float(high), top)
-    return *out, low <= bottom and not mirror, high >= top and not mirror
+    reached = set()
+    if not scale.parameter.mirror:
+        reached = {side for side, at in ((0, low <= bottom), (1, high >= top)) if at}
+    return max(float(low), bottom), min(float(high), top), reached
 
 
-def _end_words(p: ParameterVerdict, side: int) -> str:
-    parameter = p.scale.parameter
+def _prior_reason(p: ParameterVerdict, e: Evidence, thresholds: Thresholds) -> str:
+    bounds = [edge.value for edge in e.open_edges(thresholds) if edge.kind == "user"]
+    if bounds:
+        return f"limited by the prior bound {p.scale.parameter.number(bounds[0])}"
+    return p.meaningless or PRIOR_DECIDES
+
+
+def _end_reason(p: ParameterVerdict, open_sides: set[int]) -> str:
+    side, parameter = min(open_sides), p.scale.parameter
     meaning = (parameter.at_low, parameter.at_high)[side]
     end = f"the {('lower', 'upper')[side]} end of its range"
-    return f"the data do not exclude {meaning or end}"
+    return f"the data are compatible with {meaning or end}"
 
 
 # --- the rows as text ----------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """Materials that give the same curves: one parameter is moved, the others follow.
 
-The measured curves of one posterior draw are the target. The moved parameter is held at a series
+The measured curves of one posterior draw are the target. The moved parameter is fixed at a series
 of values, and at each the others are fitted to the target's loads, the mounting stretch following
 from the target's mounting force. What is left over is how much the curves change.
 """
@@ -24,9 +24,7 @@ from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["SameCurves", "same_curves"]
-
-ROWS = 40  # of each protocol, to fit; what is stated is the change over all rows
+ROWS = 40  # of each protocol, to fit; the reported change is over all rows
 STEPS = 12
 
 
@@ -37,7 +35,7 @@ class SameCurves:
     Attributes
     ----------
     moved : str
-        The parameter that was held at each value.
+        The parameter that was fixed at each value.
     materials : DataFrame
         C1, k1 (kPa), k2, alpha (degrees), kappa along the path.
     mounting_stretch : ndarray, shape (p, 2, m)
@@ -82,7 +80,6 @@ def same_curves(
     ----------
     draw : Series
         Names as in ``summary.csv``.
-    specimen : Specimen
     settings : Settings
         Of the run that the draw is from.
     moved : str
@@ -93,8 +90,8 @@ def same_curves(
         Parameters that may follow (others stay).
     """
     ridge = _Ridge(draw, specimen, settings, moved, free)
-    here = ridge.held(float(draw[moved]))
-    low, high = (ridge.held(v) for v in values)
+    here = ridge.to_fit(float(draw[moved]))
+    low, high = (ridge.to_fit(v) for v in values)
     logs = settings.material_law.parameter(moved).logarithmic
 
     def between(a: float, b: float) -> np.ndarray:
@@ -152,7 +149,7 @@ class _Ridge:
         self.full = replace(data, load=self._loads(data, self.origin)[0])
         self.few = self.full.thinned(ROWS)
 
-    def held(self, value: float) -> float:
+    def to_fit(self, value: float) -> float:
         """A natural value of the moved parameter in the coordinates of the fits."""
         values = list(self.values)
         values[self.moved] = float(value)

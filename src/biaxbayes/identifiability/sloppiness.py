@@ -30,9 +30,6 @@ from biaxbayes.model.priors import Prior, Tie
 from biaxbayes.parameters import MATERIAL, Parameter, mounting_names
 from biaxbayes.prediction.draws import median_draw
 
-__all__ = ["Direction", "Partners", "Sloppiness", "find_partners", "sloppiness"]
-
-
 # --- what a parameter trades with: how narrow it would be if others were known -------------------
 
 
@@ -227,7 +224,6 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
 
     Parameters
     ----------
-    posterior : Posterior
     draws : DataFrame
         Of converged chains.
 

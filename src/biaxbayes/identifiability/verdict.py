@@ -185,8 +185,6 @@ def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = Fa
 
     Parameters
     ----------
-    evidence : Evidence
-    thresholds : Thresholds
     meaningless : bool
         The data do not exclude that the parameter means nothing (an angle where the fibres are
         isotropic): no value of it is excluded then, however narrow its posterior.
@@ -230,7 +228,6 @@ def judge_parameters(
     law : Law
         For ends of its parameters at which another one means nothing.
     state : {"converged", "tentative", "unusable"}
-    thresholds : Thresholds
     mounting : mapping of str to MountingInterval, optional
         Intervals of the mounting stretches that all laws agree on.
     """
@@ -294,11 +291,8 @@ def verdict_sentence(
 
     Parameters
     ----------
-    scale : Scale
-    verdict : str
     evidence : Evidence, optional
         None for a fixed or tied parameter.
-    thresholds : Thresholds
     state : str
         Of the run.
     meaningless : str
@@ -333,10 +327,10 @@ def verdict_sentence(
     elif verdict == NOT_IDENTIFIED:
         bounds = [p.number(edge.value) for edge in ends if edge.kind == "user"]
         if bounds:
-            text += f"; limited by the bound {listed(bounds)} of its prior"
+            text += f"; limited by the prior bound {listed(bounds)}"
         else:
             share = 100.0 * max(e.contraction, 0.0)
-            text += f"; the data take {share:.0f} % off the prior's variance"
+            text += f"; the data reduce the prior variance by {share:.0f} %"
     if meaningless:
         text += f"; {meaningless}"
     if e.modes > 1:

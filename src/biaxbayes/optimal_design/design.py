@@ -168,7 +168,6 @@ def design(
 
     Parameters
     ----------
-    posterior : Posterior
     draws : DataFrame
         Its draws, as in ``run.draws``.
     candidates : sequence of Candidate, optional
@@ -176,7 +175,6 @@ def design(
     rank_by : str
         ``parameters`` (mean reduction over the free material parameters), ``information``, or
         the name of a quantity whose spread is to shrink most.
-    seed : int
     outcomes : int
         Simulated outcomes of each candidate.
     executor : Executor, optional

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from biaxbayes.errors import RunError, listed
-from biaxbayes.identifiability.determined import determined, mounting_stated
+from biaxbayes.identifiability.determined import determined, mounting_measured
 from biaxbayes.identifiability.fixed_ends import fixed_end_table
 from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.mounting_stretch.interval import measurement_advice
@@ -172,7 +172,7 @@ def run_result(
             law,
             refits=verdicts.mounting_ranges(),
             values=verdicts.mounting_values(),
-            mounting_known=mounting_stated(settings.priors),
+            mounting_known=mounting_measured(settings.priors),
         )
     return RunResult(
         law=law.name,

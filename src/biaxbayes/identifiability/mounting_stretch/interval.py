@@ -1,19 +1,18 @@
-"""What can be reported of the mounting stretch of the tissue, whatever law it follows.
+"""What to report of a mounting stretch, whatever law the tissue follows.
 
 A posterior holds within its law. The way from the unloaded to the mounted state was not measured:
-each law extrapolates it in its own way, and laws that describe the record equally well may put the
-mounting stretch elsewhere. The tissue follows one more law than those that are fitted. So the other
-laws are fitted under the same mounting constraint. Each mounting stretch errs by its own error (the
-noise of all readings, the smooth misfit of the law) and by a share of its strain that a further law
-may add; both ends stand at 5 and 95 % of that, over all laws that fit and two at least, and
+each law extrapolates it in its own way, and laws that fit equally well may put the mounting stretch
+elsewhere. The true law is none of those that are fitted. So each law's estimate gets its standard
+error (noise of all readings, model error of the law) and an allowance for a further law. Over all
+laws that fit, but at least two, take the smallest 5 % and the largest 95 % limit:
 
-- where they lie close enough, a value is reported: both ends;
-- else the lower end alone. Tissue stiffens as it is stretched: a toe that is softer than those of
-  the laws only moves the mounting stretch up;
-- where that lies far below the best law, nothing is.
+- if they lie close together, both are reported: a value;
+- else the lower one alone. Tissue stiffens as it is stretched: a toe region that is softer than
+  those of the laws only moves the mounting stretch up;
+- if that lies far below the estimate of the best law, nothing is reported.
 
-Where the law of a run is among those that fit, the interval of its posterior counts as one of them,
-as much wider as the smooth misfit makes its error.
+Where the law of the run is among those that fit, its posterior interval, widened for model error,
+is included.
 """
 
 from __future__ import annotations
@@ -35,9 +34,9 @@ if TYPE_CHECKING:
 MEASURED = "measured before and after mounting"
 """The reason of a mounting stretch that the specimen's header gives."""
 FURTHER_LAW = 0.09
-"""Share of the strain at mounting that a law beyond those that are fitted may add or take."""
+"""Allowance for a further law, as a share of the strain at mounting."""
 ERRORS = 1.645
-"""Own errors on either side of a law's mounting stretch: 5 and 95 %."""
+"""Standard errors on either side of a law's estimate: 5 and 95 %."""
 VALUE_WIDTH, FARTHEST_BELOW = 0.035, 0.3
 """How wide a value may be, and how far below the best law a lower end."""
 # FURTHER_LAW and VALUE_WIDTH were tuned on 606 virtual specimens of seven kinds mounted at 1.02 to
@@ -45,8 +44,8 @@ VALUE_WIDTH, FARTHEST_BELOW = 0.035, 0.3
 # others (seeds 0 to 13 and 200 to 229 of the study of toes); FARTHEST_BELOW on seeds 0 to 35 of
 # that of what is reported.
 NEAR_DENSITY = 3.0
-"""Laws that predict what was left out with a density of so many nats less than the best one, a
-twentieth of it, predict it about as well; not tuned."""
+"""Laws whose density of what was left out is within 3 nats (a factor of 20) of the best one predict
+it about as well; not tuned."""
 OPEN = float("nan")
 
 
@@ -89,7 +88,7 @@ def prior_ends_message(by_prior: tuple[bool, bool]) -> str:
 
 
 def widened(low: float, median: float, high: float, factor: float) -> tuple[float, float]:
-    """Ends of an interval, so many times as far from its median."""
+    """An interval scaled by a factor about its median."""
     return median - factor * (median - low), median + factor * (high - median)
 
 
@@ -172,9 +171,9 @@ def interval_from_predictions(
 ) -> MountingInterval:
     """What is reported of one mounting stretch from laws that predict the record equally well.
 
-    Stacking weights concern stretches that were tested, never the toe. So it is the union of the
-    intervals of the laws that predict what was left out about as well as the best, each wider by
-    what a further law may add.
+    Stacking weights measure predictions within the tested range, not in the toe region. So it is
+    the union of the intervals of the laws that predict what was left out about as well as the best,
+    each with the allowance for a further law.
 
     Parameters
     ----------

@@ -143,14 +143,11 @@ def fit_laws(
 
     Parameters
     ----------
-    specimen : Specimen
-    laws : sequence of str
     mounting : {"noisy", "exact", "ignored", "zeroed"}
         As in :func:`~biaxbayes.fitting.constrained.constrained_fit`.
     mounting_stretch : {"shared", "per-protocol"}
     rows : int
         Rows of a protocol that longer ones are averaged to.
-    starts : int
     own : mapping, optional
         Further arguments of :func:`~biaxbayes.fitting.law_fit.fit_law` by law, as those of a run.
 
@@ -181,8 +178,8 @@ def better_law_message(fits: LawFits, law: str) -> str:
     if own is None or best.law == law:
         return ""
     message = (
-        f"{best.law} misses by {best.rmse_kPa:.2g} kPa where {law} misses by "
-        f"{own.rmse_kPa:.2g} kPa: see biaxbayes laws"
+        f"{best.law} fits better than {law} (root mean square error {best.rmse_kPa:.2g} and "
+        f"{own.rmse_kPa:.2g} kPa): see biaxbayes laws"
     )
     if best.rms < BETTER * own.rms and own.rms - best.rms > fits.least_difference:
         return message

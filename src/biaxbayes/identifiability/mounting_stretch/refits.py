@@ -77,10 +77,6 @@ class MountingRefits:
 def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     """Fit parts of the record alone, and see where the mounting stretch goes.
 
-    Parameters
-    ----------
-    posterior : Posterior
-
     Returns
     -------
     MountingRefits or None

@@ -23,8 +23,6 @@ from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import Settings
 from biaxbayes.specimens.specimen import Specimen
 
-__all__ = ["HeldFit", "Target"]
-
 ROUNDS, STEPS = 30, 200
 SETTLED = 1e-7
 MIN_SD = 1e-9  # of the peak load: the misfit of exact data
@@ -93,8 +91,6 @@ class Target:
 
     Parameters
     ----------
-    specimen : Specimen
-    settings : Settings
     beta : float
         Weight n_eff / n of the readings.
     fixed : dict of int to float
@@ -141,7 +137,6 @@ class Target:
 
         Parameters
         ----------
-        held : dict of int to float
         start : ndarray, shape (p + 2 m,)
         error_sd : float
             A first value; settles by itself.

@@ -29,8 +29,6 @@ from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import Quantities, Quantity, mounting_names, unit_words
 
-__all__ = ["FLAT", "THRESHOLD", "Profile", "profile_likelihood", "profiles"]
-
 FLAT = 0.1
 """A curve that never rises above this is flat: a likelihood ratio of 0.95."""
 

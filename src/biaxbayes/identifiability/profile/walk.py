@@ -13,9 +13,6 @@ from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, Parameter
 
-__all__ = ["THRESHOLD", "Axis", "Walk", "axis_of"]
-
-
 # --- the axis that a profile is walked along: which scale, how far, in which steps ---------------
 
 
@@ -138,8 +135,6 @@ class Walk:
 
     Parameters
     ----------
-    target : Target
-    axis : Axis
     best : HeldFit
         The overall optimum.
     """
