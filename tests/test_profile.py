@@ -15,8 +15,8 @@ from biaxbayes.errors import InputError
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.profile.conditional_fit import Target
+from biaxbayes.identifiability.profile.curve import ProfileCurve, axis_of
 from biaxbayes.identifiability.profile.profile import THRESHOLD, profile_likelihood, profiles
-from biaxbayes.identifiability.profile.walk import Walk, axis_of
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
@@ -213,7 +213,7 @@ def test_the_exponent_goes_to_zero_exactly():
     assert (np.diff(found.table["value"]) > 0.0).all()
 
 
-def test_a_branch_that_a_walk_would_miss_is_found():
+def test_a_branch_that_continuation_would_miss_is_found():
     # With kappa on its bound the fit at low k2 is bad, with kappa inside it is good.
     table = low_stretch().table
     low = table[table["value"] < 10.0]
@@ -250,20 +250,20 @@ def test_fixed_and_unknown_parameters_are_refused():
             profiles(fixed, [name])
 
 
-def test_walking_back_finds_nothing_lower():
+def test_sweeping_back_gives_nothing_lower():
     posterior = traded()
     target = Target(posterior.specimen, posterior.settings, posterior.beta, {})
     table = traded_kappa().table
     names = [*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"]
     best = table.iloc[int(table["deviance"].argmin())][names].to_numpy(dtype=float, copy=True)
     best[3] = np.cos(np.radians(best[3])) ** 2
-    walk = Walk(
+    curve = ProfileCurve(
         target, axis_of(GOH_LAW.parameter("kappa"), 4, GOH_LAW), target.best({}, best, 0.005)
     )
-    walk.out(-1)
-    walk.out(1)
-    walk.sweep()
-    assert not walk.sweep()
+    curve.extend(-1)
+    curve.extend(1)
+    curve.sweep()
+    assert not curve.sweep()
 
 
 def test_the_reading_enters_with_its_exact_derivative():

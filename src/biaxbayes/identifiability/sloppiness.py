@@ -8,9 +8,8 @@ one that adds the best partner at a time stops where two tell nothing alone and 
 
 Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
 in units of its prior standard deviation. The eigenvector is straight, the ridge of a posterior is
-not: the sloppy direction is therefore stated along
-:mod:`biaxbayes.identifiability.same_curves`, with the change of the curves that was found when it
-was walked.
+not: the sloppy direction is therefore given along
+:mod:`biaxbayes.identifiability.same_curves`, with the change of the curves along it.
 """
 
 from __future__ import annotations
@@ -195,7 +194,7 @@ class Sloppiness:
     ----------
     directions : tuple of Direction
     path : SameCurves
-        The sloppy direction, walked.
+        Along the sloppy direction.
     words : str
         What moves along it and what that changes.
     """
@@ -220,7 +219,7 @@ class Sloppiness:
 
 
 def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
-    """Find the directions and walk the sloppy one.
+    """Find the directions and follow the sloppy one.
 
     Parameters
     ----------

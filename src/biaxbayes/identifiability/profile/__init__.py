@@ -1,1 +1,1 @@
-"""Profile likelihoods: one parameter held, everything else fitted again."""
+"""Profile likelihoods: one parameter fixed, everything else fitted again."""

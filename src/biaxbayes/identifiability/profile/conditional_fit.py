@@ -1,12 +1,12 @@
-"""The best fit while one parameter is held: what a profile likelihood is made of.
+"""The best fit with one parameter fixed: what a profile likelihood is made of.
 
 The deviance is -2 ln L of the posterior's own likelihood, with the error sd profiled out:
 
     D(theta, lm) = n_eff ln RSS(theta, lm) + sum_k ((f0_k - A0_k P_k(theta, lm)) / s0_k)^2
 
-RSS is the misfit of the loads after the mounted state, n_eff = beta n what its n readings are worth
-(beta = 1 for independent errors), f0 the mounting reading with its own sd s0, never tempered. No
-prior enters. The logarithm lies below its tangent, so least squares with the sd of the last step
+RSS is the misfit of the loads after the mounted state, n_eff = beta n the effective number of its n
+readings (beta = 1 for independent errors), f0 the mounting reading with its own sd s0, never
+tempered. No prior enters. The logarithm lies below its tangent, so least squares with the sd of the last step
 lowers D at every step until it settles.
 """
 
@@ -29,7 +29,7 @@ MIN_SD = 1e-9  # of the peak load: the misfit of exact data
 
 
 @dataclass(frozen=True, eq=False)
-class HeldFit:
+class ConditionalFit:
     """A conditional optimum.
 
     Attributes
@@ -51,7 +51,7 @@ class HeldFit:
 class ReadMounting(GivenMounting):
     """Theta and mounting stretches are unknown; the mounting load has a reading.
 
-    ``unknown`` are indices into the law's coordinates, then lm_x..., lm_y...; the rest is held at
+    ``unknown`` are indices into the law's coordinates, then lm_x..., lm_y...; the rest is fixed at
     ``point`` and ``mounting_stretch``.
     """
 
@@ -60,7 +60,7 @@ class ReadMounting(GivenMounting):
     unknown: np.ndarray = field(default_factory=lambda: np.arange(0))
 
     def all(self, unknowns: np.ndarray) -> np.ndarray:
-        """Every parameter, the held ones filled in."""
+        """Every parameter, the fixed ones filled in."""
         out = np.concatenate([self.point, self.mounting_stretch.ravel()])
         out[self.unknown] = unknowns
         return out
@@ -87,7 +87,7 @@ class ReadMounting(GivenMounting):
 
 
 class Target:
-    """The likelihood of a specimen as a function of what is held.
+    """The likelihood of a specimen as a function of fixed parameters.
 
     Parameters
     ----------
@@ -120,20 +120,20 @@ class Target:
 
     @property
     def adjustable(self) -> np.ndarray:
-        """Indices of the unknowns that are free when nothing is held."""
+        """Indices of the unknowns that are free when no parameter is fixed."""
         count = self.size if self.reads else self.theta
         return np.array([i for i in range(count) if i not in self.fixed], dtype=int)
 
     def best(
         self,
-        held: dict[int, float],
+        fixed_values: dict[int, float],
         start: np.ndarray,
         error_sd: float,
         *,
         rounds: int = ROUNDS,
         steps: int = STEPS,
-    ) -> HeldFit:
-        """The lowest deviance with some unknowns held, from a starting point.
+    ) -> ConditionalFit:
+        """The lowest deviance with some unknowns fixed, from a starting point.
 
         Parameters
         ----------
@@ -144,12 +144,12 @@ class Target:
             Most updates of the error sd, and most steps of each least squares; few for a look.
         """
         point = np.array(start, dtype=float)
-        for index, value in {**self.fixed, **held}.items():
+        for index, value in {**self.fixed, **fixed_values}.items():
             point[index] = value
-        free = np.array([i for i in self.adjustable if i not in held], dtype=int)
+        free = np.array([i for i in self.adjustable if i not in fixed_values], dtype=int)
         floor = MIN_SD * self.data.peak
         sd, before = max(error_sd, floor), np.inf
-        fit = HeldFit(point, np.inf, sd)
+        fit = ConditionalFit(point, np.inf, sd)
         for _ in range(rounds):
             fit = self._step(fit.unknowns, free, sd, steps)
             sd = max(fit.error_sd, floor)
@@ -158,10 +158,10 @@ class Target:
             before = fit.deviance
         return fit
 
-    def scouts(self, held: dict[int, float], count: int) -> list[np.ndarray]:
+    def extra_starts(self, fixed_values: dict[int, float], count: int) -> list[np.ndarray]:
         """Promising starting points far from any other fit, the best of many random materials."""
         point = np.zeros(self.theta)
-        known = {**self.fixed, **held}
+        known = {**self.fixed, **fixed_values}
         for index in known:
             if index < self.theta:
                 point[index] = known[index]
@@ -180,7 +180,7 @@ class Target:
             for material, pair in zip(materials, lm, strict=True)
         ]
 
-    def _step(self, point: np.ndarray, free: np.ndarray, sd: float, steps: int) -> HeldFit:
+    def _step(self, point: np.ndarray, free: np.ndarray, sd: float, steps: int) -> ConditionalFit:
         """Least squares with a given error sd, and the deviance where it ends."""
         problem = self._problem(point, free, sd / np.sqrt(self.beta))
         lower, upper = self.lower[free], self.upper[free]
@@ -189,7 +189,7 @@ class Target:
             x = descend(problem, x, lower, upper, steps=steps, tolerance=1e-13).unknowns
         residual = problem.residual(x)
         if not np.isfinite(residual).all():
-            return HeldFit(point, np.inf, sd)
+            return ConditionalFit(point, np.inf, sd)
         found = point.copy()
         found[free] = x
         if isinstance(problem, BalancedMounting):
@@ -199,7 +199,7 @@ class Target:
         new = max(np.sqrt(squares / self.rows), MIN_SD * self.data.peak)
         z = residual[self.rows :]
         deviance = 2.0 * self.beta * self.rows * np.log(new) + float(z @ z)
-        return HeldFit(found, deviance, float(new))
+        return ConditionalFit(found, deviance, float(new))
 
     def _problem(self, point: np.ndarray, free: np.ndarray, scale: float) -> GivenMounting:
         lm = point[self.theta :].reshape(2, -1)

@@ -21,8 +21,8 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.identifiability.profile.conditional_fit import HeldFit, Target
-from biaxbayes.identifiability.profile.walk import THRESHOLD, Walk, axis_of
+from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, Target
+from biaxbayes.identifiability.profile.curve import THRESHOLD, ProfileCurve, axis_of
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import deterministic_fit, fitted
 from biaxbayes.options import CONTENT
@@ -137,12 +137,12 @@ def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
     index = _index(posterior, parameter)
     target = Target(posterior.specimen, posterior.settings, posterior.beta, _fixed(posterior))
     axis = axis_of(posterior.quantities[parameter].parameter, index, posterior.law)
-    walk = Walk(target, axis, _optimum(posterior, target))
-    walk.run()
-    return _profile(walk, posterior, parameter)
+    curve = ProfileCurve(target, axis, _optimum(posterior, target))
+    curve.run()
+    return _profile(curve, posterior, parameter)
 
 
-def _optimum(posterior: Posterior, target: Target) -> HeldFit:
+def _optimum(posterior: Posterior, target: Target) -> ConditionalFit:
     """The overall best fit, from the deterministic one."""
     start = deterministic_fit(posterior)
     lm = np.clip(start.mounting_stretch, 0.9, 1.2).T
@@ -193,29 +193,29 @@ def _fixed(posterior: Posterior) -> dict[int, float]:
     return out
 
 
-def _profile(walk: Walk, posterior: Posterior, parameter: str) -> Profile:
-    rise = np.array([walk.rise(k) for k in range(len(walk.at))])
-    value = np.array([walk.axis.natural(at) for at in walk.at])
+def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profile:
+    rise = np.array([curve.rise(k) for k in range(len(curve.at))])
+    value = np.array([curve.axis.natural(at) for at in curve.at])
     ends = []
     for side in (-1, 1):
-        pair = walk.crossing(side)
+        pair = curve.crossing(side)
         if pair is None:
             ends.append((value[0 if side < 0 else -1], True))
             continue
         a, b = np.sqrt(np.maximum(rise[list(pair)], 0.0))
         share = (np.sqrt(THRESHOLD) - a) / (b - a)
-        at = walk.at[pair[0]] + share * (walk.at[pair[1]] - walk.at[pair[0]])
-        ends.append((walk.axis.natural(at), False))
+        at = curve.at[pair[0]] + share * (curve.at[pair[1]] - curve.at[pair[0]])
+        ends.append((curve.axis.natural(at), False))
     (low, open_low), (high, open_high) = ends
-    if walk.axis.mirrored and open_low != open_high:
+    if curve.axis.mirrored and open_low != open_high:
         open_low = open_high = False  # the curve goes on as its own image
     flat = open_low and open_high and float(rise.max()) < FLAT
     kind = "structural" if flat else "practical" if open_low or open_high else "finite"
     return Profile(
         parameter=parameter,
         known=posterior.quantities,
-        table=_table(walk, posterior, value, rise),
-        estimate=float(value[walk.lowest]),
+        table=_table(curve, posterior, value, rise),
+        estimate=float(value[curve.lowest]),
         low=float(low),
         high=float(high),
         open_low=bool(open_low),
@@ -225,8 +225,10 @@ def _profile(walk: Walk, posterior: Posterior, parameter: str) -> Profile:
     )
 
 
-def _table(walk: Walk, posterior: Posterior, value: np.ndarray, rise: np.ndarray) -> pd.DataFrame:
-    unknowns = np.array([f.unknowns for f in walk.fits])
+def _table(
+    curve: ProfileCurve, posterior: Posterior, value: np.ndarray, rise: np.ndarray
+) -> pd.DataFrame:
+    unknowns = np.array([f.unknowns for f in curve.fits])
     columns = {"value": value, "deviance": np.maximum(rise, 0.0)}
     law = posterior.law
     for i, name in enumerate(law.names):
@@ -235,5 +237,5 @@ def _table(walk: Walk, posterior: Posterior, value: np.ndarray, rise: np.ndarray
         pairs = [mounting_names("stretch", label) for label in posterior.mounts]
         for j, name in enumerate(pair[k] for k in (0, 1) for pair in pairs):
             columns[name] = unknowns[:, len(law.names) + j]
-    columns["error_sd"] = np.array([f.error_sd for f in walk.fits])
+    columns["error_sd"] = np.array([f.error_sd for f in curve.fits])
     return pd.DataFrame(columns)

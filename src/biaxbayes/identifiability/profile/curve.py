@@ -1,4 +1,4 @@
-"""Walking along a profile: outwards in steps that suit the curve, and back over it."""
+"""The points of a profile: continuation outwards with adaptive steps, and sweeps back over it."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincinv
 
-from biaxbayes.identifiability.profile.conditional_fit import HeldFit, Target
+from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, Target
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import DEGREE, MATERIAL, Parameter
 
-# --- the axis that a profile is walked along: which scale, how far, in which steps ---------------
+# --- the axis of a profile: which scale, how far, in which steps ---------------------------------
 
 
 LEAST = 1e-4
-"""Where a walk of a positive scale towards zero ends; it then stands for zero (kPa or 1)."""
+"""Lower end of the axis of a positive scale, which stands for zero (kPa or 1)."""
 STEPS_OF_SCALE = (0.02, LEAST, 0.8)
 """First, least and largest step of a positive scale, in logs."""
 STEPS_OF_ANGLE = (0.5, 1e-3, 5.0)
@@ -59,7 +59,7 @@ class Axis:
         """Whether the curve goes on as its own image at the ends."""
         return self.parameter.mirror
 
-    def forward(self, unknown: float) -> float:
+    def from_unknown(self, unknown: float) -> float:
         """From an unknown of the fit to the axis."""
         if self.parameter.logarithmic:
             return float(np.log(max(unknown, LEAST)))
@@ -67,7 +67,7 @@ class Axis:
             return self.law.natural(self.index, unknown)
         return float(unknown)
 
-    def back(self, at: float) -> float:
+    def to_unknown(self, at: float) -> float:
         """From the axis to an unknown of the fit."""
         natural = self.natural(at)
         if self.parameter.kind != MATERIAL:
@@ -86,7 +86,7 @@ class Axis:
         return float(min(max(at, self.low), self.high))
 
     def anchors(self, centre: float) -> np.ndarray:
-        """Places over the whole range where a profile is looked at from afresh."""
+        """Places over the whole range where the profile is fitted from fresh starting points."""
         if self.parameter.logarithmic:
             steps = np.log([1e-3, 1e-2, 0.1, 0.3, 3.0, 10.0, 100.0])
             return np.unique(np.clip([self.low, *(centre + steps)], self.low, self.high))
@@ -95,7 +95,7 @@ class Axis:
         return np.clip(centre + np.array([-0.05, -0.02, 0.02, 0.05]), self.low, self.high)
 
     def at_end(self, at: float, side: int) -> bool:
-        """Whether the walk on a side has reached the end of the range."""
+        """Whether a place is the end of the range on a side."""
         return at <= self.low if side < 0 else at >= self.high
 
 
@@ -111,18 +111,18 @@ def axis_of(parameter: Parameter, index: int, law: Law) -> Axis:
     return Axis(index, parameter, law, *ends, *steps)
 
 
-# --- walking along a profile: outwards in steps that suit the curve, and back over it ------------
+# --- the curve -----------------------------------------------------------------------------------
 
 
 THRESHOLD = 2.0 * float(gammaincinv(0.5, CONTENT))
 """Deviance below which a value lies in the interval: chi-squared with one degree of freedom."""
-BEYOND = 2.0  # deviance beyond the threshold at which a walk ends
+BEYOND = 2.0  # deviance beyond the threshold at which the continuation ends
 RISE = (0.3, 1.2)  # of the deviance wanted from one step to the next
 MOST_STEPS = 80
 SWEEPS = 3
-SCOUTS = 4  # fresh starting points at an anchor
-LOOK = 25  # steps of a first look from each
-HOPELESS = 50.0  # deviance above the lowest after which it is left at that
+EXTRA_STARTS = 4  # fresh starting points at an anchor
+LOOK = 25  # steps of a first fit from each
+HOPELESS = 50.0  # deviance above the lowest beyond which a first fit is not continued
 FILL = 60  # most points put into gaps
 LEVEL = 0.3  # a gap counts by this share where the curve is level
 BETTER = 1e-4
@@ -130,58 +130,58 @@ LOWER = 0.02  # in deviance: less is the error of interpolating
 CLOSE = 0.01  # of a point to the threshold, in deviance
 
 
-class Walk:
-    """Points of a profile, kept in the order of the axis.
+class ProfileCurve:
+    """Points of a profile in the order of the axis.
 
     Parameters
     ----------
-    best : HeldFit
+    best : ConditionalFit
         The overall optimum.
     """
 
-    def __init__(self, target: Target, axis: Axis, best: HeldFit) -> None:
+    def __init__(self, target: Target, axis: Axis, best: ConditionalFit) -> None:
         self.target, self.axis = target, axis
-        self.at = [axis.forward(best.unknowns[axis.index])]
+        self.at = [axis.from_unknown(best.unknowns[axis.index])]
         self.fits = [best]
 
     def run(self) -> None:
-        """Walk until the profile is whole.
+        """Extend the curve until the profile is complete.
 
-        A walk follows one branch of fits; where another one is lower (kappa on its bound on the
-        first, inside on the second, say) it would miss it. So the whole range is looked at from
-        fresh starts too, and what is found there is walked from.
+        Continuation follows one branch of fits; where another one is lower (kappa on its bound on
+        the first, inside on the second, say) it would miss it. So the whole range is fitted from
+        fresh starts too, and lower points are continued from.
         """
-        self._walk()
+        self._continue()
         if self._anchor():
             self._fill()
-            self._walk()
-        if self.rebase():
-            self._walk()
+            self._continue()
+        if self.release():
+            self._continue()
         for side in (-1, 1):
             self.refine(side)
 
-    def _walk(self) -> None:
+    def _continue(self) -> None:
         for side in (-1, 1):
-            self.out(side)
+            self.extend(side)
         for _ in range(SWEEPS):
             if not self.sweep():
                 break
 
     def _anchor(self) -> bool:
         """Fit afresh at places over the whole range; whether the profile was lower somewhere."""
-        found_lower = False
+        is_lower = False
         for at in self.axis.anchors(self.at[self.lowest]):
-            held = {self.axis.index: self.axis.back(float(at))}
+            fixed_values = {self.axis.index: self.axis.to_unknown(float(at))}
             best = self.fits[self.lowest]
-            starts = [best.unknowns, *self.target.scouts(held, SCOUTS)]
+            starts = [best.unknowns, *self.target.extra_starts(fixed_values, EXTRA_STARTS)]
             looks = [
-                self.target.best(held, start, best.error_sd, rounds=2, steps=LOOK)
+                self.target.best(fixed_values, start, best.error_sd, rounds=2, steps=LOOK)
                 for start in starts
             ]
             looks.sort(key=lambda fit: fit.deviance)
             found = looks[0]
             if found.deviance < best.deviance + HOPELESS:
-                ends = [self.target.best(held, f.unknowns, f.error_sd) for f in looks[:2]]
+                ends = [self.target.best(fixed_values, f.unknowns, f.error_sd) for f in looks[:2]]
                 found = min(ends, key=lambda fit: fit.deviance)
             level = self.fits[self.lowest].deviance
             if self.at[0] <= at <= self.at[-1]:
@@ -191,8 +191,8 @@ class Walk:
                 lower = found.deviance < level + THRESHOLD + BEYOND
             if lower and float(at) not in self.at:
                 self._add(float(at), found)
-                found_lower = True
-        return found_lower
+                is_lower = True
+        return is_lower
 
     def _fill(self) -> None:
         """Close gaps between points, from both of their ends."""
@@ -218,7 +218,7 @@ class Walk:
         """Deviance of a point above the lowest."""
         return self.fits[k].deviance - self.fits[self.lowest].deviance
 
-    def fit(self, at: float, *neighbours: int) -> HeldFit:
+    def fit(self, at: float, *neighbours: int) -> ConditionalFit:
         """The best fit at a place on the axis, from the points given and their extrapolation."""
         starts = [self.fits[k].unknowns for k in neighbours]
         if len(neighbours) == 2:
@@ -227,16 +227,16 @@ class Walk:
                 share = (at - a) / (b - a)
                 line = starts[0] + share * (starts[1] - starts[0])
                 starts = [np.clip(line, self.target.lower, self.target.upper), *starts]
-        held = {self.axis.index: self.axis.back(at)}
+        fixed_values = {self.axis.index: self.axis.to_unknown(at)}
         sd = self.fits[neighbours[0]].error_sd
-        found = HeldFit(starts[0], np.inf, sd)
+        found = ConditionalFit(starts[0], np.inf, sd)
         for start in starts[: 1 + (len(starts) > 1)]:
-            tried = self.target.best(held, start, sd)
+            tried = self.target.best(fixed_values, start, sd)
             found = tried if tried.deviance < found.deviance else found
         return found
 
-    def out(self, side: int) -> None:
-        """Walk outwards from the outermost point until well beyond the threshold or the end."""
+    def extend(self, side: int) -> None:
+        """Continue outwards from the outermost point until well beyond the threshold or the end."""
         step = self.axis.first_step
         for _ in range(MOST_STEPS):
             end = 0 if side < 0 else len(self.at) - 1
@@ -258,7 +258,7 @@ class Walk:
             if change < RISE[0]:
                 step = min(1.7 * step, self.axis.most_step)
 
-    def _add(self, at: float, found: HeldFit) -> None:
+    def _add(self, at: float, found: ConditionalFit) -> None:
         k = int(np.searchsorted(self.at, at))
         self.at.insert(k, at)
         self.fits.insert(k, found)
@@ -269,22 +269,22 @@ class Walk:
         for order in (range(1, len(self.at)), range(len(self.at) - 2, -1, -1)):
             for k in order:
                 from_k = k - 1 if order.step > 0 else k + 1
-                held = {self.axis.index: self.axis.back(self.at[k])}
+                fixed_values = {self.axis.index: self.axis.to_unknown(self.at[k])}
                 start = self.fits[from_k]
-                tried = self.target.best(held, start.unknowns, start.error_sd)
+                tried = self.target.best(fixed_values, start.unknowns, start.error_sd)
                 if tried.deviance < self.fits[k].deviance - BETTER:
                     better = True
                 if tried.deviance < self.fits[k].deviance:
                     self.fits[k] = tried
         return better
 
-    def rebase(self) -> bool:
-        """Let go of the parameter at the lowest point; whether that found a lower one."""
+    def release(self) -> bool:
+        """Fit with the parameter free from the lowest point; whether that is lower."""
         lowest = self.fits[self.lowest]
         freed = self.target.best({}, lowest.unknowns, lowest.error_sd)
         if not freed.deviance < lowest.deviance:
             return False
-        at = self.axis.forward(freed.unknowns[self.axis.index])
+        at = self.axis.from_unknown(freed.unknowns[self.axis.index])
         if abs(at - self.at[self.lowest]) <= self.axis.least_step:
             self.at.pop(self.lowest)
             self.fits.remove(lowest)
