@@ -13,8 +13,8 @@ from scipy.stats import beta, norm
 import biaxbayes
 from biaxbayes.cli import main
 from biaxbayes.comparison.law_comparison import (
-    KEPT_DRAWS,
-    KEPT_OF_PART,
+    MOST_DRAWS,
+    MOST_DRAWS_OF_PART,
     WHOLE,
     Part,
     Prediction,
@@ -301,7 +301,7 @@ def test_a_protocol_is_left_out_of_what_the_laws_are_fitted_to(count):
 def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
     specimen = small_specimen()
     options = {"noise": "independent", "mounting": "exact"}
-    for part, kept in ((None, KEPT_DRAWS), (parts_of(specimen)[0], KEPT_OF_PART)):
+    for part, kept in ((None, MOST_DRAWS), (parts_of(specimen)[0], MOST_DRAWS_OF_PART)):
         task = Task("goh", specimen, part, options, seed=1, ess=20.0, max_steps=64)
         found = sample_part(task)
         assert len(found.draws) == kept

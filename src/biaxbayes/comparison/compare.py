@@ -61,9 +61,9 @@ def differing_settings(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
             notes.append(f"different options: {words} {_each(values)}")
     judged = {q.parameter.name: None for _, p in runs for q in p.quantities.judged()}
     for name in judged:
-        stated = {label: _in_words(p, name) for label, p in runs}
-        if len({text for text in stated.values() if text}) > 1:
-            notes.append(f"different priors of {name}: {_each(stated)}")
+        priors = {label: _prior_text(p, name) for label, p in runs}
+        if len({text for text in priors.values() if text}) > 1:
+            notes.append(f"different priors of {name}: {_each(priors)}")
     for axis in "xy":
         axes = {label: getattr(p.specimen, f"axis_{axis}") for label, p in runs}
         if len(set(axes.values())) > 1:
@@ -75,10 +75,10 @@ def differing_settings(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
 
 
 def _each(values: dict) -> str:
-    return ", ".join(f"{'not stated' if v is None else v} ({k})" for k, v in values.items())
+    return ", ".join(f"{'not given' if v is None else v} ({k})" for k, v in values.items())
 
 
-def _in_words(posterior: Posterior, name: str) -> str:
+def _prior_text(posterior: Posterior, name: str) -> str:
     """A prior as text; empty where the run has no such unknown."""
     prior = posterior.priors.get(name)
     if prior is None:

@@ -23,8 +23,8 @@ from biaxbayes.specimens.specimen import Specimen
 
 WHOLE = "whole record"
 QUARTERS = 4
-KEPT_DRAWS, KEPT_OF_PART = 2000, 500
-"""Draws kept of the posterior of a whole record, and of one with a part left out."""
+MOST_DRAWS, MOST_DRAWS_OF_PART = 2000, 500
+"""Draws used of the posterior of a whole record, and of one with a part left out."""
 
 
 # --- what is left out ----------------------------------------------------------------------------
@@ -64,8 +64,8 @@ def parts_of(specimen: Specimen) -> tuple[Part, ...]:
 def without(specimen: Specimen, part: Part) -> Specimen:
     """The specimen without a part of its record."""
     if len(specimen.protocols) > 1:
-        kept = tuple(p for i, p in enumerate(specimen.protocols) if i != part.protocol)
-        return specimen.with_protocols(kept)
+        rest = tuple(p for i, p in enumerate(specimen.protocols) if i != part.protocol)
+        return specimen.with_protocols(rest)
     only = specimen.protocols[0]
     rows = np.ones(only.rows, dtype=bool)
     rows[part.rows] = False
@@ -161,8 +161,8 @@ def sample_part(task: Task) -> Prediction:
         drawn = draw_posterior(posterior, plan)
     except (NotConverged, np.linalg.LinAlgError) as error:
         return Prediction("failed", str(error), rmse, residuals, nothing)
-    kept = KEPT_DRAWS if task.part is None else KEPT_OF_PART
+    count = MOST_DRAWS if task.part is None else MOST_DRAWS_OF_PART
     table = pd.DataFrame({k: v.ravel() for k, v in drawn.quantities.items()})
-    table = table.iloc[evenly_chosen(len(table), kept)].reset_index(drop=True)
+    table = table.iloc[evenly_chosen(len(table), count)].reset_index(drop=True)
     judged = drawn.convergence
     return Prediction(judged.state, judged.reason, rmse, residuals, table)

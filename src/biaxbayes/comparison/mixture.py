@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.comparison.law_comparison import KEPT_DRAWS, WHOLE, Prediction
+from biaxbayes.comparison.law_comparison import MOST_DRAWS, WHOLE, Prediction
 from biaxbayes.comparison.pooling import calibrated_levels, mixed_percentiles
 from biaxbayes.forward import MeasuredRows
 from biaxbayes.model.posterior import Posterior
@@ -36,7 +36,7 @@ def mixture_draws(
         the largest measured stretches of each protocol, both in kPa.
     """
     tables = []
-    for law, count in zip(laws, np.round(weight * KEPT_DRAWS).astype(int), strict=True):
+    for law, count in zip(laws, np.round(weight * MOST_DRAWS).astype(int), strict=True):
         table = predictions[law, WHOLE].draws
         table = table.iloc[evenly_chosen(len(table), max(int(count), 1))] if count else table[:0]
         if table.empty:

@@ -114,10 +114,10 @@ def mixed_percentiles(
     counts = np.round(weight * size).astype(int)
     counts[np.argmax(weight)] += size - counts.sum()
     chosen = [evenly_chosen(len(m), max(int(n), 1)) for m, n in zip(model, counts, strict=True)]
-    kept = [k for k, n in enumerate(counts) if n > 0]
+    used = [k for k, n in enumerate(counts) if n > 0]
     return mixture_percentiles(
-        np.vstack([model[k][chosen[k]] for k in kept]),
-        np.vstack([sd[k][chosen[k]] for k in kept]),
+        np.vstack([model[k][chosen[k]] for k in used]),
+        np.vstack([sd[k][chosen[k]] for k in used]),
         levels,
     )
 

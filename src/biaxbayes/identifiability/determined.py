@@ -75,7 +75,7 @@ def derived_quantities(
         With the parameters of the law.
     stress_at, stiffness_at : sequence of float
         Total equibiaxial stretches. The stress is the Cauchy stress; the stiffness is
-        d s_x / d ln l_x at constant l_y (y alike), kPa. At a stretch of one that is the
+        d s_x / d ln l_x at constant l_y (and vice versa), kPa. At a stretch of one that is the
         small-strain stiffness.
     tensor : bool
         Whether to give quantities of the law itself, as the structure tensor.

@@ -128,15 +128,15 @@ def _rms(residuals: Sequence[np.ndarray]) -> float:
 
 
 def thinned(specimen: Specimen, rows: int = ROWS) -> Specimen:
-    """The same specimen with at most so many stretched rows a protocol, the rest rows kept."""
+    """The same specimen with at most so many stretched rows per protocol, and all rest rows."""
     protocols = []
     for p in specimen.protocols:
         moving = np.arange(p.rest_rows, p.rows)
         if moving.size <= rows:
             protocols.append(p)
             continue
-        kept = moving[np.unique(np.linspace(0, moving.size - 1, rows).round().astype(int))]
-        index = np.concatenate([np.arange(p.rest_rows), kept])
+        chosen = moving[np.unique(np.linspace(0, moving.size - 1, rows).round().astype(int))]
+        index = np.concatenate([np.arange(p.rest_rows), chosen])
         time = None if p.time_s is None else p.time_s[index]
         curves = (p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         x, y, fx, fy = (curve[index] for curve in curves)

@@ -14,7 +14,7 @@ stiffnesses and exponents towards 0 (no matrix, no fibres, no stiffening). At an
 judged by the likelihood with everything else averaged out, relative to its maximum: above
 exp(-1.92) = 0.147, what a 95 % likelihood interval leaves in, the data do not exclude the edge. An
 angle of 0 or 90 degrees is a mirror of the material, not an edge. Bounds that a user set are no
-property of tissue and are kept apart.
+property of tissue and are listed apart.
 """
 
 from __future__ import annotations

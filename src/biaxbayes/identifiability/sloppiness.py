@@ -2,9 +2,9 @@
 
 The conditional spread is the residual spread of a polynomial regression of the parameter on the
 others (all on their sampling scales): cubic in each, with all products of two. Partners are those
-that alone tell much about the parameter (or it about them), since on a ridge all move together,
+that alone explain much of the parameter (or it of them), since on a ridge all move together,
 and the fewest that are needed besides to explain its spread. Every set of up to three is tried:
-one that adds the best partner at a time stops where two tell nothing alone and much together.
+one that adds the best partner at a time stops where two explain nothing alone and much together.
 
 Directions are eigenvectors of the posterior covariance of (ln C1, ln k1, ln k2, alpha, kappa), each
 in units of its prior standard deviation. The eigenvector is straight, the ridge of a posterior is
@@ -37,7 +37,7 @@ MOST_PARTNERS = 3
 WORTH = 0.8  # partners must shrink the spread to this share, at least
 TOGETHER = 0.6  # two parameters move together where one leaves this share of the other's spread
 NEAR = 1.25  # partners suffice once the spread is this close to that given everything
-ALIKE = 1.1  # or, where no three come so near, this close to that given the best three
+NEAR_THREE = 1.1  # or, where no three come so near, this close to that given the best three
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Partners:
     Attributes
     ----------
     names : tuple of str
-        Those that tell much alone first.
+        Those that explain much alone first.
     spread_given_all : float
         Standard deviation given all other parameters, over the marginal one.
     spread_given_partners : float
@@ -89,7 +89,7 @@ def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partn
 def _partners_of(
     known: _Regressions, target: int, names: tuple[str, ...], pair: np.ndarray
 ) -> Partners:
-    """The fewest parameters that tell about as much of one as all others, or as any three."""
+    """The fewest parameters that explain about as much of one as all others, or as any three."""
     others = [j for j in range(len(names)) if j != target]
     if not others:
         return Partners((), 1.0, 1.0)
@@ -101,7 +101,7 @@ def _partners_of(
     for more in range(min(MOST_PARTNERS - len(together), len(left)) + 1):
         tried = [[*together, *added] for added in combinations(left, more)]
         best.append(min((known.spread(target, given), given) for given in tried))
-    enough = max(NEAR * full, ALIKE * best[-1][0])
+    enough = max(NEAR * full, NEAR_THREE * best[-1][0])
     spread, chosen = next(found for found in best if found[0] <= enough)
     if spread > WORTH and not together:
         return Partners((), full, 1.0)
@@ -165,7 +165,7 @@ class _Regressions:
 MOST_DRAWS = 4000
 SMALL = 0.1  # of the largest loading: left out of the words
 Z90 = 1.645
-FACTOR = 0.7  # in ln: wider is told as a factor
+FACTOR = 0.7  # in ln: wider is given as a factor
 
 
 @dataclass(frozen=True)
@@ -339,7 +339,7 @@ def path_words(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law
 
 
 def _rounded_up(value: float) -> float:
-    """Two digits, never less than the value: it is stated as a limit."""
+    """Two digits, never less than the value: it is a limit."""
     if not value > 0.0:
         return 0.0
     digit = 10.0 ** (np.floor(np.log10(value)) - 1.0)
@@ -355,7 +355,7 @@ def _move(parameter: Parameter, first: float, last: float) -> str:
         ratio = last / first
         return f"{name} times {ratio:.3g}" if abs(np.log(ratio)) >= 0.005 else ""
     step = abs(last - first)
-    told = parameter.number(step)
-    if float(told) == 0.0:
+    text = parameter.number(step)
+    if float(text) == 0.0:
         return ""
-    return f"{name} {'up' if last > first else 'down'} {told}{parameter.unit_words()}"
+    return f"{name} {'up' if last > first else 'down'} {text}{parameter.unit_words()}"

@@ -198,7 +198,7 @@ class FurtherProtocol:
         """See :class:`Candidate`; the outcome becomes one more protocol."""
         load = outcome.reshape(self.stretch.shape).copy()
         if self.mounting_sd <= 0.0:
-            # Without a reading of its own the mounting load is the one that was stated.
+            # Without a reading of its own the mounting load is the one that was given.
             load[0] = self.specimen.mounting_readings(shared=True)[0][0]
         if self.specimen.stress_pair == "cauchy":
             load = load * self.stretch

@@ -93,11 +93,11 @@ def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> Non
 
 def profiles_as_json(profiles: Sequence[Profile]) -> str:
     """Intervals and curves as JSON."""
-    told = []
+    records = []
     for row, profile in zip(interval_table(profiles).to_dict("records"), profiles, strict=True):
         curve = {str(k): v for k, v in profile.table.to_dict("list").items()}
-        told.append({**{str(k): _plain(v) for k, v in row.items()}, "curve": curve})
-    return json.dumps(told, indent=2, allow_nan=False, ensure_ascii=False)
+        records.append({**{str(k): _plain(v) for k, v in row.items()}, "curve": curve})
+    return json.dumps(records, indent=2, allow_nan=False, ensure_ascii=False)
 
 
 def _plain(value: object) -> object:

@@ -197,7 +197,7 @@ def compare_laws(
 
 
 def _seed(seed: int, law: str, part: Part | None) -> int:
-    """A seed of its own for each law and part, whichever others are asked for."""
+    """A seed of its own for each law and part, whichever others are sampled."""
     text = f"{law}/{part.name if part else WHOLE}"
     own = int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
     return int(np.random.default_rng([seed, own]).integers(2**62))

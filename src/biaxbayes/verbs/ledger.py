@@ -207,7 +207,7 @@ def _print_ledger(result: Ledger, folder: Path) -> None:
 
 
 def cell(row: Any, name: str) -> str:
-    """Median and interval of a treatment, with the digits that tell its ends apart."""
+    """Median and interval of a treatment, with the digits that distinguish its ends."""
     from biaxbayes.figures.quantities import number
 
     low, median, high = (row[f"{name}_{q}"] for q in ("q05", "median", "q95"))

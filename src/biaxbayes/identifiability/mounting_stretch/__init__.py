@@ -1,1 +1,1 @@
-"""Whether the data tell the mounting stretch, and what can be stated of it under any law."""
+"""Whether the data determine the mounting stretch, whatever law the tissue follows."""

@@ -1,4 +1,4 @@
-"""All laws fitted to one record under the same mounting constraint, and what tells them apart."""
+"""All laws fitted to one record under the same mounting constraint, and how they differ."""
 
 from __future__ import annotations
 

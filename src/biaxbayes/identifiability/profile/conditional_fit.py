@@ -6,8 +6,8 @@ The deviance is -2 ln L of the posterior's own likelihood, with the error sd pro
 
 RSS is the misfit of the loads after the mounted state, n_eff = beta n the effective number of its n
 readings (beta = 1 for independent errors), f0 the mounting reading with its own sd s0, never
-tempered. No prior enters. The logarithm lies below its tangent, so least squares with the sd of the last step
-lowers D at every step until it settles.
+tempered. No prior enters. The logarithm lies below its tangent, so least squares with the sd of the
+last step lowers D at every step until it settles.
 """
 
 from __future__ import annotations

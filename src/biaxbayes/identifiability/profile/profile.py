@@ -6,7 +6,7 @@ chi-square with one degree of freedom) make the interval. No prior has a part in
 
 - ``finite``: the curve crosses the threshold on both sides;
 - ``practical``: it does not on one side or both, so the data leave the parameter open there;
-- ``structural``: it is flat: no amount of this kind of data would tell.
+- ``structural``: it is flat: no amount of this kind of data would determine it.
 
 An angle of 0 or 90 degrees is a mirror: the curve goes on as its own image, and counts as closed.
 """
@@ -101,7 +101,7 @@ class Profile:
 
 
 def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 1) -> list[Profile]:
-    """Profiles of several parameters, in parallel processes where asked for.
+    """Profiles of several parameters, in parallel processes if requested.
 
     Parameters
     ----------
