@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,14 +55,21 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
     Writes results.json, report.csv, the tables in evidence and identifiability.pdf into the run
     folder. Exit code 3 where the chains have not converged: nothing is reported then.
     """
-    from biaxbayes.verbs.identified import as_json as identified_as_json
-    from biaxbayes.verbs.identified import terminal_lines
+    from biaxbayes.errors import printable
+    from biaxbayes.identifiability.reported import row_lines
+    from biaxbayes.runs.result import as_record
 
     result = identify(run, out=run, figure=not no_figure)
     if as_json:
-        click.echo(identified_as_json(result))
+        click.echo(json.dumps(as_record(result), indent=2, allow_nan=False, ensure_ascii=False))
     else:
-        for line in terminal_lines(result):
+        for line in row_lines(result.rows):
             click.echo(line)
+        click.echo("")
+        more = [result.fit, result.advice, *result.warnings]
+        if result.directions:
+            more += [result.directions[0]["in_words"], result.same_curves_in_words]
+        for text in filter(None, more):
+            click.echo(printable(text))
         click.echo(f"\nevidence in {run / 'evidence'}")
     return 0 if result.state == "converged" else NOT_CONVERGED

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +13,7 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import MOUNTING, ModelOptions, option, takes_options
+from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs.inputs import (
     PathLike,
     RunLike,
@@ -32,6 +35,8 @@ from biaxbayes.verbs.options import (
 )
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from biaxbayes.identifiability.profile.profile import Profile
 
 
@@ -78,7 +83,6 @@ def profile(
     from biaxbayes.figures.style import save_figure
     from biaxbayes.identifiability.profile.profile import profiles
     from biaxbayes.model.preparation import prepare
-    from biaxbayes.verbs.identified import write_profiles
 
     if is_run(source):
         refuse_model(options, mounting_force)
@@ -100,6 +104,77 @@ def profile(
         write_profiles(result, folder, about)
         save_figure(profile_figure(result), folder / "profile.pdf")
     return result
+
+
+# --- profile.csv, profile-intervals.csv and --json ------------------------------------------------
+
+
+def interval_table(profiles: Sequence[Profile]) -> pd.DataFrame:
+    """One row per profile: interval, open ends, kind."""
+    from pandas import DataFrame
+
+    return DataFrame(
+        [
+            {
+                "parameter": p.parameter,
+                "unit": p.unit,
+                "estimate": p.estimate,
+                "low_90": p.low,
+                "high_90": p.high,
+                "open_low": p.open_low,
+                "open_high": p.open_high,
+                "kind": p.kind,
+                "in_words": p.in_words(),
+            }
+            for p in profiles
+        ]
+    )
+
+
+def write_profiles(profiles: Sequence[Profile], folder: Path, about: str) -> None:
+    """Write both tables and profile-provenance.json into a folder; ``about``: what was profiled."""
+    from pandas import concat
+
+    from biaxbayes.identifiability.profile.profile import FLAT, THRESHOLD
+    from biaxbayes.runs.result import DIGITS
+
+    record = {
+        "about": about,
+        "deviance": "n_eff ln RSS plus squared errors of the mounting readings, above its minimum; "
+        "error sd profiled out, no prior",
+        "n_eff_share": profiles[0].beta,
+        "deviance_of_90_percent": THRESHOLD,
+        "deviance_of_flat": FLAT,
+        "kinds": "structural: flat; practical: open on a side; finite: crossed on both sides (an "
+        "angle of 0 or 90 degrees is a mirror and counts as closed)",
+    }
+    tables = []
+    for profile in profiles:
+        table = profile.table.copy()
+        table.insert(0, "profiled", profile.parameter)
+        tables.append(table)
+    curves = concat(tables, ignore_index=True)
+    write_csv(folder / "profile.csv", curves, digits=8)
+    write_csv(folder / "profile-intervals.csv", interval_table(profiles), digits=DIGITS)
+    text = json.dumps(record, indent=2, ensure_ascii=False) + "\n"
+    atomic_write_text(folder / "profile-provenance.json", text)
+
+
+def profiles_as_json(profiles: Sequence[Profile]) -> str:
+    """Intervals and curves as JSON."""
+    records = []
+    for row, profile in zip(interval_table(profiles).to_dict("records"), profiles, strict=True):
+        curve = {str(k): v for k, v in profile.table.to_dict("list").items()}
+        records.append({**{str(k): _plain(v) for k, v in row.items()}, "curve": curve})
+    return json.dumps(records, indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: object) -> object:
+    """JSON knows no infinity."""
+    return value if not isinstance(value, float) or math.isfinite(value) else None
+
+
+# --- the command ---------------------------------------------------------------------------------
 
 
 @click.command("profile")
@@ -127,8 +202,6 @@ def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None
     \b
     biaxbayes profile media.csv --parameter kappa
     """
-    from biaxbayes.verbs.identified import profiles_as_json
-
     folder = out or Path(f"{source.stem}-profile")
     result = profile(source, out=folder, **with_priors(**given))
     if as_json:
