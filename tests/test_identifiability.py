@@ -498,7 +498,7 @@ def test_the_stiff_direction_is_the_known_one():
     k1 = 30.0 / np.sqrt(C1) * np.exp(rng.normal(0.0, 0.01, 8000))
     rest = {"k2": np.exp(rng.normal(1.0, 0.4, 8000)), "kappa": rng.uniform(0.05, 0.3, 8000)}
     made = made_up(C1=C1, k1=k1, alpha=rng.uniform(20.0, 60.0, 8000), **rest)
-    stiff = sloppiness(made.target, made.draws).stiff
+    stiff = sloppiness(made.target, made.draws).directions[0]
     # k1 C1^0.5 is known to 1.645 % (90 %)
     assert stiff.words.startswith("best known: C1^0.5 k1,")
     assert "to 1.7 % (90 %)" in stiff.words

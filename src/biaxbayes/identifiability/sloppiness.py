@@ -150,7 +150,7 @@ class _Regressions:
         used = [0, *self.power[list(given)].ravel()]
         used += [self.product[i, j] for i, j in combinations(given, 2)]
         gram, with_y = self.gram[np.ix_(used, used)], self.gram[used, y]
-        # normal equations with a whisper of ridge: neighbouring powers are nearly collinear
+        # normal equations with a little ridge: neighbouring powers are nearly collinear
         ridged = gram + 1e-9 * self.draws * np.eye(len(used))
         c = np.linalg.solve(ridged, with_y)
         # |y - F c|^2 = y.y - 2 c.F'y + c.F'F c
@@ -203,20 +203,6 @@ class Sloppiness:
     path: SameCurves
     words: str
 
-    @property
-    def stiff(self) -> Direction:
-        """The best-known combination."""
-        return self.directions[0]
-
-    @property
-    def sloppy(self) -> Direction:
-        """The least-known combination."""
-        return self.directions[-1]
-
-    def in_words(self) -> list[str]:
-        """One sentence on the stiff and one on the sloppy direction."""
-        return [self.stiff.words, self.words]
-
 
 def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     """Find the directions and follow the sloppy one.
@@ -268,18 +254,19 @@ def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ..
         columns.append(scale.to_scale(draws[scale.name].to_numpy(dtype=float)) / unit)
         units.append(unit)
     values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(np.array(columns))))
-    out = []
+    out: list[Direction] = []
     for value, vector in zip(values, vectors.T, strict=True):
+        rank = "known" if out else "best known"
         lead = int(np.argmax(np.abs(vector)))
         vector = vector * np.sign(vector[lead])
         spread = float(np.sqrt(max(value, 0.0)))
-        words = _known_words(scales, vector, np.array(units), spread)
+        words = f"{rank}: {_combination(scales, vector, np.array(units), spread)}"
         loadings = {s.name: float(v) for s, v in zip(scales, vector, strict=True)}
         out.append(Direction(loadings, spread, words))
     return tuple(out)
 
 
-def _known_words(scales: list[Scale], vector: np.ndarray, units: np.ndarray, spread: float) -> str:
+def _combination(scales: list[Scale], vector: np.ndarray, units: np.ndarray, spread: float) -> str:
     """The combination as a product of powers, and how well it is known."""
     lead = int(np.argmax(np.abs(vector)))
     # sum_i v_i x_i / u_i, scaled so that the leading parameter has coefficient one
@@ -292,11 +279,11 @@ def _known_words(scales: list[Scale], vector: np.ndarray, units: np.ndarray, spr
     ]
     if not scales[lead].logarithmic:
         unit = scales[lead].parameter.unit_words()
-        return f"best known: {' '.join(terms)}, to {width:.2g}{unit} (90 %)"
+        return f"{' '.join(terms)}, to {width:.2g}{unit} (90 %)"
     known = (
         f"{100.0 * np.expm1(width):.2g} %" if width < FACTOR else f"a factor {np.exp(width):.2g}"
     )
-    return f"best known: {' '.join(terms)}, to {known} (90 %)"
+    return f"{' '.join(terms)}, to {known} (90 %)"
 
 
 def _term(scale: Scale, coefficient: float, product: bool) -> str:
