@@ -88,6 +88,7 @@ def swapped_columns(
     *,
     law: str = FitOptions.law,
     fibre_switch: bool = False,
+    best: FitResult | None = None,
 ) -> Finding | None:
     """Try x and y of the load exchanged where a fit misses badly, and say so if that fits.
 
@@ -96,6 +97,8 @@ def swapped_columns(
     residuals : sequence of ndarray
         Of a fit of the specimen as it is, in its unit. The two fits that are compared fix
         nothing.
+    best : FitResult, optional
+        From :func:`quick_fit`, where it is there already.
 
     Returns
     -------
@@ -110,9 +113,9 @@ def swapped_columns(
         specimen,
         protocols=tuple(replace(p, load_x=p.load_y, load_y=p.load_x) for p in specimen.protocols),
     )
-    own, exchanged = (
-        _rms(quick_fit(s, law=law, fibre_switch=fibre_switch).residuals) for s in (specimen, other)
-    )
+    best = best or quick_fit(specimen, law=law, fibre_switch=fibre_switch)
+    own = _rms(best.residuals)
+    exchanged = _rms(quick_fit(other, law=law, fibre_switch=fibre_switch).residuals)
     if not (own > bad and exchanged < SWAPPED * own):
         return None
     return Finding(

@@ -81,7 +81,7 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None =
         from biaxbayes.identifiability.mounting_stretch.law_fits import quick_better_law
 
         best = quick_fit(data)
-        swapped = swapped_columns(data, best.residuals)
+        swapped = swapped_columns(data, best.residuals, best=best)
         findings += [misfit_finding(data, best), *([swapped] if swapped else [])]
         better = quick_better_law(data)
         findings += [Finding("other-law", "note", better)] if better else []
