@@ -93,6 +93,13 @@ def test_evidence_decides(evidence, verdict):
     assert decide(evidence, T) == verdict
 
 
+def test_a_partner_that_may_lie_at_its_end_asks_for_a_sharp_interval():
+    loose, sharp = (replace(e, partners=TRADED) for e in (LOOSE, SHARP))
+    assert decide(loose, T) == IDENTIFIED
+    assert decide(loose, T, partner_at_end=True) == COMBINATION
+    assert decide(sharp, T, partner_at_end=True) == IDENTIFIED
+
+
 def test_what_may_mean_nothing_is_never_identified():
     assert decide(SHARP, T, meaningless=True) == NOT_IDENTIFIED
     assert decide(replace(SHARP, partners=TRADED), T, meaningless=True) == COMBINATION

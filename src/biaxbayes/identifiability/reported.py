@@ -128,7 +128,9 @@ def _material(
     low, high, reached = _interval(scale, e, factor)
     # the verdict on the interval as it is reported
     wide = replace(e, low=low, high=high, posterior_sd=factor * e.posterior_sd)
-    verdict = decide(wide, thresholds, meaningless=bool(p.meaningless))
+    verdict = decide(
+        wide, thresholds, meaningless=bool(p.meaningless), partner_at_end=p.partner_at_end
+    )
     open_sides = reached | {edge.side for edge in e.open_edges(thresholds)}
     ratio = high / max(low, 1e-300) if scale.logarithmic else 1.0
     model_error = ""
@@ -197,7 +199,7 @@ def _prior_reason(p: ParameterVerdict, e: Evidence, thresholds: Thresholds) -> s
 
 
 def _end_reason(p: ParameterVerdict, open_sides: set[int]) -> str:
-    side, parameter = min(open_sides), p.scale.parameter
+    side, parameter = min(open_sides, default=0), p.scale.parameter
     meaning = (parameter.at_low, parameter.at_high)[side]
     end = f"the {('lower', 'upper')[side]} end of its range"
     return f"the data are compatible with {meaning or end}"

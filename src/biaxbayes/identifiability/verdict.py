@@ -41,7 +41,8 @@ class Thresholds:
         share, or less.
     traded_width : float
         A traded parameter is known on its own where its interval is at most so many times as wide
-        as a sharp one. Chosen on seeds 0 to 35 of the study of what is reported.
+        as a sharp one; where a partner may lie at an end of its range, at most as wide. Chosen on
+        seeds 0 to 35 of the study of what is reported.
     one_sided_excluded : float
         One-sided needs data that exclude at least this share of the prior.
     contraction, prior_excluded : float
@@ -157,6 +158,8 @@ class ParameterVerdict:
     meaningless : str
         Where the data do not exclude an end of another parameter at which this one means nothing:
         words that say so.
+    partner_at_end : bool
+        Whether a parameter that it trades with may lie at a physical end of its range.
     """
 
     scale: Scale
@@ -165,6 +168,7 @@ class ParameterVerdict:
     evidence: Evidence | None = None
     mounting: MountingInterval | None = None
     meaningless: str = ""
+    partner_at_end: bool = False
 
     @property
     def name(self) -> str:
@@ -177,7 +181,13 @@ class ParameterVerdict:
         return self.evidence.partners.names if self.evidence else ()
 
 
-def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = False) -> str:
+def decide(
+    evidence: Evidence,
+    thresholds: Thresholds,
+    *,
+    meaningless: bool = False,
+    partner_at_end: bool = False,
+) -> str:
     """The verdict on a sampled parameter of converged draws.
 
     A mounting stretch that the data contradict is not identified, whatever else. Else traded with
@@ -188,6 +198,9 @@ def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = Fa
     meaningless : bool
         The data do not exclude that the parameter means nothing (an angle where the fibres are
         isotropic): no value of it is excluded then, however narrow its posterior.
+    partner_at_end : bool
+        As in :class:`ParameterVerdict`: if it lies there (aligned fibres), the ridge leads away
+        from the truth, and only a sharp interval is known on its own.
     """
     e, t = evidence, thresholds
     if e.is_contradicted(t):
@@ -195,7 +208,9 @@ def decide(evidence: Evidence, thresholds: Thresholds, *, meaningless: bool = Fa
     traded = e.is_traded(t)
     if meaningless:
         return COMBINATION if traded else NOT_IDENTIFIED
-    if traded and not e.parameter.is_sharp(e.low, e.high, t.traded_width):
+    if traded and not e.parameter.is_sharp(
+        e.low, e.high, 1.0 if partner_at_end else t.traded_width
+    ):
         return COMBINATION
     ends = e.open_edges(t)
     if any(edge.kind != "physical" for edge in ends) or len(ends) == 2:
@@ -232,23 +247,25 @@ def judge_parameters(
         Intervals of the mounting stretches that all laws agree on.
     """
     meaningless = _meaningless(law, evidence, thresholds)
+    at_end = {
+        name
+        for name, e in evidence.items()
+        if any(edge.kind == "physical" for edge in e.open_edges(thresholds))
+    }
     out = []
     for scale in scales:
         e, interval = evidence.get(scale.name), (mounting or {}).get(scale.name)
-        why = meaningless.get(scale.name, "")
-        if e is not None and interval is not None and interval.is_value:
-            e = replace(
-                e, refits=None
-            )  # laws that fit agree: parts of the record contradict nothing
-        if e is None:
-            free = isinstance(scale.prior, Prior | DrawnPrior)
-            verdict = NO_VERDICT if free else FIXED
-        else:
-            verdict = NO_VERDICT
+        why, partner = meaningless.get(scale.name, ""), False
+        free = isinstance(scale.prior, Prior | DrawnPrior)
+        verdict = NO_VERDICT if free else FIXED
+        if e is not None:
+            if interval is not None and interval.is_value:
+                e = replace(e, refits=None)  # laws that fit agree: no part contradicts them
+            partner = e.is_traded(thresholds) and not at_end.isdisjoint(e.partners.names)
             if state == "converged":
-                verdict = decide(e, thresholds, meaningless=bool(why))
+                verdict = decide(e, thresholds, meaningless=bool(why), partner_at_end=partner)
         words = verdict_sentence(scale, verdict, e, thresholds, state, meaningless=why)
-        out.append(ParameterVerdict(scale, verdict, words, e, interval, why))
+        out.append(ParameterVerdict(scale, verdict, words, e, interval, why, partner))
     return tuple(out)
 
 

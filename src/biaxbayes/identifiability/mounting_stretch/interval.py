@@ -46,6 +46,8 @@ VALUE_WIDTH, FARTHEST_BELOW = 0.035, 0.3
 NEAR_DENSITY = 3.0
 """Laws whose density of what was left out is within 3 nats (a factor of 20) of the best one predict
 it about as well; not tuned."""
+NAMED_LAWS = 4
+"""A reason names so many laws."""
 OPEN = float("nan")
 
 
@@ -211,7 +213,8 @@ def _reported(
     """
     low, high = ends
     those = f"the laws that {verb} best" if len(laws) > 1 else "the only law"
-    names = listed(laws)
+    more = [f"{len(laws) - NAMED_LAWS} more"] if len(laws) > NAMED_LAWS else []
+    names = listed([*laws[:NAMED_LAWS], *more])
     if not any(at_prior) and not smooth and high - low <= VALUE_WIDTH:
         verb = "agree" if len(laws) > 1 else "determines it"
         return MountingInterval(low, high, f"{those} {verb} ({names})")
