@@ -215,7 +215,7 @@ def _advice(
             "its error"
         )
     if verdicts.better_law:
-        return f"another law describes this record better: {verdicts.better_law}"
+        return verdicts.better_law
     lost = [r for r in reported if r.verdict != IDENTIFIED]
     axes = {quantities[r.name].axis for r in lost if quantities[r.name].parameter.kind == STRETCH}
     if axes:
