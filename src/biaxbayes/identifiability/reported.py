@@ -24,7 +24,6 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import listed, printable
-from biaxbayes.identifiability.marginals import Scale
 from biaxbayes.identifiability.mounting_stretch.interval import MountingInterval, widened
 from biaxbayes.identifiability.mounting_stretch.law_fits import LawFits, better_law_message
 from biaxbayes.identifiability.verdict import (
@@ -95,6 +94,12 @@ def reported(
     state : {"converged", "tentative", "unusable"}
         Of the run.
     """
+    intervals = {
+        p.name: _interval(p, p.evidence, fits, law, thresholds)
+        for p in parameters
+        if p.evidence is not None and p.scale.parameter.kind == MATERIAL
+    }
+    at_end = {name for name, (_, _, open_sides) in intervals.items() if open_sides}
     out = []
     for p in parameters:
         if p.verdict == FIXED:
@@ -103,7 +108,7 @@ def reported(
             reason = f"the chains have not converged ({state})"
             out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NOT_IDENTIFIED, reason))
         elif p.scale.parameter.kind == MATERIAL:
-            out.append(_material(p, p.evidence, fits, law, thresholds))
+            out.append(_material(p, p.evidence, intervals[p.name], at_end, fits, law, thresholds))
         else:
             out.append(mounting_row(p.name, p.mounting))
     return tuple(out)
@@ -119,19 +124,27 @@ def mounting_row(name: str, interval: MountingInterval | None) -> Reported:
 
 
 def _material(
-    p: ParameterVerdict, e: Evidence, fits: LawFits | None, law: Law, thresholds: Thresholds
+    p: ParameterVerdict,
+    e: Evidence,
+    interval: tuple[float, float, set[int]],
+    at_end: set[str],
+    fits: LawFits | None,
+    law: Law,
+    thresholds: Thresholds,
 ) -> Reported:
     scale = p.scale
     own = None if fits is None else fits[law.name]
     better_law = "" if fits is None else better_law_message(fits, law.name)
-    factor = 1.0 if own is None else own.widening.get(scale.kind, 1.0)
-    low, high, reached = _interval(scale, e, factor)
+    factor = _widening(p, fits, law)
+    low, high, open_sides = interval
     # the verdict on the interval as it is reported
     wide = replace(e, low=low, high=high, posterior_sd=factor * e.posterior_sd)
     verdict = decide(
-        wide, thresholds, meaningless=bool(p.meaningless), partner_at_end=p.partner_at_end
+        wide,
+        thresholds,
+        meaningless=bool(p.meaningless),
+        partner_at_end=not at_end.isdisjoint(e.partners.names),
     )
-    open_sides = reached | {edge.side for edge in e.open_edges(thresholds)}
     ratio = high / max(low, 1e-300) if scale.logarithmic else 1.0
     model_error = ""
     if own is not None and factor >= NAMED_WIDENING:
@@ -179,16 +192,24 @@ def _material(
     return Reported(p.name, scale.unit, low, high, verdict, reason, partners)
 
 
-def _interval(scale: Scale, e: Evidence, factor: float) -> tuple[float, float, set[int]]:
-    """The widened interval in natural units, and the ends of the range that it reaches."""
+def _widening(p: ParameterVerdict, fits: LawFits | None, law: Law) -> float:
+    own = None if fits is None else fits[law.name]
+    return 1.0 if own is None else own.widening.get(p.scale.kind, 1.0)
+
+
+def _interval(
+    p: ParameterVerdict, e: Evidence, fits: LawFits | None, law: Law, thresholds: Thresholds
+) -> tuple[float, float, set[int]]:
+    """The widened interval, and the sides on which an end of the range is not excluded."""
+    scale, factor = p.scale, _widening(p, fits, law)
     median = float(scale.to_scale(np.array(e.median)))
     ends = scale.to_scale(np.array([e.low, e.high]))
     low, high = scale.from_scale(np.array(widened(float(ends[0]), median, float(ends[1]), factor)))
     bottom, top = scale.limits
-    reached = set()
+    open_sides = {edge.side for edge in e.open_edges(thresholds)}
     if not scale.parameter.mirror:
-        reached = {side for side, at in ((0, low <= bottom), (1, high >= top)) if at}
-    return max(float(low), bottom), min(float(high), top), reached
+        open_sides |= {side for side, at in ((0, low <= bottom), (1, high >= top)) if at}
+    return max(float(low), bottom), min(float(high), top), open_sides
 
 
 def _prior_reason(p: ParameterVerdict, e: Evidence, thresholds: Thresholds) -> str:

@@ -158,8 +158,6 @@ class ParameterVerdict:
     meaningless : str
         Where the data do not exclude an end of another parameter at which this one means nothing:
         words that say so.
-    partner_at_end : bool
-        Whether a parameter that it trades with may lie at a physical end of its range.
     """
 
     scale: Scale
@@ -168,7 +166,6 @@ class ParameterVerdict:
     evidence: Evidence | None = None
     mounting: MountingInterval | None = None
     meaningless: str = ""
-    partner_at_end: bool = False
 
     @property
     def name(self) -> str:
@@ -199,8 +196,8 @@ def decide(
         The data do not exclude that the parameter means nothing (an angle where the fibres are
         isotropic): no value of it is excluded then, however narrow its posterior.
     partner_at_end : bool
-        As in :class:`ParameterVerdict`: if it lies there (aligned fibres), the ridge leads away
-        from the truth, and only a sharp interval is known on its own.
+        A parameter that it trades with may lie at a physical end of its range. If it does (aligned
+        fibres), the ridge leads away from the truth, and only a sharp interval is known on its own.
     """
     e, t = evidence, thresholds
     if e.is_contradicted(t):
@@ -255,17 +252,18 @@ def judge_parameters(
     out = []
     for scale in scales:
         e, interval = evidence.get(scale.name), (mounting or {}).get(scale.name)
-        why, partner = meaningless.get(scale.name, ""), False
+        why = meaningless.get(scale.name, "")
         free = isinstance(scale.prior, Prior | DrawnPrior)
         verdict = NO_VERDICT if free else FIXED
         if e is not None:
             if interval is not None and interval.is_value:
                 e = replace(e, refits=None)  # laws that fit agree: no part contradicts them
-            partner = e.is_traded(thresholds) and not at_end.isdisjoint(e.partners.names)
+            partner = not at_end.isdisjoint(e.partners.names)
+            verdict = NO_VERDICT
             if state == "converged":
                 verdict = decide(e, thresholds, meaningless=bool(why), partner_at_end=partner)
         words = verdict_sentence(scale, verdict, e, thresholds, state, meaningless=why)
-        out.append(ParameterVerdict(scale, verdict, words, e, interval, why, partner))
+        out.append(ParameterVerdict(scale, verdict, words, e, interval, why))
     return tuple(out)
 
 
