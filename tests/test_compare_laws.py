@@ -568,8 +568,9 @@ def test_a_value_needs_the_laws_that_foretell_alike_to_agree():
     stated = interval_from_predictions(intervals, density | {"hgo": 9.0}, smooth=False)
     assert not stated.is_value
     assert stated.low == pytest.approx(1.018 - 0.09 * 0.02)
-    assert (
-        stated.reason == "the laws that predict best leave the upper end open (goh, hgo and fung)"
+    assert stated.reason == (
+        "the laws that predict best with their errors span 0.32; a value needs at most 0.035 "
+        "(goh, hgo and fung)"
     )
     assert not interval_from_predictions(intervals, density, smooth=True).is_value
 
@@ -578,10 +579,10 @@ def test_a_low_end_rests_on_two_laws_and_lies_not_too_far_below_the_best():
     intervals = {"goh": three(1.2, 0.04), "fung": three(1.1, 0.02)}
     stated = interval_from_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
     assert stated.low == pytest.approx(1.08 - 0.09 * 0.1)
-    assert stated.reason == "the laws that predict best leave the upper end open (goh and fung)"
+    assert "span 0.19; a value needs at most 0.035 (goh and fung)" in stated.reason
     intervals["goh"] = three(1.5, 0.04)
     stated = interval_from_predictions(intervals, {"goh": 10.0, "fung": 0.0}, smooth=False)
-    assert np.isnan(stated.low) and "both ends open (goh and fung)" in stated.reason
+    assert np.isnan(stated.low) and "below the best estimate (goh and fung)" in stated.reason
 
 
 @pytest.mark.long

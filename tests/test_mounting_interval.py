@@ -66,7 +66,7 @@ def test_laws_that_agree_state_a_value():
 def test_laws_that_differ_state_the_low_end_alone():
     found = state(law_fit(), law_fit("fung", 1.1, 1.09), law_fit("hgo", 9.0, 0.9))
     assert found.low == pytest.approx(1.02 - 1.645 * 0.001 - 0.09 * 0.02) and np.isnan(found.high)
-    assert "leave the upper end open (goh and fung)" in found.reason and not found.is_value
+    assert "at most 0.035 (goh and fung)" in found.reason and not found.is_value
     # a law without the low end of the others, but as good, moves it
     lower = state(law_fit(), law_fit("fung", 1.1, 1.0, 0.01))
     assert lower.low == pytest.approx(1.0 - 1.645 * 0.01)
@@ -77,18 +77,18 @@ def test_a_low_end_is_that_of_two_laws_at_least():
     best = law_fit("fung", 1.0, 1.2, 0.02)
     alone = state(best, law_fit("goh", 5.0, 1.15), law_fit("hgo", 6.0, 1.05))
     assert alone.low == pytest.approx(1.15 - 1.645 * 0.001 - 0.09 * 0.15)
-    assert "leave the upper end open (fung and goh)" in alone.reason
+    assert "at most 0.035 (fung and goh)" in alone.reason
     far = state(best, law_fit("goh", 5.0, 0.8))
-    assert np.isnan(far.low) and "both ends open (fung and goh)" in far.reason
+    assert np.isnan(far.low) and "below the best estimate (fung and goh)" in far.reason
 
 
 def test_a_wide_interval_is_no_value():
     alone = state(law_fit("fung"), law_fit("goh", 5.0))
     assert alone.is_value and alone.reason == "the laws that fit best agree (fung and goh)"
     wide = state(law_fit("fung", sd=0.02), law_fit("goh", 5.0))
-    assert not wide.is_value and "leave the upper end open (fung and goh)" in wide.reason
+    assert not wide.is_value and "at most 0.035 (fung and goh)" in wide.reason
     lost = state(law_fit(), law_fit("fung", 1.1, 1.3, 1.5))
-    assert np.isnan(lost.low) and np.isnan(lost.high) and "both ends open" in lost.reason
+    assert np.isnan(lost.low) and np.isnan(lost.high) and "below the best estimate" in lost.reason
 
 
 def test_a_law_is_not_thrown_out_by_a_reading_two_sigma_off():

@@ -146,42 +146,43 @@ def _material(
         partner_at_end=not at_end.isdisjoint(e.partners.names),
     )
     ratio = high / max(low, 1e-300) if scale.logarithmic else 1.0
-    model_error = ""
+    widening = ""
     if own is not None and factor >= NAMED_WIDENING:
-        model_error = (
-            f"widened {factor:.2g} times for the model error of {law.called} "
-            f"({100.0 * own.misfit:.2g} % of the load)"
-        )
+        widening = f"widened {factor:.2g} times for the model error of {law.called}"
+    interval_words = f"its interval, {widening}," if widening else "its interval"
     partners = e.partners.names if e.is_traded(thresholds) else ()
     trades = f"trades with {listed(partners)}" if partners else ""
+
+    def reason_of(*phrases: str) -> str:
+        return "; ".join(filter(None, phrases))
 
     # the first rule that holds: verdict and reason
     rules: list[tuple[object, str, str]] = [
         (better_law, NOT_IDENTIFIED, better_law),
         (p.verdict == NOT_IDENTIFIED, NOT_IDENTIFIED, _prior_reason(p, e, thresholds)),
         (
-            verdict == COMBINATION and wide.contraction <= 0.0,  # wider than the prior
+            verdict == COMBINATION and wide.contraction <= 0.0,
             NOT_IDENTIFIED,
-            model_error or PRIOR_DECIDES,
+            f"{interval_words} is as wide as the prior",
         ),
-        (verdict == COMBINATION, COMBINATION, trades),
+        (verdict == COMBINATION, COMBINATION, reason_of(trades, widening)),
         (
             len(open_sides) == 2,
             NOT_IDENTIFIED,
-            model_error or "the data are compatible with both ends of its range",
+            f"{interval_words} reaches both ends of the range",
         ),
-        (open_sides, BOUNDED, model_error or _end_reason(p, open_sides)),
-        (verdict == NOT_IDENTIFIED, NOT_IDENTIFIED, model_error or PRIOR_DECIDES),
+        (open_sides, BOUNDED, reason_of(_end_reason(p, open_sides), widening)),
+        (
+            verdict == NOT_IDENTIFIED,
+            NOT_IDENTIFIED,
+            f"{interval_words} is hardly narrower than the prior" if widening else PRIOR_DECIDES,
+        ),
         (
             ratio > WIDEST,
             NOT_IDENTIFIED,
-            "; ".join(filter(None, (f"known only to a factor of {ratio:.2g}", model_error))),
+            reason_of(f"known only to a factor of {ratio:.2g}", widening),
         ),
-        (
-            True,
-            IDENTIFIED,
-            "; ".join(filter(None, (model_error or "the data determine it", trades))),
-        ),
+        (True, IDENTIFIED, reason_of(widening or "the data determine it", trades)),
     ]
     verdict, reason = next((v, why) for holds, v, why in rules if holds)
     if verdict == NOT_IDENTIFIED or (verdict == BOUNDED and 0 in open_sides):

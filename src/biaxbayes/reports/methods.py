@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from biaxbayes.identifiability.reported import DASH
+from biaxbayes.parameters import STRETCH
 from biaxbayes.reports.words import as_latex, cut, latex_text, state_words
 from biaxbayes.runs.run import Run
 
@@ -154,7 +155,15 @@ def _result(run: Run) -> str:
         f"{row.name} ({row.quantity.parameter.words}) {row.interval_with_unit} ({row.verdict})"
         for row in rows
     ]
-    text = f"Reported are 90 % intervals and 95 % bounds: {'; '.join(parts)}." if parts else ""
+    text = ""
+    if parts:
+        text = (
+            "Reported are 90 % intervals and 95 % bounds. Intervals of material parameters are "
+            "those of the posterior, widened where the law misses the record systematically"
+        )
+        if any(row.quantity.parameter.kind == STRETCH for row in rows):
+            text += "; those of mounting stretches hold for all material laws that fit the record"
+        text += f": {'; '.join(parts)}."
     if without:
         text += f" The data do not identify {', '.join(without)}."
     return f"{text} {run.result.fit[:1].upper()}{run.result.fit[1:]}.".strip()

@@ -288,7 +288,7 @@ def _law_rows(run: Run) -> list[Row]:
 
 
 STATES = 3
-"""Stretches of each kind on the page; determined.csv has all."""
+"""Total stretches on the page, beside the end of every protocol; determined.csv has all."""
 TENSOR = {
     "Hx": "structure tensor, x",
     "Hy": "structure tensor, y",
@@ -333,14 +333,10 @@ def _percent(value: float) -> str:
 
 
 def _largest_states(table: pd.DataFrame) -> pd.Series:
-    """The largest states of each kind: they are what the test was made for."""
+    """The largest total stretches, and the end of every protocol: what the test was made for."""
     measured = table["quantity"].str.contains(MEASURED, regex=False)
-    beyond = ~measured & (table["stretch_x"].notna()) & ~table["quantity"].str.startswith("small")
-    out = ~measured & ~beyond
-    for kind in (beyond, measured):
-        # A stress at a measured stretch names its protocol: a state is that and the stretches.
-        state = table["quantity"].where(measured, "").str.split(MEASURED).str[-1]
-        state = state + table["stretch_x"].astype(str) + " " + table["stretch_y"].astype(str)
-        last = list(dict.fromkeys(state[kind]))[-STATES:]
-        out |= kind & state.isin(last)
-    return out
+    total = ~measured & (table["stretch_x"].notna()) & ~table["quantity"].str.startswith("small")
+    state = table["stretch_x"].astype(str) + " " + table["stretch_y"].astype(str)
+    last = list(dict.fromkeys(state[total]))[-STATES:]
+    ends = measured & ~table["quantity"].duplicated(keep="last")
+    return (~measured & ~total) | (total & state.isin(last)) | ends

@@ -218,15 +218,18 @@ def _reported(
     if not any(at_prior) and not smooth and high - low <= VALUE_WIDTH:
         verb = "agree" if len(laws) > 1 else "determines it"
         return MountingInterval(low, high, f"{those} {verb} ({names})")
-    leave = "leave" if len(laws) > 1 else "leaves"
+    # how far the laws with their errors lie apart, and how far they may
+    span = f"{those} with {'their' if len(laws) > 1 else 'its'} errors"
     if at_prior[0]:
         return MountingInterval(OPEN, OPEN, prior_ends_message(at_prior))
     if not np.isfinite(low) or best - low > FARTHEST_BELOW:
-        return MountingInterval(OPEN, OPEN, f"{those} {leave} both ends open ({names})")
+        why = f"{span} reach more than {FARTHEST_BELOW:g} below the best estimate ({names})"
+        return MountingInterval(OPEN, OPEN, why)
     if smooth:
         why = "no law describes the record to its noise, so only a lower bound is safe"
     elif at_prior[1]:
         why = prior_ends_message(at_prior)
     else:
-        why = f"{those} {leave} the upper end open ({names})"
+        width = f"span {high - low:.2g}" if np.isfinite(high) else "have no upper end"
+        why = f"{span} {width}; a value needs at most {VALUE_WIDTH:g} ({names})"
     return MountingInterval(low, OPEN, why)
