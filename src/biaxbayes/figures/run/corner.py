@@ -275,7 +275,7 @@ def _set_axes(grid: np.ndarray, columns: list[Column], width_mm: float) -> None:
             few_ticks(axis, 2)
             ticks = [t for t in axis.get_majorticklocs() if span_of.low <= t <= span_of.high]
             if narrow or len(ticks) > 3:
-                axis.set_ticks([ticks[0], ticks[-1]])
+                axis.set_ticks(sorted({ticks[0], ticks[-1]}))  # a log axis may have but one
         ax.tick_params(axis="x", labelrotation=90.0 if narrow else 0.0)
 
 
