@@ -565,5 +565,5 @@ def test_random_draws_repeat_with_the_seed():
     assert rows == random_draws(frame, 10, seed=3) == sorted(set(rows))
     assert random_draws(frame, 40) == list(range(40))
     for count in (0, 41):
-        with pytest.raises(InputError, match="the run holds 40"):
+        with pytest.raises(InputError, match="the run has 40"):
             random_draws(frame, count)

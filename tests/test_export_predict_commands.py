@@ -148,7 +148,7 @@ def test_draws_of_a_damaged_run_are_refused(run, change, name, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--draws", "61"], "the run holds 60"),
+        (["--draws", "61"], "the run has 60"),
         (["--draws", "2", "--at", "map"], "exclude each other"),
         (["--bulk-ratio", "0"], "bulk ratio"),
         (["--bulk-ratio", "nan"], "bulk ratio"),

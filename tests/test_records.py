@@ -59,7 +59,7 @@ def reversed_rows(curves):
 WRONG = {
     "cycles": (lambda c: np.vstack([c, c[::-1], c, c[::-1]]), "turns back"),
     "unloading after loading": (lambda c: np.vstack([c, c[::-1]]), "turns back"),
-    "reversed": (reversed_rows, "run backwards"),
+    "reversed": (reversed_rows, "are in reverse order"),
     "tension negative": (lambda c: c * [1, 1, -1, -1], "tension must be positive"),
 }
 

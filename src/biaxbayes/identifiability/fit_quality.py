@@ -54,8 +54,7 @@ def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
     if len(misfits) > 1:
         text += f"; most in {specimen.protocols[int(np.argmax(misfits))].name}"
     if rms > POOR * peak:
-        message = f"{text}: {_no_description(called, rms, peak)}"
-        return Finding("goh-misfit", "warning", message)
+        return Finding("goh-misfit", "warning", f"{text}. {_no_description(called)}")
     return Finding("goh-misfit", "note", text)
 
 
@@ -67,13 +66,13 @@ def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
         return ""
     called = fits[0].material.law.called
     text = misfit_sentence(called, rms, specimen.noise_sd, peak, specimen.unit)
-    return f"{text}: {_no_description(called, rms, peak)}"
+    return f"{text}. {_no_description(called)}"
 
 
-def _no_description(called: str, rms: float, peak: float) -> str:
+def _no_description(called: str) -> str:
     return (
-        f"it does not describe this specimen ({100 * rms / peak:.2g} % of the largest load). Do "
-        f"not trust parameters of {called}"
+        f"{called} does not describe this specimen (a misfit of more than {100 * POOR:g} % of the "
+        "largest load): do not use its parameters"
     )
 
 
