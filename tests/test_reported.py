@@ -88,6 +88,19 @@ def test_what_the_misfit_leaves_open_is_not_identified(clean):
     assert kappa.verdict != "identified"
 
 
+def test_what_trades_with_an_unknown_parameter_needs_a_sharp_interval(clean):
+    """A factor of 3.2 is a value beside a known partner, not where that may be anywhere."""
+    evidence = clean["k1"].evidence
+    traded = replace(evidence.partners, names=("kappa",), spread_given_partners=0.2)
+    ends = {"low": evidence.median / 1.8, "high": evidence.median * 1.8}
+    wide = replace(evidence, partners=traded, **ends)
+    parameters = tuple(replace(p, evidence=wide) if p.name == "k1" else p for p in clean.parameters)
+    loose = replace(clean, parameters=parameters)
+    assert rows(with_fit(loose, widening={}))["k1"].verdict == "identified"
+    row = rows(with_fit(loose, widening={"kappa": 40.0}))["k1"]
+    assert row.verdict == "only in combination" and row.partners == ("kappa",)
+
+
 def test_a_value_spans_no_order_of_magnitude(clean):
     evidence = clean["k1"].evidence
     alone = replace(evidence.partners, spread_given_partners=1.0)

@@ -99,7 +99,13 @@ def reported(
         for p in parameters
         if p.evidence is not None and p.scale.parameter.kind == MATERIAL
     }
-    at_end = {name for name, (_, _, open_sides) in intervals.items() if open_sides}
+    # partners that may lie at an end of their range, or anywhere
+    unknown = {
+        p.name
+        for p in parameters
+        if p.name in intervals
+        and (intervals[p.name][2] or _contraction(p, fits, law) < thresholds.contraction)
+    }
     out = []
     for p in parameters:
         if p.verdict == FIXED:
@@ -108,7 +114,7 @@ def reported(
             reason = f"the chains have not converged ({state})"
             out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NOT_IDENTIFIED, reason))
         elif p.scale.parameter.kind == MATERIAL:
-            out.append(_material(p, p.evidence, intervals[p.name], at_end, fits, law, thresholds))
+            out.append(_material(p, p.evidence, intervals[p.name], unknown, fits, law, thresholds))
         else:
             out.append(mounting_row(p.name, p.mounting))
     return tuple(out)
@@ -127,7 +133,7 @@ def _material(
     p: ParameterVerdict,
     e: Evidence,
     interval: tuple[float, float, set[int]],
-    at_end: set[str],
+    unknown: set[str],
     fits: LawFits | None,
     law: Law,
     thresholds: Thresholds,
@@ -139,12 +145,9 @@ def _material(
     low, high, open_sides = interval
     # the verdict on the interval as it is reported
     wide = replace(e, low=low, high=high, posterior_sd=factor * e.posterior_sd)
-    verdict = decide(
-        wide,
-        thresholds,
-        meaningless=bool(p.meaningless),
-        partner_at_end=not at_end.isdisjoint(e.partners.names),
-    )
+    verdict = decide(wide, thresholds, meaningless=bool(p.meaningless))
+    if verdict != NOT_IDENTIFIED and not unknown.isdisjoint(e.partners.names):
+        verdict = decide(wide, thresholds, meaningless=bool(p.meaningless), partner_at_end=True)
     ratio = high / max(low, 1e-300) if scale.logarithmic else 1.0
     widening = ""
     if own is not None and factor >= NAMED_WIDENING:
@@ -196,6 +199,13 @@ def _material(
 def _widening(p: ParameterVerdict, fits: LawFits | None, law: Law) -> float:
     own = None if fits is None else fits[law.name]
     return 1.0 if own is None else own.widening.get(p.scale.kind, 1.0)
+
+
+def _contraction(p: ParameterVerdict, fits: LawFits | None, law: Law) -> float:
+    """Share of the prior's variance that the data remove, with the widened posterior."""
+    assert p.evidence is not None
+    sd = _widening(p, fits, law) * p.evidence.posterior_sd
+    return replace(p.evidence, posterior_sd=sd).contraction
 
 
 def _interval(

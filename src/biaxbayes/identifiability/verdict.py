@@ -196,8 +196,9 @@ def decide(
         The data do not exclude that the parameter means nothing (an angle where the fibres are
         isotropic): no value of it is excluded then, however narrow its posterior.
     partner_at_end : bool
-        A parameter that it trades with may lie at a physical end of its range. If it does (aligned
-        fibres), the ridge leads away from the truth, and only a sharp interval is known on its own.
+        A parameter that it trades with may lie at a physical end of its range, or is not known. If
+        it lies there (aligned fibres), the ridge leads away from the truth, and only a sharp
+        interval is known on its own.
     """
     e, t = evidence, thresholds
     if e.is_contradicted(t):
