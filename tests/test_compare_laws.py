@@ -539,7 +539,7 @@ def test_what_is_stated_is_the_same_in_table_page_and_terminal(compared, capsys)
         assert row["verdict"] == "identified"
         assert f"<strong>{row['interval']}</strong>" in page
     assert "2 <a" in page
-    assert "goh best predicts" in page
+    assert "goh predicts best" in page
     assert "src=" in page and "http://" not in page and "<script" not in page
     # the terminal: the same command with --resume says it again
     assert _run(

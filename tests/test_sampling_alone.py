@@ -180,7 +180,7 @@ def test_long_runs_are_judged_a_few_times_and_saved_often(monkeypatch):
         return assess(quantities, target_ess=target_ess)
 
     monkeypatch.setattr(sampler, "assess", seen)
-    plan = replace(QUICK, ess=1e9, max_steps=6000, walkers=16)
+    plan = replace(QUICK, ess=1e9, max_steps=6000, walkers=16, first_block=128)
     target = Target(lambda x: -0.5 * x[:, 0] ** 2, bounds_array({}, 1))
     sampled(target, np.zeros((1, 1)), np.ones(1), plan, on_block=lambda s: saved.append(s.steps))
     assert np.diff(saved).max() <= sampler.LONGEST_BLOCK
