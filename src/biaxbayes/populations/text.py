@@ -9,11 +9,11 @@ from typing import Any
 
 import pandas as pd
 
+from biaxbayes.identifiability.reported import DASH
 from biaxbayes.identifiability.verdict import BOUNDED, FIXED, IDENTIFIED
 from biaxbayes.parameters import unit_words
 from biaxbayes.populations.model import LARGER, LOG, SMALLER
 
-DASH = "–"
 PARTS_OF_SPREAD = ("sd_donors", "sd_specimens")
 TOTAL_SPREAD = ("sd_total",)
 

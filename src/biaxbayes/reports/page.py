@@ -9,7 +9,7 @@ import pandas as pd
 
 from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.determined import MEASURED
-from biaxbayes.identifiability.reported import interval_text
+from biaxbayes.identifiability.reported import DASH, WIDE, interval_text
 from biaxbayes.options import REPORTS
 from biaxbayes.parameters import MATERIAL, STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
@@ -21,7 +21,6 @@ from biaxbayes.text_files import atomic_write_text
 
 NAME, EXPLORE = REPORTS["html"], REPORTS["explore"]
 FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger")
-DASH = "–"
 METHOD = (
     "Improved Mechanical Characterization of Soft Tissues Including Mounting Stretches. "
     "Mathematical and Computational Applications 29(4), 55, 2024.",
@@ -302,7 +301,7 @@ def determined_rows(run: Run) -> list[Row]:
     rows: list[Row] = []
     for r in table[_largest_states(table)].to_dict("records") if len(table) else ():
         low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
-        wide = low > 0.0 and high / low > 8.0
+        wide = low > 0.0 and high / low > WIDE
         low_text, median_text, high_text = (
             number(v, low, high, log=wide) for v in (low, median, high)
         )

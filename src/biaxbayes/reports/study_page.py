@@ -17,6 +17,7 @@ from biaxbayes.comparison.compare import WARNING
 from biaxbayes.figures.quantities import number
 from biaxbayes.figures.study import study_figure
 from biaxbayes.figures.style import save_pictures
+from biaxbayes.identifiability.reported import DASH, WIDE
 from biaxbayes.identifiability.verdict import FIXED
 from biaxbayes.laws import all_parameters
 from biaxbayes.parameters import DIMENSION, LOAD, MATERIAL, STRETCH, Quantities, Quantity
@@ -41,8 +42,6 @@ TERMS = (
     "above zero, below zero",
 )
 """Terms of the glossary that stand on the page."""
-WIDE = 8.0
-DASH = "–"
 KNOWN_QUANTITIES = Quantities(all_parameters())
 """What the names of a study's tables are."""
 
