@@ -331,3 +331,19 @@ def test_a_protocol_with_a_slash_comes_back_by_its_name(run):
     assert stretch in opened.draws and stretch in opened.chains
     row = opened.summary.set_index("parameter").loc[stretch]
     assert float(row["q50"]) == pytest.approx(float(opened.draws[stretch].median()), rel=1e-6)
+
+
+def test_the_report_shows_the_fits_of_all_laws(media_run):
+    page = (media_run.path / "report.html").read_text()
+    laws = pd.read_csv(media_run.path / "evidence" / "law-fits.csv")
+    assert "<h3>Other laws</h3>" in page
+    assert all(f'class="name">{law}<' in page for law in laws.law)
+
+
+def test_a_run_without_results_is_analysed_anew(media_run, copied):
+    run = copied(media_run.path)
+    (run / "results.json").unlink()
+    again = biaxbayes.open_run(run).result
+    pd.testing.assert_frame_equal(again.to_frame(), media_run.result.to_frame())
+    pd.testing.assert_frame_equal(again.law_fits, media_run.result.law_fits)
+    assert again.fit == media_run.result.fit

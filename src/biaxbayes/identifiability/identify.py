@@ -7,15 +7,14 @@ record. What they mean and every threshold are in ``docs/identifiability.md``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from biaxbayes.identifiability.evidence import Refits, evidence_of_run
-from biaxbayes.identifiability.fixed_ends import FixedEnd, fixed_ends
-from biaxbayes.identifiability.marginals import LEVELS, Edge, parameter_scales
+from biaxbayes.identifiability.marginals import LEVELS, parameter_scales
 from biaxbayes.identifiability.mounting_stretch.interval import mounting_intervals
 from biaxbayes.identifiability.mounting_stretch.law_fits import (
     LawFits,
@@ -34,7 +33,7 @@ from biaxbayes.laws import LAWS
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
-from biaxbayes.parameters import MATERIAL, STRETCH
+from biaxbayes.parameters import STRETCH
 
 MOST_DRAWS = 20_000
 """Draws, evenly chosen, that the evidence is judged by; medians and intervals are those of all, the
@@ -55,8 +54,6 @@ class Identifiability:
     law : Law
     fits : LawFits or None
         Least squares of all laws under the same mounting constraint, of converged draws.
-    fixed_ends : tuple of FixedEnd
-        The posterior with a parameter fixed at an end of its range that the data do not exclude.
     """
 
     parameters: tuple[ParameterVerdict, ...]
@@ -65,7 +62,6 @@ class Identifiability:
     thresholds: Thresholds
     law: Law
     fits: LawFits | None = None
-    fixed_ends: tuple[FixedEnd, ...] = ()
 
     def __getitem__(self, name: str) -> ParameterVerdict:
         for parameter in self.parameters:
@@ -96,16 +92,6 @@ class Identifiability:
     def to_frame(self) -> pd.DataFrame:
         """The evidence, one row per parameter: ``identifiability.csv``."""
         return pd.DataFrame([_evidence_row(p) for p in self.parameters])
-
-    def open_edges(self) -> dict[str, tuple[Edge, ...]]:
-        """Physical ends that the data do not exclude, by the parameters of the law."""
-        out = {}
-        for p in self.parameters:
-            if p.evidence is None or p.scale.parameter.kind != MATERIAL or p.verdict == NO_VERDICT:
-                continue
-            ends = p.evidence.open_edges(self.thresholds)
-            out[p.name] = tuple(edge for edge in ends if edge.kind == "physical")
-        return {name: ends for name, ends in out.items() if ends}
 
     def mounting_ranges(self) -> dict[str, tuple[float, float]]:
         """Ranges over which stresses of the tissue let a mounting stretch vary, by name.
@@ -168,7 +154,7 @@ def identify(run: Any) -> Identifiability:
 
 
 def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identifiability:
-    """Judge the parameters of a run, with the fits of all laws and fixed ends.
+    """Judge the parameters of a run, with the fits of all laws.
 
     Parameters
     ----------
@@ -177,8 +163,7 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
     state : {"converged", "tentative", "unusable"}
     """
     fits = run_law_fits(posterior) if state == "converged" else None
-    result = identify_draws(posterior, draws, state, fits=fits)
-    return replace(result, fixed_ends=fixed_ends(posterior, result.open_edges()))
+    return identify_draws(posterior, draws, state, fits=fits)
 
 
 def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> LawFits | None:

@@ -11,7 +11,7 @@ from biaxbayes.figures.quantities import number
 from biaxbayes.identifiability.determined import MEASURED
 from biaxbayes.identifiability.reported import DASH, WIDE, interval_text
 from biaxbayes.options import REPORTS
-from biaxbayes.parameters import MATERIAL, STRETCH
+from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
 from biaxbayes.reports.methods import methods, priors_in_words
 from biaxbayes.reports.templates import Row, page_template, pictures
@@ -128,7 +128,6 @@ def report_page(run: Run, *, explore: bool = False) -> str:
             SAMPLER,
         ],
         methods=methods(run),
-        fixed=_fixed_rows(run),
         laws=_law_rows(run),
         better_law=result.better_law,
         glossary=list(GLOSSARY.items()),
@@ -255,20 +254,6 @@ def _contraction_rows(run: Run) -> list[Row]:
                 interval_text(low, high, quantity.parameter),
             )
         )
-    return rows
-
-
-def _fixed_rows(run: Run) -> list[Row]:
-    """The law's parameters and the mounting stretches with another one fixed at an end."""
-    rows: list[Row] = []
-    for r in run.result.fixed_ends.to_dict("records"):
-        quantity = run.quantities[str(r["parameter"])]
-        p = quantity.parameter
-        if p.kind in (MATERIAL, STRETCH):
-            meaning = f" ({r['meaning']})" if isinstance(r["meaning"], str) else ""
-            condition = cut(f"{r['fixed']} = {r['at']:g}{meaning}")
-            interval = interval_text(float(r["low_90"]), float(r["high_90"]), p)
-            rows.append((condition, quantity, interval, p.unit_symbol(quantity.load_unit)))
     return rows
 
 

@@ -16,7 +16,6 @@ import pandas as pd
 
 from biaxbayes.errors import RunError, listed
 from biaxbayes.identifiability.determined import determined, mounting_measured
-from biaxbayes.identifiability.fixed_ends import fixed_end_table
 from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.mounting_stretch.interval import measurement_advice
 from biaxbayes.identifiability.reported import Reported, ReportRow, report_frame, report_rows
@@ -40,8 +39,6 @@ TABLES = {
     "it trades with, and which ends of its range stay open (prior and posterior within the law).",
     "law_fits": "law-fits.csv: every material law fitted to the same record. Laws that fit it "
     "and disagree on a mounting stretch are why it has no value.",
-    "fixed_ends": "edges.csv: the posterior with a parameter fixed at an end of its range that the "
-    "data do not exclude. It shows what that assumption would change.",
     "determined": "determined.csv: stresses, stiffnesses and structure tensors. The data can fix "
     "these where they leave single parameters open.",
     "same_curves": "same-curves.csv: sets of parameters that give the same curves.",
@@ -80,7 +77,7 @@ class RunResult:
         Of the posterior, the best known first: spread, loadings and a sentence.
     summary : DataFrame
         The posterior within the law, as in ``summary.csv``.
-    identifiability, law_fits, fixed_ends, determined, same_curves, checks : DataFrame
+    identifiability, law_fits, determined, same_curves, checks : DataFrame
         Evidence; see :data:`TABLES`. Empty where there is none.
     quantities : Quantities
         What each name is.
@@ -101,7 +98,6 @@ class RunResult:
     summary: pd.DataFrame
     identifiability: pd.DataFrame
     law_fits: pd.DataFrame
-    fixed_ends: pd.DataFrame
     determined: pd.DataFrame
     same_curves: pd.DataFrame
     checks: pd.DataFrame
@@ -192,7 +188,6 @@ def run_result(
         summary=summary,
         identifiability=verdicts.to_frame(),
         law_fits=fits,
-        fixed_ends=fixed_end_table(verdicts.fixed_ends) if verdicts.fixed_ends else nothing,
         determined=table,
         same_curves=nothing if curves is None else curves.path.to_frame(),
         checks=checks,
