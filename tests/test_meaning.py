@@ -12,6 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import biaxbayes
+from biaxbayes import Protocol, Specimen
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.conversion import Conversion, convert
@@ -149,7 +151,7 @@ def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.nda
     words = {"force": "Load", "piola": "P", "cauchy": "Cauchy stress"}[pair]
     if pair != "force" and rng.random() < 0.1:
         words = {"piola": "Cauchy stress", "cauchy": "First Piola stress"}[pair]
-        way.refusals.append("speaks of a")
+        way.refusals.append("suggests a")
     if pair == "cauchy" and way.options.get("edges only"):
         way.refusals.append("without a gauge length, and the loads are Cauchy stresses")
     negative = rng.random() < 0.2
@@ -162,7 +164,7 @@ def loads(rng: np.random.Generator, way: Way, stretch: np.ndarray, force: np.nda
         if rng.random() < 0.5:
             stated = f":{unit}"
         else:
-            way.refusals.append("does not say its unit")
+            way.refusals.append("is not known, but")
     for k, axis in enumerate("xy"):
         full = form.replace("u", unit).format(f"{words} {axis.upper()}")
         way.names.append(full)
@@ -332,3 +334,245 @@ def test_per_cent_anywhere_in_a_name_is_per_cent(tmp_path, name):
     (p,) = convert([path], Choice("generic", (columns,)), header=HEADER).specimen.protocols
     np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), small, rtol=1e-12)
     np.testing.assert_allclose(np.column_stack([p.load_x, p.load_y]), 1e-3 * force, rtol=1e-12)
+
+
+# --- names and units that leave something open ----------------------------------------------------
+
+STRETCH, FORCE = TRUE["1:1"]
+GREEN = 0.5 * (STRETCH**2 - 1.0)
+
+
+def converted(path: Path, columns: dict[str, str], header=(), **options) -> Conversion:
+    text = ",".join(f"{target}={column}" for target, column in columns.items())
+    return convert([path], Choice("generic", (text,), **options), header={**HEADER, **dict(header)})
+
+
+def file_of(folder: Path, names: list[str], *pairs: np.ndarray, units: str = "") -> Path:
+    """A CSV of pairs of columns, with a row of units below the names where there is one."""
+    path = folder / "a.csv"
+    rows = "".join(",".join(map(repr, row)) + "\n" for row in np.column_stack(pairs).tolist())
+    path.write_text(",".join(names) + "\n" + (f"{units}\n" if units else "") + rows)
+    return path
+
+
+def assert_is(result: Conversion, stretch: np.ndarray, force: np.ndarray) -> None:
+    (p,) = result.specimen.protocols
+    np.testing.assert_allclose(p.stretch, stretch, rtol=1e-12)
+    np.testing.assert_allclose(result.specimen.load(p), force, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("lambda_{}^2", STRETCH**2),
+        ("λ{}²", STRETCH**2),
+        ("stretch squared {}", STRETCH**2),
+        ("1/lambda_{}", 1.0 / STRETCH),
+        ("inverse stretch {}", 1.0 / STRETCH),
+        ("Green {}*100", 10.0 * GREEN),
+        ("Green x100 {}", 10.0 * GREEN),
+        ("Eng. strain rate {}", STRETCH - 1.0),
+    ],
+)
+def test_a_multiple_power_inverse_or_rate_is_not_taken_for_the_strain(tmp_path, name, values):
+    names = [name.format(axis) for axis in "xy"]
+    path = file_of(tmp_path, [*names, "Fx_N", "Fy_N"], values, FORCE)
+    columns = dict(zip(("stretch_x", "stretch_y"), names, strict=True))
+    columns |= {"force_x_N": "Fx_N", "force_y_N": "Fy_N"}
+    with pytest.raises(InputError, match=r"suggests a multiple, a power, an inverse or a rate"):
+        converted(path, columns)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("Load {} [N] (lbf)", "has two units, lbf and N"),
+        ("F{}_mN [N]", "has two units, N and mN"),
+        ("Load*1000 {} [N]", "suggests a multiple"),
+        ("Load {} [1e-3 N]", "'1e-3 N' of .* is not a known unit"),
+        ("Load 10 N {} (V)", "'V' of .* is not a known unit"),
+    ],
+)
+def test_a_force_with_two_units_or_a_factor_is_refused(tmp_path, name, words):
+    names = [name.format(axis) for axis in "xy"]
+    path = file_of(tmp_path, ["lx", "ly", *names], STRETCH, FORCE)
+    columns = dict(zip(("force_x_N", "force_y_N"), names, strict=True))
+    with pytest.raises(InputError, match=words):
+        converted(path, {"stretch_x": "lx", "stretch_y": "ly", **columns})
+    given = {target: f"{column}:N" for target, column in columns.items()}
+    result = converted(path, {"stretch_x": "lx", "stretch_y": "ly", **given})
+    assert_is(result, STRETCH, FORCE)
+
+
+@pytest.mark.parametrize("name", ["2PK {} [kPa]", "PK-2 {} [kPa]", "Piola-Kirchhoff II {} [kPa]"])
+def test_a_second_piola_kirchhoff_stress_is_not_a_first_one(tmp_path, name):
+    names = [name.format(axis) for axis in "xy"]
+    path = file_of(tmp_path, ["lx", "ly", *names], STRETCH, FORCE)
+    columns = dict(zip(("piola_x_kPa", "piola_y_kPa"), names, strict=True))
+    with pytest.raises(InputError, match="suggests a second Piola-Kirchhoff stress"):
+        converted(path, {"stretch_x": "lx", "stretch_y": "ly", **columns})
+
+
+@pytest.mark.parametrize(
+    ("units", "scale", "words"),
+    [
+        ("%,%,mN,mN", (100.0, 1e3), ""),
+        ("(Green),(Green),N,N", (1.0, 1.0), ""),
+        ("mm/m,mm/m,N,N", (1e3, 1.0), ""),
+        ("ppm,ppm,kN,kN", (1e6, 1e-3), ""),
+        ("1/s,1/s,N,N", (1.0, 1.0), "not clear what kind"),
+        ("true,true,N,N", (1.0, 1.0), "not clear what kind"),
+        ("-,-,lbs,V", (1.0, 1.0), "'V' of 'Load Y' is not a known unit"),
+    ],
+)
+def test_a_row_of_units_counts_as_the_names_do(tmp_path, units, scale, words):
+    """Of small strains, which stay possible if a factor is missed."""
+    small = 1.0 + 0.1 * (STRETCH - 1.0)
+    names = ["Green X", "Green Y", "Load X", "Load Y"]
+    values = scale[0] * 0.5 * (small**2 - 1.0), scale[1] * FORCE
+    path = file_of(tmp_path, names, *values, units=units)
+    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    if words:
+        with pytest.raises(InputError, match=words):
+            converted(path, columns)
+    else:
+        assert_is(converted(path, columns), small, FORCE)
+
+
+def test_a_row_of_units_that_contradicts_the_names_is_refused(tmp_path):
+    names = ["lx", "ly", "Load X [N]", "Load Y [N]"]
+    path = file_of(tmp_path, names, STRETCH, FORCE, units="-,-,mN,mN")
+    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    with pytest.raises(InputError, match="has two units, N and mN"):
+        converted(path, columns)
+
+
+def test_a_given_unit_that_contradicts_the_name_is_recorded(tmp_path):
+    names = ["Green X [%]", "Green Y [%]", "Load X [N]", "Load Y [N]"]
+    path = file_of(tmp_path, names, 100.0 * (STRETCH - 1.0), 1e3 * FORCE)
+    columns = {
+        "stretch_x": "Green X [%]:engineering",
+        "stretch_y": "Green Y [%]:engineering",
+        "force_x_N": "Load X [N]:mN",
+        "force_y_N": "Load Y [N]:mN",
+    }
+    result = converted(path, columns)
+    assert_is(result, STRETCH, FORCE)
+    text = str(result.specimen.metadata["conversion"])
+    assert "stretch_x is read as engineering, as given; 'Green X [%]' suggests green" in text
+    assert "force_y_N is read as mN, as given; 'Load Y [N]' suggests N" in text
+
+
+def test_units_of_x_and_y_may_differ(tmp_path):
+    moved = (STRETCH - 1.0) * GAUGE * [1.0, 1e3]
+    names = ["Disp X [mm]", "Disp Y [um]", "Load X [mN]", "Load Y [gf]"]
+    force = FORCE * [1e3, 1 / 9.80665e-3]
+    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    path = file_of(tmp_path, names, moved, force)
+    gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
+    assert_is(converted(path, columns, **gauge), STRETCH, FORCE)
+
+
+def test_fractions_below_a_per_cent_sign_in_one_direction_are_seen(tmp_path):
+    names = ["Green X [%]", "Green Y", "Fx_N", "Fy_N"]
+    path = file_of(tmp_path, names, GREEN, FORCE)
+    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    with pytest.raises(InputError, match=r"'Green X \[%\]' changes by 0.22% only"):
+        converted(path, columns)
+
+
+def test_a_machine_that_counts_extension_negative_is_named(tmp_path):
+    names = ["Disp X [mm]", "Disp Y [mm]", "Fx_N", "Fy_N"]
+    path = file_of(tmp_path, names, (1.0 - STRETCH) * GAUGE, FORCE)
+    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
+    with pytest.raises(InputError, match="may count extension negative"):
+        converted(path, columns, **gauge)
+
+
+def test_lengths_that_do_not_fit_on_the_tissue(tmp_path):
+    names = ["Distance X [mm]", "Distance Y [mm]", "Fx_N", "Fy_N"]
+    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    path = file_of(tmp_path, names, STRETCH * GAUGE, FORCE)
+    assert_is(converted(path, columns), STRETCH, FORCE)
+    with pytest.raises(
+        InputError, match=r"10\.2 mm in x does not fit on a tissue with an edge of 1 mm"
+    ):
+        converted(path, columns, header={"edge_x_mm": 1.0, "edge_y_mm": 1.0})
+    path = file_of(tmp_path, names, STRETCH * GAUGE + 40.0, FORCE)
+    with pytest.raises(InputError, match="that includes sutures or grips write stretch_x="):
+        converted(path, columns)
+    names = ["Disp X [mm]", "Disp Y [mm]", "Fx_N", "Fy_N"]
+    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    path = file_of(tmp_path, names, (STRETCH - 1.0) * GAUGE, FORCE)
+    short = converted(path, columns, gauge_x_mm=0.1 * GAUGE[0], gauge_y_mm=0.1 * GAUGE[1])
+    assert "of the edge of 10 mm: is it in mm?" in str(short.specimen.metadata["conversion"])
+
+
+def test_a_point_among_decimal_commas_is_refused_in_any_row(tmp_path):
+    """A thousands separator far below the rows from which the form of numbers is read."""
+    path = tmp_path / "a.csv"
+    n = 2500
+    rows = [f"1,{i:04d};1,{i:04d};{i};{i},5" for i in range(n - 1)]
+    path.write_text("\n".join(["lx;ly;Fx [mN];Fy [mN]", *rows, "1,25;1,25;2.500;2500,5"]) + "\n")
+    columns = {"stretch_x": "lx", "stretch_y": "ly"}
+    columns |= {"force_x_N": "Fx [mN]", "force_y_N": "Fy [mN]"}
+    with pytest.raises(InputError, match=rf"row {n + 1}, column Fx .*'2.500' has a decimal point"):
+        converted(path, columns)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "target"),
+    [
+        ("Time [d]", np.arange(25.0), None),
+        ("gamma [deg]", np.arange(25.0), "shear_xy"),
+    ],
+)
+def test_a_quantity_in_another_unit_is_left_out_or_refused(tmp_path, name, values, target):
+    path = file_of(tmp_path, ["lx", "ly", "Fx_N", "Fy_N", name], STRETCH, FORCE, values)
+    columns = {"stretch_x": "lx", "stretch_y": "ly", "force_x_N": "Fx_N", "force_y_N": "Fy_N"}
+    if target is None:
+        result = converted(path, columns)
+        assert_is(result, STRETCH, FORCE)
+        assert result.specimen.protocols[0].time_s is None
+    else:
+        with pytest.raises(InputError, match=r"in deg, an angle, but shear_xy is a shear"):
+            converted(path, {**columns, target: name})
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ({"edge_x_mm": -10.0}, "edge_x_mm must be a positive number"),
+        ({"thickness_mm": float("nan")}, "thickness_mm must be a positive number"),
+        ({"edge_mm_x": 10.0}, "unknown header key 'edge_mm_x'"),
+        ({"rest_rows": 5}, "unknown header key 'rest_rows'"),
+        ({"mounting_stretch_x": 1.03}, r"reads like '1.03 \+- 0.01'"),
+    ],
+)
+def test_header_values_from_python_are_checked_as_those_of_a_file(tmp_path, header, words):
+    path = file_of(tmp_path, ["lx", "ly", "P11 [kPa]", "P22 [kPa]"], STRETCH, FORCE)
+    columns = "stretch_x=lx,stretch_y=ly,piola_x_kPa=P11 [kPa],piola_y_kPa=P22 [kPa]"
+    with pytest.raises(InputError, match=words):
+        biaxbayes.convert(path, machine="generic", columns=columns, header=header)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"edge_x_mm": -10.0}, "edge_x_mm must be a positive number"),
+        ({"edge_y_mm": float("nan")}, "edge_y_mm must be a positive number"),
+        ({"thickness_mm": 0.0}, "thickness_mm must be a positive number"),
+        ({"thickness_mm": 1200.0}, "thickness_mm of 1200 cannot be"),
+        ({"load_noise": -1.0}, "load_noise must be a number from 0"),
+        ({"load_noise": float("nan")}, "load_noise must be a number from 0"),
+        ({"metadata": {"edge_sd_mm": "wide"}}, "edge_sd_mm must be a positive number"),
+        ({"metadata": {"edge_sd": 0.1}}, "metadata key 'edge_sd' has no place"),
+        ({"protocols": (STRETCH, FORCE)}, "must be a sequence of at least one Protocol"),
+    ],
+)
+def test_a_specimen_of_arrays_is_checked_as_a_file_is(arguments, words):
+    p = Protocol("p", *STRETCH.T, *FORCE.T)
+    sound = {"protocols": (p,), "edge_x_mm": EDGE, "edge_y_mm": EDGE, "thickness_mm": THICKNESS}
+    with pytest.raises(InputError, match=words):
+        Specimen("a", stress_pair="force", **{**sound, **arguments})

@@ -263,6 +263,9 @@ def fault_of(text: str) -> tuple[str, str]:
         return f"{shown} is a formula, not a number", "save the values in place of formulas"
     if DECIMAL_COMMA.fullmatch(cell):
         return f"{shown} has a decimal comma", "write it with a decimal point"
+    if re.fullmatch(r"[+-]?\d+\.\d+([eE][+-]?\d+)?", cell):
+        problem = f"{shown} has a decimal point where other numbers have decimal commas"
+        return problem, "export the table with one of them and no thousands separators"
     try:
         value = float(cell.replace("_", "x"))
     except ValueError:

@@ -6,6 +6,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from biaxbayes.errors import InputError
 from biaxbayes.specimens.specimen import STRESS_PAIRS
@@ -15,14 +16,14 @@ from biaxbayes.tables.units import (
     STRAINS,
     UNITS,
     Unit,
+    is_scaled,
     likely_name,
-    share_in,
     stem_of,
     strain_kinds,
     unit_named,
     unit_of_column,
     units_of,
-    unknown_unit,
+    words_of,
 )
 from biaxbayes.text_files import cells_of
 
@@ -40,7 +41,7 @@ TARGETS = {
 }
 """What can be mapped, and what kind of quantity it is."""
 OPTIONAL = ("time_s", *SHEAR)
-"""Taken where a column has their own name, and left out where that holds no numbers."""
+"""Taken from the only column of numbers with their own name and a unit, where there is one."""
 LENGTH_WORDS = r"distance|length|size|gap|separation|abstand|l[äa]nge|laenge|gauge"
 DISPLACEMENT_WORDS = (
     r"disp(lacement)?s?|extension|elongation|travel|stroke|crosshead|weg|verschiebung|change|delta"
@@ -48,17 +49,21 @@ DISPLACEMENT_WORDS = (
 STRESS_WORDS = {
     "piola": r"piola|pk1|p11|p22|pxx|pyy|first|1st|nominal|engineering|eng",
     "cauchy": r"cauchy|true",
-    "second Piola-Kirchhoff": r"pk2|second|2nd|spk",
+    "second Piola-Kirchhoff": r"pk2|2pk|pkii|kirchhoffii|second|2nd|spk",
 }
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table with the unit that it is in (None for text)."""
+    """A column of the table with the unit that it is in (None for text).
+
+    ``conflict`` says how the unit that the user gives differs from the column's own.
+    """
 
     index: int
     name: str
     unit: Unit | None
+    conflict: str = ""
 
     def __str__(self) -> str:
         return self.name if self.unit is None else f"{self.name} ({self.unit.name})"
@@ -68,51 +73,38 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
     """Columns by target, from texts of ``target=column[:unit]`` with commas between them.
 
     Commas inside a column's name need no quotation marks: a pair ends where ``,target=`` follows.
-
-    Raises
-    ------
-    InputError
-        For text that reads otherwise, an unknown target or one given twice.
     """
     wanted: dict[str, str] = {}
-    for part in (part for text in texts for part in _pairs(text)):
-        target, sign, column = (piece.strip() for piece in part.partition("="))
-        if not sign or not column:
-            raise InputError(
-                f"`columns`: {part[:60]!r} does not read like stretch_x=F11",
-                remedy="give target=column pairs, separated by commas",
-            )
-        if target not in TARGETS:
-            likely, hint = likely_name(target, TARGETS, cutoff=0.7)
-            unit = unit_of_column(target)
-            if likely and unit is not None and unit != unit_of_column(likely):
-                hint = f"write {likely}={column}:{unit.name}; "
-            raise InputError(
-                f"`columns`: unknown target {target[:60]!r}",
-                remedy=f"{hint}targets are {', '.join(TARGETS)}",
-            )
-        if target in wanted:
-            raise InputError(f"`columns`: {target} is given twice", remedy="keep one")
-        wanted[target] = column
+    for text in texts:
+        pairs = cells_of(text) if '"' in text else re.split(r",(?=\s*\w+\s*=)", text)
+        for pair in (pair for pair in pairs if '"' in text or pair.strip(" ,")):
+            target, sign, column = (piece.strip() for piece in pair.partition("="))
+            if not sign or not column:
+                raise InputError(
+                    f"`columns`: {pair[:60]!r} is not of the form stretch_x=F11",
+                    remedy="give target=column pairs, separated by commas",
+                )
+            if target not in TARGETS:
+                likely, hint = likely_name(target, TARGETS, cutoff=0.7)
+                unit = unit_of_column(target)
+                if likely and unit is not None and unit != unit_of_column(likely):
+                    hint = f"write {likely}={column}:{unit.name}; "
+                raise InputError(
+                    f"`columns`: unknown target {target[:60]!r}",
+                    remedy=f"{hint}targets are {', '.join(TARGETS)}",
+                )
+            if target in wanted:
+                raise InputError(f"`columns`: {target} is given twice", remedy="keep one")
+            wanted[target] = column
     return wanted
 
 
-def _pairs(text: str) -> list[str]:
-    if '"' in text:
-        return cells_of(text)
-    return [part for part in re.split(r",(?=\s*\w+\s*=)", text) if part.strip(" ,")]
-
-
 def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
-    """Find the wanted columns of a table, and those that are called like a target.
+    """The wanted columns of a table, and those that are called like a target.
 
     A target that is not wanted is looked for under its own name, in any unit (``force_x_mN``);
-    shear under ``F12`` and ``F21``.
-
-    Raises
-    ------
-    InputError
-        For columns that are missing or ambiguous, or whose unit or kind is not clear.
+    shear under ``F12`` and ``F21``. Columns that are missing or ambiguous, or whose unit or kind
+    is not clear, are refused.
     """
     loads_named = any(TARGETS[target] in ("force", "stress") for target in wanted)
     columns: dict[str, Column] = {}
@@ -122,21 +114,39 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
             index, given = _named(table, wanted[target])
         elif quantity in ("force", "stress") and loads_named:
             continue
-        else:
-            own = table.by_stem(stem_of(target))
-            own = table.by_stem(SHEAR[target]) if own is None and target in SHEAR else own
-            if own is None or (target in OPTIONAL and not table.is_numeric(own)):
+        elif target in OPTIONAL:
+            stems = (stem_of(target), SHEAR.get(target))
+            own = [i for i, name in enumerate(table.names) if stem_of(name) in stems]
+            if len(own) != 1 or not table.is_numeric(own[0]):
                 continue
-            index = own
-        unit = None if quantity == "text" else _unit(table, index, target, quantity, given)
-        columns[target] = Column(index, table.names[index], unit)
+            index = own[0]
+        else:
+            found = table.by_stem(stem_of(target))
+            if found is None:
+                continue
+            index = found
+        unit, conflict = None, ""
+        if quantity == "stretch":
+            unit = _stretch_unit(table, index, target, given)
+            kinds = _kinds(table, index)
+            if given is not None and given.quantity in STRAINS and kinds - {given.quantity}:
+                conflict = " and ".join(sorted(kinds))
+        elif quantity != "text":
+            try:
+                unit = _unit(table, index, target, quantity, given)
+            except InputError:
+                if target in OPTIONAL and target not in wanted:
+                    continue
+                raise
+        written = [u for u in table.units(index) if given and u.quantity == given.quantity]
+        if given is not None and any(u.factor != given.factor for u in written):
+            conflict = " and ".join(u.name for u in written)
+        if conflict and given is not None:
+            name = table.names[index]
+            conflict = f"{target} is read as {given.name}, as given; {name!r} suggests {conflict}"
+        columns[target] = Column(index, table.names[index], unit, conflict)
     _check_complete(table, columns)
     return columns
-
-
-def numeric_columns(columns: Mapping[str, Column]) -> list[int]:
-    """Indices of the columns that hold numbers."""
-    return [column.index for column in columns.values() if column.unit is not None]
 
 
 def _named(table: Table, text: str) -> tuple[int, Unit | None]:
@@ -149,7 +159,7 @@ def _named(table: Table, text: str) -> tuple[int, Unit | None]:
         return table.column(name), unit
     if name.strip() in map(str.strip, table.names):
         raise InputError(
-            f"`columns`: {ending[:40]!r} behind {name[:40]!r} is no unit or kind of strain",
+            f"`columns`: {ending[:40]!r} behind {name[:40]!r} is not a unit or kind of strain",
             file=table.path,
             column=name.strip(),
             remedy=f"choose one of {', '.join(UNITS)}",
@@ -158,43 +168,57 @@ def _named(table: Table, text: str) -> tuple[int, Unit | None]:
 
 
 def _unit(table: Table, index: int, target: str, quantity: str, given: Unit | None) -> Unit:
+    """The unit of a force, stress, time or shear."""
     name = table.names[index]
-    if quantity == "stretch":
-        return _stretch_unit(table, index, target, given)
     if quantity == "stress":
         _check_kind_of_stress(table, name, target)
     unit = given or table.unit(index)
-    if unit is None and quantity == "time":
+    if unit is None and quantity == "time" and not table.unknown_unit(index):
         return UNITS["s"]
-    if quantity == "shear":
-        return UNITS["mm/mm"] if unit is None or unit.quantity != "fraction" else unit
-    if unit is None or unit.quantity != quantity:
-        problem = f"{name!r} does not say its unit"
-        if unknown_unit(name):
-            problem = f"{unknown_unit(name)!r} of {name!r} is no known unit"
-        elif unit is not None:
-            problem = f"{name!r} is in {unit.name}, a {unit.quantity}"
+    if unit is None and quantity == "shear" and not table.unknown_unit(index):
+        return UNITS["mm/mm"]
+    needed = "fraction" if quantity == "shear" else quantity
+    if unit is None or unit.quantity != needed:
+        problem = f"the unit of {name!r} is not known"
+        if unit is not None:
+            article = "an" if unit.quantity[0] in "aeiou" else "a"
+            problem = f"{name!r} is in {unit.name}, {article} {unit.quantity}"
+        elif table.unknown_unit(index):
+            problem = f"{table.unknown_unit(index)!r} of {name!r} is not a known unit"
         raise InputError(
             f"{problem}, but {target} is a {quantity}",
             file=table.path,
             column=name,
             remedy=f"write {shlex.quote(f'{target}={name}:UNIT')} with the unit it is in, one of "
-            f"{units_of(quantity)}; or choose another column; {table.listing}",
+            f"{units_of(needed)}; or choose another column; {table.listing}",
         )
+    if given is None:
+        _check_not_scaled(table, name, f"{target}={name}:{unit.name}")
     return unit
 
 
+def _check_not_scaled(table: Table, name: str, remedy: str) -> None:
+    if is_scaled(name):
+        raise InputError(
+            f"the name {name!r} suggests a multiple, a power, an inverse or a rate",
+            file=table.path,
+            column=name,
+            remedy=f"write {shlex.quote(remedy)} if the values are plain ones; otherwise compute "
+            "plain values in the table",
+        )
+
+
 def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
-    """Refuse a stress whose name speaks of another kind than its target."""
-    words = re.split(r"[^0-9a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
+    """Refuse a stress whose name suggests another kind than its target."""
+    words = words_of(name)
+    words += [first + second for first, second in pairwise(words)]
     kinds = [
         k for k, pattern in STRESS_WORDS.items() if any(re.fullmatch(pattern, w) for w in words)
     ]
-    pair = target.split("_")[0]
+    pair, axis, _ = target.split("_")
     if kinds and kinds != [pair]:
-        axis = target.split("_")[1]
         raise InputError(
-            f"{name!r} speaks of a {kinds[-1]} stress, but {target} is a {pair} stress",
+            f"the name {name!r} suggests a {kinds[-1]} stress, but {target} is a {pair} stress",
             file=table.path,
             column=name,
             remedy="a second Piola-Kirchhoff stress times the stretch is a first one: compute it "
@@ -204,39 +228,45 @@ def _check_kind_of_stress(table: Table, name: str, target: str) -> None:
         )
 
 
+def _kinds(table: Table, index: int) -> set[str]:
+    """Kinds of strain that the name of a column and the row of units give."""
+    return strain_kinds(table.names[index]) | strain_kinds(table.below(index))
+
+
 def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> Unit:
     """The kind of stretch, strain, length or displacement of a column; asks rather than guesses."""
-    name = table.names[index]
-    kinds, written = strain_kinds(name), table.unit(index)
-    if written is not None and written.quantity in STRAINS and written.factor == 1.0:
-        written = share_in(name) or written  # `E [%] (Green)`: the kind at the end, per cent before
-    per_cent = written is not None and written.quantity == "fraction" and written.factor < 1.0
-    if given is not None and given.name == "percent" and kinds <= {"engineering"}:
-        return UNITS["engineering_percent"]
-    if given is not None and given.quantity in STRAINS:
-        # ':green' states the kind; per cent in the name is its scale.
-        factor = written.factor if per_cent and written is not None else 1.0
-        return Unit(given.name, given.quantity, min(given.factor, factor))
-    if given is not None and given.quantity in ("length", "displacement"):
-        return given
-    if given is None and written is not None and written.quantity == "length":
-        return _length_unit(table, index, target, written)
-    if given is None and written is not None and written.quantity == "displacement":
-        return written
-    described = written is None or written.quantity == "fraction" or written.quantity in STRAINS
-    if given is None and described and not unknown_unit(name) and len(kinds) == 1:
-        (kind,) = kinds
-        if not per_cent or written is None:
-            return UNITS[kind]
-        if kind != "stretch":
-            return Unit(f"{kind}, {written.name}", kind, written.factor)
-    state = f"it is not clear what kind of stretch or strain {name!r} is"
+    name, kinds, units = table.names[index], _kinds(table, index), table.units(index)
+    share = next((u for u in units if u.quantity == "fraction" and u.factor < 1.0), None)
     if given is not None:
-        state = f"{name!r} is given as {given.name}, which leaves its kind open"
-    if given is not None and kinds:
-        state += f" (its name says {' and '.join(sorted(kinds))})"
+        if given.name == "percent" and kinds <= {"engineering"}:
+            return UNITS["engineering_percent"]
+        if given.quantity in STRAINS:
+            # ':green' is the kind; per cent in the name is its scale.
+            factor = share.factor if share else 1.0
+            return Unit(given.name, given.quantity, min(given.factor, factor))
+        if given.quantity in ("length", "displacement"):
+            return given
+    else:
+        table.unit(index)  # refuses two units
+        length = next((u for u in units if u.quantity in ("length", "displacement")), None)
+        if length is not None:
+            _check_not_scaled(table, name, f"{target}={name}:{length.name}")
+            return _length_unit(table, index, target, length)
+        plain = all(u.quantity == "fraction" or u.quantity in STRAINS for u in units)
+        if plain and not table.unknown_unit(index) and len(kinds) == 1:
+            (kind,) = kinds
+            _check_not_scaled(table, name, f"{target}={name}:{kind}")
+            if share is None:
+                return UNITS[kind]
+            if kind != "stretch":
+                return Unit(f"{kind}, {share.name}", kind, share.factor)
+    problem = f"it is not clear what kind of stretch or strain {name!r} is"
+    if given is not None:
+        problem = f"{name!r} is given as {given.name}, which leaves its kind open"
+        if kinds:
+            problem += f" (its name suggests {' and '.join(sorted(kinds))})"
     raise InputError(
-        state,
+        problem,
         file=table.path,
         column=name,
         remedy=f"write {shlex.quote(f'{target}={name}:KIND')} with its kind, one of "
@@ -247,8 +277,10 @@ def _stretch_unit(table: Table, index: int, target: str, given: Unit | None) -> 
 
 def _length_unit(table: Table, index: int, target: str, unit: Unit) -> Unit:
     """Whether a column in mm is the distance of grips or marks, or how far they have moved."""
+    if unit.quantity == "displacement":
+        return unit
     name = table.names[index]
-    words = re.split(r"[^0-9a-zäöü]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
+    words = words_of(name)
     words += [re.sub(r"^[xy12]|[xy12]$", "", word) for word in words]
     moved, apart = (
         any(re.fullmatch(pattern, word) for word in words)
@@ -298,16 +330,14 @@ def _example(table: Table) -> str:
     forces: list[str] = []
     stresses: list[str] = []
     for index, name in enumerate(table.names):
-        unit = table.unit(index)
-        quantity = "" if unit is None else unit.quantity
+        quantity = next((u.quantity for u in table.units(index)), "")
         if quantity in ("length", "displacement", *STRAINS) or strain_kinds(name):
             deformed.append(name)
         elif quantity in ("force", "stress"):
             (forces if quantity == "force" else stresses).append(name)
-    loads = STRESS_PAIRS["force"] if len(forces) >= 2 else STRESS_PAIRS["piola"]
-    values = [*deformed[:2], *(forces if len(forces) >= 2 else stresses)[:2]]
-    if len(deformed) < 2 or len(values) < 4:
+    pair, loads = ("force", forces) if len(forces) >= 2 else ("piola", stresses)
+    values = [*deformed[:2], *loads[:2]]
+    if len(values) < 4:
         values = ["COLUMN"] * 4
-    pairs = zip(("stretch_x", "stretch_y", *loads), values, strict=True)
-    text = ",".join(f"{target}={name}" for target, name in pairs)
-    return f"for example --columns {shlex.quote(text)}"
+    pairs = zip(("stretch_x", "stretch_y", *STRESS_PAIRS[pair]), values, strict=True)
+    return f"for example --columns {shlex.quote(','.join(f'{t}={name}' for t, name in pairs))}"

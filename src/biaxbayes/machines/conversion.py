@@ -147,14 +147,25 @@ def _check_signs(recordings: Sequence[Recording], file: object) -> None:
         recording = max(recordings, key=lambda r: float(np.ptp(r.stretch[:, k])))
         stretch, load = recording.stretch[:, k], recording.load[:, k]
         change = load[np.argmax(stretch)] - load[np.argmin(stretch)]
-        if change < -NEGATIVE * largest:
+        if change >= -NEGATIVE * largest:
+            continue
+        away = stretch - stretch[0]
+        if load[np.abs(away).argmax()] > load[0] and -away.min() > away.max():
             raise InputError(
-                f"the load in {axis} falls by {-change:.3g} while the stretch in {axis} rises to "
-                f"its largest value: the load cell may count tension negative",
+                f"the load in {axis} rises by {-change:.3g} while the stretch in {axis} falls to "
+                f"{stretch.min():.4g}: the machine may count extension negative, or the strain "
+                "be inverse",
                 file=file,
-                column=recording.columns[2 + k],
-                remedy=f"turn its sign round with `tension_negative={axis}` (or xy for both)",
+                column=recording.columns[k],
+                remedy="multiply the column by -1 (a displacement) in the table, and convert again",
             )
+        raise InputError(
+            f"the load in {axis} falls by {-change:.3g} while the stretch in {axis} rises to "
+            f"its largest value: the load cell may count tension negative",
+            file=file,
+            column=recording.columns[2 + k],
+            remedy=f"reverse its sign with `tension_negative={axis}` (or xy for both)",
+        )
 
 
 def _sections(recording: Recording, header: Header) -> tuple[float, float] | None:

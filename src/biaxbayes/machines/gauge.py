@@ -8,6 +8,10 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 
+LONGEST, SHORTEST = 1.5, 0.11
+"""Lengths between marks or grips over the edge of the tissue: longer cannot be, as no tissue is
+mounted at such a stretch; shorter is likely in cm."""
+
 
 @dataclass(frozen=True)
 class Gauge:
@@ -60,7 +64,7 @@ class Gauge:
         formula = "displacement" if origin == 0.0 else f"(displacement - {origin:g} mm)"
         note = f"stretch {axis} is 1 + {formula} / {length:g} mm"
         if self.given_mm[k] is not None:
-            return stretch, f"{note}, the stated gauge length"
+            return stretch, f"{note}, the stated gauge length{self._doubt(length, k, column, file)}"
         if self.geometry == "mounted":
             return stretch, (
                 f"{note}: no gauge length is stated, and the mounted edge is taken for it. If "
@@ -80,7 +84,7 @@ class Gauge:
         """Stretches of a distance between marks or grips, and a note."""
         if first_mm <= 0.0:
             raise InputError(
-                f"{column!r} starts at {first_mm:g}, which is no length",
+                f"{column!r} starts at {first_mm:g}, which is not a length",
                 file=file,
                 column=column,
                 remedy=f"for a displacement write stretch_{'xy'[k]}={column}:displacement_mm",
@@ -88,5 +92,25 @@ class Gauge:
         given = self.given_mm[k]
         reference = first_mm if given is None else given
         origin = "its first value" if given is None else "the stated gauge length"
-        note = f"stretch {'xy'[k]} is {column} over {origin}, {reference:g} mm"
-        return length_mm / reference, note
+        doubt = self._doubt(reference, k, column, file)
+        return length_mm / reference, (
+            f"stretch {'xy'[k]} is {column} over {origin}, {reference:g} mm{doubt}"
+        )
+
+    def _doubt(self, length_mm: float, k: int, column: str, file: object) -> str:
+        """Refuse a length that does not fit on the tissue; a note where it is unusually short."""
+        axis, edge = "xy"[k], None if self.edges_mm is None else self.edges_mm[k]
+        if edge is not None and length_mm > LONGEST * edge:
+            raise InputError(
+                f"the length of {length_mm:g} mm in {axis} does not fit on a tissue with an edge "
+                f"of {edge:g} mm",
+                file=file,
+                column=column,
+                remedy=f"check that `edge_{axis}_mm` and the column are in the units stated; for a "
+                f"distance that includes sutures or grips write "
+                f"stretch_{axis}={column}:displacement_mm with `gauge_{axis}_mm` and "
+                "`gauge_at=start`",
+            )
+        if edge is not None and length_mm < SHORTEST * edge:
+            return f" (only {length_mm / edge:.0%} of the edge of {edge:g} mm: is it in mm?)"
+        return ""

@@ -34,7 +34,7 @@ from biaxbayes.parameters import (
     Parameter,
     mounting_names,
 )
-from biaxbayes.specimens.header import measured_stretch
+from biaxbayes.specimens.keys import measured_stretch
 from biaxbayes.text_files import read_text
 
 if TYPE_CHECKING:

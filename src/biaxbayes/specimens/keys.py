@@ -1,29 +1,13 @@
-"""The columns and header keys of a specimen file, and what each means."""
+"""The columns and header keys of a specimen file: what each means, and which values it takes."""
 
 from __future__ import annotations
 
+import math
+import re
 from typing import NamedTuple
 
-
-class Column(NamedTuple):
-    """What a column means, and what holds without it."""
-
-    words: str
-    default: str
-
-
-class Key(NamedTuple):
-    """What a header key means, what holds without it, and which values it takes.
-
-    ``values`` is a range of numbers outside of which the unit or the value must be wrong, or a
-    tuple of words; None stands for any text. The specimen keeps an ``extra`` key in its metadata.
-    """
-
-    words: str
-    default: str
-    values: tuple[float, float] | tuple[str, ...] | None = None
-    extra: bool = False
-
+from biaxbayes.errors import InputError
+from biaxbayes.text_files import number_in, one_line
 
 NEEDED = "required"
 ONE_PAIR = "required, or another pair"
@@ -40,6 +24,29 @@ STRETCH_RANGE = (0.2, 5.0)
 GEOMETRIES = ("unloaded", "mounted")
 REFERENCES = ("each protocol", "common")
 """What measured stretches are relative to: the first rows of each protocol, or one state."""
+
+
+class Column(NamedTuple):
+    """What a column means, and what holds without it."""
+
+    words: str
+    default: str
+
+
+class Key(NamedTuple):
+    """What a header key means, what holds without it, and which values it takes.
+
+    Outside of its range the unit or the value must be wrong; with neither range nor choices it
+    takes any text. The specimen keeps an ``extra`` key in its metadata.
+    """
+
+    words: str
+    default: str
+    range: tuple[float, float] | None = None
+    choices: tuple[str, ...] = ()
+    extra: bool = False
+
+
 COLUMNS = {
     "stretch_x": Column(
         "Stretch along x relative to the mounted state; each protocol is divided by its own value "
@@ -72,13 +79,13 @@ KEYS = {
     "geometry": Key(
         "State that dimensions, and stresses in the file, refer to: unloaded or mounted",
         f"unloaded with stresses; {OF_FORCES}",
-        GEOMETRIES,
+        choices=GEOMETRIES,
     ),
     "reference": Key(
         "State that the stretches are relative to: `each protocol` (the first rows of each) or "
         "`common` (one for all protocols; those that do not start at it have no rows at rest)",
-        "each protocol; asked for where first rows differ by more than 2 %",
-        REFERENCES,
+        "each protocol; required where first rows differ by more than 2 %",
+        choices=REFERENCES,
     ),
     "mounted_state_x": Key(
         "With a common reference: stretch of the mounted state along x in the columns of the file; "
@@ -108,12 +115,12 @@ KEYS = {
     "rest_rows": Key(
         "Leading rows at rest: one number for all protocols, or one for each with commas; 0 "
         "for a protocol that starts elsewhere than the common reference",
-        "found from the stretches",
+        "counted from the stretches",
     ),
     "missing_rows": Key(
         "`drop` leaves out rows in which a reading is missing (empty or NaN) and counts them",
         "such rows are refused",
-        ("drop",),
+        choices=("drop",),
     ),
     "stress_limit_kPa": Key("Accept stresses up to this", "5000", (1.0, 1e9), extra=True),
     "source": Key("Where the record is from, as `convert` writes it", NONE, extra=True),
@@ -127,13 +134,74 @@ KEYS = {
 }
 """Header keys by name; no others are known."""
 METADATA_KEYS = tuple(name for name, key in KEYS.items() if key.extra)
-NUMBER_RANGES: dict[str, tuple[float, float]] = {
-    name: (float(key.values[0]), float(key.values[1]))
-    for name, key in KEYS.items()
-    if key.values and not isinstance(key.values[0], str)
+CHOICE_REMEDIES = {
+    "geometry": "say in which state the dimensions were measured",
+    "reference": "say what the stretches are relative to: the first rows of each protocol, or "
+    "one state for all",
+    "missing_rows": "leave the line out to have such rows refused",
 }
-CHOICES: dict[str, tuple[str, ...]] = {
-    name: tuple(map(str, key.values))
-    for name, key in KEYS.items()
-    if key.values and isinstance(key.values[0], str)
-}
+
+
+def checked_value(
+    key: str, value: object, row: int | None = None, path: object = None
+) -> float | str:
+    """Value of a known key from a number or its text; one that cannot be is refused."""
+    if KEYS[key].range is not None:
+        return _number(key, value, row, path)
+    text, choices = one_line(str(value)), KEYS[key].choices
+    problem = remedy = ""
+    if key in ("mounting_stretch_x", "mounting_stretch_y"):
+        measured_stretch(text, path, row)
+    elif choices and text not in choices:
+        problem = f"{key} must be {' or '.join(map(repr, choices))}"
+        remedy = CHOICE_REMEDIES[key]
+    elif key == "rest_rows" and not re.fullmatch(r"\d{1,9}(\s*,\s*\d{1,9})*", text):
+        problem = "rest_rows must be a whole number from 1"
+        remedy = "give one for all protocols, or one each, separated by commas"
+    if problem:
+        raise InputError(f"{problem}, not {text[:40]!r}", file=path, row=row, remedy=remedy)
+    return text
+
+
+def _number(key: str, value: object, row: int | None, path: object) -> float:
+    low, high = KEYS[key].range or (-math.inf, math.inf)
+    try:
+        number = number_in(str(value))
+    except ValueError:
+        number = None
+    if number is None or number < 0.0 or (number == 0.0 and low > 0.0):
+        kind = "a positive number" if low > 0.0 else "a number from 0"
+        remedy = "write it with a decimal point and without unit, as in '# thickness_mm: 1.35'"
+        raise InputError(
+            f"{key} must be {kind}, not {str(value)[:40]!r}",
+            file=path,
+            row=row,
+            remedy="leave the line out where it is not known" if number == 0.0 else remedy,
+        )
+    if not low <= number <= high:
+        unit = "" if key.startswith("mounted_state") else f" in {key.rsplit('_', 1)[1]}"
+        raise InputError(
+            f"{key} of {number:g} cannot be",
+            file=path,
+            row=row,
+            remedy=f"give it{unit}, between {low:g} and {high:g}",
+        )
+    return number
+
+
+def measured_stretch(text: str, path: object = None, row: int | None = None) -> tuple[float, float]:
+    """Mean and standard deviation from text such as ``1.03 +- 0.01`` (or ``±``)."""
+    parts = text.replace("±", "+-").split("+-")
+    try:
+        mean, sd = (number_in(part) for part in parts)
+    except ValueError:
+        mean = sd = 0.0
+    low, high = STRETCH_RANGE
+    if not (low < mean < high and 0.0 < sd < high):
+        raise InputError(
+            f"a mounting stretch known from an image reads like '1.03 +- 0.01', not {text[:40]!r}",
+            file=path,
+            row=row,
+            remedy="give value and standard deviation",
+        )
+    return mean, sd

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from biaxbayes.specimens.keys import GEOMETRIES, REFERENCES
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.keys import GEOMETRIES, METADATA_KEYS, REFERENCES, checked_value
 from biaxbayes.specimens.protocol import CURVES, Protocol, ReadingError
 
 STRESS_PAIRS = {
@@ -46,7 +48,8 @@ class Specimen:
         their mean there. ``common``: one state for all protocols, the mounted state, where the
         stretch is (1, 1); a protocol that does not start there has no rows at rest.
     metadata : mapping, optional
-        Other known header keys (measurement uncertainties and the like), as numbers or text.
+        Further header keys of a specimen file (measurement uncertainties and the like), as
+        numbers or text.
     notes : tuple of str
         Changes made when reading, such as re-referenced stretches.
 
@@ -72,9 +75,9 @@ class Specimen:
     notes: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "metadata", MappingProxyType(dict(self.metadata)))
         self._check_arguments()
-        object.__setattr__(self, "protocols", self._referenced(tuple(self.protocols)))
+        object.__setattr__(self, "metadata", MappingProxyType(self._checked_metadata()))
+        object.__setattr__(self, "protocols", self._referenced(self._checked_protocols()))
 
     def _check_arguments(self) -> None:
         for argument, choices in (
@@ -89,16 +92,51 @@ class Specimen:
                     argument=argument,
                     remedy=f"use one of {', '.join(filter(None, choices))}",
                 )
-        dimensions = ("edge_x_mm", "edge_y_mm", "thickness_mm")
-        missing = [name for name in dimensions if getattr(self, name) is None]
-        if self.stress_pair == "force" and missing:
-            raise ReadingError("is needed with forces", argument=missing[0], remedy="give it in mm")
-        if not self.protocols:
-            raise ReadingError("is empty", argument="protocols", remedy="give at least one")
-        if len({p.time_s is None for p in self.protocols}) > 1:
+        for argument in ("edge_x_mm", "edge_y_mm", "thickness_mm"):
+            value = getattr(self, argument)
+            if value is not None:
+                object.__setattr__(self, argument, _checked(argument, value))
+            elif self.stress_pair == "force":
+                raise ReadingError(
+                    "is needed with forces", argument=argument, remedy="give it in mm"
+                )
+        if self.load_noise is not None:
+            try:
+                noise = float(self.load_noise)
+            except (TypeError, ValueError):
+                noise = np.nan
+            if not 0.0 <= noise < np.inf:
+                raise ReadingError(
+                    f"load_noise must be a number from 0, not {str(self.load_noise)[:40]!r}",
+                    argument="load_noise",
+                    remedy=f"give the standard deviation of one reading in {self.unit}",
+                )
+            object.__setattr__(self, "load_noise", noise)
+
+    def _checked_metadata(self) -> dict[str, float | str]:
+        for key in self.metadata:
+            if key not in METADATA_KEYS:
+                raise ReadingError(
+                    f"metadata key {str(key)[:40]!r} has no place in a specimen",
+                    argument="metadata",
+                    remedy=f"known keys are {', '.join(METADATA_KEYS)}",
+                )
+        return {key: _checked(key, value) for key, value in self.metadata.items()}
+
+    def _checked_protocols(self) -> tuple[Protocol, ...]:
+        several = isinstance(self.protocols, Iterable)
+        protocols = tuple(self.protocols) if several else ()
+        if not protocols or not all(isinstance(p, Protocol) for p in protocols):
+            raise ReadingError(
+                "must be a sequence of at least one Protocol",
+                argument="protocols",
+                remedy="for example [Protocol(name, stretch_x, stretch_y, load_x, load_y)]",
+            )
+        if len({p.time_s is None for p in protocols}) > 1:
             raise ReadingError(
                 "is missing in some protocols", argument="time_s", remedy="give it in all or none"
             )
+        return protocols
 
     def _referenced(self, protocols: tuple[Protocol, ...]) -> tuple[Protocol, ...]:
         """The protocols with stretches relative to the mounted state, and their rows there."""
@@ -315,6 +353,14 @@ class Specimen:
             first = Protocol(chosen[0].name, **columns, rest_rows=source.rest_rows)  # type: ignore[arg-type]
             chosen = (first, *(replace(p, time_s=None) for p in chosen[1:]))
         return replace(self, protocols=chosen)
+
+
+def _checked(key: str, value: object) -> Any:
+    """A number or text that a header key takes; another is refused by its argument."""
+    try:
+        return checked_value(key, value)
+    except InputError as error:
+        raise ReadingError(error.problem, argument=key, remedy=error.remedy) from None
 
 
 def _rebuild(fields: dict) -> Specimen:

@@ -1,20 +1,89 @@
-"""The specimen CSV: ``# key: value`` lines, then columns; read with named errors, written whole."""
+"""The specimen CSV: ``# key: value`` lines, then columns; errors name file, row and column."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.header import MOUNTED_STATE, Header, read_header
-from biaxbayes.specimens.keys import METADATA_KEYS
+from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, checked_value
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.protocol import AUTOMATIC, Protocol, ReadingError
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.table import STRETCHES, Table, read_table
-from biaxbayes.text_files import atomic_write_text, one_line, read_lines, rows_text
+from biaxbayes.tables.units import likely_name
+from biaxbayes.text_files import atomic_write_text, cells_of, one_line, read_lines, rows_text
+
+MOUNTED_STATE = ("mounted_state_x", "mounted_state_y")
+"""Measured stretch of the mounted state, in a record with one common reference."""
+
+
+# --- the header ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Header:
+    """Values by key, and the line of the file that each is in."""
+
+    values: Mapping[str, float | str]
+    rows: Mapping[str, int]
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
+
+    def number(self, key: str) -> float | None:
+        """A number, None where the file has no such key."""
+        value = self.values.get(key)
+        return None if value is None else float(value)
+
+    def text(self, key: str) -> str | None:
+        """A text, None where the file has no such key or leaves it empty."""
+        return str(self.values.get(key) or "") or None
+
+
+def read_header(lines: Sequence[str], path: Path) -> tuple[Header, int]:
+    """Header of a file, and the index of the line with the column names."""
+    values: dict[str, float | str] = {}
+    rows: dict[str, int] = {}
+    for row, line in enumerate(lines, start=1):
+        stripped = line.strip()
+        # A spreadsheet quotes header lines and pads them with separators.
+        if stripped.startswith('"#'):
+            stripped = cells_of(stripped)[0].strip()
+        if stripped.endswith(",,"):
+            stripped = stripped.rstrip(",").rstrip()
+        if not stripped:
+            continue
+        if not stripped.startswith("#"):
+            return Header(values, rows), row - 1
+        key, colon, value = stripped.lstrip("#").partition(":")
+        if not colon:
+            continue  # a plain comment
+        key, value = key.strip(), one_line(value)
+        if key in values:
+            raise InputError(
+                f"header key {key!r} appears twice", file=path, row=row, remedy="keep one"
+            )
+        if key not in KEYS:
+            _, hint = likely_name(key, KEYS)
+            raise InputError(
+                f"unknown header key {key[:60]!r}",
+                file=path,
+                row=row,
+                remedy=f"{hint}known keys are {', '.join(KEYS)}; drop the colon for a plain "
+                "comment",
+            )
+        if value:
+            values[key] = checked_value(key, value, row, path)
+            rows[key] = row
+    raise InputError(
+        "the file has no table",
+        file=path,
+        remedy="give a line of column names (stretch_x,stretch_y,force_x_N,force_y_N) and rows",
+    )
+
 
 # --- reading -------------------------------------------------------------------------------------
 
@@ -46,13 +115,35 @@ def parse_specimen(lines: Sequence[str], path: Path) -> Specimen:
     header, first = read_header(lines, path)
     table = read_table(lines, first, path, drop_missing=header.text("missing_rows") == "drop")
     stress_pair = _stress_pair(table, path)
+    unit = "N" if stress_pair == "force" else "kPa"
     _check_keys(header, stress_pair, path)
     try:
-        specimen = _specimen(table, header, stress_pair, path)
+        protocols = _protocols(table, header, stress_pair, path)
+        specimen = Specimen(
+            name=one_line(header.text("specimen") or path.stem),
+            protocols=tuple(protocols),
+            stress_pair=stress_pair,
+            geometry=header.text("geometry") or "unloaded",
+            edge_x_mm=header.number("edge_x_mm"),
+            edge_y_mm=header.number("edge_y_mm"),
+            thickness_mm=header.number("thickness_mm"),
+            load_noise=header.number(f"load_noise_{unit}"),
+            layer=header.text("layer"),
+            axis_x=header.text("axis_x"),
+            axis_y=header.text("axis_y"),
+            reference=header.text("reference"),
+            metadata={key: header.values[key] for key in METADATA_KEYS if key in header},
+        )
         check_readings(specimen)
     except ReadingError as error:
         raise _in_file(error, table, header, stress_pair, path) from None
-    return specimen
+    notes = [
+        f"protocol {p.name}: stretches divided by their value at rest "
+        f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
+        for p in specimen.protocols
+        if max(abs(value - 1.0) for value in p.reference) > 1e-9
+    ]
+    return replace(specimen, notes=(*table.notes, *notes))
 
 
 def _stress_pair(table: Table, path: Path) -> str:
@@ -79,7 +170,7 @@ def _stress_pair(table: Table, path: Path) -> str:
 
 
 def _check_keys(header: Header, stress_pair: str, path: Path) -> None:
-    """Refuse a force file without dimensions, and noise in the unit of another pair."""
+    """Refuse keys that are missing with forces, or do not fit the others or the columns."""
     if stress_pair == "force":
         for key in ("edge_x_mm", "edge_y_mm", "thickness_mm", "geometry"):
             if key not in header:
@@ -99,63 +190,43 @@ def _check_keys(header: Header, stress_pair: str, path: Path) -> None:
                 row=header.rows[key],
                 remedy=f"give it in {right}",
             )
-
-
-def _specimen(table: Table, header: Header, stress_pair: str, path: Path) -> Specimen:
-    reference = header.text("reference")
-    protocols = _protocols(table, header, stress_pair, path)
-    mounted = [header.number(key) for key in MOUNTED_STATE]
-    if reference == "common" and mounted != [None, None]:
-        state = [1.0 if value is None else value for value in mounted]
-        protocols = [p.divided_by(state, stress_pair) for p in protocols]
-    unit = "N" if stress_pair == "force" else "kPa"
-    specimen = Specimen(
-        name=one_line(header.text("specimen") or path.stem),
-        protocols=tuple(protocols),
-        stress_pair=stress_pair,
-        geometry=header.text("geometry") or "unloaded",
-        edge_x_mm=header.number("edge_x_mm"),
-        edge_y_mm=header.number("edge_y_mm"),
-        thickness_mm=header.number("thickness_mm"),
-        load_noise=header.number(f"load_noise_{unit}"),
-        layer=header.text("layer"),
-        axis_x=header.text("axis_x"),
-        axis_y=header.text("axis_y"),
-        reference=reference,
-        metadata={key: header.values[key] for key in METADATA_KEYS if key in header},
-    )
-    notes = [
-        f"protocol {p.name}: stretches divided by their value at rest "
-        f"({p.reference[0]:.5f}, {p.reference[1]:.5f}), so that the test starts at 1"
-        for p in specimen.protocols
-        if max(abs(value - 1.0) for value in p.reference) > 1e-9
-    ]
-    return replace(specimen, notes=(*table.notes, *notes))
+    for key in MOUNTED_STATE:
+        if key in header and header.text("reference") != "common":
+            raise InputError(
+                f"{key} needs one common reference",
+                file=path,
+                row=header.rows[key],
+                remedy="add a line '# reference: common', or leave it out",
+            )
 
 
 def _protocols(table: Table, header: Header, stress_pair: str, path: Path) -> list[Protocol]:
-    given, count = header.rest_rows, len(table.groups)
-    if given is not None and len(given) not in (1, count):
+    """The protocols of a table, relative to the mounted state if the header gives one."""
+    given, count = header.text("rest_rows"), len(table.groups)
+    resting = [AUTOMATIC] if given is None else [int(part) for part in given.split(",")]
+    if len(resting) not in (1, count):
         raise InputError(
-            f"rest_rows has {len(given)} values for {count} protocol{'s' * (count != 1)}",
+            f"rest_rows has {len(resting)} values for {count} protocol{'s' * (count != 1)}",
             file=path,
             row=header.rows["rest_rows"],
             remedy="give one for all protocols, or one each",
         )
+    mounted = [header.number(key) or 1.0 for key in MOUNTED_STATE]
     names = (*STRETCHES, *STRESS_PAIRS[stress_pair])
     protocols = []
     for index, (name, rows) in enumerate(table.groups):
-        resting = AUTOMATIC if given is None else given[index % len(given)]
-        if resting >= rows.stop - rows.start:
+        at_rest = resting[index % len(resting)]
+        if at_rest >= rows.stop - rows.start:
             raise InputError(
-                f"rest_rows of {resting} leaves no stretched row in protocol {name[:40]!r}",
+                f"rest_rows of {at_rest} leaves no stretched row in protocol {name[:40]!r}",
                 file=path,
                 row=header.rows["rest_rows"],
                 remedy="rest_rows counts the leading rows recorded before the test starts",
             )
         time = table.columns["time_s"][rows] if "time_s" in table.columns else None
         x, y, load_x, load_y = (table.columns[column][rows] for column in names)
-        protocols.append(Protocol(name, x, y, load_x, load_y, time, resting))
+        protocol = Protocol(name, x, y, load_x, load_y, time, at_rest)
+        protocols.append(protocol.divided_by(mounted, stress_pair))
     return protocols
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.tables.sheets import Sheet, read_sheets
 from biaxbayes.tables.text import is_number
-from biaxbayes.tables.units import Unit, stem_of, unit_named, unit_of_column
+from biaxbayes.tables.units import Unit, split_units, stem_of, unit_named, unknown_unit
 from biaxbayes.text_files import DECIMAL_COMMA, bad_cell, fault_of, number_in, one_line
 
 ALL_SHEETS = "all"
@@ -39,8 +40,8 @@ class Table:
     lines : ndarray of int, shape (n,)
         Line (or row of the sheet) that each row stands in, from 1.
     decimal_comma : bool
-    units : dict of str to str
-        Units from a row of their own below the names.
+    unit_row : tuple of str
+        Cells of a row of units below the names, where there is one.
     notes : tuple of str
         What was noticed while reading: encoding, separator, decimal comma.
     """
@@ -50,7 +51,7 @@ class Table:
     columns: tuple[Sequence[str], ...]
     lines: np.ndarray
     decimal_comma: bool = False
-    units: dict[str, str] = field(default_factory=dict)
+    unit_row: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -104,10 +105,38 @@ class Table:
             )
         return matches[0] if matches else None
 
+    def units(self, index: int) -> list[Unit]:
+        """All units that the name of a column and the row of units give for it."""
+        below = unit_named(self.below(index))
+        return [*split_units(self.names[index])[1], *([below] if below else [])]
+
+    def below(self, index: int) -> str:
+        """The cell of a column in the row of units."""
+        return self.unit_row[index].strip() if index < len(self.unit_row) else ""
+
     def unit(self, index: int) -> Unit | None:
-        """The unit of a column, from its name or from the row of units."""
-        name = self.names[index]
-        return unit_of_column(name) or unit_named(self.units.get(name, ""))
+        """The unit of a column; None without one.
+
+        Raises
+        ------
+        InputError
+            If the column has two units of one quantity, as ``Force [N] (lbf)``.
+        """
+        units = self.units(index)
+        for first, second in combinations(units, 2):
+            if first.quantity == second.quantity and first.factor != second.factor:
+                raise InputError(
+                    f"{self.names[index]!r} has two units, {first.name} and {second.name}",
+                    file=self.path,
+                    column=self.names[index],
+                    remedy="give the right one after a colon in `columns`, or rename the column",
+                )
+        return units[0] if units else None
+
+    def unknown_unit(self, index: int) -> str:
+        """What a column has in the place of a unit and is not one; empty otherwise."""
+        below = self.below(index)
+        return unknown_unit(self.names[index]) or unknown_unit(f"[{below.strip('[](){}')}]")
 
     def text(self, index: int, rows: np.ndarray | None = None) -> list[str]:
         """Cells of a column, stripped."""
@@ -141,7 +170,10 @@ class Table:
     def sparse_numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
         """As :meth:`numbers`, with NaN where a reading is missing."""
         cells = self.text(index, rows)
-        plain = [cell.replace(",", ".") for cell in cells] if self.decimal_comma else cells
+        plain = cells
+        if self.decimal_comma:
+            # A point among decimal commas separates thousands: 1.034 is 1034.
+            plain = [cell.replace(".", "x").replace(",", ".") for cell in cells]
         try:
             quick = np.fromiter(map(float, plain), dtype=float, count=len(plain))
         except ValueError:
@@ -289,9 +321,10 @@ def table_of(sheet: Sheet, path: Path) -> Table:
     rows, lines = sheet.rows, sheet.lines
     start = _first_row_of_numbers(rows, path)
     numeric = _numeric_columns(rows[start:])
-    at_names, units_row = start - 1, None
+    at_names = start - 1
+    units_row: tuple[str, ...] = ()
     if start > 1 and _is_row_of_units(rows[start - 1], rows[start - 2], numeric):
-        at_names, units_row = start - 2, rows[start - 1]
+        at_names, units_row = start - 2, tuple(rows[start - 1])
     if start == 0 and len(sheet.names) == len(rows[0]):
         names = list(sheet.names)  # as numpy.savetxt writes them, in a comment
     elif start == 0 or not _are_names(rows[at_names], numeric):
@@ -311,10 +344,11 @@ def table_of(sheet: Sheet, path: Path) -> Table:
         raise InputError(f"has {len(names)} columns", file=path, remedy="cut out those of the test")
     body = _squared(rows[start:], lines[start:], len(names), sheet, path)
     comma = _decimal_comma(body[: 10 * SAMPLE], numeric, path)
-    units = {} if units_row is None else dict(zip(names, units_row, strict=False))
     notes = [*sheet.notes, "decimal commas"] if comma else sheet.notes
     columns = tuple(zip(*body, strict=True))
-    return Table(path, tuple(names), columns, np.array(lines[start:]), comma, units, tuple(notes))
+    return Table(
+        path, tuple(names), columns, np.array(lines[start:]), comma, units_row, tuple(notes)
+    )
 
 
 def _numeric_columns(rows: Sequence[Sequence[str]]) -> list[int]:

@@ -67,7 +67,8 @@ ALIASES = {
     "kg/mm2": "kgf/mm2", "kg/cm2": "kgf/cm2", "dyne/cm2": "dyn/cm2", "lbf/in2": "psi",
     "lb/in2": "psi", "in": "inch", "micron": "um", "sec": "s", "seconds": "s", "hr": "h",
     "%": "percent", "pct": "percent", "‰": "permille", "ue": "microstrain", "uε": "microstrain",
-    "ustrain": "microstrain", "m/m": "mm/mm", "um/um": "mm/mm", "in/in": "mm/mm",
+    "ustrain": "microstrain", "um/m": "microstrain", "ppm": "microstrain", "mm/m": "permille",
+    "m/m": "mm/mm", "um/um": "mm/mm", "in/in": "mm/mm",
     "eng": "engineering", "lambda": "stretch", "hencky": "log", "true": "log",
     "g/cm": "gf/cm", "pixel": "px", "pixels": "px", "°": "deg",
 }  # fmt: skip
@@ -93,57 +94,67 @@ def unit_named(text: str) -> Unit | None:
     return None if name == "mPa" else LOWER_CASE.get(name.lower())
 
 
-BOX = re.compile(r"^(?P<stem>.*?)\s*[\[({](?P<boxed>[^\[\](){}]*)[\])}]\s*$")
-
-BOX_INSIDE = re.compile(r"[\[({][^\[\](){}]*[\])}]")
+BOX = re.compile(r"[\[({][^\[\](){}]*[\])}]")
 SHARE = re.compile(
     r"[%‰]|(?:(?<![A-Za-z])[Pp]|(?<=[a-z])P)(ercent|ct|ermille)(?![a-z])|(?<![A-Z])PERCENT(?![A-Z])"
 )
 
 
-def split_unit(column: str) -> tuple[str, Unit | None]:
-    """A column name without its unit, and the unit: ``Force X [mN]``, ``XForce_mN``, ``P, N/mm2``.
+def split_units(column: str) -> tuple[str, list[Unit]]:
+    """A column name without its units, and the units: ``Force X [mN]``, ``F_mN``, ``P, N/mm2``.
 
-    The unit stands at the end, in brackets elsewhere (``Force [mN] X``), or is a sign or word for
-    per cent anywhere (``% Green strain``). It is None, and the name whole, where there is none.
+    A unit is in brackets, at the end, or a sign or word for per cent anywhere (``% Green strain``).
+    Those in brackets come first, the last of them before the others.
     """
+    units = []
+    for pattern in (BOX, SHARE):
+        for match in reversed(list(pattern.finditer(column))):
+            if (unit := unit_named(match[0])) is not None:
+                units.append(unit)
+                column = f"{column[: match.start()].rstrip()} {column[match.end() :].lstrip()}"
     column = column.strip()
-    match = BOX.match(column)
-    if match is not None and (unit := unit_named(match["boxed"])) is not None:
-        return match["stem"], unit
-    if match is None:
-        for separator in re.finditer(r"[_\s,/]+", column):
-            unit = unit_named(column[separator.end() :])
-            if unit is not None and separator.start() > 0:
-                return column[: separator.start()], unit
-    for match in (*BOX_INSIDE.finditer(column), *SHARE.finditer(column)):
-        if (unit := unit_named(match[0])) is not None:
-            return f"{column[: match.start()].rstrip()} {column[match.end() :].lstrip()}", unit
-    return column, None
+    for separator in re.finditer(r"[_\s,/]+", "" if column.endswith(tuple("])}")) else column):
+        unit = unit_named(column[separator.end() :])
+        if unit is not None and separator.start() > 0:
+            return column[: separator.start()], [*units, unit]
+    return column, units
 
 
 def unit_of_column(column: str) -> Unit | None:
-    """The unit at the end of a column name; None where there is none."""
-    return split_unit(column)[1]
+    """The unit that a column name gives; None without one."""
+    return next(iter(split_units(column)[1]), None)
 
 
-def share_in(column: str) -> Unit | None:
-    """Per cent or per mille anywhere in a column name; None where there is neither."""
-    match = SHARE.search(column)
-    return None if match is None else unit_named(match[0])
-
-
-def unknown_unit(column: str) -> str:
-    """What stands in brackets at the end of a name and is neither a unit, an axis nor a kind."""
-    match = BOX.match(column.strip())
-    if match is None or unit_named(match["boxed"]) is not None or strain_kinds(match["boxed"]):
+def unknown_unit(text: str) -> str:
+    """The text in brackets at the end, if it is neither a unit, an axis nor a kind of strain."""
+    match = re.search(BOX.pattern + r"\s*$", text)
+    boxed = match[0].strip(" \t[](){}") if match else ""
+    if unit_named(boxed) is not None or strain_kinds(boxed):
         return ""
-    return "" if re.fullmatch(r"[-\s]*|1|[xyXY12]{1,2}", match["boxed"]) else match["boxed"].strip()
+    return "" if re.fullmatch(r"[-\s]*|1|[xyXY12]{1,2}", boxed) else boxed
 
 
 def stem_of(column: str) -> str:
     """A column name without its unit, in lower case and without spaces: ``xforce``."""
-    return re.sub(r"[\s_-]+", "", split_unit(column)[0]).lower()
+    return re.sub(r"[\s_-]+", "", split_units(column)[0]).lower()
+
+
+SCALED = re.compile(
+    r"\^|\*\*|²|³|squared|[*×]\s*\d|(?<!\w)x\s?10+(?!\d)|(?<!\d)1\s*/\s*\D"
+    r"|inverse|reciprocal|(?<![a-z])rate(?![a-z])",
+    re.IGNORECASE,
+)
+
+
+def is_scaled(column: str) -> bool:
+    """Whether a name gives a power, a multiple, an inverse or a rate: ``lambda^2``, ``F*100``."""
+    return SCALED.search(split_units(column)[0]) is not None
+
+
+def words_of(column: str) -> list[str]:
+    """Words of a column name in lower case, those of ``nominalStrain`` apart."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column).lower()
+    return [word for word in re.split(r"[^0-9a-zλäöü]+", spaced) if word]
 
 
 # --- kinds of strain ------------------------------------------------------------------------------
@@ -161,13 +172,11 @@ KIND_WORDS = {
 
 
 def strain_kinds(column: str) -> set[str]:
-    """Kinds of strain that a column's name speaks of; Lagrange alone may mean two and is none."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column)
-    words = [word for word in re.split(r"[^0-9a-zλ]+", spaced.lower()) if word]
+    """Kinds of strain in a column's name; Lagrange alone may mean two and does not count."""
     return {
         kind
         for kind, pattern in KIND_WORDS.items()
-        if any(re.fullmatch(pattern, word) for word in words)
+        if any(re.fullmatch(pattern, word) for word in words_of(column))
     }
 
 

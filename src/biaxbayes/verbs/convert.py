@@ -11,9 +11,9 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.machines import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_SOURCES
-from biaxbayes.specimens.keys import KEYS, NONE, OF_FORCES
+from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
-from biaxbayes.tables.units import STRAINS, units_of
+from biaxbayes.tables.units import STRAINS, likely_name, units_of
 from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, check_new
 from biaxbayes.verbs.options import Decorator, argument, choice_option, file_option, flag
@@ -65,7 +65,6 @@ def convert(
         For files, columns and options that do not fit together.
     """
     from biaxbayes.machines.conversion import convert as conversion
-    from biaxbayes.specimens.header import checked_value
 
     choice = _choice(choice, choices)
     paths = [raw] if isinstance(raw, str | Path) else raw
@@ -74,11 +73,17 @@ def convert(
     _check_raw(files, target)
     if target is not None:
         check_new(target, overwrite)
-    values = {
-        key: checked_value(key, " ".join(value.split())) if isinstance(value, str) else value
-        for key, value in (header or {}).items()
-        if not (isinstance(value, str) and not value.strip())
-    }
+    known_keys = (*HEADER_OPTIONS, *METADATA_KEYS)
+    values = {}
+    for key, value in (header or {}).items():
+        if key not in known_keys:
+            _, hint = likely_name(str(key), known_keys)
+            raise InputError(
+                f"unknown header key {str(key)[:60]!r}",
+                remedy=f"{hint}known keys are {', '.join(dict.fromkeys(known_keys))}",
+            )
+        if value is not None and str(value).strip():
+            values[key] = checked_value(key, value)
     chosen = replace(choice, cycle=_cycle(str(choice.cycle)))
     result = conversion(files, chosen, header=values, protocol_names=list(protocol_names))
     if target is None:
