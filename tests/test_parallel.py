@@ -189,14 +189,38 @@ def test_what_was_asked_for():
         executor_for(2, "tcp://127.0.0.1:8786")
 
 
+DAEMONIC = """
+import multiprocessing, sys
+import executor_tasks as tasks
+from biaxbayes.errors import InputError
+
+if __name__ == "__main__":
+    with multiprocessing.get_context(sys.argv[1]).Pool(1) as pool:
+        print(pool.map(tasks.squares_by_executor, [None, 1]))
+        try:
+            pool.map(tasks.squares_by_executor, [2])
+        except InputError as error:
+            print(error)
+"""
+
+
 @pytest.mark.parametrize("method", ["spawn", "fork"])
-def test_a_daemonic_process_works_with_one_worker(method):
+def test_a_daemonic_process_works_with_one_worker(method, tmp_path):
+    """In a process without other threads, which alone may be forked safely."""
     if method not in multiprocessing.get_all_start_methods():
         pytest.skip("no such way to start a process here")
-    with multiprocessing.get_context(method).Pool(1) as pool:
-        assert pool.map(tasks.squares_by_executor, [None, 1]) == [[1, 4], [1, 4]]
-        with pytest.raises(InputError, match="cannot start processes"):
-            pool.map(tasks.squares_by_executor, [2])
+    script = tmp_path / "host.py"
+    script.write_text(DAEMONIC)
+    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    host = subprocess.run(
+        [sys.executable, script, method],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
+    results, refusal = host.stdout.splitlines()
+    assert results == "[[1, 4], [1, 4]]" and "cannot start processes" in refusal
 
 
 def blas_threads():
