@@ -1,23 +1,28 @@
-"""Checks of a specimen, returned as findings, and those of its curves.
-
-Unloading, jumps, a stiff start, one direction only.
-"""
+"""Checks of a specimen: its mounted state, its curves, its magnitudes and its origin."""
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Iterator
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.findings import Finding, mounting_findings, serious, sorted_findings
+from biaxbayes.specimens.findings import Finding, serious, sorted_findings
 from biaxbayes.specimens.path import SWING, progress, relapse, scatter
-from biaxbayes.specimens.plausibility import check_readings, unit_findings
+from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
-from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
 
+DRIFT = 0.002
+"""First rows of protocols that differ by more in stretch are worth a warning."""
+LARGE_DRIFT = 0.02
+"""First rows that differ by more are refused until the header says what they are relative to:
+twice what the preconditioned aorta of the project's measured tissue drifts by."""
+SIGNIFICANT = 3.0
+CLIPPED_ROWS = 3
 START_BINS = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Shares of the load's range between which stiffnesses are compared."""
 STIFF_START = 1.5
@@ -27,87 +32,289 @@ FEW_ROWS = 8
 LAG = 3.0
 DISORDER = 0.15
 """Scatter about the neighbours, as a share of the range; shuffled rows have 0.25 to 0.3."""
+USUAL_PEAK_KPA = (1.0, 2_000.0)
+USUAL_STRETCH = (1.01, 2.0)
+USUAL_EDGE_MM = (2.0, 100.0)
+USUAL_THICKNESS_MM = (0.05, 10.0)
+LARGE_NOISE = 0.1
 
 
-def path_findings(specimen: Specimen) -> list[Finding]:
-    """Findings about the loading paths."""
-    findings = []
+def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
+    """Everything that a user should know of a specimen before trusting a fit of it.
+
+    Returns
+    -------
+    tuple of Finding
+        The most severe first, each group in the order: mounted state, paths, units, origin.
+    """
+    if not isinstance(specimen, Specimen):
+        specimen = read_specimen(specimen)
+    check_readings(specimen)
+    checks = (
+        _tared, _clipped, _weak_or_negative, _unequal, _references,
+        _paths, _resampled, _stiff_start, _one_direction,
+        _stress, _sign, _stretch, _dimensions, _noise, _origin,
+    )  # fmt: skip
+    return sorted_findings(finding for check in checks for finding in check(specimen))
+
+
+def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, ...]:
+    """Refuse what cannot be a loading curve, and return the serious findings.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    file : object
+        For the message; None refuses nothing.
+
+    Raises
+    ------
+    InputError
+        With the first finding that is an error.
+    """
+    findings = serious(check_specimen(specimen))
+    errors = [f for f in findings if f.severity == "error"]
+    if errors and file is not None:
+        more = f" ({len(errors) - 1} more of the kind)" if len(errors) > 1 else ""
+        message = str(errors[0]).removeprefix("error: ")
+        if errors[0].code != "stretch-drift":
+            message = f"cannot be a loading curve: {message}"
+        raise InputError(
+            f"{message}{more}",
+            file=file,
+            remedy="or add `anyway=True` to go on all the same",
+        )
+    return findings
+
+
+# --- the mounted state ----------------------------------------------------------------------------
+
+
+def _tared(specimen: Specimen) -> Iterator[Finding]:
+    """Mounting forces that are zero, in all protocols or in a direction of one."""
+    if specimen.is_tared:
+        yield Finding(
+            "tared",
+            "warning",
+            "the force at the mounted state is zero in every protocol: the load cell was "
+            "tared after mounting, or the record was shifted to start at zero before it was "
+            "exported. Prestretch cannot be inferred from this file; give the force with "
+            "--mounting-force X Y, or sample with --mounting zeroed",
+        )
+        return
+    limit = 1e-9 * specimen.peak_load
     for p in specimen.protocols:
-        stretch = np.column_stack([p.stretch_x, p.stretch_y])
+        curves = (p.load_x, p.load_y)
+        for axis, value, curve in zip("xy", specimen.mounting_reading(p), curves, strict=True):
+            # A direction without any load is the free one of a uniaxial strip.
+            if abs(value) <= limit and np.any(curve != 0.0):
+                message = f"the mounting force in {axis} is exactly zero, as after a tare in this "
+                yield Finding("tared", "warning", f"{message}direction", p.name)
+
+
+def _clipped(specimen: Specimen) -> Iterator[Finding]:
+    """Loads cut off at zero, or at the top of the load cell."""
+    for p in specimen.protocols:
+        for axis, curve in zip("xy", (p.load_x, p.load_y), strict=True):
+            zeros = _repeats(curve, 0.0, p.rest_rows) if curve.min() == 0.0 else 0
+            if zeros:
+                yield Finding(
+                    "clipped",
+                    "error" if np.any(curve[: p.rest_rows] == 0.0) else "warning",
+                    f"{zeros} of {p.rows} loads in {axis} are exactly 0 {specimen.unit} and none "
+                    "is negative: forces below zero were clipped before export, and the start of "
+                    "the curve is lost with them. Export the raw readings",
+                    p.name,
+                )
+            tops = _repeats(curve, float(curve.max()), p.rest_rows)
+            if tops:
+                yield Finding(
+                    "clipped",
+                    "warning",
+                    f"{tops} of {p.rows} loads in {axis} are exactly {curve.max():g} "
+                    f"{specimen.unit}, the largest: the load cell or the amplifier was at its "
+                    "limit. Remove these rows",
+                    p.name,
+                )
+
+
+def _repeats(curve: np.ndarray, value: float, resting: int) -> int:
+    """Rows of exactly this load; 0 if coarse digits or the rest explain them."""
+    same = curve == value
+    others = curve[~same]
+    # Coarse digits repeat every value, and not only the lowest or the highest one.
+    fine = np.unique(others).size > 0.8 * others.size
+    count = int(same.sum())
+    enough = count >= CLIPPED_ROWS and others.size >= CLIPPED_ROWS
+    return count if enough and fine and bool(same[resting:].any()) else 0
+
+
+def _weak_or_negative(specimen: Specimen) -> Iterator[Finding]:
+    """Mounting forces that are compressive, or less than their noise."""
+    readings, sds = specimen.mounting_readings(shared=False)
+    for p, reading, sd in zip(specimen.protocols, readings, sds, strict=True):
+        if p.rest_rows == 0 or specimen.is_tared:
+            continue
+        for axis, value, error in zip("xy", reading, sd, strict=True):
+            force = f"the mounting force in {axis}, {value:.3g} +- {error:.2g} {specimen.unit}"
+            if value < -2.0 * error and value < 0.0:
+                yield Finding(
+                    "negative-mounting-force",
+                    "warning",
+                    f"{force}, is compressive: a thin specimen buckles before it carries that, "
+                    "so the load cell's zero is probably off",
+                    p.name,
+                )
+            elif 1e-9 * specimen.peak_load < abs(value) < 2.0 * error:
+                yield Finding(
+                    "mounting-force-in-noise",
+                    "warning",
+                    f"{force}, cannot be distinguished from zero: expect a wide interval of the "
+                    f"mounting stretch in {axis}",
+                    p.name,
+                )
+
+
+def _unequal(specimen: Specimen) -> Iterator[Finding]:
+    """Mounting forces that differ between protocols by more than their errors."""
+    at_rest = [p.rest_rows > 0 for p in specimen.protocols]
+    if sum(at_rest) < 2 or specimen.is_tared:
+        return
+    readings, sds = (values[at_rest] for values in specimen.mounting_readings(shared=False))
+    names = [p.name for p in specimen.protocols if p.rest_rows]
+    pairs = list(combinations(range(len(readings)), 2))
+    differing = []
+    for k, axis in enumerate("xy"):
+        sd = np.array([np.hypot(sds[i, k], sds[j, k]) for i, j in pairs])
+        apart = np.array([abs(readings[i, k] - readings[j, k]) for i, j in pairs])
+        worst = int(np.argmax(apart - SIGNIFICANT * sd))
+        if apart[worst] > SIGNIFICANT * sd[worst]:
+            i, j = pairs[worst]
+            noise = f", {apart[worst] / sd[worst]:.1f} standard errors" if sd[worst] > 0.0 else ""
+            differing.append(
+                f"in {axis} by up to {apart[worst]:.3g} {specimen.unit} ({names[i]}: "
+                f"{readings[i, k]:.3g}, {names[j]}: {readings[j, k]:.3g}{noise})"
+            )
+    if differing:
+        yield Finding(
+            "mounting-forces-differ",
+            "warning",
+            f"the mounting force differs between protocols, {' and '.join(differing)}: the mounted "
+            "state is not the same in all of them; compare --mounting-stretch per-protocol",
+        )
+
+
+def _references(specimen: Specimen) -> Iterator[Finding]:
+    """First rows that differ in stretch, and the state that stretches are relative to."""
+    if specimen.reference == "common":
+        away = [p.name for p in specimen.protocols if p.rest_rows == 0]
+        if away:
+            yield Finding(
+                "common-reference",
+                "note",
+                f"{len(away)} of {len(specimen.protocols)} protocols do not start at the mounted "
+                f"state ({', '.join(away[:4])}{' ...' if len(away) > 4 else ''}): the mounting "
+                "force is that of the others",
+            )
+        return
+    starts = np.array([p.reference for p in specimen.protocols])
+    span = np.ptp(starts, axis=0)
+    k = int(span.argmax())
+    off = float(np.abs(starts - 1.0).max())
+    if span[k] > DRIFT:
+        low, high = int(starts[:, k].argmin()), int(starts[:, k].argmax())
+        names = [p.name for p in specimen.protocols]
+        stated = specimen.reference is not None
+        remedy = (
+            ", as '# reference: each protocol' of the header says"
+            if stated
+            else ". Add '# reference: common' to the header if the stretches share one reference, "
+            "'# reference: each protocol' if each protocol starts at the mounted state"
+        )
+        yield Finding(
+            "stretch-drift",
+            "error" if span[k] > LARGE_DRIFT and not stated else "warning",
+            f"the protocols start at different stretches, from {starts[low, k]:.4f} "
+            f"({names[low]}) to {starts[high, k]:.4f} ({names[high]}) in {'xy'[k]}, and each "
+            f"was divided by its own start{remedy}",
+        )
+    elif off > 1e-9:
+        yield Finding(
+            "re-referenced",
+            "note",
+            f"the file's stretches do not start at 1 (off by up to {off:.2g}); they were divided "
+            "by their value at rest",
+        )
+
+
+# --- the curves -----------------------------------------------------------------------------------
+
+
+def _paths(specimen: Specimen) -> Iterator[Finding]:
+    """Every protocol: its number of rows, its order and direction, its time."""
+    for p in specimen.protocols:
         load = specimen.load(p)
         if p.rows < FEW_ROWS:
-            findings.append(
-                Finding("few-rows", "warning", f"only {p.rows} rows in this protocol", p.name)
-            )
-        findings += _unloading(p, stretch, load) or _backwards(p, stretch, load, specimen.noise_sd)
-        findings += _jumps(p, stretch, load)
-        findings += _time(p)
-        findings += _camera_lag(p)
-    return [
-        *findings,
-        *_resampled(specimen),
-        *_stiff_start(specimen),
-        *_one_direction(specimen),
-    ]
+            yield Finding("few-rows", "warning", f"only {p.rows} rows in this protocol", p.name)
+        turned = _order(p, load, specimen.noise_sd)
+        if turned is not None:
+            yield turned
+        yield from _jumps(p, load)
+        back = [] if p.time_s is None else np.flatnonzero(np.diff(p.time_s) < 0.0)
+        if len(back):
+            yield Finding("time", "warning", f"time_s runs backwards at row {back[0] + 2}", p.name)
+        yield from _camera_lag(p)
 
 
-def _unloading(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
-    path = progress(stretch, load)
+def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Finding | None:
+    """Rows that are shuffled, that turn back, or that are in reverse order."""
+
+    def disordered(path: np.ndarray) -> bool:
+        return scatter(path) > DISORDER * float(np.ptp(path))
+
+    path = progress(p.stretch, load)
     # Loads that are mostly noise scatter as much; shuffled rows shuffle the stretches, too.
-    if p.rows >= FEW_ROWS and _disordered(path) and _disordered(progress(stretch, stretch)):
-        return [
-            Finding(
-                "shuffled",
-                "error",
-                f"neighbouring rows lie {100 * scatter(path) / float(np.ptp(path)):.0f} % of the "
-                "whole range apart: the rows are out of order. Sort them by time",
-                p.name,
-            )
-        ]
+    if p.rows >= FEW_ROWS and disordered(path) and disordered(progress(p.stretch, p.stretch)):
+        return Finding(
+            "shuffled",
+            "error",
+            f"neighbouring rows lie {100 * scatter(path) / float(np.ptp(path)):.0f} % of the "
+            "whole range apart: the rows are out of order. Sort them by time",
+            p.name,
+        )
     back = relapse(path)
-    if back is None:
-        return []
-    peak, _ = back
-    fallen = float(path[peak] - path[peak:].min())
-    return [
-        Finding(
+    if back is not None:
+        peak, _ = back
+        dropped = float(path[peak] - path[peak:].min())
+        return Finding(
             "unloading",
-            "error" if fallen >= SWING * float(np.ptp(path)) else "warning",
+            "error" if dropped >= SWING * float(np.ptp(path)) else "warning",
             f"the path turns back at row {peak + 1} of {p.rows}: unloading (or several cycles) "
             "mixed in. An elastic model has one curve; convert with --branch loading",
             p.name,
         )
-    ]
-
-
-def _disordered(path: np.ndarray) -> bool:
-    return scatter(path) > DISORDER * float(np.ptp(path))
-
-
-def _backwards(p: Protocol, stretch: np.ndarray, load: np.ndarray, noise: float) -> list[Finding]:
-    """Rows in the wrong order: stretch and load both fall from the first row on."""
-    change, loss = (curve[-1] - curve[0] for curve in (stretch, load))
-    if not (change.sum() < 0.0 and loss.sum() < -3.0 * noise):
-        return []
-    return [
-        Finding(
+    end = p.stretch[-1]
+    change, loss = (curve[-1] - curve[0] for curve in (p.stretch, load))
+    if change.sum() < 0.0 and loss.sum() < -3.0 * noise_sd:
+        return Finding(
             "backwards",
             "error",
-            f"stretch and load fall from row to row, to {stretch[-1, 0]:.4g} and "
-            f"{stretch[-1, 1]:.4g} of the first stretches: the rows are in reverse order, or "
-            "belong to unloading. The first row must be the mounted state; reverse the rows",
+            f"stretch and load fall from row to row, to {end[0]:.4g} and {end[1]:.4g} of the "
+            "first stretches: the rows are in reverse order, or belong to unloading. The first row "
+            "must be the mounted state; reverse the rows",
             p.name,
         )
-    ]
+    return None
 
 
-def _jumps(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
+def _jumps(p: Protocol, load: np.ndarray) -> Iterator[Finding]:
     """Single readings beside the curve: a wrong digit, a lost marker, a line cut off."""
     if p.rows < 12:
-        return []
-    findings = []
-    curves = zip(("stretch", "stretch", "load", "load"), "xyxy", (*stretch.T, *load.T), strict=True)
-    for kind, axis, curve in curves:
+        return
+    curves = (*p.stretch.T, *load.T)
+    for kind, axis, curve in zip(
+        ("stretch", "stretch", "load", "load"), "xyxy", curves, strict=True
+    ):
         limit = max(JUMP * float(np.ptp(curve)), 30.0 * float(np.median(np.abs(np.diff(curve, 2)))))
         left, middle, right = curve[:-2], curve[1:-1], curve[2:]
         beside = np.maximum(middle - np.maximum(left, right), np.minimum(left, right) - middle)
@@ -117,25 +324,22 @@ def _jumps(p: Protocol, stretch: np.ndarray, load: np.ndarray) -> list[Finding]:
             row = p.rows - 1
             if abs(curve[-1] - 2.0 * curve[-2] + curve[-3]) <= 4.0 * limit:
                 continue
-        findings.append(
-            Finding(
-                "jump",
-                "warning",
-                f"the {kind} in {axis} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
-                f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off",
-                p.name,
-            )
+        yield Finding(
+            "jump",
+            "warning",
+            f"the {kind} in {axis} jumps to {curve[row]:.4g} at row {row + 1} of {p.rows}, "
+            f"from {curve[row - 1]:.4g}: a wrong reading, or a file cut off",
+            p.name,
         )
-    return findings
 
 
-def _camera_lag(p: Protocol) -> list[Finding]:
+def _camera_lag(p: Protocol) -> Iterator[Finding]:
     """A load that rises while the stretch rests, and by more than such a small stretch explains."""
     still = still_rows(p.stretch_x, p.stretch_y)
     load = np.column_stack([p.load_x, p.load_y])
     rest = rest_rows(p.stretch_x, p.stretch_y, load)
     if rest == still or 2 * still > p.rows:
-        return []
+        return
     rise = load[still - 1] - load[:rest].mean(axis=0)
     k = int(np.argmax(rise))
     stretch = p.stretch_x + p.stretch_y
@@ -144,23 +348,41 @@ def _camera_lag(p: Protocol) -> list[Finding]:
     moved = abs(float(stretch[2 * still - 1] - stretch[still - 1]))
     explained = later * float(np.ptp(stretch[:still])) / max(moved, 1e-12)
     if rise[k] <= LAG * max(explained, 0.0):
-        return []
+        return
     time = p.time_s
-    long = f" ({time[still - 1] - time[rest - 1]:.2g} s)" if time is not None else ""
+    duration = f" ({time[still - 1] - time[rest - 1]:.2g} s)" if time is not None else ""
     counted = "row 1 counts" if rest == 1 else f"rows 1 to {rest} count"
-    return [
-        Finding(
-            "camera-lag",
+    yield Finding(
+        "camera-lag",
+        "warning",
+        f"the load in {'xy'[k]} rises by {rise[k]:.3g} over rows {rest} to {still}{duration} while "
+        f"the stretch rests: the camera lags behind the load cell, or the grips slip. Only "
+        f"{counted} as at rest; shift the stretches back in time by that delay",
+        p.name,
+    )
+
+
+def _resampled(specimen: Specimen) -> Iterator[Finding]:
+    """Loads on an even grid: no load cell records that beside a stretch that is not."""
+    names = []
+    for p in specimen.protocols:
+        load = specimen.load(p)
+        tiny = 1e-6 * np.ptp(load, axis=0)
+        step = np.abs(np.diff(load, axis=0))[1:]
+        even = (np.abs(np.diff(load, 2, axis=0)) < tiny) & (step > tiny)
+        if p.rows >= 12 and even.mean(axis=0).min() >= 0.8:
+            names.append(p.name)
+    if names:
+        where = "" if len(names) == len(specimen.protocols) else f" of {', '.join(names)}"
+        yield Finding(
+            "resampled",
             "warning",
-            f"the load in {'xy'[k]} rises by {rise[k]:.3g} over rows {rest} to {still}{long} while "
-            f"the stretch rests: the camera lags behind the load cell, or the grips slip. Only "
-            f"{counted} as at rest; shift the stretches back in time by that delay",
-            p.name,
+            f"the loads{where} lie on an evenly spaced grid: the record was resampled or "
+            "smoothed, so its rows are not independent and its noise cannot be estimated",
         )
-    ]
 
 
-def _stiff_start(specimen: Specimen) -> list[Finding]:
+def _stiff_start(specimen: Specimen) -> Iterator[Finding]:
     """Stiffness that falls along the start, and faster than that of the matrix alone does."""
     ratios, ends, names = [], [], []
     for p in specimen.protocols:
@@ -182,11 +404,9 @@ def _stiff_start(specimen: Specimen) -> list[Finding]:
                 ratios.append(first / softest)
                 ends.append(float(load[rows, k].mean()))
                 names.append(f"{p.name} {axis}")
-    if not ratios:
-        return []
-    shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
-    return [
-        Finding(
+    if ratios:
+        shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+        yield Finding(
             "stiff-start",
             "warning",
             f"{len(ratios)} of {2 * len(specimen.protocols)} curves are concave at their start: up "
@@ -194,7 +414,6 @@ def _stiff_start(specimen: Specimen) -> list[Finding]:
             f"{specimen.unit} ({shown}). GOH predicts a convex start, from which the mounting "
             "stretch is inferred",
         )
-    ]
 
 
 def _bins(curve: np.ndarray) -> list[slice]:
@@ -224,63 +443,24 @@ def _slope(
     basis = float(centred @ unit) / square
     residual = y - y.mean() - slope * centred
     error = float(np.sqrt(residual @ residual / (x.size - 2) / square))
-    # A path that hardly advances, or on which the matrix itself unloads, tells nothing.
-    if basis < 0.5:
-        return None
-    return slope / basis, error / basis
+    # A path that hardly advances, or on which the matrix itself unloads, gives no stiffness.
+    return (slope / basis, error / basis) if basis >= 0.5 else None
 
 
-def _resampled(specimen: Specimen) -> list[Finding]:
-    """Loads on an even grid: no load cell records that beside a stretch that is not."""
-    names = []
-    for p in specimen.protocols:
-        load = specimen.load(p)
-        tiny = 1e-6 * np.ptp(load, axis=0)
-        step = np.abs(np.diff(load, axis=0))[1:]
-        even = (np.abs(np.diff(load, 2, axis=0)) < tiny) & (step > tiny)
-        if p.rows >= 12 and even.mean(axis=0).min() >= 0.8:
-            names.append(p.name)
-    if not names:
-        return []
-    where = "" if len(names) == len(specimen.protocols) else f" of {', '.join(names)}"
-    return [
-        Finding(
-            "resampled",
-            "warning",
-            f"the loads{where} lie on an evenly spaced grid: the record was resampled or "
-            "smoothed, so its rows are not independent and its noise cannot be estimated",
-        )
-    ]
-
-
-def _time(p: Protocol) -> list[Finding]:
-    if p.time_s is None:
-        return []
-    back = np.flatnonzero(np.diff(p.time_s) < 0.0)
-    if not back.size:
-        return []
-    return [
-        Finding("time", "warning", f"time_s runs backwards at row {back[0] + 2}", p.name),
-    ]
-
-
-def _one_direction(specimen: Specimen) -> list[Finding]:
-    stretch = np.concatenate(
-        [np.column_stack([p.stretch_x, p.stretch_y]) - 1.0 for p in specimen.protocols]
-    )
+def _one_direction(specimen: Specimen) -> Iterator[Finding]:
+    """Curves in x and y that are proportional to each other."""
+    stretch = np.concatenate([p.stretch - 1.0 for p in specimen.protocols])
     load = np.concatenate([specimen.load(p) for p in specimen.protocols])
     misses = []
     for curves in (stretch, load):
         scale = np.abs(curves).max(axis=0)
         if scale.min() <= 0.0:
-            return []
+            return
         # How far the two columns are from one multiple of each other: the smaller singular value.
         values = np.linalg.svd(curves / scale, compute_uv=False)
         misses.append(float(values[1] / values[0]))
-    if max(misses) > PROPORTIONAL:
-        return []
-    return [
-        Finding(
+    if max(misses) <= PROPORTIONAL:
+        yield Finding(
             "one-direction",
             "warning",
             "x and y are proportional to each other within "
@@ -288,86 +468,128 @@ def _one_direction(specimen: Specimen) -> list[Finding]:
             "direction; stiffness, fibre angle and dispersion may trade with each other; "
             "'sample' shows whether they do",
         )
-    ]
 
 
-# --- everything that is noticed ------------------------------------------------------------------
+# --- magnitudes -----------------------------------------------------------------------------------
 
 
-def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
-    """Everything that a user should know of a specimen before trusting a fit of it.
-
-    Returns
-    -------
-    tuple of Finding
-        The most severe first, each group in the order: mounted state, paths, units, origin.
-    """
-    if not isinstance(specimen, Specimen):
-        specimen = read_specimen(specimen)
-    check_readings(specimen)
-    findings = [
-        *mounting_findings(specimen),
-        *path_findings(specimen),
-        *unit_findings(specimen),
-        *_origin(specimen),
-    ]
-    return sorted_findings(findings)
-
-
-def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, ...]:
-    """Refuse what cannot be a loading curve; else the serious findings.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    file : object
-        For the message; None refuses nothing.
-
-    Raises
-    ------
-    InputError
-        With the first finding that is an error.
-    """
-    findings = serious(check_specimen(specimen))
-    errors = [f for f in findings if f.severity == "error"]
-    if errors and file is not None:
-        more = f" ({len(errors) - 1} more of the kind)" if len(errors) > 1 else ""
-        message = str(errors[0]).removeprefix("error: ")
-        if errors[0].code != "stretch-drift":
-            message = f"cannot be a loading curve: {message}"
-        raise InputError(
-            f"{message}{more}",
-            file=file,
-            remedy="or add `anyway=True` to go on all the same",
+def _stress(specimen: Specimen) -> Iterator[Finding]:
+    """Stresses that are large or small for soft tissue, or differ much between x and y."""
+    load = np.concatenate([specimen.load(p) for p in specimen.protocols])
+    peaks = np.abs(load).max(axis=0) / specimen.area
+    peak, forces = float(peaks.max()), specimen.stress_pair == "force"
+    low, high = USUAL_PEAK_KPA
+    if peak > high:
+        message = f"the largest stress is {peak / 1000:.3g} MPa, much for soft tissue: "
+        yield Finding("units", "warning", f"{message}is the file in {'mN' if forces else 'Pa'}?")
+    elif peak < low:
+        message = f"the largest stress is {peak:.2g} kPa, little for a biaxial test: is the file in"
+        yield Finding("units", "warning", f"{message} {'kN or gf' if forces else 'MPa'}?")
+    if peaks.min() > 0.0 and peaks.max() / peaks.min() > 100.0:
+        yield Finding(
+            "units",
+            "warning",
+            f"the largest stresses in x and y are {peaks[0]:.3g} and {peaks[1]:.3g} kPa: "
+            "are both columns in the same unit?",
         )
-    return findings
 
 
-def _origin(specimen: Specimen) -> list[Finding]:
-    findings = []
+def _sign(specimen: Specimen) -> Iterator[Finding]:
+    """Tension must be positive: the load at the largest stretch of each direction."""
+    for k, (axis, name) in enumerate(zip("xy", STRESS_PAIRS[specimen.stress_pair], strict=True)):
+        stretch, load = max(
+            (float(p.stretch[row, k]), float(specimen.load(p)[row, k]))
+            for p in specimen.protocols
+            for row in [int(np.argmax(p.stretch[:, k]))]
+        )
+        if load < -3.0 * specimen.noise_sd:
+            yield Finding(
+                "sign",
+                "error" if load < -NEGATIVE * specimen.peak_load else "warning",
+                f"the load in {axis} is {load:.3g} {specimen.unit} at its largest "
+                f"stretch of {stretch:.3f}: tension must be positive. If the load cell "
+                f"counts tension negative, multiply the column {name} by -1",
+            )
+
+
+def _stretch(specimen: Specimen) -> Iterator[Finding]:
+    """Stretches that hardly change, or go far beyond what tissue is stretched to."""
+    top = max(float(p.stretch.max()) for p in specimen.protocols)
+    low, high = USUAL_STRETCH
+    if top < low:
+        message = f"the largest stretch is {top:.4f}: is the column a stretch, not a strain?"
+        yield Finding("units", "warning", message)
+    if top > high:
+        yield Finding("units", "warning", f"the largest stretch is {top:.3g}, much for soft tissue")
+
+
+def _dimensions(specimen: Specimen) -> Iterator[Finding]:
+    """Edges and thickness that are unusual, or not those of a membrane."""
+    edges = {key: getattr(specimen, key) for key in ("edge_x_mm", "edge_y_mm")}
+    thickness = {"thickness_mm": specimen.thickness_mm}
+    for values, (low, high) in ((edges, USUAL_EDGE_MM), (thickness, USUAL_THICKNESS_MM)):
+        for key, value in values.items():
+            if value is not None and not low <= value <= high:
+                message = f"{key} of {value:g} is unusual: is it in mm?"
+                yield Finding("units", "warning", message)
+    widths = [edge for edge in edges.values() if edge is not None]
+    if widths and specimen.thickness_mm is not None and specimen.thickness_mm > 0.5 * min(widths):
+        yield Finding(
+            "units",
+            "warning",
+            f"the specimen is {specimen.thickness_mm:g} mm thick and only {min(widths):g} mm wide: "
+            "a membrane model does not hold",
+        )
+
+
+def _noise(specimen: Specimen) -> Iterator[Finding]:
+    """Load noise that is large, differs from the scatter of the rows, or is absent."""
+    stated, seen = specimen.load_noise, specimen.high_frequency_scatter()
+    noise, peak, unit = specimen.noise_sd, specimen.peak_load, specimen.unit
+    if noise > LARGE_NOISE * peak:
+        share = f"{100 * noise / peak:.0f} % of the largest load"
+        yield Finding("units", "warning", f"the load noise of {noise:.2g} {unit} is {share}")
+    if stated is not None and seen > 0.0 and not 0.2 < seen / stated < 5.0:
+        yield Finding(
+            "noise-differs",
+            "warning",
+            f"the header states a load noise of {stated:.2g} {unit}; neighbouring rows "
+            f"scatter by {seen:.2g} {unit}"
+            + (": the record was smoothed or averaged" if seen < stated else ""),
+        )
+    if noise == 0.0:
+        yield Finding(
+            "no-noise",
+            "warning",
+            "the file states no load noise and its rows show none (a resampled or virtual "
+            f"record): state load_noise_{unit}, or the mounting force can only be taken as "
+            "exact",
+        )
+
+
+# --- origin ---------------------------------------------------------------------------------------
+
+
+def _origin(specimen: Specimen) -> Iterator[Finding]:
+    """What ``convert`` wrote about shear, cycle and branch."""
     shear = specimen.metadata.get("largest_shear")
     if shear is not None:
         angle = specimen.metadata.get("largest_shear_angle_deg")
         turned = "" if angle is None else f"; the right angle changes by up to {angle:.2g} degrees"
-        findings.append(
-            Finding(
-                "shear",
-                "warning" if float(shear) > 0.02 else "note",
-                f"the record holds shear: |F12|, |F21| up to {float(shear):.2g}{turned}. "
-                "The model has none and ignores it",
-            )
+        yield Finding(
+            "shear",
+            "warning" if float(shear) > 0.02 else "note",
+            f"the record holds shear: |F12|, |F21| up to {float(shear):.2g}{turned}. "
+            "The model has none and ignores it",
         )
     cycle, branch = specimen.metadata.get("cycle"), specimen.metadata.get("branch")
     if cycle is not None:
-        findings.append(Finding("cycle", "note", f"converted from cycle {cycle}"))
+        yield Finding("cycle", "note", f"converted from cycle {cycle}")
     if branch is not None:
         loading = set(str(branch).replace(",", " ").split()) == {"loading"}
-        findings.append(
-            Finding(
-                "branch",
-                "note" if loading else "warning",
-                f"converted from the {branch} branch"
-                + ("" if loading else ": parameters of unloading are not those of loading"),
-            )
+        yield Finding(
+            "branch",
+            "note" if loading else "warning",
+            f"converted from the {branch} branch"
+            + ("" if loading else ": parameters of unloading are not those of loading"),
         )
-    return findings
