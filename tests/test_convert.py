@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from biaxbayes import read_specimen
 from biaxbayes.cli import main
 from biaxbayes.errors import InputError
-from biaxbayes.machines import FORMATS, Format
-from biaxbayes.machines.choice import Choice
+from biaxbayes.machines.choice import FORMATS, Choice, Format
 from biaxbayes.machines.conversion import convert
 from biaxbayes.machines.recording import Recording, shear_angle_deg
 from biaxbayes.specimens.check import check_specimen
@@ -121,7 +120,7 @@ def test_unloading_is_turned_round_and_said(tmp_path, capsys):
     out = tmp_path / "specimen.csv"
     path = written(tmp_path, export.text())
     code, text, _ = biotester(path, out, capsys, "--branch", "unloading")
-    assert code == 0 and "turned round" in text
+    assert code == 0 and "reversed" in text
     specimen = read_specimen(out)
     (p,) = specimen.protocols
     assert np.abs(p.stretch_x - export.stretch[:, 0]).max() < 5e-4
@@ -312,7 +311,7 @@ LINES = GOOD.splitlines()
         (GOOD.replace("XForce_mN", "XForce"), ("the unit of 'XForce' is not clear",)),
         (GOOD.replace("YForce_mN", "XForce_N"), ("XForce_mN and XForce_N are ambiguous",)),
         (GOOD.replace("Cycle", "Phase"), ("no column 'Cycle'", "--machine generic")),
-        (GOOD.replace("2-Hold", "holding"), ("'holding' is no phase", "column Cycle", "row ")),
+        (GOOD.replace("2-Hold", "holding"), ("'holding' is not a phase", "column Cycle", "row ")),
         (GOOD.replace("Stretch", "Pull"), ("no Stretch phase", "found hold, preload, pull")),
         (GOOD.replace("XForce_mN", "XForce_N"), ("column XForce", "MPa", "in mN")),
         ("\n".join([*LINES[:-1], LINES[-1][:40]]), ("cut off", f"row {len(LINES)}")),

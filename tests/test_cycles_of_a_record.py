@@ -111,7 +111,7 @@ def test_tension_that_counts_negative(axes, wrong, tmp_path):
         read(tmp_path, stretch, load * signs)
     found = read(tmp_path, stretch, load * signs, tension_negative=axes)
     np.testing.assert_allclose(found.specimen.protocols[0].load_y, load[:31, 1], rtol=1e-9)
-    assert "turned round" in str(found.specimen.metadata["conversion"])
+    assert "is reversed" in str(found.specimen.metadata["conversion"])
 
 
 def test_a_strip_is_no_specimen(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from biaxbayes.specimens.protocol import rest_rows
 from biaxbayes.tables.table import Table
 
 PHASE = re.compile(r"\s*(\d+)\s*-\s*(\w+)")
-ENOUGH_TRACKED = 5
+LEAST_TRACKED = 5
 """Rows in which all points are tracked, at least."""
 
 
@@ -26,122 +25,131 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     The columns are ``Cycle`` (1-Preload, 1-Stretch, 1-Hold, 1-Recover ...), ``XForce_mN``,
     ``YForce_mN``, and the rake (``XSize_um``, ``XDisplacement_um`` ...) or tracked points (``X1``,
     ``Y1`` to ``X4``, ``Y4``); optionally ``SetName`` and ``Time_S``. Cycles are counted in each
-    set. A branch is the Stretch phase, the Recover phase turned round, or both; Hold, Preload and
-    Rest stay out. Columns, sets, cycles or points that are missing or not clear are refused.
+    set. A branch is the Stretch phase, the Recover phase reversed, or both; Hold, Preload and
+    Rest are left out. Columns, sets, cycles or points that are missing or not clear are refused.
     """
-    phases = _phases(table)
-    wanted, left_out = _sets(table, choice.sets)
-    notes = []
-    if left_out:
-        notes = [f"sets left out: {', '.join(left_out)} (--set NAME or --set all takes them)"]
+    numbers, phases = _phases(table)
     taken = []
-    for name, rows in wanted:
-        cycles = _cycles(table, phases, name, rows)
+    sets = _sets(table, choice.sets)
+    others = [name for name in _set_names(table) if name not in sets]
+    for name, rows in sets.items():
+        cycles = _cycles(table, numbers, phases, name, rows)
         labels = [cycle.label for cycle in cycles]
         number = chosen_number(choice.cycle, labels, table)
-        curves = Curves.read(table, _branch(table, cycles[number], choice.branch), choice, gauge)
-        read, assumptions = [*table.notes, *curves.notes], list(curves.assumptions)
+        rows, stretch, gradient, origin, assumptions = _stretches(
+            table, _branch(table, cycles[number], choice.branch), choice, gauge
+        )
+        notes = [*table.notes, *origin]
         if number > 0:
-            last_two = [
-                Curves.read(table, _branch(table, cycle, "loading"), choice, gauge)
-                for cycle in cycles[number - 1 : number + 1]
-            ]
-            words, settled = settling(*((c.stretch, c.load) for c in last_two))
-            if settled:
-                read.append(words)
-            else:
-                assumptions.append(f"{name}: {words}" if name else words)
-        time = _quantity(table, "time", "time", curves.rows)
+            last_two = []
+            for cycle in cycles[number - 1 : number + 1]:
+                up, curve, *_ = _stretches(table, _branch(table, cycle, "loading"), choice, gauge)
+                last_two.append((curve, _forces(table, up)))
+            text, settled = settling(*last_two)
+            (notes if settled else assumptions).append(f"{name}: {text}" if name else text)
+        if others:
+            notes.append(f"sets left out: {', '.join(others)} (--set NAME or --set all takes them)")
+        source = "Size_um" if gradient is None else "tracked points"
+        time = _quantity(table, "time", "time", rows)
         taken.append(
             Recording(
                 name=name,
                 source=table.path.name + (f", set {name}" if name else ""),
-                stretch=curves.stretch,
-                load=curves.load,
-                columns=(f"X {curves.source}", f"Y {curves.source}", "XForce", "YForce"),
+                stretch=stretch,
+                load=_forces(table, rows),
+                columns=(f"X {source}", f"Y {source}", "XForce", "YForce"),
                 stress_pair="force",
                 time_s=None if choice.branch == "unloading" else time,
-                gradient=curves.gradient,
-                lines=table.lines[curves.rows],
+                gradient=gradient,
+                lines=table.lines[rows],
                 rows_in_file=table.rows,
                 cycle=cycle_label(labels, number),
                 branch=choice.branch,
-                notes=(*read, *notes),
+                notes=tuple(notes),
                 assumptions=tuple(assumptions),
             )
         )
     return taken
 
 
-def is_other_table(table: Table, choice: Choice) -> bool:
-    """Whether a sheet is no export of a BioTester."""
-    return table.by_stem("cycle") is None and table.by_stem("xforce") is None
+def recognises(table: Table, choice: Choice) -> bool:
+    """Whether a sheet is an export of a BioTester."""
+    return table.by_stem("cycle") is not None or table.by_stem("xforce") is not None
 
 
-# --- sets and phases ------------------------------------------------------------------------------
+# --- sets, phases and cycles ----------------------------------------------------------------------
 
 
-def _phases(table: Table) -> np.ndarray:
-    """Number and lower-case name of the phase of each row, shape (n, 2)."""
+def _phases(table: Table) -> tuple[np.ndarray, np.ndarray]:
+    """Number of the cycle and lower-case name of the phase of each row."""
     index = table.by_stem("cycle")
     if index is None:
         raise InputError(
-            "no column 'Cycle', so no BioTester export",
+            "no column 'Cycle', so this is not a BioTester export",
             file=table.path,
             remedy=f"use `machine=generic` with `columns`; {table.listing}",
         )
-    phases = []
+    numbers, phases = [], []
     for cell, line in zip(table.text(index), table.lines, strict=True):
         match = PHASE.match(cell)
         if match is None:
             raise InputError(
-                f"{cell[:30]!r} is no phase of a cycle",
+                f"{cell[:30]!r} is not a phase of a cycle",
                 file=table.path,
                 row=int(line),
                 column=table.names[index],
                 remedy="a BioTester writes 1-Preload, 1-Stretch, 1-Hold, 1-Recover",
             )
-        phases.append((match[1].lstrip("0") or "0", match[2].lower()))
-    return np.array(phases)
+        numbers.append(match[1].lstrip("0") or "0")
+        phases.append(match[2].lower())
+    return np.array(numbers), np.array(phases)
 
 
-def _sets(table: Table, wanted: tuple[str, ...]) -> tuple[list[tuple[str, np.ndarray]], list[str]]:
-    """Rows of the wanted sets by their names, and the names of the others."""
+def _set_names(table: Table) -> list[str]:
     index = table.by_stem("setname")
+    return [] if index is None else list(dict.fromkeys(table.text(index)))
+
+
+def _sets(table: Table, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Rows of the wanted sets by their names; all rows where the file has no sets."""
+    index, names = table.by_stem("setname"), _set_names(table)
     if index is None:
         if wanted:
             raise InputError(
-                "no column 'SetName', so no sets", file=table.path, remedy=table.listing
+                "no column 'SetName', so the file has no sets",
+                file=table.path,
+                remedy=table.listing,
             )
-        return [("", np.arange(table.rows))], []
-    labels = np.array(table.text(index))
-    names = list(dict.fromkeys(labels.tolist()))
+        return {"": np.arange(table.rows)}
     wanted = tuple(names) if wanted == ("all",) else wanted or (names[-1],)
     for name in wanted:
         if name not in names:
             raise InputError(
                 f"no set {name[:40]!r}", file=table.path, remedy=f"found {', '.join(names)[:200]}"
             )
-    taken = [(name, np.flatnonzero(labels == name)) for name in wanted]
-    return taken, [name for name in names if name not in wanted]
+    labels = np.array(table.text(index))
+    return {name: np.flatnonzero(labels == name) for name in wanted}
 
 
-def _cycles(table: Table, phases: np.ndarray, name: str, rows: np.ndarray) -> list[RecordedCycle]:
+def _cycles(
+    table: Table, numbers: np.ndarray, phases: np.ndarray, name: str, rows: np.ndarray
+) -> list[RecordedCycle]:
     """Cycles of a set that have a Stretch phase."""
-    numbers, phase = phases[rows].T
-    labels = dict.fromkeys(numbers[phase == "stretch"].tolist())
+    labels = dict.fromkeys(numbers[rows][phases[rows] == "stretch"].tolist())
     if not labels:
         raise InputError(
             f"no Stretch phase in set {name!r}" if name else "no Stretch phase",
             file=table.path,
             column="Cycle",
-            remedy=f"found {', '.join(sorted(set(phase.tolist())))[:80]}",
+            remedy=f"found {', '.join(sorted(set(phases[rows].tolist())))[:80]}",
         )
     return [
         RecordedCycle(
             label,
-            rows[(numbers == label) & (phase == "stretch")],
-            rows[(numbers == label) & (phase == "recover")],
+            *(
+                rows[(numbers[rows] == label) & (phases[rows] == phase)]
+                for phase in ("stretch", "recover")
+            ),
         )
         for label in labels
     ]
@@ -162,42 +170,31 @@ def _branch(table: Table, cycle: RecordedCycle, branch: str) -> np.ndarray:
 # --- stretches and forces of some rows ------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Curves:
-    """Stretches and forces of some rows, and where the stretches are from."""
+def _stretches(
+    table: Table, rows: np.ndarray, choice: Choice, gauge: Gauge
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, list[str], list[str]]:
+    """Rows with their stretches, gradient, the origin of these, and what they assume.
 
-    rows: np.ndarray
-    stretch: np.ndarray
-    load: np.ndarray
-    gradient: np.ndarray | None
-    source: str
-    notes: tuple[str, ...]
-    assumptions: tuple[str, ...] = ()
-
-    @classmethod
-    def read(cls, table: Table, rows: np.ndarray, choice: Choice, gauge: Gauge) -> Curves:
-        """Stretches of the tracked points where there are any, else of the rake, unless chosen."""
-        points = _tracked_points(table, rows, required=choice.stretch_from == "tracked")
-        if points is None or choice.stretch_from == "rake":
-            stretch, assumptions = _rake_stretch(table, rows, gauge)
-            notes: tuple[str, ...] = ("stretch from the rakes, not from the tissue",)
-            load = _forces(table, rows)
-            return cls(rows, stretch, load, None, "Size_um", notes, tuple(assumptions))
-        complete = np.isfinite(points).all(axis=(1, 2))
-        notes = (f"stretch from {points.shape[1]} tracked points",)
-        if not complete.all():
-            notes += (f"{int((~complete).sum())} rows without tracked points left out",)
-        rows = rows[complete]
-        gradient = _deformation_gradient(points[complete], table, rows)
-        stretch = np.column_stack([gradient[:, 0, 0], gradient[:, 1, 1]])
-        return cls(rows, stretch, _forces(table, rows), gradient, "tracked points", notes)
+    From the tracked points where there are any, otherwise from the rake, unless chosen.
+    """
+    points = _tracked_points(table, rows, required=choice.stretch_from == "tracked")
+    if points is None or choice.stretch_from == "rake":
+        stretch, assumptions = _rake_stretch(table, rows, gauge)
+        return rows, stretch, None, ["stretch from the rakes, not from the tissue"], assumptions
+    complete = np.isfinite(points).all(axis=(1, 2))
+    notes = [f"stretch from {points.shape[1]} tracked points"]
+    if not complete.all():
+        notes.append(f"{int((~complete).sum())} rows without tracked points left out")
+    rows = rows[complete]
+    gradient = _deformation_gradient(points[complete], table, rows)
+    return rows, gradient[:, [0, 1], [0, 1]], gradient, notes, []
 
 
 def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.ndarray | None:
     """Positions of tracked points, shape (n, points, 2), NaN where one is lost."""
     pairs = []
     for number in range(1, 100):
-        x, y = (table.by_stem(f"{axis}{number}") for axis in "xy")
+        x, y = table.by_stem(f"x{number}"), table.by_stem(f"y{number}")
         if x is None or y is None:
             break
         pairs.append([table.sparse_numbers(x, rows), table.sparse_numbers(y, rows)])
@@ -205,7 +202,7 @@ def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.nda
         points = np.moveaxis(np.array(pairs), 2, 0)
         # Trackers write 0, 0 for a point that they lost.
         points[(points == 0.0).all(axis=2)] = np.nan
-        if np.isfinite(points).all(axis=(1, 2)).sum() >= ENOUGH_TRACKED:
+        if np.isfinite(points).all(axis=(1, 2)).sum() >= LEAST_TRACKED:
             return points
     if required:
         raise InputError(
@@ -258,11 +255,13 @@ def _quantity(table: Table, stem: str, quantity: str, rows: np.ndarray) -> np.nd
 
 
 def _forces(table: Table, rows: np.ndarray) -> np.ndarray:
+    """Forces in N, shape (n, 2)."""
     forces = []
-    for axis in "XY":
-        force = _quantity(table, f"{axis}force".lower(), "force", rows)
+    for axis in "xy":
+        force = _quantity(table, f"{axis}force", "force", rows)
         if force is None:
-            raise InputError(f"no column '{axis}Force_mN'", file=table.path, remedy=table.listing)
+            column = f"{axis.upper()}Force_mN"
+            raise InputError(f"no column '{column}'", file=table.path, remedy=table.listing)
         forces.append(force)
     return np.column_stack(forces)
 
@@ -270,27 +269,27 @@ def _forces(table: Table, rows: np.ndarray) -> np.ndarray:
 def _rake_stretch(table: Table, rows: np.ndarray, gauge: Gauge) -> tuple[np.ndarray, list[str]]:
     """Stretches by the distance of the rakes, and what had to be assumed for them."""
     columns, assumptions = [], []
-    for k, axis in enumerate("XY"):
-        size = _quantity(table, f"{axis}size".lower(), "length", rows)
-        moved = _quantity(table, f"{axis}displacement".lower(), "length", rows)
+    for k, axis in enumerate("xy"):
+        size = _quantity(table, f"{axis}size", "length", rows)
+        moved = _quantity(table, f"{axis}displacement", "length", rows)
         if size is not None:
             # XSize is the rake distance at every moment, or that at the start
             length = size if moved is None or np.ptp(size) > 0.0 else size + moved
         elif moved is not None:
-            name = f"{axis}Displacement"
-            first = _quantity(table, name.lower(), "length", np.array([0]))
+            first = _quantity(table, f"{axis}displacement", "length", np.array([0]))
             assert first is not None
+            name = f"{axis.upper()}Displacement"
             length, note = gauge.from_displacement(moved, float(first[0]), k, name, table.path)
             assumptions.append(note)
         else:
             raise InputError(
-                f"no column '{axis}Size_um', so no rake distance",
+                f"no column '{axis.upper()}Size_um', so the distance of the rakes is not known",
                 file=table.path,
                 remedy=table.listing,
             )
         if length.min() <= 0.0:
             raise InputError(
-                f"a rake distance of {length.min():g} mm in {axis.lower()}",
+                f"the rake distance of {length.min():g} mm in {axis} is not positive",
                 file=table.path,
                 row=int(table.lines[rows[int(length.argmin())]]),
                 remedy="check the size and displacement columns",

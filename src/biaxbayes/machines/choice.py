@@ -1,11 +1,30 @@
-"""What to take from the export of a machine."""
+"""The formats of testing machines, and what to take from an export."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_SOURCES
+
+BRANCHES = ("loading", "unloading", "both")
+STRETCH_SOURCES = ("auto", "tracked", "rake")
+GAUGE_AT = ("zero", "start")
+DIRECTIONS = ("x", "y", "xy")
+
+
+@dataclass(frozen=True)
+class Format:
+    """What it reads, for help, and the options of ``biaxbayes convert`` that only it takes."""
+
+    words: str
+    options: tuple[str, ...] = ()
+
+
+FORMATS = {
+    "biotester": Format("exports of a CellScale BioTester", ("--set", "--stretch-from")),
+    "generic": Format("any table, by a map of its columns", ("--columns",)),
+}
+"""Formats by the name that ``--machine`` takes, which is that of their module."""
 
 
 @dataclass(frozen=True)
@@ -15,7 +34,7 @@ class Choice:
     Attributes
     ----------
     machine : str
-        One of :data:`biaxbayes.machines.FORMATS`.
+        One of :data:`FORMATS`.
     columns : tuple of str
         ``target=column[:unit]`` texts of the generic machine.
     cycle : str
@@ -33,7 +52,7 @@ class Choice:
         Whether that is where the displacement reads zero, or at the first row of the file; needed
         where the two differ.
     drop_missing : bool
-        Leave out rows in which a reading is missing; else they are refused.
+        Leave out rows in which a reading is missing; otherwise they are refused.
     tension_negative : {"", "x", "y", "xy"}
         Directions whose load cell counts tension negative.
     """

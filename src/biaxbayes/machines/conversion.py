@@ -13,14 +13,13 @@ from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.gauge import Gauge
 from biaxbayes.machines.recording import Recording, shear_angle_deg
-from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.plausibility import NEGATIVE, check_load
+from biaxbayes.specimens.protocol import CURVES, LOAD_ROWS, Protocol, ReadingError
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.tables.table import read_tables
 
 Header = Mapping[str, float | str]
 """Values by their key in a specimen file."""
-NEGATIVE = 0.3
-"""Share of the largest change of load by which a load that falls has the wrong sign."""
 DIMENSIONS = ("edge_x_mm", "edge_y_mm", "thickness_mm")
 FIELDS = ("layer", "axis_x", "axis_y", *DIMENSIONS, "reference")
 """Header keys that are arguments of a specimen of the same name."""
@@ -78,7 +77,7 @@ def convert(
             remedy="convert them with the same columns",
         )
     recordings = _named(recordings, protocol_names)
-    # The rows as measured: a reader divides by the stretch at rest, and can tell the drift.
+    # The rows as measured: a reader divides by the stretch at rest, and sees the drift.
     timed = all(r.time_s is not None for r in recordings)
     recorded = []
     for r in recordings:
@@ -114,13 +113,12 @@ def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
     reader = import_module(f"biaxbayes.machines.{choice.machine}")
     recordings: list[Recording] = []
     for sheet, table in tables.items():
-        if len(tables) > 1 and reader.is_other_table(table, choice):
+        if len(tables) > 1 and not reader.recognises(table, choice):
             others[sheet] = "has none of the columns"
             continue
-        in_sheet: list[Recording] = reader.recordings(table, choice, gauge)
-        if len(tables) > 1:
-            in_sheet = [replace(r, name=f"{sheet} {r.name}".rstrip()) for r in in_sheet]
-        recordings += in_sheet
+        for r in reader.recordings(table, choice, gauge):
+            name = f"{sheet} {r.name}".rstrip() if len(tables) > 1 else r.name
+            recordings.append(replace(r, name=name))
     if not recordings:
         remedy = next(iter(tables.values())).listing
         raise InputError("no sheet has the columns", file=path, remedy=remedy)
@@ -129,15 +127,44 @@ def _recordings(path: Path, choice: Choice, header: Header) -> list[Recording]:
         recordings = [replace(r, notes=(*r.notes, note)) for r in recordings]
     if choice.tension_negative:
         signs = [-1.0 if axis in choice.tension_negative else 1.0 for axis in "xy"]
-        note = f"the sign of the load in {' and '.join(choice.tension_negative)} is turned round"
+        note = f"the sign of the load in {' and '.join(choice.tension_negative)} is reversed"
         recordings = [
             replace(r, load=r.load * signs, assumptions=(*r.assumptions, note)) for r in recordings
         ]
-    limit = header.get("stress_limit_kPa")
     for r in recordings:
-        r.check(path, _sections(r, header), None if limit is None else float(limit))
+        _check(r, path, header)
     _check_signs(recordings, path)
     return recordings
+
+
+def _check(r: Recording, file: Path, header: Header) -> None:
+    """Refuse a recording whose numbers cannot be what their columns say."""
+    if len(r.lines) < 2:
+        raise InputError(
+            f"{len(r.lines)} row left of the {r.branch} branch",
+            file=file,
+            remedy="choose another `cycle` or `branch`",
+        )
+    sections: tuple[float | None, float | None] = (None, None)
+    if r.stress_pair == "force":
+        missing = [key for key in (*DIMENSIONS, "geometry") if key not in header]
+        if missing:
+            options = ["--" + key.replace("_", "-") for key in missing]
+            state = ""
+            if "geometry" in missing:
+                state = " unloaded|mounted, the state it was measured in"
+            raise InputError(
+                f"forces need {', '.join(missing)}", remedy=f"give {', '.join(options)}{state}"
+            )
+        edge_x, edge_y, thickness = (float(header[key]) for key in DIMENSIONS)
+        sections = edge_y * thickness, edge_x * thickness
+    limit = float(header["stress_limit_kPa"]) if "stress_limit_kPa" in header else None
+    try:
+        Protocol("", *r.stretch.T, *r.load.T)
+        for name, load, section in zip(LOAD_ROWS, r.load.T, sections, strict=True):
+            check_load(load, section, limit, argument=name)
+    except ReadingError as error:
+        raise error.at(file, r.lines, dict(zip(CURVES, r.columns, strict=True))) from None
 
 
 def _check_signs(recordings: Sequence[Recording], file: object) -> None:
@@ -168,22 +195,8 @@ def _check_signs(recordings: Sequence[Recording], file: object) -> None:
         )
 
 
-def _sections(recording: Recording, header: Header) -> tuple[float, float] | None:
-    """Sections under the force in x and y, mm^2; None for stresses."""
-    if recording.stress_pair != "force":
-        return None
-    missing = [key for key in (*DIMENSIONS, "geometry") if key not in header]
-    if missing:
-        options = ["--" + key.replace("_", "-") for key in missing]
-        state = " unloaded|mounted, the state it was measured in" if "geometry" in missing else ""
-        raise InputError(
-            f"forces need {', '.join(missing)}", remedy=f"give {', '.join(options)}{state}"
-        )
-    edge_x, edge_y, thickness = (float(header[key]) for key in DIMENSIONS)
-    return edge_y * thickness, edge_x * thickness
-
-
 def _named(recordings: list[Recording], names: Sequence[str]) -> list[Recording]:
+    """Recordings under the given names, or their own, which must differ."""
     if names and len(names) != len(recordings):
         raise InputError(
             f"{len(names)} protocol names for {len(recordings)} protocols",

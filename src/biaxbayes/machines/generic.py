@@ -48,16 +48,16 @@ def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
     return taken
 
 
-def is_other_table(table: Table, choice: Choice) -> bool:
-    """Whether a sheet has none of the columns of the map."""
+def recognises(table: Table, choice: Choice) -> bool:
+    """Whether a sheet has any column of the map."""
     for text in parse_columns(choice.columns).values():
         for name in (text, text.rpartition(":")[0]):
             try:
                 table.column(name)
             except InputError:
                 continue
-            return False
-    return bool(choice.columns)
+            return True
+    return not choice.columns
 
 
 def _protocols(

@@ -6,10 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from biaxbayes.errors import InputError
-from biaxbayes.specimens.plausibility import check_load
-from biaxbayes.specimens.protocol import LOAD_ROWS, Protocol, ReadingError
-
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -57,25 +53,6 @@ class Recording:
     branch: str
     notes: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
-
-    def check(
-        self, file: object, sections: tuple[float, float] | None, limit_kPa: float | None = None
-    ) -> None:
-        """Refuse numbers that cannot be what their column says; sections in mm^2 for forces."""
-        if len(self.lines) < 2:
-            raise InputError(
-                f"{len(self.lines)} row left of the {self.branch} branch",
-                file=file,
-                remedy="choose another `cycle` or `branch`",
-            )
-        columns = dict(zip(("stretch_x", "stretch_y", *LOAD_ROWS), self.columns, strict=True))
-        try:
-            Protocol("", *self.stretch.T, *self.load.T)
-            for k, name in enumerate(LOAD_ROWS):
-                section = None if sections is None else sections[k]
-                check_load(self.load[:, k], section, limit_kPa, argument=name)
-        except ReadingError as error:
-            raise error.at(file, self.lines, columns) from None
 
 
 def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:

@@ -260,8 +260,8 @@ def _paths(specimen: Specimen) -> Iterator[Finding]:
         if turned is not None:
             yield turned
         yield from _jumps(p, load)
-        back = [] if p.time_s is None else np.flatnonzero(np.diff(p.time_s) < 0.0)
-        if len(back):
+        back = np.flatnonzero(np.diff(p.time_s if p.time_s is not None else [0.0]) < 0.0)
+        if back.size:
             yield Finding("time", "warning", f"time_s runs backwards at row {back[0] + 2}", p.name)
         yield from _camera_lag(p)
 

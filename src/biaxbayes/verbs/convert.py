@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.errors import InputError
-from biaxbayes.machines import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_SOURCES
+from biaxbayes.machines.choice import BRANCHES, DIRECTIONS, FORMATS, GAUGE_AT, STRETCH_SOURCES
 from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, NONE, OF_FORCES, checked_value
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.tables.units import STRAINS, likely_name, units_of
@@ -256,7 +256,7 @@ def header_options() -> Decorator:
 @click.option(
     "--tension-negative",
     type=click.Choice(DIRECTIONS),
-    help="Directions whose load cell counts tension negative: their sign is turned round.",
+    help="Directions whose load cell counts tension negative: their sign is reversed.",
 )
 @flag("drop-missing", "Leave out rows in which a reading is missing, and count them.")
 @click.option(
@@ -304,7 +304,7 @@ def _print_conversion(conversion: Conversion, out: Path) -> None:
         click.echo(f"  {p.name} from {r.source}")
         click.echo(
             f"    {p.rows} of {r.rows_in_file} rows (lines {lines[0]} to {lines[1]}), {cycle}"
-            f"{r.branch} branch{', turned round' if r.branch == 'unloading' else ''}"
+            f"{r.branch} branch{', reversed' if r.branch == 'unloading' else ''}"
         )
         click.echo(
             f"    stretch x {_range(p.stretch_x)}, y {_range(p.stretch_y)} of its value at rest "
