@@ -1,10 +1,4 @@
-"""Text files and tables in them: read with limits and named errors, written whole or not at all.
-
-Specimens, paths of stretches and machine exports are read row by row with the csv module. Pandas
-was tried: it tells neither the line of a bad cell nor a missing cell from an empty one; as text
-it takes 1.2 times as long for 50,000 rows and 3 times for 500,000, half a second of import comes
-before any refusal, and its own numbers differ in the last digit between its versions.
-"""
+"""Text files and CSV tables: errors name file, row and column; writing is atomic."""
 
 from __future__ import annotations
 
@@ -26,14 +20,11 @@ from biaxbayes.errors import InputError, printable
 if TYPE_CHECKING:
     import pandas as pd
 
-
-# --- text files ----------------------------------------------------------------------------------
-
 MAX_BYTES = 250_000_000
 MAX_LINES = 3_000_000
 MAX_LINE = 20_000
 CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
-"""Control characters that no text file needs; tab, line ends and form feed are none of them."""
+"""Control characters other than tab, line ends and form feed."""
 SIGNATURES = {
     b"PK\x03\x04": (
         "an Excel workbook or a ZIP archive",
@@ -44,129 +35,208 @@ SIGNATURES = {
     b"\x89HDF": ("an HDF5 file", "export it as CSV"),
     b"%PDF": ("a PDF", "export the table as CSV"),
 }
-
-
-OF_EMPTY = {
+"""First bytes of files that are no text, with what they are and what to do."""
+EMPTY_REMEDIES = {
     **dict.fromkeys(("", ".csv", ".tsv", ".txt", ".xls", ".xlsx"), "export the record again"),
     ".toml": "write what it should state into it",
 }
 """What to do about an empty file, by the ending of its name."""
+DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+DECIMAL_POINT = re.compile(r"[+-]?\d+\.\d+([eE][+-]?\d+)?")
+NUMBER_WITH_UNIT = re.compile(r"[+-]?\d+\.?\d*([eE][+-]?\d+)?\s*[^\W\d_%]*[%\w/^°]*")
+FORMULA = re.compile(r"'*[=+\-@\t\r]")
+"""Texts that a spreadsheet computes (``=1+1``), also after an apostrophe that marks text."""
+
+
+# --- reading text files ---------------------------------------------------------------------------
 
 
 def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
-    """Content of a regular file.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, not a regular readable file, too large or empty.
-    """
+    """Content of a regular file; one that is missing, unreadable, too large or empty is refused."""
     try:
-        mode = path.stat()
-        if stat.S_ISDIR(mode.st_mode):
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
             raise InputError("is a folder, not a file", file=path, remedy="name the file in it")
-        if not stat.S_ISREG(mode.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise InputError("is not a regular file", file=path, remedy="name a file on disk")
-        if mode.st_size > limit:
-            raise InputError(
-                f"is larger than {limit // 1_000_000} MB",
-                file=path,
-                remedy="thin or split the record",
-            )
+        if status.st_size > limit:
+            problem = f"is larger than {limit // 1_000_000} MB"
+            raise InputError(problem, file=path, remedy="thin or split the record")
         raw = path.read_bytes()
     except FileNotFoundError:
         raise InputError("no such file", file=path, remedy="check the path") from None
     except PermissionError:
         raise InputError("may not be read", file=path, remedy="check its permissions") from None
     except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", file=path, remedy="check the path"
-        ) from None
+        problem = f"cannot be read ({error.strerror})"
+        raise InputError(problem, file=path, remedy="check the path") from None
     except ValueError as error:
         raise InputError(f"is not a path ({error})", file=path, remedy="check the path") from None
     if not raw.strip(b" \t\r\n\0\xef\xbb\xbf"):
-        raise InputError(
-            "is empty", file=path, remedy=OF_EMPTY.get(path.suffix.lower(), "check the path")
-        )
+        remedy = EMPTY_REMEDIES.get(path.suffix.lower(), "check the path")
+        raise InputError("is empty", file=path, remedy=remedy)
     return raw
 
 
-def read_text(path: Path, *, encoding: str = "utf-8-sig") -> str:
-    r"""Text of a regular file, with line ends as ``\n``.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_bytes`, and if the content is not UTF-8 text.
-    """
+def read_text(path: Path) -> str:
+    r"""UTF-8 text of a regular file, with line ends as ``\n``; anything else is refused."""
     raw = read_bytes(path)
     for signature, (kind, remedy) in SIGNATURES.items():
         if raw.startswith(signature):
             raise InputError(f"is {kind}, not a text file", file=path, remedy=remedy)
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError("is UTF-16, not UTF-8 text", file=path, remedy="save it as CSV UTF-8")
+
+    def row(position: int) -> int:
+        before = raw[:position]
+        return max(before.count(b"\n"), before.count(b"\r")) + 1
+
     control = CONTROL.search(raw)
     if control:
         byte = control.group()[0]
         raise InputError(
             "is binary, not text" if byte == 0 else f"control character {byte:#04x}",
             file=path,
-            row=_row(raw, control.start()),
+            row=row(control.start()),
             remedy="export it as CSV UTF-8",
         )
     try:
-        text = raw.decode(encoding)
+        text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
-            "is not UTF-8 text",
-            file=path,
-            row=_row(raw, error.start),
-            remedy="save it as CSV UTF-8",
+            "is not UTF-8 text", file=path, row=row(error.start), remedy="save it as CSV UTF-8"
         ) from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _row(raw: bytes, position: int) -> int:
-    """Line, from 1, that a byte of a file stands in, whatever its line ends are."""
-    before = raw[:position]
-    return max(before.count(b"\n"), before.count(b"\r")) + 1
-
-
 def read_lines(path: Path) -> list[str]:
-    """Lines of a text file, as an editor counts them.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_text`, and if there are too many lines or one is too long.
-    """
-    text = read_text(path)
-    if text.count("\n") > MAX_LINES:
+    """Lines of a text file, as an editor counts them."""
+    lines = read_text(path).split("\n")
+    if len(lines) > MAX_LINES + 1:
         raise InputError(
             f"has more than {MAX_LINES:,} lines", file=path, remedy="thin or split the record"
         )
-    lines = text.split("\n")
-    longest = max(map(len, lines))
-    if longest > MAX_LINE:
-        row = next(number for number, line in enumerate(lines, 1) if len(line) == longest)
-        raise InputError(
-            f"a line of {longest:,} characters",
-            file=path,
-            row=row,
-            remedy="this is not a table of a biaxial test",
-        )
+    for row, line in enumerate(lines, 1):
+        if len(line) > MAX_LINE:
+            raise InputError(
+                f"a line of {len(line):,} characters",
+                file=path,
+                row=row,
+                remedy="this is not a table of a biaxial test",
+            )
     return lines
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Table of a TOML file."""
+    import tomllib
+
+    try:
+        return tomllib.loads(read_text(path))
+    except ValueError as error:
+        raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
+    except RecursionError:
+        raise InputError("not valid TOML (nested too deeply)", file=path) from None
+
+
+# --- cells ----------------------------------------------------------------------------------------
+
+
+def number_in(text: str) -> float:
+    """The finite number that a cell holds; ValueError if it holds anything else.
+
+    Python's own reading takes ``1_000`` for a number.
+    """
+    if "_" in text:
+        raise ValueError("not a plain number")
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError("not finite")
+    return value
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or a decimal comma."""
+    try:
+        number_in(cell.replace(",", ".", 1))
+    except ValueError:
+        return False
+    return True
+
+
+def cell_fault(text: str) -> tuple[str, str]:
+    """What is wrong with a cell that holds no finite number, and what to do about it."""
+    cell = text.strip()
+    shown = repr(cell[:40])
+    if not cell:
+        return "the cell is empty", "fill it in or remove the row"
+    if cell.startswith("="):
+        return f"{shown} is a formula, not a number", "save the values in place of formulas"
+    if DECIMAL_COMMA.fullmatch(cell):
+        return f"{shown} has a decimal comma", "write it with a decimal point"
+    if DECIMAL_POINT.fullmatch(cell):
+        problem = f"{shown} has a decimal point where other numbers have decimal commas"
+        return problem, "export the table with one of them and no thousands separators"
+    try:
+        value = float(cell.replace("_", "x"))
+    except ValueError:
+        if NUMBER_WITH_UNIT.fullmatch(cell):
+            return f"{shown} is not a plain number", "write it without unit or separators"
+        return f"{shown} is not a number", "mend the value or remove the row"
+    if math.isnan(value):
+        return f"{shown} is not a finite number: the reading is missing", "remove the row"
+    return f"{shown} is not a finite number", "mend the value or remove the row"
+
+
+def bad_cell(text: str, path: Path, row: int, column: str) -> InputError:
+    """The error for a cell that holds no finite number."""
+    problem, remedy = cell_fault(text)
+    return InputError(problem, file=path, row=row, column=column, remedy=remedy)
+
+
+def one_line(text: str) -> str:
+    """Text of a name: printable, in one line, with single spaces, none at the ends."""
+    return " ".join(printable(text).split())
+
+
+def cells_of(line: str) -> list[str]:
+    """Cells of a single line; spaces before a cell are not part of it."""
+    return next(csv.reader([line], skipinitialspace=True), [])
+
+
+def rows_of(
+    lines: Sequence[str], path: Path, *, first: int = 0, separator: str = ",", kind: str = "a CSV"
+) -> Iterator[tuple[int, list[str]]]:
+    """Number of each line from index ``first``, counted from 1 as an editor does, and its cells.
+
+    ``kind`` is what the file should be, for the error about an open quotation mark.
+    """
+    # Lines that the csv module took together had a quotation mark open between them.
+    number = first
+    reader = csv.reader(islice(lines, first, None), delimiter=separator, skipinitialspace=True)
+    try:
+        for cells in reader:
+            if first + reader.line_num > number + 1:
+                raise csv.Error("a quotation mark is not closed")
+            number += 1
+            yield number, cells
+    except csv.Error as error:
+        raise InputError(
+            f"not a row of {kind}: {error}",
+            file=path,
+            row=number + 1,
+            remedy="look for a stray quotation mark",
+        ) from None
+
+
+# --- writing --------------------------------------------------------------------------------------
 
 
 def atomic_write_bytes(path: Path, data: bytes | memoryview) -> None:
     """Write a file so that its name never shows half of it, surviving a power cut.
 
-    Temporary name in the same folder, fsync, rename, fsync of the folder.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written; what was there before is untouched.
+    Temporary name in the same folder, fsync, rename, fsync of the folder. If it cannot be written,
+    what was there before is untouched.
     """
     if not path.name or path.is_dir():
         raise InputError("is a folder, not a file", file=path, remedy="name a file")
@@ -200,180 +270,62 @@ def atomic_write_text(path: Path, text: str) -> None:
 
 def sync_folder(folder: Path) -> None:
     """Make renames in a folder survive a power cut, where the platform can."""
-    try:
+    with contextlib.suppress(OSError):  # not every platform opens folders
         handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return  # not every platform opens folders
-    try:
-        os.fsync(handle)
-    except OSError:
-        pass
-    finally:
-        os.close(handle)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Table of a TOML file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read as text, or is not TOML.
-    """
-    import tomllib
-
-    try:
-        return tomllib.loads(read_text(path))
-    except ValueError as error:
-        raise InputError(f"not valid TOML ({str(error)[:80]})", file=path) from None
-    except RecursionError:
-        raise InputError("not valid TOML (nested too deeply)", file=path) from None
-
-
-# --- one cell: its number, or why it is none ----------------------------------------------------
-
-
-DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
-NUMBER_WITH_UNIT = re.compile(r"[+-]?\d+\.?\d*([eE][+-]?\d+)?\s*[^\W\d_%]*[%\w/^°]*")
-
-
-def number_in(text: str) -> float:
-    """The finite number that a cell holds.
-
-    Raises
-    ------
-    ValueError
-        If it holds anything else. Python's own reading is too generous with ``1_000``.
-    """
-    if "_" in text:
-        raise ValueError("not a plain number")
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError("not finite")
-    return value
-
-
-def fault_of(text: str) -> tuple[str, str]:
-    """What is wrong with a cell that holds no finite number, and what to do about it."""
-    cell = text.strip()
-    shown = repr(cell[:40])
-    if not cell:
-        return "the cell is empty", "fill it in or remove the row"
-    if cell.startswith("="):
-        return f"{shown} is a formula, not a number", "save the values in place of formulas"
-    if DECIMAL_COMMA.fullmatch(cell):
-        return f"{shown} has a decimal comma", "write it with a decimal point"
-    if re.fullmatch(r"[+-]?\d+\.\d+([eE][+-]?\d+)?", cell):
-        problem = f"{shown} has a decimal point where other numbers have decimal commas"
-        return problem, "export the table with one of them and no thousands separators"
-    try:
-        value = float(cell.replace("_", "x"))
-    except ValueError:
-        if NUMBER_WITH_UNIT.fullmatch(cell):
-            return f"{shown} is not a plain number", "write it without unit or separators"
-        return f"{shown} is not a number", "mend the value or remove the row"
-    if math.isnan(value):
-        return f"{shown} is not a finite number: the reading is missing", "remove the row"
-    return f"{shown} is not a finite number", "mend the value or remove the row"
-
-
-def bad_cell(text: str, path: Path, row: int, column: str) -> InputError:
-    """The refusal of a cell that holds no finite number."""
-    problem, remedy = fault_of(text)
-    return InputError(problem, file=path, row=row, column=column, remedy=remedy)
-
-
-def one_line(text: str) -> str:
-    """Text of a name: printable, in one line, with single spaces, none at the ends."""
-    return " ".join(printable(text).split())
-
-
-# --- rows of cells ------------------------------------------------------------------------------
-
-
-def cells_of(line: str) -> list[str]:
-    """Cells of a single line; spaces before a cell are no part of it."""
-    return next(csv.reader([line], skipinitialspace=True), [])
-
-
-def rows_of(
-    lines: Sequence[str],
-    path: Path,
-    *,
-    first: int = 0,
-    separator: str = ",",
-    of: str = "a CSV",
-) -> Iterator[tuple[int, list[str]]]:
-    """Number of each line, from 1 as an editor counts, and its cells.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        All lines of the file.
-    path : Path
-        For messages.
-    first : int
-        Index of the line to start from.
-    separator : str
-    of : str
-        What the file should be, for messages.
-
-    Raises
-    ------
-    InputError
-        For a line that is no row, such as one with an open quotation mark.
-    """
-    # Lines that the csv module took together had a quotation mark open between them.
-    number = first
-    reader = csv.reader(islice(lines, first, None), delimiter=separator, skipinitialspace=True)
-    try:
-        for cells in reader:
-            if first + reader.line_num > number + 1:
-                raise csv.Error("a quotation mark is not closed")
-            number += 1
-            yield number, cells
-    except csv.Error as error:
-        raise InputError(
-            f"not a row of {of}: {error}",
-            file=path,
-            row=number + 1,
-            remedy="look for a stray quotation mark",
-        ) from None
-
-
-# --- reading a table that this program wrote -----------------------------------------------------
+# --- tables of this program -----------------------------------------------------------------------
 
 
 def read_csv(path: Path, **how: Any) -> pd.DataFrame:
-    """A table of this program; lines of comment before the names, as it once wrote, are left out.
+    """A table that this program wrote, by :func:`pandas.read_csv`; comments above it are skipped.
+
+    Older versions wrote lines of comment before the names.
+    """
+    import pandas as pd
+
+    def unmarked(cell: Any) -> Any:
+        marked = isinstance(cell, str) and cell.startswith("'") and FORMULA.match(cell)
+        return cell[1:] if marked else cell
+
+    with path.open(encoding="utf-8") as lines:
+        head = sum(1 for _ in takewhile(lambda line: line.startswith("#"), lines))
+    return _with_texts(pd.read_csv(path, skiprows=head, **how), unmarked)
+
+
+def write_csv(path: Path, table: pd.DataFrame, *, digits: int | None = None) -> None:
+    r"""Write a table with column names, without its index, in full or not at all.
 
     Parameters
     ----------
     path : Path
-    **how
-        As for :func:`pandas.read_csv`.
+    table : DataFrame
+    digits : int, optional
+        Significant digits of floating-point numbers; without it as many as read back the same.
     """
-    import pandas as pd
 
-    with path.open(encoding="utf-8") as lines:
-        head = sum(1 for _ in takewhile(lambda line: line.startswith("#"), lines))
-    table = pd.read_csv(path, skiprows=head, **how)
+    def marked(cell: Any) -> Any:
+        """A text that a spreadsheet would compute, marked as text by an apostrophe."""
+        computed = isinstance(cell, str) and FORMULA.match(cell) and not is_number(cell)
+        return f"'{cell}" if computed else cell
+
+    text = _with_texts(table, marked).to_csv(
+        index=False,
+        float_format=None if digits is None else f"%.{digits}g",
+        lineterminator="\n",
+    )
+    atomic_write_text(path, text)
+
+
+def _with_texts(table: pd.DataFrame, change: Any) -> pd.DataFrame:
+    """A table with each of its texts changed, those of its column names included."""
     words = table.select_dtypes(exclude=["number", "bool"]).columns
-    table = table.assign(**{name: table[name].map(_unmarked) for name in words})
-    return table.rename(columns=_unmarked)
-
-
-FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""Texts that a spreadsheet computes (``=1+1``), also after an apostrophe that marks text."""
-
-
-def _unmarked(cell: Any) -> Any:
-    """A text as it was before :func:`csv_text` marked it."""
-    marked = isinstance(cell, str) and cell.startswith("'") and FORMULA.match(cell)
-    return cell[1:] if marked else cell
-
-
-# --- writing ------------------------------------------------------------------------------------
+    changed = table.assign(**{name: table[name].map(change) for name in words})
+    return changed.rename(columns=change)
 
 
 def rows_text(rows: Iterable[Sequence]) -> str:
@@ -383,65 +335,10 @@ def rows_text(rows: Iterable[Sequence]) -> str:
     return out.getvalue()
 
 
-def _no_formula(cell: Any) -> Any:
-    """A text that a spreadsheet would compute, marked as text by an apostrophe.
-
-    A number that stands in a column of texts stays a number.
-    """
-    if not isinstance(cell, str) or not FORMULA.match(cell) or _is_number(cell):
-        return cell
-    return f"'{cell}"
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def csv_text(table: pd.DataFrame, *, digits: int | None = None, quoted: bool = False) -> str:
-    r"""A table as CSV text with column names, without an index, with ``\n`` at the line ends.
-
-    Parameters
-    ----------
-    table : DataFrame
-    digits : int, optional
-        Significant digits of floating-point numbers; as many as read back the same without it.
-    quoted : bool
-        Whether text stands in quotation marks.
-    """
-    words = table.select_dtypes(exclude=["number", "bool"]).columns
-    table = table.assign(**{name: table[name].map(_no_formula) for name in words})
-    return table.rename(columns=_no_formula).to_csv(
-        index=False,
-        float_format=None if digits is None else f"%.{digits}g",
-        quoting=csv.QUOTE_NONNUMERIC if quoted else csv.QUOTE_MINIMAL,
-        lineterminator="\n",
-    )
-
-
-def write_csv(path: Path, table: pd.DataFrame, *, digits: int | None = None) -> None:
-    """Write :func:`csv_text` so that the name never shows half a file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    atomic_write_text(path, csv_text(table, digits=digits))
-
-
 def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
     """A table for a terminal: each column as wide as its widest cell, two spaces between them.
 
-    Parameters
-    ----------
-    rows : sequence of sequences of str
-        With the heads, where there are any; rows may end early.
-    right : collection of int
-        Columns that are set flush right.
+    Rows may end early; the columns in ``right`` are set flush right.
     """
     columns = range(max(map(len, rows), default=0))
     widths = [max(len(row[k]) for row in rows if k < len(row)) for k in columns]

@@ -12,16 +12,22 @@ import numpy as np
 
 from biaxbayes.errors import InputError
 from biaxbayes.tables.sheets import Sheet, read_sheets
-from biaxbayes.tables.text import is_number
 from biaxbayes.tables.units import Unit, split_units, stem_of, unit_named, unknown_unit
-from biaxbayes.text_files import DECIMAL_COMMA, bad_cell, fault_of, number_in, one_line
+from biaxbayes.text_files import (
+    DECIMAL_COMMA,
+    DECIMAL_POINT,
+    bad_cell,
+    cell_fault,
+    is_number,
+    number_in,
+    one_line,
+)
 
 ALL_SHEETS = "all"
 SHOWN_COLUMNS = 30
 MAX_COLUMNS = 2_000
 SAMPLE = 200
 """Rows that tell the form of a table."""
-DECIMAL_POINT = re.compile(r"[+-]?\d+\.\d+([eE][+-]?\d+)?")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 MISSING = ("", "nan", "na", "n/a", "#n/a", "-", "--", "---", "null", "none")
 """Cells, in lower case, of a reading that is not there."""
@@ -229,7 +235,7 @@ class Table:
         column = indices[int(np.argmax(lacks[:, rows[0]]))]
         if rows.size == 1 or not complete:
             row = int(self.lines[rows[0]])
-            problem, mend = fault_of(self.columns[column][int(rows[0])])
+            problem, mend = cell_fault(self.columns[column][int(rows[0])])
             raise InputError(
                 problem,
                 file=self.path,

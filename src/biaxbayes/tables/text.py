@@ -9,7 +9,7 @@ from pathlib import Path
 
 from biaxbayes.errors import InputError
 from biaxbayes.tables.sheets import MAX_CELLS, MAX_ROWS, Sheet
-from biaxbayes.text_files import number_in, rows_of
+from biaxbayes.text_files import is_number, rows_of
 
 CONTROL = re.compile("[\\x00-\\x08\\x0e-\\x1f\\x7f]")
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", " ": "spaces", ",": "commas"}
@@ -34,7 +34,7 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
     if separator != ",":
         sheet.notes.append(f"columns separated by {SEPARATORS[separator]}")
     cut = "\t" if separator == " " else separator
-    for number, cells in rows_of(lines, path, separator=cut, of="a table"):
+    for number, cells in rows_of(lines, path, separator=cut, kind="a table"):
         if cells and cells[0].startswith("#"):
             first = cells[0].lstrip("#").strip()
             if not sheet.rows:
@@ -92,12 +92,3 @@ def _separator(lines: Sequence[str], path: Path) -> str:
 
 def _all_numbers(cells: Sequence[str]) -> bool:
     return len(cells) > 1 and all(map(is_number, cells))
-
-
-def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal point or a decimal comma."""
-    try:
-        number_in(cell.replace(",", ".", 1))
-    except ValueError:
-        return False
-    return True
