@@ -69,38 +69,45 @@ class Grips:
 class Hooks:
     """Hooks pierced through the sheet along each edge.
 
-    The hooks of an edge stand at equal distances from each other and from the corners, on a
-    line ``inset_mm`` inside the edge. A hook holds a small round patch of tissue: the mean
-    displacement over it, weighted with (1 - r^2/R^2)^2, follows the carriage in the direction of
-    the pull, and the hook's force spreads over the patch with the same weight. (A hook that holds
-    a mathematical point would carry no force at all on a fine mesh.) The hooks of an edge move
-    alike; along the edge each is free to follow the tissue, as on a thread.
+    The hooks of an edge stand on a line ``inset_mm`` inside the edge. A hook moves a small round
+    patch of tissue: the mean displacement over it, weighted with (1 - r^2/R^2)^2, follows the
+    carriage in the direction of the pull, and the hook's force spreads over the patch with the
+    same weight. (A hook that moves a mathematical point would carry no force at all on a fine
+    mesh.) All hooks of an edge have the same travel; along the edge each is free to follow the
+    tissue, as on a thread.
 
     Attributes
     ----------
     count : int
-        Hooks an edge.
+        Hooks per edge.
     inset_mm : float
         Distance of the hooks from the unloaded edge.
     radius_mm : float
         Radius R of the patch; the half-width at half weight is 0.54 R.
+    spacing_mm : float, optional
+        Unloaded distance between neighbours; by default equal distances from each other and from
+        the corners.
     """
 
     count: int = 5
     inset_mm: float = 1.5
     radius_mm: float = 1.0
+    spacing_mm: float | None = None
+
+    def spacing(self, along_mm: float) -> float:
+        """Distance between neighbours on an edge of that length, mm."""
+        return self.spacing_mm or along_mm / (self.count + 1.0)
 
     def places(self, sheet: Sheet) -> list[tuple[int, float, float]]:
         """(direction, X, Y) of the hooks on the quarter sheet, mm from its centre."""
         out = []
         for direction in (0, 1):
             along = sheet.edge[1 - direction]
+            across = sheet.edge[direction] / 2.0 - self.inset_mm
             for j in range(self.count):
-                t = along * ((j + 1.0) / (self.count + 1.0) - 0.5)
+                t = (j - 0.5 * (self.count - 1.0)) * self.spacing(along)
                 if t > -1e-9 * along:
-                    across = sheet.edge[direction] / 2.0 - self.inset_mm
-                    point = (across, t) if direction == 0 else (t, across)
-                    out.append((direction, *point))
+                    out.append((direction, *((across, t) if direction == 0 else (t, across))))
         return out
 
     def on(self, sheet: Sheet) -> Grips:
@@ -111,11 +118,16 @@ class Hooks:
         ValueError
             If the patches reach over the edge or meet each other along it.
         """
-        spacing = sheet.edge.min() / (self.count + 1.0)
-        if self.count < 1 or not 0.0 < self.radius_mm <= min(self.inset_mm, spacing / 2.0):
+        shortest = sheet.edge.min()
+        spacing = self.spacing(shortest)
+        reach = 0.5 * (self.count - 1.0) * spacing + self.radius_mm
+        inside = self.inset_mm < shortest / 2.0 and reach <= shortest / 2.0 * (1.0 + 1e-9)
+        apart = 0.0 < self.radius_mm <= min(self.inset_mm, spacing / 2.0)
+        if not (self.count >= 1 and inside and apart):
             raise ValueError(
-                f"{self.count} hooks of radius {self.radius_mm:g} mm, {self.inset_mm:g} mm inside "
-                "the edge, do not fit: patches must stay inside the edge and apart"
+                f"{self.count} hooks of radius {self.radius_mm:g} mm, {spacing:.3g} mm apart, "
+                f"{self.inset_mm:g} mm inside the edge, do not fit: patches must stay inside the "
+                "edge and apart"
             )
         columns, directions = [], []
         for direction, x, y in self.places(sheet):

@@ -108,6 +108,13 @@ class Posterior:
         determinant: bool = True,
         thin: int | str = ModelOptions.thin,
     ) -> None:
+        if specimen.needs_grip_correction:
+            raise InputError(
+                "the loads are not corrected for the grips that the file states",
+                file=specimen.name,
+                remedy="sample it, and give specimen.csv of the run, which is corrected; or leave "
+                "out the line 'grips'",
+            )
         self.specimen = specimen
         self.settings = Settings(
             mounting=mounting,

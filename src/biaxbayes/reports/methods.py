@@ -45,6 +45,7 @@ def methods(run: Run) -> str:
     """One paragraph of plain text."""
     sentences = (
         _test(run),
+        _grips(run),
         f"It was described by {run.law.in_words}. Measured stretches refer to the mounted state; "
         "the total stretch is the measured one times the mounting stretch.",
         MOUNTING[str(run.provenance["settings"]["mounting"])],
@@ -69,6 +70,19 @@ def _test(run: Run) -> str:
     thin = run.provenance["settings"].get("thin")
     averaged = f" Longer protocols were averaged to {thin} rows." if thin else ""
     return f"A specimen{size} was tested planar-biaxially on {paths} ({rows:,} rows).{averaged}"
+
+
+def _grips(run: Run) -> str:
+    """How the loads were corrected for the grips, where they were."""
+    record = run.provenance.get("grips")
+    if not isinstance(record, dict):
+        return ""
+    spread = record.get("largest_sd_of_log_ratio")
+    left = f" Over the posterior the ratio varies by {100 * spread:.2g} % (sd)." if spread else ""
+    return (
+        "Loads were corrected for the grips in the manner of Fehervary et al. (2016): "
+        f"{cut(record['in_words'], 400)}.{left}"
+    )
 
 
 def _noise(run: Run) -> str:

@@ -22,6 +22,7 @@ LOAD_SD = (1e-15, 1e9)
 STRETCH_RANGE = (0.2, 5.0)
 """Stretches that a biaxial test of soft tissue can reach."""
 GEOMETRIES = ("unloaded", "mounted")
+STRETCHES_FROM = ("markers", "grips")
 REFERENCES = ("each protocol", "common")
 """What measured stretches are relative to: the first rows of each protocol, or one state."""
 
@@ -112,6 +113,37 @@ KEYS = {
         "Mounting stretch along x known from an image, as `1.03 +- 0.01`", "inferred", extra=True
     ),
     "mounting_stretch_y": Key("The same along y", "inferred", extra=True),
+    "grips": Key(
+        "Hooks per edge, as `hooks 5`: `sample` and `fit` correct the loads for them by finite "
+        "elements",
+        "no correction",
+        extra=True,
+    ),
+    "grip_inset_mm": Key(
+        "Distance of the hooks from the edge; required with `grips`", NONE, EDGE_MM, extra=True
+    ),
+    "grip_width_mm": Key(
+        "Diameter of the patch of tissue that a hook moves", "2", EDGE_MM, extra=True
+    ),
+    "grip_spacing_mm": Key(
+        "Distance between neighbouring hooks",
+        "equal distances from each other and the corners",
+        EDGE_MM,
+        extra=True,
+    ),
+    "stretch_from": Key(
+        "Whether stretches are measured between four markers in the centre or between opposite "
+        "hooks (`grips`); needs `grips`",
+        "markers",
+        choices=STRETCHES_FROM,
+        extra=True,
+    ),
+    "grip_correction": Key(
+        "`applied` in the files that `sample` writes, whose loads are corrected for the grips",
+        "loads as measured",
+        choices=("applied",),
+        extra=True,
+    ),
     "rest_rows": Key(
         "Leading rows at rest: one number for all protocols, or one for each with commas; 0 "
         "for a protocol that starts elsewhere than the common reference",
@@ -134,11 +166,15 @@ KEYS = {
 }
 """Header keys by name; no others are known."""
 METADATA_KEYS = tuple(name for name, key in KEYS.items() if key.extra)
+GRIP_DETAILS = tuple(k for k in KEYS if k.startswith("grip_")) + ("stretch_from",)
+"""Keys that mean something only with `grips`."""
 CHOICE_REMEDIES = {
     "geometry": "say in which state the dimensions were measured",
     "reference": "say what the stretches are relative to: the first rows of each protocol, or "
     "one state for all",
     "missing_rows": "leave the line out to have such rows refused",
+    "stretch_from": "leave the line out for markers",
+    "grip_correction": "leave the line out for loads as measured",
 }
 
 
@@ -152,6 +188,8 @@ def checked_value(
     problem = remedy = ""
     if key in ("mounting_stretch_x", "mounting_stretch_y"):
         measured_stretch(text, path, row)
+    elif key == "grips":
+        hook_count(text, path, row)
     elif choices and text not in choices:
         problem = f"{key} must be {' or '.join(map(repr, choices))}"
         remedy = CHOICE_REMEDIES[key]
@@ -205,3 +243,16 @@ def measured_stretch(text: str, path: object = None, row: int | None = None) -> 
             remedy="give value and standard deviation",
         )
     return mean, sd
+
+
+def hook_count(text: str, path: object = None, row: int | None = None) -> int:
+    """Hooks per edge from text such as ``hooks 5``."""
+    match = re.fullmatch(r"hooks\s+([1-9]\d?)", text)
+    if match is None:
+        raise InputError(
+            f"grips must read like 'hooks 5', five hooks per edge, not {text[:40]!r}",
+            file=path,
+            row=row,
+            remedy="leave the line out for rakes and clamps, which have no correction",
+        )
+    return int(match[1])

@@ -178,6 +178,11 @@ class Specimen:
         protocols = "1 protocol" if count == 1 else f"{count} protocols"
         return f"Specimen({self.name!r}{layer}, {protocols}, {rows} rows of {self.stress_pair})"
 
+    @property
+    def needs_grip_correction(self) -> bool:
+        """Whether the header states grips and the loads are still those measured on them."""
+        return "grips" in self.metadata and "grip_correction" not in self.metadata
+
     # --- units and sections ---
 
     @property

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.keys import KEYS, METADATA_KEYS, checked_value
+from biaxbayes.specimens.keys import GRIP_DETAILS, KEYS, METADATA_KEYS, checked_value
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.protocol import AUTOMATIC, Protocol, ReadingError
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
@@ -197,6 +197,14 @@ def _check_keys(header: Header, stress_pair: str, path: Path) -> None:
                 file=path,
                 row=header.rows[key],
                 remedy="add a line '# reference: common', or leave it out",
+            )
+    for key in GRIP_DETAILS:
+        if key in header and "grips" not in header:
+            raise InputError(
+                f"{key} needs the key grips",
+                file=path,
+                row=header.rows[key],
+                remedy="add a line such as '# grips: hooks 5', or leave it out",
             )
 
 

@@ -72,6 +72,10 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None =
 
     data = open_specimen(specimen)
     findings = list(check_specimen(data))
+    if data.needs_grip_correction:
+        from biaxbayes.grips.geometry import in_words
+
+        findings.append(Finding("grips", "note", f"sample and fit correct for {in_words(data)}"))
     if fit:
         from biaxbayes.identifiability.fit_quality import (
             misfit_finding,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,7 +77,7 @@ def fit(
     if method == ALL_FITS:
         return fit_all(specimen, mounting_force=mounting_force, out=out, **options)
     chosen = FitOptions.from_values(options)
-    data = open_specimen(specimen, mounting_force)
+    data = corrected_specimen(open_specimen(specimen, mounting_force), **vars(chosen))
     result = fitted(data, method, **vars(chosen))
     if out is not None:
         _write_fits(data, [result], out)
@@ -96,11 +97,24 @@ def fit_all(
 
     chosen = dict(vars(FitOptions.from_values(options)))
     del chosen["initial"]
-    data = open_specimen(specimen, mounting_force)
+    data = corrected_specimen(open_specimen(specimen, mounting_force), **chosen)
     results = fitted(data, **chosen)
     if out is not None:
         _write_fits(data, results, out)
     return results
+
+
+def corrected_specimen(specimen: Specimen, **options: Any) -> Specimen:
+    """The specimen with its loads corrected for the grips that its file states, if it does."""
+    from biaxbayes.fitting.fit import fit as fitted
+    from biaxbayes.grips.correction import corrected_for_grips
+
+    if not specimen.needs_grip_correction:
+        return specimen
+    method = "zeroed" if specimen.is_tared else "constrained"
+    correction = corrected_for_grips(specimen, lambda data: fitted(data, method, **options))
+    notes = (*specimen.notes, correction.in_words)
+    return replace(correction.specimen, notes=notes)
 
 
 def _write_fits(
@@ -189,7 +203,7 @@ def command(
     from biaxbayes.verbs.plot import read_truth
 
     fixed = fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
-    data = open_specimen(specimen, mounting_force)
+    data = corrected_specimen(open_specimen(specimen, mounting_force), fixed=fixed, **given)
     known = None if truth is None else read_truth(truth, data.name)
     results = fit(data, method, fixed=fixed, **given)
     fits = results if isinstance(results, list) else [results]

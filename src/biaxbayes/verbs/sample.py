@@ -13,6 +13,15 @@ from typing import Any
 import click
 
 from biaxbayes.errors import Interrupted, TaredSpecimen
+from biaxbayes.fitting.result import FitResult
+from biaxbayes.grips.correction import (
+    GripCorrection,
+    as_corrected,
+    corrected_for_grips,
+    refuse_other_law,
+    write_grips,
+)
+from biaxbayes.grips.geometry import stated_hooks
 from biaxbayes.identifiability.fit_quality import swapped_columns
 from biaxbayes.laws import law_named
 from biaxbayes.model.conflicts import bracket_findings, prior_findings, radian_findings
@@ -88,6 +97,7 @@ class Sampling:
     options: dict[str, Any]
     plan: Plan
     findings: tuple[Finding, ...] = ()
+    correction: GripCorrection | None = None
 
     @classmethod
     def prepare(
@@ -117,7 +127,10 @@ class Sampling:
         findings = refuse_no_loading_curve(specimen, None if anyway else file)
         findings = (*findings, *_too_few_protocols(specimen, options["law"]))
         specimen, options = _resolved_mounting(specimen, options, file)
-        Posterior(specimen, **options, beta=1.0)  # raises before a folder is made
+        if specimen.needs_grip_correction:
+            refuse_other_law(options["law"], file)
+            stated_hooks(specimen)
+        Posterior(as_corrected(specimen), **options, beta=1.0)  # raises before a folder is made
         plan = Plan(ess=ess, max_steps=max_steps, seed=seed, workers=chosen.processors)
         return cls(specimen, source, Path(out or f"{stem}-posterior"), options, plan, findings)
 
@@ -154,6 +167,8 @@ class Sampling:
 
     def _fitted(self, tell: Tell) -> Posterior:
         """The posterior with its fit; what the fit shows of the record becomes a finding."""
+        if self.specimen.needs_grip_correction:
+            self._correct_for_grips(tell)
         posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
         swapped = swapped_columns(
             posterior.specimen,
@@ -165,6 +180,19 @@ class Sampling:
         self._add(radian_findings(posterior), "fitting", tell)
         self._add(prior_findings(posterior), "fitting", tell)
         return posterior
+
+    def _correct_for_grips(self, tell: Tell) -> None:
+        """Replace the specimen by one whose loads are those of a uniform test."""
+        tell(Progress("fitting", note="finite elements of the grips: a few seconds"))
+
+        def fitted(specimen: Specimen) -> FitResult:
+            return deterministic_fit(Posterior(specimen, **self.options, beta=1.0), self.plan.seed)
+
+        self.correction = corrected_for_grips(self.specimen, fitted)
+        note = self.correction.in_words
+        corrected = self.correction.specimen
+        self.specimen = replace(corrected, notes=(*corrected.notes, note))
+        tell(Progress("fitting", note=note))
 
     def _drawn(
         self, posterior: Posterior, fit_seconds: float, resume: bool, tell: Tell, stop: Stop
@@ -213,6 +241,10 @@ class Sampling:
         record = provenance(posterior, self.plan, draws, self.source)
         record["findings"] = [finding.record() for finding in self.findings]
         write_specimen(specimen, folder / "specimen.csv")
+        if self.correction is not None:
+            record["grips"] = write_grips(
+                folder, self.correction, posterior.forward, draws.quantities
+            )
         attributes = {
             "biaxbayes_version": record["biaxbayes"],
             "specimen": specimen.name,

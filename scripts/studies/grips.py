@@ -1,0 +1,174 @@
+"""The correction for hooks: coverage on virtual specimens, and what a wrong geometry costs.
+
+    python scripts/study.py grips --count 40        about half an hour
+    python scripts/study.py grips --first 40 --count 40 --workers 2
+
+``docs/grips.md`` quotes the tables. Every virtual specimen is computed on a finer mesh than the
+correction's and has load noise alone. It is sampled three times: corrected, as measured, and as it
+would be without hooks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes import GOH, Dimensions, prepare, read_specimen
+from biaxbayes.errors import BiaxbayesError
+from biaxbayes.fem.sheet_tester import Hooks
+from biaxbayes.fitting.fit import fit
+from biaxbayes.grips.correction import corrected_for_grips
+from biaxbayes.model.search import draw_posterior
+from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.virtual_specimen import Machine, hooked_specimen, virtual_specimen
+from studies.common import DATA, options_of, parser, print_table, run_all, write_table
+
+FINE_ELEMENTS = 32
+THREE = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
+LARGEST_STRESS_KPA = (40.0, 120.0)
+QUANTITIES = ("C1", "k1", "k2", "alpha", "kappa", "mounting_stretch_x", "mounting_stretch_y")
+STATED: dict[str, Any] = {"grips": "hooks 5", "grip_inset_mm": 1.5}
+WRONG: dict[str, dict[str, Any]] = {
+    "as it is": {},
+    "inset 0.5 mm too small": {"grip_inset_mm": 1.0, "grip_width_mm": 2.0},
+    "inset 0.5 mm too large": {"grip_inset_mm": 2.0},
+    "4 hooks stated for 5": {"grips": "hooks 4"},
+    "6 hooks stated for 5": {"grips": "hooks 6"},
+    "patch 1 mm instead of 2": {"grip_width_mm": 1.0},
+}
+
+
+def stated(specimen: Specimen, hooks: dict[str, Any]) -> Specimen:
+    """The specimen with its grips in the header."""
+    return replace(specimen, metadata={**specimen.metadata, **hooks})
+
+
+def fitted(specimen: Specimen):
+    """The fit that a correction goes with."""
+    return fit(specimen, "constrained")
+
+
+# --- virtual specimens ---------------------------------------------------------------------------
+
+
+def drawn(case: int) -> tuple[GOH, tuple[float, float], Dimensions, Hooks, float]:
+    """Material, mounting stretches, dimensions, hooks and largest equibiaxial stretch of a case."""
+    rng = np.random.default_rng([50, case])
+    material = GOH(
+        *np.exp(rng.uniform(np.log([3.0, 10.0, 2.0]), np.log([30.0, 150.0, 30.0]))),
+        rng.uniform(25.0, 65.0),
+        rng.uniform(0.02, 0.28),
+    )
+    mounting = tuple(rng.uniform(1.005, 1.03, 2))
+    edge = rng.uniform(10.0, 25.0)
+    hooks = Hooks(int(rng.integers(4, 8)), rng.uniform(0.06, 0.1) * edge, 0.05 * edge)
+    stress = np.exp(rng.uniform(*np.log(LARGEST_STRESS_KPA)))
+    tops = np.linspace(1.03, 1.35, 400)
+    largest = np.max(material.cauchy(tops * mounting[0], tops * mounting[1]), axis=0)
+    top = tops[min(int(np.searchsorted(largest, stress)), tops.size - 1)]
+    return material, mounting, Dimensions(edge, edge, 0.05 * edge), hooks, float(top)
+
+
+def one_specimen(case: int, protocols: int) -> dict[str, Any]:
+    """Which 90 % intervals contain the true value: corrected, as measured, without hooks."""
+    material, mounting, dimensions, hooks, top = drawn(case)
+    # 0.002 C1 times the section, about that of the shipped specimens
+    noise = float(2e-6 * material.C1_kPa * dimensions.section_mm2().mean())
+    test: dict[str, Any] = {
+        "mounting_stretch": mounting,
+        "measured_stretch": top,
+        "ratios": THREE[:protocols],
+        "dimensions": dimensions,
+        "machine": Machine(noise_N=noise),
+        "seed": case,
+        "name": f"case {case}",
+    }
+    record: dict[str, Any] = {"state": "done"}
+    try:
+        measured, _ = hooked_specimen(
+            material, increments=50, hooks=hooks, elements=FINE_ELEMENTS, **test
+        )
+        twin, _ = virtual_specimen(material, increments=50, **test)
+        keys = {"grips": f"hooks {hooks.count}", "grip_inset_mm": hooks.inset_mm}
+        keys |= {"grip_width_mm": 2.0 * hooks.radius_mm}
+        correction = corrected_for_grips(stated(measured, keys), fitted)
+    except BiaxbayesError as error:
+        return {"state": str(error)}
+    record |= {"seconds": correction.seconds, "rounds": correction.rounds}
+    record |= {"mesh": correction.mesh_difference, "ratio": correction.range.tolist()}
+    truth = dict(zip(QUANTITIES, (*material.values, *mounting), strict=True))
+    samples = {"corrected": correction.specimen, "as measured": measured, "without hooks": twin}
+    for name, specimen in samples.items():
+        posterior = prepare(specimen, seed=case)
+        draws = draw_posterior(posterior, Plan(ess=500.0, seed=case))
+        low, high = (
+            {q: float(np.quantile(draws.quantities[q], share)) for q in QUANTITIES}
+            for share in (0.05, 0.95)
+        )
+        record[name] = {
+            "state": draws.convergence.state,
+            "holds": {q: low[q] <= truth[q] <= high[q] for q in QUANTITIES},
+            "width": {q: high[q] - low[q] for q in QUANTITIES},
+        }
+        if name == "corrected":
+            spread = correction.spread(draws.quantities, posterior.forward)
+            record["spread"] = float(spread.max())
+    return record
+
+
+def coverage(records: Iterable[dict[str, Any]]) -> pd.DataFrame:
+    """Share of 90 % intervals that contain the true value, and their widths without hooks = 1."""
+    rows = []
+    for record in records:
+        for name in ("corrected", "as measured", "without hooks"):
+            for q in QUANTITIES:
+                width = record[name]["width"][q] / record["without hooks"]["width"][q]
+                kind = "mounting" if q.startswith("mounting") else "material"
+                rows.append((record["case"][1], name, kind, record[name]["holds"][q], width))
+    table = pd.DataFrame(rows, columns=["protocols", "data", "parameters", "coverage", "width"])
+    grouped = table.groupby(["protocols", "data", "parameters"])
+    out = grouped.agg(intervals=("coverage", "size"), coverage=("coverage", "mean"))
+    return out.assign(median_width=grouped["width"].median()).reset_index()
+
+
+# --- wrong geometry ------------------------------------------------------------------------------
+
+
+def wrong_geometry() -> pd.DataFrame:
+    """The corrected fit of the shipped hooked specimens where the header misstates the hooks."""
+    rows = []
+    for name in ("hooked-media", "hooked-weisbecker"):
+        specimen = read_specimen(DATA / f"{name}.csv")
+        for label, change in WRONG.items():
+            correction = corrected_for_grips(stated(specimen, STATED | change), fitted)
+            material, lm = correction.fit.material, correction.fit.mounting_stretch[0]
+            values = dict(zip(QUANTITIES, (*material.values, *lm), strict=True))
+            rows.append({"specimen": name, "stated": label, **values})
+    return pd.DataFrame(rows)
+
+
+def main() -> None:
+    """Print the tables; the coverage by specimen goes into a file."""
+    arguments = parser(__doc__)
+    arguments.add_argument("--first", type=int, default=0, help="number of the first specimen")
+    arguments.add_argument("--count", type=int, default=40, help="specimens")
+    options = options_of(arguments)
+    print_table("grips-wrong-geometry", wrong_geometry())
+    count = 2 if options.quick else options.count
+    cases = [(i, 3 if i % 2 else 1) for i in range(options.first, options.first + count)]
+    records = run_all(one_specimen, cases, options.records / "grips.jsonl", options.workers)
+    done = [r for r in records if r["state"] == "done"]
+    print(f"\n{len(done)} of {len(records)} specimens")
+    print_table("grips-coverage", coverage(done))
+    columns = ("case", "seconds", "rounds", "mesh", "spread")
+    table = pd.DataFrame([{key: r[key] for key in columns} for r in done])
+    write_table(options.out, "grips-specimens", table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Grips of a biaxial test: their geometry, and the loads corrected for them."""

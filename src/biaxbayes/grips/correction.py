@@ -1,0 +1,339 @@
+r"""Loads of a uniform test from those of a sheet on hooks, by finite elements.
+
+The load of a sheet on hooks is r times that of a uniform test at the same central stretch, with
+
+    r_k = F_k / (A_k P_k(theta, l lm)),     k = x, y
+
+for the force F of the finite-element sheet on an edge, the unloaded section A and the nominal
+stress P of the material at the total stretch in the centre. r depends on the row, the mounted state
+among them, and a little on the material; scale and thickness cancel. The correction alternates
+
+    f / r  ->  least-squares fit of theta and lm  ->  finite elements  ->  r
+
+until r changes no more. It is the boundary-condition-corrected fit of Fehervary et al. (2016), with
+the mounting stretch of Vander Linden et al. (2022). Where the stretches are those between
+opposite hooks, the measured stretches are replaced by those in the centre.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.fem.sheet import Sheet
+from biaxbayes.fem.sheet_tester import SheetTester
+from biaxbayes.fitting.result import FitResult
+from biaxbayes.forward import ForwardModel
+from biaxbayes.grips.geometry import edges_mm, in_words, stated_hooks
+from biaxbayes.laws.goh import GOH
+from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.text_files import write_csv
+
+ELEMENTS, COARSE_ELEMENTS = 24, 16
+"""Elements along an edge. From 24 to 32, ln r of data/hooked-weisbecker.csv moves by 0.02 %."""
+STEPS = 12
+"""Finite-element states per protocol; r is interpolated between them along the path."""
+TOLERANCE = 1e-4  # of ln r between two rounds
+MOST_ROUNDS = 25
+SMALL_LOAD = 0.03
+"""Share of the larger load below which a direction takes the r of its nearest row."""
+DRAWS = 16
+"""Draws of the posterior at which r is computed to see how far it varies."""
+WIDE_SPREAD, WIDE_MESH = 0.01, 0.005
+"""Spread over the posterior, and difference between meshes, that are worth a warning."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowRatios:
+    """What grips do to the rows of a protocol.
+
+    Attributes
+    ----------
+    force : ndarray, shape (rows, 2)
+        Load of the gripped sheet over that of a uniform test.
+    stretch : ndarray, shape (rows, 2)
+        Stretch in the centre over the measured one, both relative to the mounted state; one where
+        stretches are measured by markers.
+    """
+
+    force: np.ndarray
+    stretch: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class GripCorrection:
+    """A specimen corrected for its grips.
+
+    Attributes
+    ----------
+    measured : Specimen
+        As in the file.
+    specimen : Specimen
+        With loads (and stretches) of a uniform test; its header has ``grip_correction: applied``.
+    ratios : tuple of RowRatios
+        Of each protocol.
+    fit : FitResult
+        The last fit.
+    rounds : int
+        Of fit and finite elements.
+    mesh_difference : float
+        Largest change of ln r on a mesh of 16 instead of 24 elements per edge: more than the error
+        of the finer one.
+    seconds : float
+    """
+
+    measured: Specimen
+    specimen: Specimen
+    ratios: tuple[RowRatios, ...]
+    fit: FitResult
+    rounds: int
+    mesh_difference: float
+    seconds: float
+
+    @property
+    def range(self) -> np.ndarray:
+        """Smallest and largest force ratio in x and y, shape (2, 2)."""
+        force = np.concatenate([r.force for r in self.ratios])
+        return np.stack([force.min(axis=0), force.max(axis=0)], axis=1)
+
+    @property
+    def in_words(self) -> str:
+        """One sentence."""
+        (low_x, high_x), (low_y, high_y) = self.range
+        return (
+            f"loads corrected for {in_words(self.measured)}: measured over corrected is "
+            f"{low_x:.3f} to {high_x:.3f} in x, {low_y:.3f} to {high_y:.3f} in y "
+            f"({self.rounds} rounds of fit and finite elements; two meshes differ by "
+            f"{100 * self.mesh_difference:.2g} %)"
+        )
+
+    def table(self, spread: np.ndarray | None = None) -> pd.DataFrame:
+        """The ratios, one line per row of the specimen, with their sd over the posterior."""
+        tables = []
+        for p, ratios in zip(self.specimen.protocols, self.ratios, strict=True):
+            columns = {"protocol": [p.name] * p.rows, "stretch_x": p.stretch_x}
+            columns |= {"stretch_y": p.stretch_y}
+            for name, values in (("force", ratios.force), ("stretch", ratios.stretch)):
+                columns |= {f"{name}_ratio_{k}": values[:, i] for i, k in enumerate("xy")}
+            tables.append(pd.DataFrame(columns))
+        table = pd.concat(tables, ignore_index=True)
+        if spread is not None:
+            table["sd_log_force_ratio_x"], table["sd_log_force_ratio_y"] = spread.T
+        return table
+
+    def spread(self, draws: Mapping[str, np.ndarray], forward: ForwardModel) -> np.ndarray:
+        """Standard deviation of ln r over draws of the posterior, shape (rows, 2).
+
+        It is what the correction leaves out: r is that of one material. Draws at which the sheet
+        has no equilibrium are left out.
+
+        Raises
+        ------
+        NotConverged
+            If fewer than two draws are left.
+        """
+        columns = {name: np.ravel(values) for name, values in draws.items()}
+        size = columns["C1"].size
+        logs = []
+        for i in np.unique(np.linspace(0, size - 1, DRAWS).astype(int)):
+            values = {name: float(column[i]) for name, column in columns.items()}
+            C1, k1, k2, alpha, kappa = (values[n] for n in ("C1", "k1", "k2", "alpha", "kappa"))
+            material = GOH(C1, k1, k2, alpha, kappa, forward.law.fibre_switch)
+            mounting = [
+                forward.mounting_stretch(values, p.name)[0, 0] for p in self.measured.protocols
+            ]
+            try:
+                ratios = grip_ratios(self.measured, material, mounting, COARSE_ELEMENTS)
+            except NotConverged:
+                continue
+            logs.append(np.log(np.concatenate([r.force for r in ratios])))
+        if len(logs) < 2:
+            raise NotConverged("the gripped sheet has no equilibrium at the draws of the posterior")
+        return np.std(logs, axis=0, ddof=1)
+
+
+def corrected_for_grips(
+    specimen: Specimen, fitted: Callable[[Specimen], FitResult]
+) -> GripCorrection:
+    """Correct a specimen for the grips that its file states.
+
+    Parameters
+    ----------
+    fitted : callable
+        The least-squares fit of a corrected specimen, with the options of what follows.
+
+    Raises
+    ------
+    InputError
+        If the grips or the law cannot be computed.
+    NotConverged
+        If the ratio does not settle, or the sheet has no equilibrium.
+    """
+    start = time.perf_counter()
+    stated_hooks(specimen)
+    corrected = as_corrected(specimen)
+    before = None
+    for rounds in range(1, MOST_ROUNDS + 1):
+        fit = fitted(corrected)
+        refuse_other_law(fit.material.law.name, specimen.name)
+        mounting = list(np.broadcast_to(fit.mounting_stretch, (len(specimen.protocols), 2)))
+        ratios = grip_ratios(specimen, fit.material, mounting, ELEMENTS)
+        corrected = _uniform(specimen, ratios)
+        logs = _logs(ratios)
+        if before is not None and np.abs(logs - before).max() < TOLERANCE:
+            coarse = _logs(grip_ratios(specimen, fit.material, mounting, COARSE_ELEMENTS))
+            mesh = float(np.abs(coarse - logs).max())
+            seconds = time.perf_counter() - start
+            return GripCorrection(specimen, corrected, ratios, fit, rounds, mesh, seconds)
+        before = logs
+    raise NotConverged(
+        f"the correction for grips has not settled in {MOST_ROUNDS} rounds; check the grip keys, "
+        "or leave out the line 'grips'"
+    )
+
+
+def as_corrected(specimen: Specimen) -> Specimen:
+    """The specimen with its loads as they are, to be taken as those of a uniform test."""
+    if not specimen.needs_grip_correction:
+        return specimen
+    return replace(specimen, metadata={**specimen.metadata, "grip_correction": "applied"})
+
+
+def refuse_other_law(law: str, file: object) -> None:
+    """Refuse a law that the finite-element sheet does not have."""
+    if law != "goh":
+        raise InputError(
+            f"the correction for grips does not know the law {law}",
+            file=file,
+            remedy="choose the law goh, or leave out the line 'grips'",
+        )
+
+
+def grip_ratios(
+    specimen: Specimen, material: GOH, mounting: list[np.ndarray], elements: int
+) -> tuple[RowRatios, ...]:
+    """Ratios of each protocol for a material and the mounting stretches of each protocol.
+
+    Raises
+    ------
+    NotConverged
+        If the sheet has no equilibrium.
+    """
+    edges = edges_mm(specimen)
+    sheet = Sheet(*edges, elements=elements)
+    grips = stated_hooks(specimen).on(sheet)
+    control = str(specimen.metadata.get("stretch_from", "markers"))
+    mount = SheetTester(material, sheet, grips)
+    tester = SheetTester(material, sheet, grips, control=control)
+    # N per kPa of nominal stress, for a thickness of 1 mm
+    area = np.array(edges)[::-1] * 1e-3
+    try:
+        return tuple(
+            _protocol_ratios(mount, tester, area, p, lm)
+            for p, lm in zip(specimen.protocols, mounting, strict=True)
+        )
+    except NotConverged as error:
+        raise NotConverged(
+            f"correction for grips at {material!r}: {error}; check the grip keys, or leave out the "
+            "line 'grips'"
+        ) from None
+
+
+def _protocol_ratios(
+    mount: SheetTester, tester: SheetTester, area: np.ndarray, p: Protocol, lm: np.ndarray
+) -> RowRatios:
+    """Finite elements at some rows of a protocol, interpolated along its path."""
+    path = np.vstack([np.ones(2), np.column_stack([p.stretch_x, p.stretch_y])])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    targets = np.linspace(0.0, along[-1], STEPS + 1)
+    chosen = np.unique(np.searchsorted(along, targets * (1.0 - 1e-12)))
+    states = [mount.mount((lm[0], lm[1]), increments=2)]
+    measured = tester.stretch if tester.control == "markers" else tester.grip_stretch
+    origin = measured(states[0])
+    for row in chosen[1:]:
+        states.append(tester.walk(states[-1], measured(states[-1]), origin * path[row], 1)[-1])
+    total = np.array([tester.stretch(s) for s in states])
+    force = np.array([tester.force_N(s) for s in states])
+    # r = F / (A P)
+    uniform = area * np.column_stack(tester.material.piola(*total.T))
+    ratio = force / np.where(uniform == 0.0, np.nan, uniform)
+    usable = np.isfinite(ratio) & (
+        np.abs(uniform) > SMALL_LOAD * np.abs(uniform).max(axis=1)[:, None]
+    )
+    if not usable.any(axis=0).all():
+        raise NotConverged(f"protocol {p.name} has no load in one direction")
+    centre = total / total[0] / path[chosen]
+    columns = []
+    for k in (0, 1):
+        at = along[chosen][usable[:, k]]
+        columns.append(np.interp(along[1:], at, ratio[usable[:, k], k]))
+    stretch = [np.interp(along[1:], along[chosen], centre[:, k]) for k in (0, 1)]
+    return RowRatios(np.column_stack(columns), np.column_stack(stretch))
+
+
+def _uniform(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen:
+    """The specimen as a uniform test would have recorded it."""
+    protocols = []
+    for p, r in zip(specimen.protocols, ratios, strict=True):
+        stretch = np.column_stack([p.stretch_x, p.stretch_y]) * r.stretch
+        load = np.column_stack([p.load_x, p.load_y]) / r.force
+        if specimen.stress_pair == "cauchy":  # a Cauchy stress is the nominal one times the stretch
+            load = load * r.stretch
+        protocols.append(
+            replace(
+                p,
+                stretch_x=stretch[:, 0],
+                stretch_y=stretch[:, 1],
+                load_x=load[:, 0],
+                load_y=load[:, 1],
+            )
+        )
+    # errors of readings grow with the readings: by their mean ratio, as they are one number
+    mean = float(np.mean(np.concatenate([r.force for r in ratios])))
+    noise = None if specimen.load_noise is None else specimen.load_noise / mean
+    metadata: dict[str, Any] = dict(as_corrected(specimen).metadata)
+    for key in ("load_offset_sd_N", "load_offset_sd_kPa"):
+        if key in metadata:
+            metadata[key] = float(metadata[key]) / mean
+    return replace(specimen, protocols=tuple(protocols), load_noise=noise, metadata=metadata)
+
+
+def _logs(ratios: tuple[RowRatios, ...]) -> np.ndarray:
+    """Logarithms of all ratios."""
+    return np.log(np.concatenate([np.hstack([r.force, r.stretch]) for r in ratios]))
+
+
+# --- what a run folder keeps ---------------------------------------------------------------------
+
+RATIOS = "grips.csv"
+
+
+def write_grips(
+    folder: Path,
+    correction: GripCorrection,
+    forward: ForwardModel,
+    draws: Mapping[str, np.ndarray],
+) -> dict[str, Any]:
+    """Write the ratios of all rows into a run folder; the record for its provenance."""
+    try:
+        spread = correction.spread(draws, forward)
+    except NotConverged:  # draws of chains that went astray
+        spread = np.full((sum(p.rows for p in correction.measured.protocols), 2), np.nan)
+    write_csv(folder / RATIOS, correction.table(spread), digits=8)
+    return {
+        "in_words": correction.in_words,
+        "force_ratio_x": correction.range[0].tolist(),
+        "force_ratio_y": correction.range[1].tolist(),
+        "rounds": correction.rounds,
+        "mesh_difference": correction.mesh_difference,
+        "largest_sd_of_log_ratio": float(spread.max()) if np.isfinite(spread).all() else None,
+        "seconds": round(correction.seconds, 3),
+    }

@@ -1,0 +1,75 @@
+"""The grips that a specimen file states, as the finite-element sheet takes them."""
+
+from __future__ import annotations
+
+from biaxbayes.errors import InputError
+from biaxbayes.fem.sheet_tester import Hooks
+from biaxbayes.specimens.keys import hook_count
+from biaxbayes.specimens.specimen import Specimen
+
+WIDTH_MM = 2.0
+"""Diameter of the patch of tissue that a hook moves, where the file does not state it."""
+
+
+def stated_hooks(specimen: Specimen) -> Hooks:
+    """The hooks of a specimen file with the key ``grips``.
+
+    Raises
+    ------
+    InputError
+        If they are incomplete, or do not fit on the sheet.
+    """
+    stated = specimen.metadata
+    count = hook_count(str(stated["grips"]), specimen.name)
+    for key in ("edge_x_mm", "edge_y_mm"):
+        if getattr(specimen, key) is None:
+            raise InputError(
+                f"the correction for grips needs {key}", file=specimen.name, remedy="add the line"
+            )
+    if "grip_inset_mm" not in stated:
+        raise InputError(
+            "the correction for grips needs grip_inset_mm, the distance of the hooks from the edge",
+            file=specimen.name,
+            remedy="add a line '# grip_inset_mm: ...'",
+        )
+    inset = float(stated["grip_inset_mm"])
+    shortest = min(edges_mm(specimen))
+    spacing = float(stated.get("grip_spacing_mm", shortest / (count + 1.0)))
+    width = float(stated.get("grip_width_mm", min(WIDTH_MM, 2.0 * inset, spacing)))
+    span = (count - 1) * spacing + width
+    if width > 2.0 * inset:
+        problem = f"hooks that move {width:g} mm of tissue reach over an edge {inset:g} mm away"
+    elif width > spacing * (1.0 + 1e-9):
+        problem = f"hooks that move {width:g} mm of tissue overlap at a spacing of {spacing:.3g} mm"
+    elif span > shortest * (1.0 + 1e-9) or 2.0 * inset >= shortest:
+        problem = f"{count} hooks per edge, {spacing:.3g} mm apart, do not fit on {shortest:g} mm"
+    else:
+        return Hooks(count, inset, width / 2.0, _stated_spacing(specimen))
+    raise InputError(
+        problem,
+        file=specimen.name,
+        remedy="correct grips, grip_inset_mm, grip_width_mm or grip_spacing_mm",
+    )
+
+
+def _stated_spacing(specimen: Specimen) -> float | None:
+    """Distance between neighbouring hooks in mm, None for equal distances."""
+    value = specimen.metadata.get("grip_spacing_mm")
+    return None if value is None else float(value)
+
+
+def edges_mm(specimen: Specimen) -> tuple[float, float]:
+    """Edges of the sheet; those of the mounted state serve as well, as only shapes matter."""
+    assert specimen.edge_x_mm and specimen.edge_y_mm
+    return specimen.edge_x_mm, specimen.edge_y_mm
+
+
+def in_words(specimen: Specimen) -> str:
+    """The grips of a specimen as a phrase."""
+    hooks = stated_hooks(specimen)
+    spacing = hooks.spacing(min(edges_mm(specimen)))
+    return (
+        f"{hooks.count} hooks per edge, {hooks.inset_mm:g} mm inside it and {spacing:.3g} mm "
+        f"apart, each moving a patch {2.0 * hooks.radius_mm:.3g} mm wide; stretches from "
+        f"{specimen.metadata.get('stretch_from', 'markers')}"
+    )

@@ -1,0 +1,171 @@
+"""The correction for hooks against the finite-element sheet, and the grips of a specimen file."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+pytest.importorskip("skfem")
+
+import biaxbayes
+from biaxbayes.errors import InputError
+from biaxbayes.fem.sheet import Sheet
+from biaxbayes.fem.sheet_tester import Hooks, SheetTester
+from biaxbayes.fitting.fit import fit
+from biaxbayes.grips.correction import corrected_for_grips
+from biaxbayes.grips.geometry import stated_hooks
+from biaxbayes.laws.goh import GOH
+from biaxbayes.specimens.protocol import Protocol
+from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
+
+DATA = Path(__file__).parents[1] / "data"
+MATERIAL = GOH(14.0, 140.0, 11.9, 38.4, 0.21)
+MOUNTING = (1.02, 1.015)
+HOOKS = Hooks(4, 1.2, 0.8)
+KEYS = {"grips": "hooks 4", "grip_inset_mm": 1.2, "grip_width_mm": 1.6}
+
+
+def fitted(specimen):
+    return fit(specimen, "constrained")
+
+
+def hooked(stretch_from="markers", stress_pair="force"):
+    """A noise-free test on four hooks, two protocols, and the loads that a uniform test reads."""
+    sheet = Sheet(16.0, 14.0, elements=20)
+    grips = HOOKS.on(sheet)
+    mounted = SheetTester(MATERIAL, sheet, grips, thickness_mm=0.9).mount(MOUNTING)
+    tester = SheetTester(MATERIAL, sheet, grips, thickness_mm=0.9, control=stretch_from)
+    area = np.array([14.0, 16.0]) * 0.9e-3
+    divisor = area if stress_pair == "piola" else np.ones(2)
+    protocols, uniform = [], []
+    for name, top in (("a", (1.15, 1.14)), ("b", (1.16, 1.05))):
+        test = tester.stretch_to(mounted, top, increments=20)
+        grip = np.column_stack([test.grip_x / test.grip_x[0], test.grip_y / test.grip_y[0]])
+        centre = np.column_stack([test.measured_x, test.measured_y])
+        measured = grip if stretch_from == "grips" else centre
+        load = np.column_stack([test.force_x_N, test.force_y_N]) / divisor
+        protocols.append(Protocol(name, *measured.T, *load.T))
+        piola = np.column_stack(MATERIAL.piola(test.total_x, test.total_y)) * area / divisor
+        uniform.append((centre, piola))
+    keys = KEYS | ({"stretch_from": "grips"} if stretch_from == "grips" else {})
+    return Specimen(
+        "sheet", tuple(protocols), stress_pair, "unloaded", 16.0, 14.0, 0.9, 1e-4, metadata=keys
+    ), uniform
+
+
+@pytest.mark.parametrize(
+    ("stretch_from", "stress_pair"),
+    [("markers", "force"), ("grips", "force"), ("markers", "piola")],
+)
+def test_the_corrected_loads_are_those_of_a_uniform_test(stretch_from, stress_pair):
+    specimen, uniform = hooked(stretch_from, stress_pair)
+    correction = corrected_for_grips(specimen, fitted)
+    for p, (centre, load) in zip(correction.specimen.protocols, uniform, strict=True):
+        # uncorrected, the loads are 10 % off
+        np.testing.assert_allclose(p.load_x, load[:, 0], rtol=4e-3)
+        np.testing.assert_allclose(p.load_y, load[:, 1], rtol=4e-3)
+        np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), centre, rtol=5e-4)
+    material, lm = correction.fit.material, correction.fit.mounting_stretch[0]
+    np.testing.assert_allclose(material.values, MATERIAL.values, rtol=0.03)
+    np.testing.assert_allclose(lm, MOUNTING, atol=5e-4)
+    assert correction.range.min() > 0.8 and correction.range.max() < 0.95
+    assert correction.mesh_difference < 0.01
+    assert correction.specimen.load_noise == pytest.approx(1e-4 / correction.range.mean(), rel=0.02)
+
+
+def test_without_the_correction_the_fit_is_another():
+    specimen, _ = hooked()
+    bare = replace(specimen, metadata={})
+    assert fitted(bare).material.C1_kPa < 0.95 * MATERIAL.C1_kPa
+
+
+def test_a_wrong_inset_gives_another_ratio():
+    specimen, _ = hooked()
+    right = corrected_for_grips(specimen, fitted).range
+    wrong = replace(specimen, metadata=specimen.metadata | {"grip_inset_mm": 2.2})
+    assert np.abs(corrected_for_grips(wrong, fitted).range / right - 1.0).max() > 0.01
+
+
+def test_grips_survive_a_file_and_a_corrected_one_is_not_corrected_again(tmp_path):
+    specimen, _ = hooked()
+    correction = corrected_for_grips(specimen, fitted)
+    for name, one in (("measured", specimen), ("corrected", correction.specimen)):
+        write_specimen(one, tmp_path / f"{name}.csv")
+        assert read_specimen(tmp_path / f"{name}.csv") == one
+    assert specimen.needs_grip_correction
+    assert not correction.specimen.needs_grip_correction
+    result = biaxbayes.fit(tmp_path / "measured.csv", "constrained")
+    again = biaxbayes.fit(tmp_path / "corrected.csv", "constrained")
+    np.testing.assert_allclose(result.material.values, again.material.values, rtol=1e-6)
+
+
+def test_what_does_not_correct_refuses_the_file():
+    specimen, _ = hooked()
+    with pytest.raises(InputError, match="not corrected for the grips"):
+        biaxbayes.Posterior(specimen, beta=1.0)
+    with pytest.raises(InputError, match="not corrected for the grips"):
+        biaxbayes.profile(specimen, ["C1"])
+    with pytest.raises(InputError, match="does not know the law holzapfel-2005"):
+        biaxbayes.sample(specimen, law="holzapfel-2005")
+    with pytest.raises(InputError, match="does not know the law hgo"):
+        biaxbayes.fit(specimen, "constrained", law="hgo")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"grips": "clamps"}, "must read like 'hooks 5'"),
+        ({"grip_inset_mm": None}, "needs grip_inset_mm"),
+        ({"grip_width_mm": 3.0}, "reach over an edge"),
+        ({"grip_spacing_mm": 1.0}, "overlap at a spacing of 1 mm"),
+        ({"grip_spacing_mm": 6.0}, "do not fit on 14 mm"),
+    ],
+)
+def test_impossible_grips_are_refused(change, message):
+    specimen, _ = hooked()
+    keys = {k: v for k, v in (KEYS | change).items() if v is not None}
+    with pytest.raises(InputError, match=message):
+        stated_hooks(replace(specimen, metadata=keys))
+
+
+def test_details_without_grips_and_other_kinds_are_refused_with_their_row(tmp_path):
+    path = tmp_path / "a.csv"
+    text = (DATA / "hooked-media.csv").read_text()
+    for line, message in (
+        ("# grip_inset_mm: 1.5", "row 1: grip_inset_mm needs the key grips"),
+        ("# stretch_from: grips", "row 1: stretch_from needs the key grips"),
+        ("# grips: rakes 5", "row 1: grips must read like"),
+    ):
+        path.write_text(f"{line}\n{text}")
+        with pytest.raises(InputError, match=message):
+            read_specimen(path)
+
+
+def test_check_says_what_it_understands():
+    specimen, _ = hooked()
+    notes = [f.message for f in biaxbayes.check(specimen, fit=False).findings if f.code == "grips"]
+    assert len(notes) == 1
+    assert "4 hooks per edge, 1.2 mm inside it" in notes[0]
+
+
+@pytest.mark.long
+def test_a_run_keeps_the_ratios_and_opens_with_the_same_numbers(tmp_path):
+    measured = read_specimen(DATA / "hooked-weisbecker.csv")
+    keys = {"grips": "hooks 5", "grip_inset_mm": 1.5}
+    specimen = replace(measured, metadata=keys)
+    run = biaxbayes.sample(specimen, out=tmp_path / "run", ess=400, workers=1, progress=False)
+    table = pd.read_csv(tmp_path / "run" / "grips.csv")
+    rows = run.specimen.protocols[0]
+    np.testing.assert_allclose(
+        rows.load_x * table.force_ratio_x, measured.protocols[0].load_x, rtol=1e-6
+    )
+    assert table.sd_log_force_ratio_x.max() < 0.005
+    truth = {"C1": 14.0, "k1": 140.0, "k2": 11.9, "alpha": 38.4, "kappa": 0.21}
+    truth |= {"mounting_stretch_x": 1.02, "mounting_stretch_y": 1.02}
+    for name, value in truth.items():
+        assert run.result[name].low < value < run.result[name].high, name
+    assert biaxbayes.open_run(tmp_path / "run").posterior().specimen == run.specimen
+    assert "hooks" in (tmp_path / "run" / "report.html").read_text()
