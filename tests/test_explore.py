@@ -99,12 +99,13 @@ def test_every_law_has_its_page(law):
     assert "have not converged" in page
 
 
-def test_the_page_gives_the_numbers_of_the_report(media_run):
+def test_the_page_gives_the_numbers_of_the_report_and_of_all_draws(media_run):
     page = (media_run.path / "explore.html").read_text(encoding="utf-8")
     table = page.partition('<tbody id="moved">')[2].partition("</tbody>")[0]
-    cells = re.findall(r'</th><td class="n">([^<]+)</td>', table)
+    cells = re.findall(r'</th><td class="n">([^<]*)</td><td class="n">([^<]+)</td>', table)
+    assert [reported for reported, _ in cells] == [r.interval for r in media_run.result.rows]
     summary = media_run.summary[["q50", "q05", "q95"]][: len(cells)]
-    numbers = [[float(x) for x in re.findall(r"[\d.]+", cell)] for cell in cells]
+    numbers = [[float(x) for x in re.findall(r"[\d.]+", cell)] for _, cell in cells]
     width = (summary["q95"] - summary["q05"]).to_numpy()[:, None]
     assert (np.abs(np.array(numbers) - summary.to_numpy()) < 0.06 * width).all()
 

@@ -8,6 +8,7 @@ importance weights. Every other number on the page is computed here.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,16 +28,15 @@ from biaxbayes.figures.quantities import axis_span, corner_columns, number
 from biaxbayes.figures.run.bands import abscissa, residual_unit, shown_protocols
 from biaxbayes.figures.style import CREDIBLE, LOADS, PAGE_MM, colour, print_style
 from biaxbayes.identifiability.bounded_density import Span
+from biaxbayes.identifiability.reported import ReportRow
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import FAMILIES, Prior
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import STRETCH, Quantities, Quantity
 from biaxbayes.prediction.bands import DrawnCurves, curves_of_draws, evenly_chosen, tails
 from biaxbayes.reports.methods import PRIOR_NUMBERS, prior_in_words
-from biaxbayes.reports.page import EXPLORE, NAME
 from biaxbayes.reports.templates import page_template
 from biaxbayes.reports.words import as_html, cut
-from biaxbayes.text_files import atomic_write_text
 
 LEAST_EFFECTIVE = 200
 """Effective draws (Kish) below which other priors are refused: few draws carry all the weight."""
@@ -61,14 +61,14 @@ def thinned_draws(draws: pd.DataFrame) -> pd.DataFrame:
     return draws.iloc[evenly_chosen(len(draws), MOST_DRAWS)].reset_index(drop=True)
 
 
-def write_explore(folder: Path, posterior: Posterior, draws: pd.DataFrame, state: str) -> Path:
-    """Write the page into a run folder, where it points to the report; the path of the page."""
-    path = folder / EXPLORE
-    atomic_write_text(path, explore_page(posterior, draws, state, report=NAME))
-    return path
-
-
-def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, report: str = "") -> str:
+def explore_page(
+    posterior: Posterior,
+    draws: pd.DataFrame,
+    state: str,
+    *,
+    rows: Sequence[ReportRow] = (),
+    report: str = "",
+) -> str:
     """The page as HTML: its scripts and its data inside, no network.
 
     Parameters
@@ -78,6 +78,8 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, repor
         All draws of the run, one row each, columns as in ``summary.csv``.
     state : {"converged", "tentative"}
         Of the run.
+    rows : sequence of ReportRow
+        The reported table of the run.
     report : str
         The report to point to, where it stands beside the page.
 
@@ -94,7 +96,7 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, repor
     few = thinned_draws(draws)
     with print_style():
         hues = {"x": colour("x"), "y": colour("y"), "selected": colour("third")}
-    axes, priors = _axes(posterior.quantities, draws, few), _prior_controls(posterior, few)
+    axes, priors = _axes(posterior.quantities, draws, few, rows), _prior_controls(posterior, few)
     source = _source(axes, priors, few)
     corner, histograms = _corner(axes, source, hues)
     panels, curves = _curve_panels(posterior, few, source, hues)
@@ -123,6 +125,7 @@ def explore_page(posterior: Posterior, draws: pd.DataFrame, state: str, *, repor
         template_variables={
             "name": cut(posterior.specimen.name),
             "law": posterior.law.title,
+            "law_called": posterior.law.called,
             "report": report,
             "state": state,
             "draws": len(few),
@@ -171,7 +174,9 @@ class Axis:
     ratio : bool
         Whether its shifts are measured on a logarithmic scale.
     reported : str
-        Median and interval of all draws, as in the report.
+        What the report says of it; empty for the mean over mounted states.
+    all_draws : str
+        Median and interval of all draws, within the law.
     """
 
     name: str
@@ -181,10 +186,14 @@ class Axis:
     span: Span
     ratio: bool
     reported: str
+    all_draws: str
 
 
-def _axes(known: Quantities, draws: pd.DataFrame, few: pd.DataFrame) -> list[Axis]:
+def _axes(
+    known: Quantities, draws: pd.DataFrame, few: pd.DataFrame, rows: Sequence[ReportRow]
+) -> list[Axis]:
     axes = []
+    reported = {row.name: row.interval for row in rows}
     whole = corner_columns(draws, known)
     for name, (text, values) in corner_columns(few, known).items():
         states = [q for q in known.of_parameter(name) if q.name in few]
@@ -200,6 +209,7 @@ def _axes(known: Quantities, draws: pd.DataFrame, few: pd.DataFrame) -> list[Axi
                 values,
                 axis_span(text, values),
                 parameter.logarithmic and bool((values > 0.0).all()),
+                reported.get(name, ""),
                 f"{median} ({low} to {high})",
             )
         )

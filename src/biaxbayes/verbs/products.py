@@ -15,8 +15,8 @@ from biaxbayes.figures.run.trace import trace_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.identifiability.identify import identify_run
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.reports.explore import EXPLORE, can_be_explored, explore_page
-from biaxbayes.reports.page import NAME
+from biaxbayes.reports.explore import can_be_explored, explore_page
+from biaxbayes.reports.page import EXPLORE, NAME
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.runs.result import RunResult, run_result, write_result
 from biaxbayes.sampling.sampler import Draws
@@ -53,6 +53,6 @@ def write_products(
     save_pictures(bands, folder, "stress-bands")
     save_pictures(identifiability_figure(judged, result.rows), folder, "identifiability")
     if can_be_explored(known, table):
-        page = explore_page(posterior, table, state, report=NAME)
+        page = explore_page(posterior, table, state, rows=result.rows, report=NAME)
         atomic_write_text(folder / EXPLORE, page)
     return result

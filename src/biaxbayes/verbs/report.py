@@ -8,6 +8,7 @@ import click
 
 from biaxbayes.errors import InputError
 from biaxbayes.options import REPORTS
+from biaxbayes.runs.run import Run
 from biaxbayes.text_files import atomic_write_text
 from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run
 from biaxbayes.verbs.options import NOT_CONVERGED, argument, choice_option, file_option
@@ -24,18 +25,17 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
     out : path-like, optional
         Default report.html, report.tex or explore.html in the run.
     """
-    from biaxbayes.reports.explore import can_be_explored, write_explore
+    from biaxbayes.reports.explore import can_be_explored
     from biaxbayes.reports.page import write_report
 
     opened = opened_run(run)
     if kind == "html" and out is None:
         # The two pages in a run point to each other.
         if opened.state != "unusable" and can_be_explored(opened.quantities, opened.draws):
-            write_explore(opened.path, opened.posterior(), opened.draws, opened.state)
+            atomic_write_text(opened.path / REPORTS["explore"], _explore_text(opened, linked=True))
         return write_report(opened.path, opened)
-    if kind == "explore" and out is None:
-        return write_explore(opened.path, opened.posterior(), opened.draws, opened.state)
-    text = report_text(opened, kind)
+    linked = kind == "explore" and out is None
+    text = _explore_text(opened, linked=True) if linked else report_text(opened, kind)
     path = opened.path / REPORTS[kind] if out is None else Path(out)
     if path.is_dir():
         raise InputError("is a folder", file=path, remedy="give a file name with `out`")
@@ -45,7 +45,6 @@ def report(run: RunLike, kind: str = "html", *, out: PathLike | None = None) -> 
 
 def report_text(run: RunLike, kind: str = "html") -> str:
     """The report of a run: one page, tables for a paper, or a page to explore."""
-    from biaxbayes.reports.explore import explore_page
     from biaxbayes.reports.methods import latex_table
     from biaxbayes.reports.page import report_page
 
@@ -53,8 +52,17 @@ def report_text(run: RunLike, kind: str = "html") -> str:
         raise InputError(f"no report {str(kind)[:40]!r}", remedy=f"choose {', '.join(REPORTS)}")
     opened = opened_run(run)
     if kind == "explore":
-        return explore_page(opened.posterior(), opened.draws, opened.state)
+        return _explore_text(opened, linked=False)
     return latex_table(opened) if kind == "latex" else report_page(opened)
+
+
+def _explore_text(run: Run, *, linked: bool) -> str:
+    """The page to explore; linked to the report where both stand in the run folder."""
+    from biaxbayes.reports.explore import explore_page
+
+    rows = run.result.rows
+    report = REPORTS["html"] if linked else ""
+    return explore_page(run.posterior(), run.draws, run.state, rows=rows, report=report)
 
 
 @click.command("report")
