@@ -60,26 +60,31 @@ def case(name: str) -> Sampled:
 
 def test_three_ratios_to_high_stretch_determine_all_five():
     found = identify(case("determined"))
-    assert [found[name].verdict for name in PARAMETERS] == [IDENTIFIED] * 5
+    assert [found[name].posterior_verdict for name in PARAMETERS] == [IDENTIFIED] * 5
     assert all(found[name].evidence.contraction > 0.99 for name in PARAMETERS)
 
 
 @pytest.mark.long
 def test_the_angle_of_an_isotropic_material_is_not_determined():
     found = identify(case("isotropic"))
-    assert found["kappa"].verdict == BOUNDED
+    assert found["kappa"].posterior_verdict == BOUNDED
     assert found["kappa"].evidence.edges[1].support > 0.147
     assert "1/3 (isotropic)" in found["kappa"].words
-    assert found["alpha"].verdict == NOT_IDENTIFIED
+    assert found["alpha"].posterior_verdict == NOT_IDENTIFIED
     assert "kappa = 1/3" in found["alpha"].words
     # what does not depend on the angle is determined all the same
-    assert found["C1"].verdict == found["k1"].verdict == found["k2"].verdict == IDENTIFIED
+    assert (
+        found["C1"].posterior_verdict
+        == found["k1"].posterior_verdict
+        == found["k2"].posterior_verdict
+        == IDENTIFIED
+    )
 
 
 @pytest.mark.long
 def test_low_stretch_does_not_determine_the_exponent():
     found = identify(case("low"))["k2"]
-    assert found.verdict == NOT_IDENTIFIED
+    assert found.posterior_verdict == NOT_IDENTIFIED
     assert found.evidence.contraction < 0.75
     assert found.evidence.edges[0].support > 0.147
     # the exponent carries prior information only: it moves with the prior more than any other
@@ -90,14 +95,14 @@ def test_low_stretch_does_not_determine_the_exponent():
 def test_one_ratio_trades_dispersion_for_angle():
     found = identify(case("equibiaxial"))
     for name, other in (("kappa", "alpha"), ("alpha", "kappa")):
-        assert found[name].verdict == COMBINATION
+        assert found[name].posterior_verdict == COMBINATION
         assert other in found[name].partners
         assert found[name].evidence.partners.spread_given_partners < 0.5
 
 
 def test_aligned_fibres_are_one_sided_not_undetermined():
     found = identify(case("aligned"))["kappa"]
-    assert found.verdict == BOUNDED
+    assert found.posterior_verdict == BOUNDED
     low, high = found.evidence.edges
     assert low.value == 0.0 and low.kind == "physical"
     assert low.mass > 10 * low.prior_mass and low.prior_mass == pytest.approx(0.06)
@@ -114,7 +119,7 @@ def test_a_stuck_chain_gives_no_verdict():
     draws = pd.DataFrame({name: q.ravel() for name, q in stuck.items()})
     assert state == "unusable"
     found = identify_draws(good.posterior(), draws, state)
-    assert {p.verdict for p in found.parameters} == {NO_VERDICT}
+    assert {p.posterior_verdict for p in found.parameters} == {NO_VERDICT}
     assert all(p.evidence is None for p in found.parameters)  # no number to be misread either
     assert "not converged" in found["kappa"].words
 
@@ -122,7 +127,7 @@ def test_a_stuck_chain_gives_no_verdict():
 def test_tentative_draws_give_evidence_but_no_verdict():
     good = case("determined")
     found = identify_draws(good.posterior(), good.draws, "tentative")
-    assert {p.verdict for p in found.parameters} == {NO_VERDICT}
+    assert {p.posterior_verdict for p in found.parameters} == {NO_VERDICT}
     assert found["C1"].evidence.contraction > 0.99
 
 
@@ -150,7 +155,7 @@ def made_up(priors=None, **columns: np.ndarray) -> Sampled:
 
 def test_draws_from_the_prior_are_prior_dominated():
     found = identify(made_up())
-    assert {p.verdict for p in found.parameters} == {NOT_IDENTIFIED}
+    assert {p.posterior_verdict for p in found.parameters} == {NOT_IDENTIFIED}
     for p in found.parameters:
         assert abs(p.evidence.contraction) < 0.06
         assert p.evidence.prior_excluded < 0.03
@@ -171,12 +176,12 @@ def test_a_users_bound_is_not_a_physical_edge():
     piled = 0.1 - np.abs(rng.normal(0.0, 0.005, 8000))
     cut = {"kappa": {"distribution": "uniform", "low": 0.0, "high": 0.1}}
     found = identify(made_up(priors=cut, kappa=piled))["kappa"]
-    assert found.verdict == NOT_IDENTIFIED
+    assert found.posterior_verdict == NOT_IDENTIFIED
     assert [e.kind for e in found.evidence.edges] == ["physical", "user"]
     assert "limited by the prior bound 0.100" in found.words
     # the same draws below a physical edge
     physical = 1 / 3 - np.abs(rng.normal(0.0, 0.005, 8000))
-    assert identify(made_up(kappa=physical))["kappa"].verdict == BOUNDED
+    assert identify(made_up(kappa=physical))["kappa"].posterior_verdict == BOUNDED
 
 
 @pytest.mark.parametrize("mirror", [0.0, 90.0])
@@ -184,7 +189,7 @@ def test_a_narrow_angle_at_a_mirror_is_identified(mirror):
     away = np.abs(np.random.default_rng(8).normal(0.0, 2.0, 8000))
     kappa = np.random.default_rng(9).normal(0.15, 0.01, 8000)
     found = identify(made_up(alpha=np.abs(mirror - away), kappa=kappa))["alpha"]
-    assert found.verdict == IDENTIFIED
+    assert found.posterior_verdict == IDENTIFIED
     assert found.evidence.edges == ()
     assert found.evidence.modes == 1
 
@@ -193,12 +198,12 @@ def test_a_measured_angle_is_known_from_the_prior_not_from_the_data():
     rng = np.random.default_rng(3)
     priors = {"alpha": {"distribution": "normal", "mean": 41.0, "sd": 3.0}}
     found = identify(made_up(priors=priors, alpha=rng.normal(41.0, 2.9, 8000)))["alpha"]
-    assert found.verdict == NOT_IDENTIFIED
+    assert found.posterior_verdict == NOT_IDENTIFIED
 
 
 def test_fixed_and_tied_parameters_are_said_to_be():
     found = identify(made_up(priors={"kappa": 0.1}))
-    assert found["kappa"].verdict == FIXED and "fixed at 0.1" in found["kappa"].words
+    assert found["kappa"].posterior_verdict == FIXED and "fixed at 0.1" in found["kappa"].words
     assert "kappa" not in {q for p in found.parameters for q in p.partners}
 
 
@@ -208,7 +213,7 @@ def test_a_ridge_names_all_who_move_along_it():
     alpha = 30.0 + 400.0 * kappa**2 + rng.normal(0.0, 0.3, 8000)
     k1 = np.exp(3.0 + 6.0 * kappa + rng.normal(0.0, 0.02, 8000))
     found = identify(made_up(kappa=kappa, alpha=alpha, k1=k1))
-    assert found["kappa"].verdict == COMBINATION
+    assert found["kappa"].posterior_verdict == COMBINATION
     assert set(found["kappa"].partners) == {"alpha", "k1"}
     assert "only in combination with" in found["kappa"].words
 
@@ -526,7 +531,7 @@ def test_ties_and_fixed_materials_have_no_sloppy_direction():
     fixed = dict(zip(PARAMETERS, (10.0, 20.0, 5.0, 40.0, 0.15), strict=True))
     held = made_up(priors=fixed)
     assert sloppiness(held.target, held.draws) is None
-    assert identify(held)["C1"].verdict == FIXED
+    assert identify(held)["C1"].posterior_verdict == FIXED
 
 
 @pytest.mark.long
@@ -534,7 +539,7 @@ def test_two_narrow_peaks_are_no_prior():
     rng = np.random.default_rng(11)
     alpha = np.where(rng.random(8000) < 0.5, 15.0, 75.0) + rng.normal(0.0, 2.0, 8000)
     found = identify(made_up(alpha=alpha, kappa=rng.normal(0.1, 0.01, 8000)))["alpha"]
-    assert found.verdict == IDENTIFIED and found.evidence.modes == 2
+    assert found.posterior_verdict == IDENTIFIED and found.evidence.modes == 2
     assert "loosely" in found.words and "2 separate peaks" in found.words
     wide = identify(made_up(alpha=rng.uniform(5.0, 70.0, 8000)))["alpha"]
-    assert wide.verdict == NOT_IDENTIFIED
+    assert wide.posterior_verdict == NOT_IDENTIFIED

@@ -71,7 +71,7 @@ def end_error(sd: float) -> float:
 
 def strength(verdict: ParameterVerdict) -> int:
     """How much a verdict says; an open or a missing one nothing."""
-    return STRENGTH.get(verdict.verdict, -1)
+    return STRENGTH.get(verdict.posterior_verdict, -1)
 
 
 def check_monotone(seed: int) -> None:

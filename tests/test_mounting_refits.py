@@ -74,12 +74,12 @@ def test_the_range_of_the_refits_is_stated_and_holds_the_truth():
     found = identify_draws(posterior, narrow_draws(posterior), "converged")
     for name, true in zip(NAMES, MOUNTING, strict=True):
         row = found[name]
-        assert row.verdict == NOT_IDENTIFIED
+        assert row.posterior_verdict == NOT_IDENTIFIED
         assert (
             not row.evidence.low <= true <= row.evidence.high
         )  # what the narrow interval is worth
         assert row.evidence.refits[0] < true < row.evidence.refits[1]
-    assert found["C1"].verdict != NOT_IDENTIFIED
+    assert found["C1"].posterior_verdict != NOT_IDENTIFIED
 
 
 def test_fits_made_beforehand_are_those_that_would_be_made():
@@ -91,7 +91,7 @@ def test_fits_made_beforehand_are_those_that_would_be_made():
     pd.testing.assert_frame_equal(given.to_frame(), made.to_frame())
     without = identify_draws(posterior, draws, "converged", refits=lambda _: None)
     assert without[NAMES[0]].evidence.refits is None
-    assert without[NAMES[0]].verdict != NOT_IDENTIFIED
+    assert without[NAMES[0]].posterior_verdict != NOT_IDENTIFIED
 
 
 def test_an_interval_as_wide_as_the_refits_stands():
@@ -100,7 +100,7 @@ def test_an_interval_as_wide_as_the_refits_stands():
         NAMES[0]
     ].evidence.refits
     wide = identify_draws(posterior, narrow_draws(posterior, sd=0.25 * (high - low)), "converged")
-    assert wide[NAMES[0]].verdict != NOT_IDENTIFIED
+    assert wide[NAMES[0]].posterior_verdict != NOT_IDENTIFIED
 
 
 def test_a_stretch_known_from_an_image_stands():
@@ -120,7 +120,7 @@ def test_every_mounted_state_has_its_own_refits():
     posterior = prepare(missed(), mounting_stretch="per-protocol")
     found = identify_draws(posterior, narrow_draws(posterior), "converged")
     names = [f"{name}[{p.name}]" for p in missed().protocols for name in NAMES]
-    assert {found[name].verdict for name in names} == {NOT_IDENTIFIED}
+    assert {found[name].posterior_verdict for name in names} == {NOT_IDENTIFIED}
     back = found.to_frame().set_index("parameter")
     assert (back.loc[names, "refit_low"] < back.loc[names, "posterior_q05"]).all()
     assert back.loc[["C1", "kappa"], "refit_low"].isna().all()
@@ -141,4 +141,4 @@ def test_a_mounting_stretch_that_the_data_contradict_is_reported_by_no_interval(
     assert row.verdict == NOT_IDENTIFIED and np.isnan([row.low, row.high]).all()
     line = next(x for x in closing_message(run).splitlines() if x.startswith(NAMES[0]))
     assert NOT_IDENTIFIED in line and " to " not in line
-    assert "The data do not identify" in latex_table(run) and "Refits" in report_page(run)
+    assert "The test did not identify" in latex_table(run) and "Refits" in report_page(run)

@@ -107,7 +107,7 @@ def test_a_value_spans_no_order_of_magnitude(clean):
     ends = {"low": evidence.median / 20.0, "high": evidence.median * 20.0}
     wide = replace(evidence, partners=alone, **ends)
     parameters = tuple(
-        replace(p, evidence=wide, verdict="identified") if p.name == "k1" else p
+        replace(p, evidence=wide, posterior_verdict="identified") if p.name == "k1" else p
         for p in clean.parameters
     )
     row = rows(replace(clean, parameters=parameters, fits=None))["k1"]
@@ -128,10 +128,10 @@ def test_a_law_that_another_beats_has_no_parameters(clean):
 
 
 def test_draws_that_have_not_converged_identify_nothing(clean):
-    parameters = tuple(replace(p, verdict="no verdict") for p in clean.parameters)
+    parameters = tuple(replace(p, posterior_verdict="no verdict") for p in clean.parameters)
     found = replace(clean, parameters=parameters, state="tentative")
     assert {(r.verdict, r.reason) for r in found.reported} == {
-        ("not identified", "the chains have not converged (tentative)")
+        ("no verdict", "chains have not converged")
     }
 
 

@@ -3,9 +3,12 @@
 import csv
 import html
 import json
+import math
 import re
 import shutil
+from dataclasses import replace
 
+import pandas as pd
 import pytest
 
 import biaxbayes
@@ -17,8 +20,9 @@ from biaxbayes.laws import law_named
 from biaxbayes.parameters import MOUNTED
 from biaxbayes.reports.closing_message import MOST_LINES, closing_message
 from biaxbayes.reports.comparison import write_comparison
-from biaxbayes.reports.methods import latex_table, methods
+from biaxbayes.reports.methods import latex_table, methods, results_paragraph
 from biaxbayes.reports.page import report_page
+from biaxbayes.runs.result import as_record, result_from_record
 from biaxbayes.studies.rows import rows_of_run
 
 
@@ -67,21 +71,78 @@ def test_page(media_run, rows):
         assert cells == [row[k] for k in ("interval", "unit", "verdict", "reason")]
 
 
-def test_latex_and_methods(media_run, rows):
-    latex, paragraph = latex_table(media_run), methods(media_run)
+def test_latex_and_paragraphs(media_run, rows):
+    latex, paragraph = latex_table(media_run), results_paragraph(media_run)
     body = latex.partition("\\midrule")[2].partition("\\bottomrule")[0].strip().splitlines()
     for line, row in zip(body, rows, strict=True):
         cells = [c.strip().removesuffix("\\\\").strip() for c in re.split(r"(?<!\\)&", line)][1:]
         plain = [re.sub(r"\\(.)", r"\1", c) for c in cells]
         assert plain == [row[k] for k in ("interval", "unit", "verdict", "reason")]
         if row["interval"] == DASH:
-            assert row["parameter"] in paragraph.partition("do not identify")[2]
+            assert row["parameter"] in paragraph.partition("did not identify")[2]
         else:
             with_unit = f"{row['interval']} {row['unit']}".strip()
-            assert f"{with_unit} ({row['verdict']})" in paragraph
-    # no interval of a parameter that is not in the table
-    said = paragraph.partition("Reported are")[2]
-    assert said.count(" to ") == sum(" to " in row["interval"] for row in rows)
+            sentence = next(s for s in paragraph.split(". ") if s.startswith(row["parameter"]))
+            assert row["verdict"] in sentence and f": {with_unit} (9" in sentence
+    # no interval of a parameter that is not in the table, and none among the methods
+    assert paragraph.count(" to ") == sum(" to " in row["interval"] for row in rows)
+    assert not any(row["interval"] in methods(media_run) for row in rows if row["low"])
+    assert f"% Results: {paragraph}" in latex and paragraph in html.unescape(report_page(media_run))
+
+
+def test_only_one_table_has_stresses_to_report(media_run):
+    table = pd.read_csv(media_run.path / "report-stresses.csv")
+    all_of_them = media_run.result.determined.set_index(["quantity", "stretch_x", "stretch_y"])
+    assert len(table) >= 4
+    for row in table.to_dict("records"):
+        own = all_of_them.loc[(row["quantity"], row["stretch_x"], row["stretch_y"])]
+        assert row["low"] == pytest.approx(own["tissue_low_90"], rel=1e-6)
+        assert row["high"] - row["low"] > own["high_90"] - own["low_90"]
+    page = report_page(media_run)
+    before, evidence = page.split('<h2 id="evidence">')
+    assert "Cauchy stress x" in before
+    assert "Cauchy stress x" not in evidence.partition('<h2 id="convergence">')[0]
+
+
+def test_a_test_that_determines_little_says_so(media_run):
+    """And what to do: the advice follows in the same line."""
+    reported = [
+        replace(r, verdict="not identified", low=math.nan, high=math.nan)
+        for r in media_run.result.reported
+    ]
+    reported[3] = media_run.result.reported[3]
+    poor = replace(media_run.result, reported=tuple(reported), advice="to narrow C1: pull more")
+    assert media_run.result.little_determined == ""
+    assert poor.little_determined.startswith("this test determines 1 of 7 parameters (alpha): ")
+    assert replace(poor, state="tentative").little_determined == ""
+    poor_run = replace(media_run)
+    poor_run.__dict__["result"] = poor
+    message, page = closing_message(poor_run), report_page(poor_run)
+    assert len(message.splitlines()) <= MOST_LINES
+    assert f"{poor.little_determined}; to narrow C1: pull more" in message
+    assert "This test determines little." in page and "1 of 7 parameters" in page
+
+
+def test_chains_that_have_not_converged_give_no_verdict_anywhere(media_run, tmp_path):
+    judged = identify_draws(media_run.posterior(), media_run.draws, "tentative")
+    assert {(r.verdict, r.reason) for r in judged.reported} == {
+        ("no verdict", "chains have not converged")
+    }
+    # a run of an earlier version called them "not identified"
+    record = as_record(replace(media_run.result, state="tentative"))
+    for row in record["reported"]:
+        row |= {"verdict": "not identified", "low": None, "high": None}
+    again = result_from_record(record, media_run.law, media_run.quantities, tmp_path)
+    assert {r.verdict for r in again.reported} == {"no verdict"}
+    tentative = replace(media_run)
+    tentative.__dict__["result"] = again
+    assert "no verdict" in latex_table(tentative) and "not identified" not in latex_table(tentative)
+    first = report_page(tentative).partition("<tbody>")[2].partition("</tbody>")[0]
+    assert first.count("no verdict") == 7
+    texts = [
+        t.get_text() for ax in identifiability_figure(judged, again.rows).axes for t in ax.texts
+    ]
+    assert texts.count("no verdict") == 7
 
 
 def test_figure(media_run, rows):

@@ -101,7 +101,7 @@ def _mounting(case: Case, found: Identifiability) -> list[Row]:
         assert e is not None and stated is not None
         ends = (e.low, e.high)
         out.append(("mounting", name, float(true), *ends))
-        if row.verdict == NOT_IDENTIFIED:
+        if row.posterior_verdict == NOT_IDENTIFIED:
             assert e.refits is not None
             out.append(("mounting, not identified", name, float(true), *ends))
             out.append(("mounting, not identified, range", name, float(true), *e.refits))

@@ -70,14 +70,9 @@ class Identifiability:
         raise KeyError(name)
 
     @property
-    def verdicts(self) -> dict[str, str]:
-        """Verdicts within the law by parameter."""
-        return {p.name: p.verdict for p in self.parameters}
-
-    @property
     def reported(self) -> tuple[Reported, ...]:
         """What to report of every inferred parameter: one interval or bound, verdict and reason."""
-        return reported(self.parameters, self.fits, self.law, self.state, self.thresholds)
+        return reported(self.parameters, self.fits, self.law, self.thresholds)
 
     @property
     def better_law(self) -> str:
@@ -98,7 +93,9 @@ class Identifiability:
 
         That of the refits where they contradict the interval of the posterior.
         """
-        judged = ((p.name, p.evidence) for p in self.parameters if p.verdict != NO_VERDICT)
+        judged = (
+            (p.name, p.evidence) for p in self.parameters if p.posterior_verdict != NO_VERDICT
+        )
         return {
             name: e.refits
             for name, e in judged

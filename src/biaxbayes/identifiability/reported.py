@@ -4,6 +4,7 @@
 - `bounded`: one limit
 - `only in combination`: a two-sided interval, wide because the parameter trades with those named
 - `not identified`: no usable limit
+- `no verdict`: the chains have not converged, so the run shows nothing about the tissue
 
 Intervals are 90 %, bounds 95 %. A posterior holds within its law. Where the law misses the record
 smoothly, its intervals are too narrow: each is widened about its median by the ratio of two errors
@@ -43,6 +44,7 @@ from biaxbayes.parameters import MATERIAL, Parameter, Quantities, Quantity
 from biaxbayes.text_files import aligned
 
 OPEN = float("nan")
+UNCONVERGED = "chains have not converged"
 PRIOR_DECIDES = "the prior, not the data, determines it"
 WIDEST = 10.0
 """Largest ratio of the ends of an interval that counts as identified, of stiffnesses, exponents."""
@@ -60,7 +62,7 @@ class Reported:
         As in ``summary.csv``; the unit is empty for pure numbers.
     low, high : float
         The 90 % interval, or one end of it (95 %); NaN where an end is open.
-    verdict : {"identified", "bounded", "only in combination", "not identified"}
+    verdict : {"identified", "bounded", "only in combination", "not identified", "no verdict"}
     reason : str
         One short phrase.
     partners : tuple of str
@@ -80,7 +82,6 @@ def reported(
     parameters: Sequence[ParameterVerdict],
     fits: LawFits | None,
     law: Law,
-    state: str,
     thresholds: Thresholds,
 ) -> tuple[Reported, ...]:
     """What to report of the inferred parameters, in their order; not of fixed and tied ones.
@@ -90,8 +91,6 @@ def reported(
     fits : LawFits or None
         Fits of all laws to the record.
     law : Law
-        Of the run.
-    state : {"converged", "tentative", "unusable"}
         Of the run.
     """
     intervals = {
@@ -108,11 +107,10 @@ def reported(
     }
     out = []
     for p in parameters:
-        if p.verdict == FIXED:
+        if p.posterior_verdict == FIXED:
             continue
-        if p.verdict == NO_VERDICT or p.evidence is None:
-            reason = f"the chains have not converged ({state})"
-            out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NOT_IDENTIFIED, reason))
+        if p.posterior_verdict == NO_VERDICT or p.evidence is None:
+            out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NO_VERDICT, UNCONVERGED))
         elif p.scale.parameter.kind == MATERIAL:
             out.append(_material(p, p.evidence, intervals[p.name], unknown, fits, law, thresholds))
         else:
@@ -162,7 +160,7 @@ def _material(
     # the first rule that holds: verdict and reason
     rules: list[tuple[object, str, str]] = [
         (better_law, NOT_IDENTIFIED, better_law),
-        (p.verdict == NOT_IDENTIFIED, NOT_IDENTIFIED, _prior_reason(p, e, thresholds)),
+        (p.posterior_verdict == NOT_IDENTIFIED, NOT_IDENTIFIED, _prior_reason(p, e, thresholds)),
         (
             verdict == COMBINATION and wide.contraction <= 0.0,
             NOT_IDENTIFIED,
@@ -256,8 +254,8 @@ class ReportRow:
         ``1.0149 to 1.0212``, ``above 1.0071``, ``below 0.21`` or a dash.
     unit : str
         Empty for pure numbers.
-    verdict : {"identified", "bounded", "only in combination", "not identified"}
-    reason : str
+    verdict, reason, partners
+        As in :class:`Reported`.
     """
 
     quantity: Quantity
@@ -265,6 +263,7 @@ class ReportRow:
     unit: str
     verdict: str
     reason: str
+    partners: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -287,6 +286,7 @@ def report_rows(reported: Sequence[Reported], quantities: Quantities) -> list[Re
             r.unit,
             r.verdict,
             r.reason,
+            r.partners,
         )
         for r in reported
     ]

@@ -142,12 +142,14 @@ class Evidence:
 
 @dataclass(frozen=True)
 class ParameterVerdict:
-    """The verdict on one parameter within the law.
+    """The verdict on one parameter within the law, from the posterior and the prior alone.
+
+    What is reported follows from it: :class:`~biaxbayes.identifiability.reported.Reported`.
 
     Attributes
     ----------
     scale : Scale
-    verdict : str
+    posterior_verdict : str
         One of :data:`VERDICTS`, :data:`NO_VERDICT` or :data:`FIXED`.
     words : str
         The same as a sentence.
@@ -161,7 +163,7 @@ class ParameterVerdict:
     """
 
     scale: Scale
-    verdict: str
+    posterior_verdict: str
     words: str
     evidence: Evidence | None = None
     mounting: MountingInterval | None = None

@@ -144,7 +144,7 @@ def _verdicts(population: Population, hyper: Hyper, g: int) -> dict[str, dict[st
     for name, mean in means.items():
         row: dict[str, Any] = {"in_words": mean.words, "reported": reported_text(mean)}
         for stem, p in {"": mean, **{f"{k}_": v for k, v in spreads[name].items()}}.items():
-            row[f"{stem}verdict"] = p.verdict
+            row[f"{stem}verdict"] = p.posterior_verdict
             if p.evidence is not None:
                 row[f"{stem}contraction"] = p.evidence.contraction
         out[name] = row

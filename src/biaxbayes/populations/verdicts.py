@@ -83,23 +83,23 @@ def unless_wide(p: ParameterVerdict) -> ParameterVerdict:
     """The verdict, but not identified where a positive scale is known only to a factor of ten."""
     e = p.evidence
     wide = e is not None and p.scale.logarithmic and e.high > WIDEST * e.low
-    if e is None or not wide or p.verdict != IDENTIFIED:
+    if e is None or not wide or p.posterior_verdict != IDENTIFIED:
         return p
     q = p.scale.parameter
     words = (
         f"{p.name}: {NOT_IDENTIFIED}, {q.number(e.low)} to {q.number(e.high)}{q.unit_words()} "
         f"(90 %); known only to a factor of {e.high / e.low:.2g}"
     )
-    return replace(p, verdict=NOT_IDENTIFIED, words=words)
+    return replace(p, posterior_verdict=NOT_IDENTIFIED, words=words)
 
 
 def reported_text(p: ParameterVerdict) -> str:
     """The interval or the bound of a verdict; empty where there is nothing to report."""
     e = p.evidence
-    if e is None or p.verdict not in (IDENTIFIED, COMBINATION, BOUNDED):
+    if e is None or p.posterior_verdict not in (IDENTIFIED, COMBINATION, BOUNDED):
         return ""
     low, high = e.low, e.high
-    if p.verdict == BOUNDED:
+    if p.posterior_verdict == BOUNDED:
         sides = {edge.side for edge in e.open_edges(Thresholds())}
         low, high = (math.nan if side in sides else v for side, v in enumerate((low, high)))
     return interval_text(low, high, p.scale.parameter)
@@ -205,7 +205,7 @@ def specimen_verdicts(
         state,
         priors={**source.posterior.priors, **own},
     )
-    verdicts = {p.name: unless_wide(p).verdict for p in identification.parameters}
+    verdicts = {p.name: unless_wide(p).posterior_verdict for p in identification.parameters}
     if state != "converged":
         return verdicts
     of_run = {r.name: r.verdict for r in source.run.result.reported}

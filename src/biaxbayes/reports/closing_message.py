@@ -21,7 +21,8 @@ def closing_message(run: Run) -> str:
     lines = [f"{printable(cut(name, 80))}: {_verdict(record['convergence'])}"]
     serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
     lines += [printable(cut(f["message"], 400)) for f in serious[:1]]
-    rest = [printable(text) for text in (result.fit, result.advice) if text]
+    advice = "; ".join(filter(None, (result.little_determined, result.advice)))
+    rest = [printable(text) for text in (result.fit, advice) if text]
     rest += [printable(text) for text in result.warnings[:1]]
     rest.append(f"report: {run.path}/report.html")
     lines += row_lines(result.rows, MOST_LINES - len(lines) - len(rest))

@@ -1,10 +1,16 @@
-"""What of a run goes into a paper: the methods paragraph with its own numbers, the LaTeX table."""
+"""Text of a run for a paper: methods paragraph, results paragraph and LaTeX table."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from biaxbayes.identifiability.reported import DASH
+from biaxbayes.errors import listed
+from biaxbayes.identifiability.verdict import (
+    BOUNDED,
+    COMBINATION,
+    IDENTIFIED,
+    NOT_IDENTIFIED,
+)
 from biaxbayes.parameters import STRETCH
 from biaxbayes.reports.words import as_latex, cut, latex_text, state_words
 from biaxbayes.runs.run import Run
@@ -42,7 +48,7 @@ PRIOR_NUMBERS = {"sd_log": "sd of its logarithm", "low": "not below", "high": "n
 
 
 def methods(run: Run) -> str:
-    """One paragraph of plain text."""
+    """The methods section as one paragraph of plain text, without results."""
     sentences = (
         _test(run),
         _grips(run),
@@ -52,7 +58,7 @@ def methods(run: Run) -> str:
         _noise(run),
         _priors(run),
         _sampling(run),
-        _result(run),
+        _intervals(run),
     )
     return " ".join(s for s in sentences if s)
 
@@ -159,32 +165,44 @@ def _sampling(run: Run) -> str:
     return f"{text}. The chains did NOT converge: {cut(convergence['reason'], 300)}."
 
 
-def _result(run: Run) -> str:
-    """The reported table as a sentence; nothing of what is not reported."""
-    rows = [row for row in run.result.rows if row.interval != DASH]
-    without = [row.name for row in run.result.rows if row.interval == DASH]
-    if run.state != "converged" or not (rows or without):
+def _intervals(run: Run) -> str:
+    """How the intervals of the results paragraph were obtained."""
+    if run.state != "converged" or not run.result.rows:
         return ""
-    parts = [
-        f"{row.name} ({row.quantity.parameter.words}) {row.interval_with_unit} ({row.verdict})"
-        for row in rows
-    ]
-    text = ""
-    if parts:
-        text = (
-            "Reported are 90 % intervals and 95 % bounds. Intervals of material parameters are "
-            "those of the posterior, widened where the law misses the record systematically"
-        )
-        if any(row.quantity.parameter.kind == STRETCH for row in rows):
-            text += "; those of mounting stretches hold for all material laws that fit the record"
-        text += f": {'; '.join(parts)}."
-    if without:
-        text += f" The data do not identify {', '.join(without)}."
-    return f"{text} {run.result.fit[:1].upper()}{run.result.fit[1:]}.".strip()
+    text = (
+        "Reported are 90 % intervals and 95 % bounds. Intervals of material parameters are "
+        "those of the posterior, widened where the law misses the record systematically"
+    )
+    if any(row.quantity.parameter.kind == STRETCH for row in run.result.rows):
+        text += "; those of mounting stretches hold for all material laws that fit the record"
+    return f"{text}."
+
+
+def results_paragraph(run: Run) -> str:
+    """The reported table as a paragraph of plain text, with no other interval."""
+    if run.state != "converged":
+        return "" if not run.result.rows else "The chains have not converged: no result to report."
+    sentences = []
+    for row in run.result.rows:
+        name = f"{row.name} ({row.quantity.parameter.words})"
+        if row.verdict == IDENTIFIED:
+            sentences.append(f"{name} was identified: {row.interval_with_unit} (90 % interval).")
+        elif row.verdict == BOUNDED:
+            sentences.append(f"{name} was bounded: {row.interval_with_unit} (95 % bound).")
+        elif row.verdict == COMBINATION:
+            sentences.append(
+                f"{name} was identified {row.verdict} with {listed(row.partners)}: "
+                f"{row.interval_with_unit} (90 % interval)."
+            )
+    left = [row.name for row in run.result.rows if row.verdict == NOT_IDENTIFIED]
+    if left:
+        sentences.append(f"The test did not identify {listed(left)}.")
+    fit = run.result.fit
+    return " ".join([*sentences, f"{fit[:1].upper()}{fit[1:]}." if fit else ""]).strip()
 
 
 def latex_table(run: Run) -> str:
-    """The reported table with booktabs rules; the methods paragraph as a comment.
+    """The reported table with booktabs rules; both paragraphs as comments.
 
     Protocols that the law misses stand below the table.
     """
@@ -202,7 +220,8 @@ def latex_table(run: Run) -> str:
     return "\n".join(
         [
             "% needs \\usepackage{booktabs}",
-            f"% {methods(run)}",
+            f"% Methods: {methods(run)}",
+            f"% Results: {results_paragraph(run)}",
             "\\begin{table}",
             "  \\centering",
             f"  \\caption{{{caption}}}",

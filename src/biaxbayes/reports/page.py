@@ -13,7 +13,7 @@ from biaxbayes.identifiability.reported import DASH, WIDE, interval_text
 from biaxbayes.options import REPORTS
 from biaxbayes.parameters import STRETCH
 from biaxbayes.prediction.predictive_checks import checks_in_words, misfit_in_words
-from biaxbayes.reports.methods import methods, priors_in_words
+from biaxbayes.reports.methods import methods, priors_in_words, results_paragraph
 from biaxbayes.reports.templates import Row, page_template, pictures
 from biaxbayes.reports.words import GLOSSARY, cut, state_words
 from biaxbayes.runs.run import Run, open_run
@@ -98,6 +98,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         findings=result.findings,
         warnings=result.warnings,
         fit=result.fit,
+        little_determined=result.little_determined,
         advice=result.advice,
         facts=_specimen_facts(run),
         tests=_test_rows(run),
@@ -111,6 +112,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         contractions=_contraction_rows(run),
         directions=directions,
         figures=pictures(run.path, FIGURES),
+        stresses=stress_rows(run),
         determined=determined_rows(run),
         noise=record["noise"],
         beta=run.beta,
@@ -128,6 +130,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
             SAMPLER,
         ],
         methods=methods(run),
+        results=results_paragraph(run),
         laws=_law_rows(run),
         better_law=result.better_law,
         glossary=list(GLOSSARY.items()),
@@ -280,9 +283,24 @@ TENSOR = {
 }
 
 
+def stress_rows(run: Run) -> list[Row]:
+    """The stresses to report, at the largest states of the test."""
+    table = run.result.stresses
+    rows: list[Row] = []
+    for r in table[_largest_states(table)].to_dict("records") if len(table) else ():
+        low, median, high = (float(r[k]) for k in ("low", "median", "high"))
+        low_text, median_text, high_text = (number(v, low, high) for v in (low, median, high))
+        state = f"{float(r['stretch_x']):g}, {float(r['stretch_y']):g}"
+        name = cut(r["quantity"], 90)
+        rows.append((name, state, median_text, f"{low_text} to {high_text}", str(r["unit"])))
+    return rows
+
+
 def determined_rows(run: Run) -> list[Row]:
-    """Quantities that do not depend on how the parameters are split."""
+    """Stiffnesses, structure tensor and further quantities within the law, without stresses."""
     table = run.result.determined
+    if len(table):
+        table = table[~table["quantity"].str.contains(" stress ")]
     rows: list[Row] = []
     for r in table[_largest_states(table)].to_dict("records") if len(table) else ():
         low, median, high = (float(r[k]) for k in ("low_90", "median", "high_90"))
@@ -290,10 +308,6 @@ def determined_rows(run: Run) -> list[Row]:
         low_text, median_text, high_text = (
             number(v, low, high, log=wide) for v in (low, median, high)
         )
-        ends = [float(r[k]) for k in ("tissue_low_90", "tissue_high_90")]
-        tissue = " to ".join(number(v, *ends) for v in ends)
-        if math.isnan(ends[0]):
-            tissue = "not known" if str(r["quantity"]).startswith("Cauchy stress") else ""
         x, y = float(r["stretch_x"]), float(r["stretch_y"])
         name = cut(r["quantity"], 90)
         rows.append(
@@ -302,7 +316,6 @@ def determined_rows(run: Run) -> list[Row]:
                 "" if math.isnan(x) else f"{x:g}, {y:g}",
                 median_text,
                 f"{low_text} to {high_text}",
-                tissue,
                 str(r["unit"] or ""),
                 _percent(100.0 * float(r["relative_width"])),
             )

@@ -110,13 +110,14 @@ GLOSSARY = {
     "known well, each alone is not",
     "not identified": "the data, or the laws that fit them, leave both ends open: no number is "
     "reported",
-    "no verdict, fixed": "the chains have not converged; a value that was given and not inferred",
+    "no verdict": "the chains have not converged, so the run shows nothing about the tissue yet",
+    "fixed": "a value that was given and not inferred",
     "credible band": "region that contains the curve of the model with 90 % probability",
     "predictive band": "the credible band widened by the inferred error: region that contains a "
     "reading with 90 % probability",
-    "interval of the model, of the tissue": "of a single stress: without and with the inferred "
-    "error",
-    "width": "of the model's interval, as a share of the median",
+    "stresses to report": "their intervals hold the inferred error and the uncertainty of the "
+    "mounting stretch",
+    "width": "of the interval, as a share of the median",
     "Cauchy stress, nominal stress": "force per deformed section; force per section of the "
     "state that dimensions refer to (first Piola-Kirchhoff stress)",
     "tangent stiffness, small-strain stiffness": "slope of the stress over the logarithm of "
@@ -128,9 +129,10 @@ GLOSSARY = {
     "corner plot": "distributions of all parameters (diagonal) and of all pairs; a narrow, "
     "slanted cloud is a correlated pair",
     "residual, misfit": "reading minus the curve of the median parameters; its root mean square",
-    "trades with": "is correlated with: a change of one can be made up by a change of the other",
+    "trades with": "is correlated with: a change of one is compensated by a change of the other",
     "refits": "range of a mounting stretch in fits to parts of the record, where the law misses it",
-    "sensitivity": "how far the posterior moves if the prior, or the data, count a little more",
+    "sensitivity": "how far the posterior moves if the prior, or the data, are weighted slightly "
+    "more",
     "end of a range": "a limit of a parameter, such as perfectly aligned fibres; the data cannot "
     "show whether it is exactly reached",
     "contraction": "share of the prior's variance that the data remove: 0 % nothing learnt, "
@@ -177,7 +179,7 @@ SEVERAL = {
     "value",
     "sd of donors, sd of specimens": "spread between donors; spread between specimens of one "
     "donor and group",
-    "new specimen": "a specimen of a donor that was not tested; nine of ten lie in the interval",
+    "new specimen": "a specimen of a donor that was not tested; 90 % of them lie in the interval",
     "new donor": "the median of the specimens of a donor that was not tested; nine of ten lie "
     "in the interval",
     "ratio": "the second group over the first; 1 is no difference",
@@ -198,7 +200,8 @@ VERDICT_TERMS = (
     "bounded",
     "only in combination",
     "not identified",
-    "no verdict, fixed",
+    "no verdict",
+    "fixed",
 )
 """Terms of the verdicts."""
 

@@ -20,7 +20,13 @@ from biaxbayes.identifiability.identify import Identifiability
 from biaxbayes.identifiability.mounting_stretch.interval import measurement_advice
 from biaxbayes.identifiability.reported import Reported, ReportRow, report_frame, report_rows
 from biaxbayes.identifiability.sloppiness import sloppiness
-from biaxbayes.identifiability.verdict import COMBINATION, IDENTIFIED, VERDICTS
+from biaxbayes.identifiability.verdict import (
+    BOUNDED,
+    COMBINATION,
+    IDENTIFIED,
+    NO_VERDICT,
+    VERDICTS,
+)
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import INFERRING
 from biaxbayes.parameters import STRETCH, Quantities, mounting_names
@@ -31,7 +37,8 @@ from biaxbayes.text_files import atomic_write_text, write_csv
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
 
-RESULTS, REPORT, README = "results.json", "report.csv", "README.txt"
+RESULTS, REPORT, STRESSES = "results.json", "report.csv", "report-stresses.csv"
+README = "README.txt"
 DIGITS, STORED_DIGITS = 8, 12
 """Significant digits of the exported tables and of results.json."""
 TABLES = {
@@ -39,12 +46,15 @@ TABLES = {
     "it trades with, and which ends of its range stay open (prior and posterior within the law).",
     "law_fits": "law-fits.csv: every material law fitted to the same record. Laws that fit it "
     "and disagree on a mounting stretch are why it has no value.",
-    "determined": "determined.csv: stresses, stiffnesses and structure tensors. The data can fix "
-    "these where they leave single parameters open.",
+    "determined": "determined.csv: stresses, stiffnesses and structure tensors within the law. The "
+    "data can fix these where they leave single parameters open. The stresses to report are in "
+    "report-stresses.csv.",
     "same_curves": "same-curves.csv: sets of parameters that give the same curves.",
     "checks": "misfit.csv: by how much the law misses each curve, beside the noise of a reading.",
 }
 """The tables of evidence, and the sentence on what each shows."""
+LITTLE = 1.0 / 3.0
+"""A test that determines at most this share of its parameters is said to determine little."""
 
 
 def file_of(table: str) -> str:
@@ -113,6 +123,35 @@ class RunResult:
             if row.name == name:
                 return row
         raise KeyError(name)
+
+    @property
+    def little_determined(self) -> str:
+        """Sentence on a test that determines at most a third of its parameters; else empty."""
+        if self.state != "converged" or not self.reported:
+            return ""
+        known = [r for r in self.reported if r.verdict in (IDENTIFIED, BOUNDED)]
+        if len(known) > len(self.reported) * LITTLE:
+            return ""
+        names = f" ({listed([r.name for r in known])})" if known else ""
+        return (
+            f"this test determines {len(known) or 'none'} of {len(self.reported)} parameters"
+            f"{names}: do not compare the others with those of other specimens, and use no single "
+            "set of values as the material"
+        )
+
+    @property
+    def stresses(self) -> pd.DataFrame:
+        """The stresses to report, as in ``report-stresses.csv``: median and 90 % interval.
+
+        The intervals hold the inferred error and, at total stretches, the uncertainty of the
+        mounting stretch.
+        """
+        if self.determined.empty:
+            return pd.DataFrame()
+        ends = {"tissue_low_90": "low", "tissue_high_90": "high"}
+        table = self.determined[self.determined["tissue_low_90"].notna()].rename(columns=ends)
+        columns = ["quantity", "unit", "stretch_x", "stretch_y", "median", "low", "high"]
+        return table[columns].reset_index(drop=True)
 
     @property
     def rows(self) -> list[ReportRow]:
@@ -238,9 +277,15 @@ def write_result(result: RunResult, folder: Path) -> list[str]:
     text = json.dumps(as_record(result), indent=1, ensure_ascii=False, allow_nan=False)
     atomic_write_text(folder / RESULTS, text + "\n")
     write_csv(folder / REPORT, result.to_frame(), digits=DIGITS)
+    names = [RESULTS, REPORT]
+    if result.stresses.empty:
+        (folder / STRESSES).unlink(missing_ok=True)
+    else:
+        write_csv(folder / STRESSES, result.stresses, digits=DIGITS)
+        names.append(STRESSES)
     evidence = folder / EVIDENCE
     evidence.mkdir(exist_ok=True)
-    names = [RESULTS, REPORT, f"{EVIDENCE}/{README}"]
+    names.append(f"{EVIDENCE}/{README}")
     lines = ["What the reported table rests on. No interval here is the one to report.", ""]
     for name, sentence in TABLES.items():
         table: pd.DataFrame = getattr(result, name)
@@ -296,7 +341,7 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
     try:
         plain = {name: str(record[name]) for name in PLAIN}
         tables = {name: _table(record["evidence"][name]) for name in TABLES}
-        reported = tuple(_reported(r, quantities) for r in record["reported"])
+        reported = tuple(_reported(r, quantities, plain["state"]) for r in record["reported"])
         values: dict[str, Any] = {**plain, **tables}
         result = RunResult(
             reported=reported,
@@ -321,10 +366,12 @@ def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path
     return result
 
 
-def _reported(record: Mapping[str, Any], quantities: Quantities) -> Reported:
+def _reported(record: Mapping[str, Any], quantities: Quantities, state: str) -> Reported:
     low, high = (math.nan if record[k] is None else float(record[k]) for k in ("low", "high"))
     verdict = str(record["verdict"])
-    if verdict not in VERDICTS:
+    if state != "converged":
+        verdict = NO_VERDICT  # runs of earlier versions have "not identified" here
+    if verdict not in (*VERDICTS, NO_VERDICT):
         raise ValueError(f"no verdict {verdict:.40}")
     return Reported(
         quantities[str(record["name"])].name,

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from biaxbayes.runs.result import RunResult
 
 
-# --- summary.csv: what ArviZ would say of the draws ----------------------------------------------
+# --- summary.csv: ArviZ's summary of the draws within the law -------------------------------------
 
 COLUMNS = (
     "parameter",
@@ -56,6 +56,7 @@ COLUMNS = (
     "ess_tail",
     "rhat",
     "posterior_within",
+    "to_report",
 )
 
 
@@ -66,7 +67,7 @@ def summarise(
     convergence: Convergence,
     law: str,
 ) -> pd.DataFrame:
-    """Summary table: the posterior within the law, which is not yet what to report of the tissue.
+    """ArviZ's summary of the draws within the law; ``report.csv`` has what to report.
 
     Where the chains are ``tentative`` the effective sample sizes are left empty, where they are
     ``unusable`` every number but R-hat is.
@@ -87,6 +88,7 @@ def summarise(
         draws = quantities[name]
         row: dict[str, object] = dict.fromkeys(COLUMNS, np.nan)
         row |= {"parameter": name, "unit": known[name].unit, "posterior_within": law}
+        row["to_report"] = "report.csv"
         i = position.get(name)
         if convergence.state != "unusable" and draws.size:
             q05, q50, q95 = np.quantile(draws, [0.05, 0.5, 0.95])

@@ -66,7 +66,7 @@ def command(run: Path, as_json: bool, no_figure: bool) -> int:
         for line in row_lines(result.rows):
             click.echo(line)
         click.echo("")
-        more = [result.fit, result.advice, *result.warnings]
+        more = [result.fit, result.little_determined, result.advice, *result.warnings]
         if result.directions:
             more += [result.directions[0]["in_words"], result.same_curves_in_words]
         for text in filter(None, more):
