@@ -547,7 +547,7 @@ def test_density_is_finite_or_minus_infinity(
     out = kernel.log_density(assembly.problem, u, counts)
     assert not np.isnan(out).any() and not np.isposinf(out).any()
     assert counts.sum() == len(u) and counts[0] == np.isfinite(out).sum()
-    total, likelihood, natural = kernel.evaluate(assembly.problem, u)
+    total, likelihood, _, natural = kernel.evaluate(assembly.problem, u)
     np.testing.assert_array_equal(total, out)
     assert not np.isnan(likelihood).any()
     assert np.isfinite(natural[np.isfinite(out)]).all()

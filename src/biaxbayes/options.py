@@ -301,6 +301,26 @@ class Settings(Options):
         return self.mounting in INFERRING
 
     @property
+    def shared(self) -> bool:
+        """Whether all protocols start from one mounted state."""
+        return self.mounting_stretch == "shared"
+
+    @property
+    def reads_force(self) -> bool:
+        """Whether the mounting force is a reading with an error."""
+        return self.mounting in ("noisy", "free")
+
+    @property
+    def fit_mounting(self) -> str:
+        """The mounting mode of a least-squares fit with the same data."""
+        return "noisy" if self.mounting == "free" else self.mounting
+
+    @property
+    def fixed_material(self) -> dict[str, float]:
+        """Fixed parameters of the law, natural units."""
+        return {k: v for k, v in self.fixed.items() if k in self.material_law.names}
+
+    @property
     def fixed(self) -> dict[str, float]:
         """Fixed parameters, natural units."""
         return {k: float(v) for k, v in self.priors.items() if isinstance(v, int | float)}

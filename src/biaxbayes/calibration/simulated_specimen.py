@@ -63,7 +63,7 @@ class Rules:
     @property
     def shared(self) -> bool:
         """One mounted state for all protocols."""
-        return self.settings.mounting_stretch == "shared"
+        return self.settings.shared
 
 
 @dataclass(frozen=True)

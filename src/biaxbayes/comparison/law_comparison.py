@@ -155,7 +155,6 @@ def sample_part(task: Task) -> Prediction:
     residuals: tuple[np.ndarray, ...] = ()
     try:
         posterior = prepare(shown, law=task.law, seed=task.seed, **task.options)
-        assert posterior.fit is not None
         rmse, residuals = posterior.fit.rmse_kPa, posterior.fit.residuals
         plan = Plan(ess=task.ess, max_steps=task.max_steps, seed=task.seed, workers=1)
         drawn = draw_posterior(posterior, plan)

@@ -167,7 +167,7 @@ def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> Law
     """Least squares of laws to the record of a posterior, its own with the options of the run."""
     settings = posterior.settings
     run = {
-        "fixed": {k: v for k, v in settings.fixed.items() if k in posterior.law.names},
+        "fixed": settings.fixed_material,
         "fibre_switch": settings.fibre_switch,
         "weighted": settings.noise == "effective",
         "prior_sd": _prior_sds(posterior),
@@ -175,7 +175,7 @@ def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> Law
     return fit_laws(
         posterior.specimen,
         laws,
-        mounting="noisy" if settings.mounting == "free" else settings.mounting,
+        mounting=settings.fit_mounting,
         mounting_stretch=settings.mounting_stretch,
         own={settings.law: run},
     )

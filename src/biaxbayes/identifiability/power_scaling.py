@@ -136,11 +136,9 @@ def log_prior(scales: tuple[Scale, ...], draws: pd.DataFrame) -> np.ndarray:
 def log_likelihood(posterior: Posterior, draws: pd.DataFrame) -> np.ndarray:
     """Log likelihood of the curves (tempered) and of the mounting readings, up to a constant."""
     total = draws["log_likelihood"].to_numpy(dtype=float).copy()
-    if posterior.settings.mounting not in ("noisy", "free"):
+    if not posterior.settings.reads_force:
         return total
-    reading, sd = posterior.specimen.mounting_readings(
-        shared=posterior.settings.mounting_stretch == "shared"
-    )
+    reading, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
     columns: Mapping[str, pd.Series] = {str(c): draws[c] for c in draws.columns}
     for m, label in enumerate(posterior.mounts):
         for k, name in enumerate(mounting_names("force", label)):

@@ -138,7 +138,7 @@ class _Ridge:
         self.balanced = settings.infers_mounting
         self.values = tuple(float(draw[n]) for n in names)
         self.origin = self.law.point(self.values)
-        data = readings(specimen, shared=settings.mounting_stretch == "shared")
+        data = readings(specimen, shared=settings.shared)
         if self.balanced:
             labels = mounting_labels(draw.to_frame().T, specimen)
             names_of = [mounting_names("force", label) for label in labels]

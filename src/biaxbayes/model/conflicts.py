@@ -9,7 +9,7 @@ import numpy as np
 
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import deterministic_fit, modal_residuals, stated_priors
+from biaxbayes.model.preparation import modal_residuals, stated_priors
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import DEGREE
 from biaxbayes.specimens.findings import Finding
@@ -89,7 +89,7 @@ def prior_findings(posterior: Posterior) -> list[Finding]:
     if not priors:
         return []
     specimen = posterior.specimen
-    fit = deterministic_fit(posterior)
+    fit = posterior.fit
     fitted = dict(zip(posterior.law.names, fit.material.values, strict=True))
     for axis in (0, 1):
         fitted[f"mounting_stretch_{'xy'[axis]}"] = float(np.mean(fit.mounting_stretch[:, axis]))

@@ -223,31 +223,34 @@ def _curves(problem, value, constants, p, x, y, sx, sy):
 
 @njit(error_model="numpy", nogil=True, **WITHIN)
 def _density(problem, u, value):
-    """(log density, log likelihood of the curves, reason); natural values into ``value``."""
+    """(log density, log likelihood of the curves, log Jacobian of the coordinates, reason).
+
+    Natural values are written into ``value``.
+    """
     o = problem.size
     for i in range(problem.slot.size):
         value[i] = u[problem.slot[i]] if problem.slot[i] >= 0 else problem.fixed[i]
-    total = to_natural(problem.coordinates, value)
+    total = jacobian = to_natural(problem.coordinates, value)
     for i in range(o):
         if problem.tie[i] >= 0:
             value[i] = value[problem.tie[i]] + problem.tie_log_factor[i]
     if not np.isfinite(total):
-        return -np.inf, -np.inf, OUT_OF_RANGE
+        return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
     for i in range(o + MOUNTING):
         x = value[i] * problem.per_unit[i]
         total += log_prior(problem.prior_kind[i], problem.prior[i], x)
     if not np.isfinite(total):
-        return -np.inf, -np.inf, OUT_OF_RANGE
+        return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
     for i in range(o + MOUNTING):
         if problem.logarithmic[i]:
             value[i] = np.exp(value[i])
     for i in range(o):
         if not np.isfinite(value[i]):
-            return -np.inf, -np.inf, OVERFLOW
+            return -np.inf, -np.inf, jacobian, OVERFLOW
     constants = constants_at(problem.coordinates, value)
     sx, sy = sections(problem.area, value[o + EDGE_X], value[o + EDGE_Y], value[o + THICKNESS])
     if not (sx > 0.0 and sy > 0.0):
-        return -np.inf, -np.inf, OUT_OF_RANGE
+        return -np.inf, -np.inf, jacobian, OUT_OF_RANGE
     likelihood = 0.0
     done = -1
     x = y = 0.0
@@ -257,24 +260,46 @@ def _density(problem, u, value):
             x, y, logp, reason = _mounted_state(problem, value, constants, done, sx, sy)
             total += logp
             if not np.isfinite(total):
-                return -np.inf, -np.inf, reason if reason != INSIDE else OUT_OF_RANGE
+                return -np.inf, -np.inf, jacobian, reason if reason != INSIDE else OUT_OF_RANGE
         likelihood += _curves(problem, value, constants, p, x, y, sx, sy)
     total += likelihood
     if not np.isfinite(total):
-        return -np.inf, -np.inf, OVERFLOW
-    return total, likelihood, INSIDE
+        return -np.inf, -np.inf, jacobian, OVERFLOW
+    return total, likelihood, jacobian, INSIDE
 
 
 @compiled(error_model="numpy", nogil=True)
 def _walkers(problem, u, rejected):
-    """Log density, tempered log likelihood and natural values of each walker; counts reasons."""
+    """The arrays of :class:`Evaluation` for each walker; counts the reasons."""
     n = u.shape[0]
-    total, likelihood = np.empty(n), np.empty(n)
+    total, likelihood, jacobian = np.empty(n), np.empty(n), np.empty(n)
     natural = np.empty((n, problem.slot.size))
     for i in range(n):
-        total[i], likelihood[i], reason = _density(problem, u[i], natural[i])
+        total[i], likelihood[i], jacobian[i], reason = _density(problem, u[i], natural[i])
         rejected[reason] += 1
-    return total, likelihood, natural
+    return total, likelihood, jacobian, natural
+
+
+class Evaluation(NamedTuple):
+    """The density and what it is made of, at the coordinates of each walker.
+
+    Attributes
+    ----------
+    log_density : ndarray, shape (walkers,)
+        In the sampling coordinates; finite or -inf.
+    log_likelihood : ndarray, shape (walkers,)
+        Tempered log likelihood of the curves.
+    log_jacobian : ndarray, shape (walkers,)
+        ln |d slots / d sampling coordinates|: the log density less it is that in slots.
+    natural : ndarray, shape (walkers, s)
+        Parameters of the law (angles in radians), noise sd, growth, edge, thickness and offset
+        factors, then the mounting *stretches*.
+    """
+
+    log_density: np.ndarray
+    log_likelihood: np.ndarray
+    log_jacobian: np.ndarray
+    natural: np.ndarray
 
 
 def log_density(problem: Problem, u: np.ndarray, rejected: np.ndarray) -> np.ndarray:
@@ -295,15 +320,6 @@ def log_density(problem: Problem, u: np.ndarray, rejected: np.ndarray) -> np.nda
     return np.asarray(_walkers(problem, u, rejected)[0])
 
 
-def evaluate(problem: Problem, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Log density, tempered log likelihood and natural values of each walker.
-
-    Returns
-    -------
-    log_density, log_likelihood : ndarray, shape (walkers,)
-    natural : ndarray, shape (walkers, s)
-        Parameters of the law (angles in radians), noise sd, growth, edge, thickness and offset
-        factors, then the mounting *stretches*.
-    """
-    total, likelihood, natural = _walkers(problem, u, np.zeros(4, dtype=np.int64))
-    return total, likelihood, natural
+def evaluate(problem: Problem, u: np.ndarray) -> Evaluation:
+    """The density of each walker with likelihood, Jacobian and natural values."""
+    return Evaluation(*_walkers(problem, u, np.zeros(1 + len(REASONS), dtype=np.int64)))

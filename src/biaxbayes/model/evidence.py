@@ -110,9 +110,7 @@ def _mounting_reading(posterior: Posterior) -> float | None:
     offset = any(name.startswith("load_offset") for name in posterior.free)
     if posterior.settings.mounting != "ignored" or offset:
         return None
-    reading, sd = posterior.specimen.mounting_readings(
-        shared=posterior.settings.mounting_stretch == "shared"
-    )
+    reading, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
     if not (sd > 0.0).all():
         return None
     # lm = 1 carries no force: ln N(f0 | 0, s0)

@@ -19,7 +19,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
 from biaxbayes.laws.law import Law, SamplingLayout
-from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem, evaluate
+from biaxbayes.model.density import FORCE, MOUNTING, REFERENCE, STRETCH, Problem
 from biaxbayes.model.priors import Prior, Tie, default_priors
 from biaxbayes.options import Settings
 from biaxbayes.parameters import (
@@ -116,7 +116,7 @@ def assemble(
     law = settings.material_law
     data = specimen.zeroed() if settings.mounting == "zeroed" else specimen
     thinned = thinned_specimen(data, settings.thin)
-    shared = settings.mounting_stretch == "shared"
+    shared = settings.shared
     states = ("",) if shared else tuple(p.name for p in specimen.protocols)
     quantities = Quantities(law.parameters, states, specimen.unit)
     reading, reading_sd = specimen.mounting_readings(shared=shared)
@@ -143,7 +143,7 @@ def assemble(
             kinds[i], table[i] = prior.encode(log_scale=p.logarithmic)
             # stated per unit of the table, sampled per unit of the slot
             table[i][4] += math.log(_per_unit(p))
-            if i < first or settings.mounting in ("noisy", "free"):
+            if i < first or settings.reads_force:
                 slot[i] = len(free)
                 free.append(name)
         elif isinstance(prior, Tie):
@@ -181,7 +181,7 @@ def assemble(
         mounted=specimen.geometry == "mounted",
         determinant=determinant,
         reading=reading,
-        reading_sd=reading_sd if settings.mounting in ("noisy", "free") else 0.0 * reading_sd,
+        reading_sd=reading_sd if settings.reads_force else 0.0 * reading_sd,
         area=specimen.area,
         # an averaged row counts as the rows that it stands for
         beta=np.asarray(beta, dtype=float) * np.array(thinned.weight)[:, None] * np.ones(2),
@@ -207,7 +207,7 @@ def _check(specimen: Specimen, settings: Settings) -> None:
             remedy="use `mounting=free`",
         )
     away = [p.name for p in specimen.protocols if p.rest_rows == 0]
-    if away and settings.mounting_stretch != "shared":
+    if away and not settings.shared:
         raise InputError(
             f"protocol {away[0][:40]!r} does not start at the mounted state, so it has no mounting "
             "stretch of its own",
@@ -307,26 +307,22 @@ def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
 # --- between sampling coordinates and natural quantities of draws --------------------------------
 
 
-def natural_values(assembly: Assembly, u: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Weighted log likelihood of the curves, and every slot and mounting force by name.
+def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
+    """Every slot and mounting force by name, shape (n,) each.
+
+    In the units of the parameter table; forces in the unit of the file's stress pair.
 
     Parameters
     ----------
+    natural : ndarray, shape (n, s)
+        As in :class:`~biaxbayes.model.density.Evaluation`.
     u : ndarray, shape (n, d)
-
-    Returns
-    -------
-    log_likelihood : ndarray, shape (n,)
-    values : dict of ndarray, shape (n,)
-        In the units of the parameter table; forces in the unit of the file's stress pair.
+        Sampling coordinates.
     """
-    _, likelihood, value = evaluate(assembly.problem, u)
-    out: dict[str, np.ndarray] = {}
-    for i, name in enumerate(assembly.slots):
-        out[name] = value[:, i] * assembly.problem.per_unit[i]
     problem = assembly.problem
+    out = {name: natural[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}
     if problem.mounting_mode == REFERENCE:
-        return likelihood, out
+        return out
     forward = ForwardModel(assembly.law, problem.area, problem.mounted)
     for m, state in enumerate(assembly.mounts):
         names = mounting_names("force", state)
@@ -339,7 +335,7 @@ def natural_values(assembly: Assembly, u: np.ndarray) -> tuple[np.ndarray, dict[
             i = problem.slot[place]
             reading = problem.fixed[place] - out[f"load_offset_{'xy'[k]}"]
             out[name] = u[:, i].copy() if i >= 0 else reading
-    return likelihood, out
+    return out
 
 
 def sampling_coordinates(assembly: Assembly, parameters: Mapping[str, Any]) -> np.ndarray:

@@ -1,8 +1,8 @@
 """The joint posterior of the material parameters, the mounted state and the noise.
 
-Posteriors are immutable: the constructor runs no fit, and evaluation has no side effects. What has
-to be fitted or estimated first - the deterministic fit, the weight of the likelihood, the chart -
-is given to it; :func:`.preparation.prepare` makes all three.
+Posteriors are immutable: the constructor runs no fit, and evaluation has no side effects. The
+weight of the likelihood and the constants of the sampling coordinates are given to it;
+:func:`.preparation.prepare` estimates both from the least-squares fit.
 """
 
 from __future__ import annotations
@@ -11,12 +11,14 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import EffectiveReadings
+from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel, MeasuredRows
 from biaxbayes.laws import law_named
 from biaxbayes.laws.dispersed_fibres import DEFAULT_SOFTENING
@@ -36,9 +38,6 @@ from biaxbayes.parameters import Quantities, Quantity
 from biaxbayes.sampling.target import Target, bounds_array
 from biaxbayes.specimens.path import ThinnedSpecimen, rows_to_keep, thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
-
-if TYPE_CHECKING:
-    from biaxbayes.fitting.result import FitResult
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class Posterior:
     chart : Chart, optional
         Constants of the sampling coordinates.
     fit : FitResult, optional
-        The deterministic fit that the posterior was prepared from, for later steps.
+        The least-squares fit, where it is known.
     readings : EffectiveReadings, optional
         Effective number of readings; used for ``beta`` if ``beta`` is not given.
     determinant : bool
@@ -138,10 +137,35 @@ class Posterior:
             )
         self.beta = 1.0 if beta is None else float(beta)
         self.readings = readings
-        self.fit = fit
+        if fit is not None:
+            self.fit = fit
         self.chart = chart or Chart()
         self.determinant = determinant
         self.assembly = self._assemble(sampling=True)
+
+    @cached_property
+    def fit(self) -> FitResult:
+        """The least-squares fit of the settings, without priors; computed on first use."""
+        return self.least_squares()
+
+    def least_squares(self, seed: int = 0) -> FitResult:
+        """Least-squares fit with the mounting constraint, fixed parameters and law of the settings.
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the random starting points.
+        """
+        return constrained_fit(
+            self.specimen,
+            mounting=self.settings.fit_mounting,
+            weighted=self.settings.noise == "effective",
+            mounting_stretch=self.settings.mounting_stretch,
+            fixed={k: v for k, v in self.settings.fixed.items() if k != "noise_sd"},
+            seed=seed,
+            law=self.settings.law,
+            fibre_switch=self.settings.fibre_switch,
+        )
 
     # --- layout ---
 
@@ -182,13 +206,13 @@ class Posterior:
     def replaced(self, **changes: Any) -> Posterior:
         """Another posterior with some arguments of the constructor changed."""
         own = ("beta", "chart", "fit", "readings", "determinant")
-        given = self.options() | {name: getattr(self, name) for name in own}
+        given = self.options() | {name: vars(self).get(name) for name in own}
         return Posterior(self.specimen, **{**given, **changes})
 
     def _check_noise(self) -> None:
-        if self.settings.mounting not in ("noisy", "free"):
+        if not self.settings.reads_force:
             return
-        _, sd = self.specimen.mounting_readings(shared=self.settings.mounting_stretch == "shared")
+        _, sd = self.specimen.mounting_readings(shared=self.settings.shared)
         if np.any(sd <= 0.0):
             raise InputError(
                 "the file has no load noise, so the mounting force cannot be noisy",
@@ -347,11 +371,13 @@ class Posterior:
         ``log_likelihood`` the tempered log likelihood of the curves.
         """
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)
-        likelihood, values = natural_values(self.assembly, u)
+        at = density.evaluate(self.assembly.problem, u)
+        values = natural_values(self.assembly, at.natural, u)
         out = {name: values[name] for name in self.parameter_names}
-        out["log_likelihood"] = likelihood
-        out["lp"] = np.atleast_1d(self.log_density(out)) if self.assembly.free else likelihood
-        return out
+        return out | {
+            "log_likelihood": at.log_likelihood,
+            "lp": at.log_density - at.log_jacobian if self.assembly.free else at.log_likelihood,
+        }
 
     def coordinates(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Sampling coordinates of natural parameters, shape (n, d); inverse of :meth:`natural`."""

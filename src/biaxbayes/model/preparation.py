@@ -1,4 +1,4 @@
-"""What a posterior is given before it can be sampled: a fit, the weight of the curves, a chart.
+"""Prepare a posterior for sampling: fit, effective readings, sampling coordinates, starting point.
 
 The weight of the curves is read from the residuals of the deterministic fit, which uses no priors.
 With priors of the user, and with a noise that grows with the load, the residuals of the sampled
@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.fitting.effective_readings import EffectiveReadings, effective_readings
-from biaxbayes.fitting.fit import constrained_fit
-from biaxbayes.fitting.result import FitResult
 from biaxbayes.model.posterior import Chart, Posterior
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import FORCE, STRETCH, mounting_names
@@ -42,49 +40,24 @@ def prepare(
     Returns
     -------
     Posterior
-        With its ``fit``, its ``readings`` where they were estimated, and its chart laid out
-        around the fit.
+        With its ``fit``, its ``readings`` where they were estimated, and sampling
+        coordinates that suit the fit.
 
     Raises
     ------
     InputError
         If the options do not fit the specimen.
     """
-    # Options, priors and mounted states are the same whatever the weight.
     unweighted = Posterior(specimen, **options, beta=1.0 if beta is None else beta)
-    posterior = fitted(unweighted, seed)
+    posterior = unweighted.replaced(fit=unweighted.least_squares(seed))
     if beta is None and posterior.settings.noise != "independent":
         readings = sampled_readings(posterior)
         posterior = posterior.replaced(beta=readings.beta, readings=readings)
     return charted(posterior)
 
 
-def deterministic_fit(posterior: Posterior, seed: int = 0) -> FitResult:
-    """The fit that a posterior holds, or else a new one in the posterior's own residual."""
-    if posterior.fit is not None:
-        return posterior.fit
-    settings = posterior.settings
-    return constrained_fit(
-        posterior.specimen,
-        mounting="noisy" if settings.mounting == "free" else settings.mounting,
-        weighted=settings.noise == "effective",
-        mounting_stretch=settings.mounting_stretch,
-        fixed={k: v for k, v in settings.fixed.items() if k != "noise_sd"},
-        seed=seed,
-        law=settings.law,
-        fibre_switch=settings.fibre_switch,
-    )
-
-
-def fitted(posterior: Posterior, seed: int = 0) -> Posterior:
-    """The same posterior with its deterministic fit."""
-    if posterior.fit is not None:
-        return posterior
-    return posterior.replaced(fit=deterministic_fit(posterior, seed))
-
-
 def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
-    """The same posterior, its sampling coordinates laid out around its deterministic fit.
+    """The same posterior with the sampling coordinates that suit its least-squares fit.
 
     Stored coordinates can only be read with the reference stretch and softening they were written
     with.
@@ -92,22 +65,20 @@ def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
     Parameters
     ----------
     softening : float, optional
-        Scale of the chart near isotropy; default that of the fit's own material.
+        Scale of the sampling coordinates near isotropy; default that of the fitted material.
     """
-    posterior = fitted(posterior)
-    fit = posterior.fit
-    assert fit is not None
     if softening is None:
         law = posterior.law
-        softening = law.softening(dict(zip(law.names, fit.material.values, strict=True)))
-    return posterior.replaced(chart=Chart(softening, _reference_stretch(posterior, fit)))
+        fitted = dict(zip(law.names, posterior.fit.material.values, strict=True))
+        softening = law.softening(fitted)
+    return posterior.replaced(chart=Chart(softening, _reference_stretch(posterior)))
 
 
-def _reference_stretch(posterior: Posterior, fit: FitResult) -> tuple[float, float] | None:
+def _reference_stretch(posterior: Posterior) -> tuple[float, float] | None:
     """Largest total stretch at the fitted mounting stretch; one constant per specimen."""
     if not posterior.settings.infers_mounting:
         return None
-    lm = np.clip(np.max(fit.mounting_stretch, axis=0), 1.0, 1.5)
+    lm = np.clip(np.max(posterior.fit.mounting_stretch, axis=0), 1.0, 1.5)
     tops = [(p.stretch_x.max(), p.stretch_y.max()) for p in posterior.specimen.protocols]
     x, y = np.max(tops, axis=0) * lm
     return x, y
@@ -118,8 +89,7 @@ def _reference_stretch(posterior: Posterior, fit: FitResult) -> tuple[float, flo
 
 def start_parameters(posterior: Posterior) -> dict[str, float]:
     """Natural parameters of the deterministic fit, moved off the bounds of their ranges."""
-    fit = deterministic_fit(posterior)
-    specimen = posterior.specimen
+    fit, specimen = posterior.fit, posterior.specimen
     rms = float(np.sqrt(np.mean(np.concatenate(fit.residuals) ** 2)))
     law = posterior.law
     out: dict[str, float] = {
@@ -160,13 +130,10 @@ def sampled_readings(posterior: Posterior) -> EffectiveReadings:
     posterior : Posterior
         Whatever its ``beta`` is.
     """
-    posterior = fitted(posterior)
-    fit = posterior.fit
-    assert fit is not None
-    readings = effective_readings(fit.residuals)
+    readings = effective_readings(posterior.fit.residuals)
     if not posterior.settings.noise_growth and not stated_priors(posterior):
         return readings
-    chart = Chart(reference_stretch=_reference_stretch(posterior, fit))
+    chart = Chart(reference_stretch=_reference_stretch(posterior))
     provisional = posterior.replaced(thin=0, beta=readings.beta, chart=chart)
     return effective_readings(*modal_residuals(provisional))
 

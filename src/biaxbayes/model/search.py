@@ -48,8 +48,8 @@ def draw_posterior(
     Parameters
     ----------
     posterior : Posterior
-        It is laid out around its deterministic fit, which is made if it holds none; the draws'
-        ``target`` is the density in the chart that was drawn in.
+        Its sampling coordinates are chosen around its least-squares fit; the draws' ``target`` has
+        the coordinates that were drawn in.
     state : State, optional
         Continue from here rather than from the start.
     on_block, progress, stop
@@ -162,13 +162,12 @@ def _extra_starts(
     """Sampling coordinates of materials that fit in other ways than the best fit, (n, d)."""
     settings = posterior.settings
     law = posterior.law
-    fixed = {k: v for k, v in settings.fixed.items() if k in law.names}
-    point, free = fixed_and_free(fixed, law)
+    point, free = fixed_and_free(settings.fixed_material, law)
     if not free.size:
         return np.empty((0, posterior.dimension))
     data = readings(
         posterior.specimen,
-        shared=settings.mounting_stretch == "shared",
+        shared=settings.shared,
         zeroed=settings.mounting == "zeroed",
     )
     materials, stretches = screened_points(
@@ -188,9 +187,7 @@ def _extra_starts(
 
 def _spread(posterior: Posterior) -> np.ndarray:
     """Width of the dispersed starts in each sampling coordinate."""
-    _, sd = posterior.specimen.mounting_readings(
-        shared=posterior.settings.mounting_stretch == "shared"
-    )
+    _, sd = posterior.specimen.mounting_readings(shared=posterior.settings.shared)
     widths = posterior.law.coordinate_widths(posterior.coordinate_constants)
     out = []
     for q in posterior.sampled:

@@ -266,12 +266,12 @@ def standard_candidates(
     top = np.max([[p.stretch_x.max(), p.stretch_y.max()] for p in specimen.protocols], axis=0) - 1.0
     rows = int(np.mean([p.rows - p.rest_rows for p in specimen.protocols]))
     beta, rows_planned = posterior.beta, min(rows, MOST_ROWS)
-    mounting_sd = specimen.noise_sd if settings.mounting in ("noisy", "free") else 0.0
+    mounting_sd = specimen.noise_sd if settings.reads_force else 0.0
 
     def protocol(name: str, end: np.ndarray) -> FurtherProtocol:
         path = 1.0 + np.linspace(0.0, 1.0, rows_planned + 1)[:, None] * end
         weight = min(1.0, beta * rows / rows_planned)
-        shared = settings.mounting_stretch == "shared"
+        shared = settings.shared
         law = settings.material_law
         return FurtherProtocol(name, specimen, path, weight, mounting_sd, law, shared)
 

@@ -137,7 +137,7 @@ def make_individual(source: Source, values: Sequence[PooledValue], ensembles: in
     kinds, rows = _priors(posterior, values)
 
     def density(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        log, _, natural = kernel.evaluate(problem, u)
+        log, _, _, natural = kernel.evaluate(problem, u)
         pooled = natural[:, at] * per_unit
         with np.errstate(divide="ignore", invalid="ignore"):
             pooled[:, logs] = np.log(pooled[:, logs])

@@ -194,7 +194,7 @@ def _groups(posterior: Posterior, draws: Draws, seed: int) -> dict[str, xr.Datas
     rows = {"row": np.arange(len(measured.load)), "direction": ["x", "y"]}
     plane, reading = ("row", "direction"), ("mount", "direction")
     mounting_reading, mounting_reading_sd = posterior.specimen.mounting_readings(
-        shared=posterior.settings.mounting_stretch == "shared"
+        shared=posterior.settings.shared
     )
     constant = {
         "stretch": (plane, measured.stretch, {"units": "1"}),

@@ -26,7 +26,7 @@ from biaxbayes.identifiability.fit_quality import swapped_columns
 from biaxbayes.laws import law_named
 from biaxbayes.model.conflicts import bracket_findings, prior_findings, radian_findings
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import deterministic_fit, prepare
+from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import INFERRING, ModelOptions, SamplingPlan, takes_options
 from biaxbayes.parameters import STRETCH
@@ -172,7 +172,7 @@ class Sampling:
         posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
         swapped = swapped_columns(
             posterior.specimen,
-            deterministic_fit(posterior).residuals,
+            posterior.fit.residuals,
             law=posterior.settings.law,
             fibre_switch=posterior.settings.fibre_switch,
         )
@@ -261,7 +261,7 @@ class Sampling:
             draws.convergence,
             posterior.law.called,
         )
-        atomic_write_text(folder / "fit.json", record_text([deterministic_fit(posterior).record()]))
+        atomic_write_text(folder / "fit.json", record_text([posterior.fit.record()]))
         write_summary(folder / "summary.csv", table)
         run = Run(folder, record).with_draws(draw_table(draws.quantities))
         write_products(folder, posterior, draws, table, record["convergence"], run.findings)

@@ -86,10 +86,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     """
     if not posterior.settings.infers_mounting:
         return None
-    from biaxbayes.model.preparation import deterministic_fit, fitted
-
-    posterior = fitted(posterior)
-    if not misses_somewhere(deterministic_fit(posterior).residuals):
+    if not misses_somewhere(posterior.fit.residuals):
         return None
     work = _Work(posterior)
     full = work.full
@@ -101,7 +98,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
         label: fit for label, part in parts.items() if (fit := work.fit(part)).converged
     }
     stretch: dict[str, np.ndarray] = {}
-    shared = posterior.settings.mounting_stretch == "shared"
+    shared = posterior.settings.shared
     for i, label in enumerate(posterior.mounts):
         alone = [_state(label_, fit, i, label, shared) for label_, fit in fits.items()]
         for axis, name in enumerate(mounting_names("stretch", label)):
@@ -151,16 +148,14 @@ class _Work:
         return self.fit(self.data)
 
     def fit(self, part: Specimen) -> FitResult:
-        from biaxbayes.model.preparation import deterministic_fit
-
         settings = self.posterior.settings
         return constrained_fit(
             part,
-            mounting="noisy" if settings.mounting == "free" else settings.mounting,
+            mounting=settings.fit_mounting,
             mounting_stretch=settings.mounting_stretch,
-            fixed={k: v for k, v in settings.fixed.items() if k in self.posterior.law.names},
+            fixed=settings.fixed_material,
             starts=STARTS,
-            initial=deterministic_fit(self.posterior).material,
+            initial=self.posterior.fit.material,
             law=settings.law,
             fibre_switch=settings.fibre_switch,
         )
@@ -182,7 +177,7 @@ class _Work:
     def errors(self) -> dict[str, float]:
         """Largest miss near the mounted state over the stiffness there, as a stretch."""
         settings, full = self.posterior.settings, self.full
-        shared = settings.mounting_stretch == "shared"
+        shared = settings.shared
         data = readings(self.data, shared=shared)
         law = self.posterior.law
         point = law.point(full.material.values)

@@ -103,7 +103,7 @@ class Target:
         self.settings = settings
         self.law = settings.material_law
         self.theta = self.law.lower.size  # unknowns before the mounting stretches
-        shared = settings.mounting_stretch == "shared"
+        shared = settings.shared
         data = readings(specimen, shared=shared, zeroed=settings.mounting == "zeroed")
         self.data: Readings = data.stretched()
         self.reading = data.mounting_load
@@ -111,7 +111,7 @@ class Target:
         self.fixed = dict(fixed)
         self.rows = 2 * self.data.group.size
         self.beta = beta
-        self.reads = settings.mounting in ("noisy", "free")
+        self.reads = settings.reads_force
         self.groups = self.reading.shape[1]
         self.size = self.theta + 2 * self.groups
         top = np.full(2 * self.groups, BRACKET[1])

@@ -24,7 +24,6 @@ from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, Target
 from biaxbayes.identifiability.profile.curve import THRESHOLD, ProfileCurve, axis_of
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import deterministic_fit, fitted
 from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
 from biaxbayes.parameters import Quantities, Quantity, mounting_names, unit_words
@@ -123,7 +122,7 @@ def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 
     for name in parameters:
         _index(posterior, name)
     executor = executor_for(max(min(workers, len(parameters)), 1))
-    posterior = fitted(posterior)  # once, not in every process
+    posterior = posterior.replaced(fit=posterior.fit)  # once, not in every process
     found: dict[int, Profile] = {}
     for outcome in executor.run(partial(profile_likelihood, posterior), parameters):
         if outcome.lost:
@@ -144,7 +143,7 @@ def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
 
 def _optimum(posterior: Posterior, target: Target) -> ConditionalFit:
     """The overall best fit, from the deterministic one."""
-    start = deterministic_fit(posterior)
+    start = posterior.fit
     lm = np.clip(start.mounting_stretch, 0.9, 1.2).T
     if not posterior.settings.infers_mounting:
         lm = np.ones((2, target.groups))
