@@ -11,7 +11,11 @@ from scipy.stats import norm
 
 import biaxbayes
 from analytic_targets import TARGETS, gaussian
-from biaxbayes.model.evidence import evidence, evidence_record, log_prior_mass
+from biaxbayes.model.marginal_likelihood import (
+    log_prior_mass,
+    marginal_likelihood,
+    marginal_likelihood_record,
+)
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
@@ -95,7 +99,7 @@ def by_quadrature(posterior, grids):
 def test_two_parameters_against_quadrature(mounting):
     fixed = {"k1": 12.0, "k2": 2.0, "kappa": 0.05, "noise_sd": 0.02}
     posterior = Posterior(media(), mounting=mounting, noise="independent", priors=fixed)
-    found = evidence(posterior, draw_posterior(posterior, PLAN))
+    found = marginal_likelihood(posterior, draw_posterior(posterior, PLAN))
     grids = {"C1": np.geomspace(0.02, 60, 1500), "alpha": np.linspace(0.01, 89.99, 700)}
     expected = by_quadrature(posterior, grids)
     assert found.error < 0.05
@@ -107,7 +111,7 @@ def test_dispersion_and_angle_in_their_chart_against_quadrature():
     """The chart's Jacobian, its bounds and the prior per radian all count here."""
     fixed = {"C1": 3.0, "k2": 2.0, "noise_sd": 0.05}
     posterior = Posterior(media(), mounting="exact", noise="independent", priors=fixed)
-    found = evidence(posterior, draw_posterior(posterior, PLAN))
+    found = marginal_likelihood(posterior, draw_posterior(posterior, PLAN))
     grids = {
         "k1": np.geomspace(4, 60, 160),
         "alpha": np.linspace(0.05, 89.95, 240),
@@ -123,7 +127,7 @@ def test_the_prior_of_coupled_parameters_is_normalised():
     posterior = Posterior(
         media(), law="fung", mounting="ignored", noise="independent", priors=fixed
     )
-    result = evidence(posterior, draw_posterior(posterior, PLAN))
+    result = marginal_likelihood(posterior, draw_posterior(posterior, PLAN))
     b_xy = np.linspace(-15.0, 15.0, 2001)[1:-1]
     c = np.geomspace(0.01, 100.0, 1500)
     mesh = dict(zip(("c", "b_xy"), np.meshgrid(c, b_xy, indexing="ij"), strict=True))
@@ -145,11 +149,11 @@ def test_the_prior_of_coupled_parameters_is_normalised():
 def test_a_tempered_likelihood_has_none():
     posterior = prepare(media())
     with pytest.raises(ValueError, match="tempered"):
-        evidence(posterior, None)
-    record = evidence_record(posterior, None, 1)
+        marginal_likelihood(posterior, None)
+    record = marginal_likelihood_record(posterior, None, 1)
     assert record["log_evidence"] is None and "tempered" in record["reason"]
     averaged = Posterior(media(), noise="independent", thin=20)
-    assert "averaged" in evidence_record(averaged, None, 1)["reason"]
+    assert "averaged" in marginal_likelihood_record(averaged, None, 1)["reason"]
 
 
 @pytest.mark.long
@@ -177,7 +181,7 @@ def test_a_run_records_it_and_prestretch_can_be_judged(tmp_path):
 def test_evidence_against_a_nested_sampler():
     nautilus = pytest.importorskip("nautilus")
     posterior = Posterior(media(), mounting="free", noise="independent")
-    ours = evidence(posterior, draw_posterior(posterior, Plan(ess=10_000, workers=2)))
+    ours = marginal_likelihood(posterior, draw_posterior(posterior, Plan(ess=10_000, workers=2)))
     names = posterior.free
     widths = {"C1": (np.log(10), 2.0), "k1": (np.log(30), 2.5), "k2": (np.log(10), 2.0)}
     widths["noise_sd"] = (np.log(0.005 * media().peak_load), 1.5)

@@ -16,7 +16,7 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all
 from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, GivenMounting, readings
+from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, LoadResiduals, readings
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import mounted_state
@@ -264,7 +264,7 @@ PAIRS = [("unloaded", "force"), ("mounted", "cauchy")]
 
 @pytest.mark.parametrize(("geometry", "pair"), PAIRS)
 @pytest.mark.parametrize("quantity", ["cauchy", "load"])
-@pytest.mark.parametrize("kind", [GivenMounting, FreeMounting, BalancedMounting, "noisy"])
+@pytest.mark.parametrize("kind", [LoadResiduals, FreeMounting, BalancedMounting, "noisy"])
 def test_residual_jacobians_against_differences(geometry, pair, quantity, kind):
     lms = [(1.02, 1.008), (1.01, 1.03)]
     specimen = specimen_of(MEDIA, ratios=[(1, 1), (1, 0.6)], mountings=lms, pair=pair)
@@ -301,9 +301,9 @@ def test_descent_is_never_beaten_by_scipy_on_a_noisy_specimen():
         data = readings(specimen, shared=True, zeroed=True)
         make = (data, "load", np.zeros(5), np.arange(5), data.peak, np.ones((2, 1)), GOH_LAW)
         start = np.array([5.0, 5.0, 10.0, 0.4, 0.15])
-        ours = descend(GivenMounting(*make), start, LOWER, UPPER)
+        ours = descend(LoadResiduals(*make), start, LOWER, UPPER)
         theirs = least_squares(
-            (problem := GivenMounting(*make)).residual,
+            (problem := LoadResiduals(*make)).residual,
             start,
             problem.jacobian,
             bounds=(LOWER, UPPER),
@@ -321,7 +321,7 @@ def test_what_is_called_converged_is_stationary():
     rng = np.random.default_rng(11)
     specimen = specimen_of(MATERIALS["smoljkic-m55"].material, (1.02, 1.02))
     data = readings(specimen, shared=True)
-    problem = GivenMounting(
+    problem = LoadResiduals(
         data, "cauchy", np.zeros(5), np.arange(5), 100.0, np.ones((2, 1)), GOH_LAW
     )
     ends = []

@@ -7,7 +7,7 @@ import time
 import emcee
 import numpy as np
 
-from biaxbayes.model.evidence import evidence
+from biaxbayes.model.marginal_likelihood import marginal_likelihood
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted
 from biaxbayes.model.search import draw_posterior, search
@@ -61,7 +61,7 @@ def _beyond_criterion(posterior: Posterior, seed: int, steps: int) -> Outcome:
     ess, rhat = judged(draws)
     told = None
     if posterior.settings.noise == "independent":
-        integral = evidence(posterior, first)
+        integral = marginal_likelihood(posterior, first)
         told = (integral.log_evidence, integral.error)
     return Outcome(
         ess,

@@ -22,7 +22,7 @@ from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
 from biaxbayes.fitting.residuals import (
     BalancedMounting,
-    GivenMounting,
+    LoadResiduals,
     Readings,
     readings,
 )
@@ -120,13 +120,13 @@ class FitSetup:
         """Whether the mounting stretch is inferred."""
         return self.mounting in ("exact", "noisy")
 
-    def problem(self, scale: float | None = None) -> GivenMounting:
+    def problem(self, scale: float | None = None) -> LoadResiduals:
         """Residuals over the peak load, the reading exact; or over ``scale``, the reading noisy."""
         scaled = self.data.peak if scale is None else scale
         one = np.ones_like(self.data.mounting_load)
         common = (self.stretched, "load", self.point, self.free, scaled, one, self.law)
         if not self.balanced:
-            return GivenMounting(*common)
+            return LoadResiduals(*common)
         sd = None if scale is None else self.sd
         return BalancedMounting(*common, reading_sd=sd, compiled=self.compiled)
 
@@ -136,14 +136,14 @@ class FitSetup:
         pairs = residual[: 2 * n].reshape(2, n).T
         return [pairs[rows] for rows in self.stretched.rows]
 
-    def result(self, specimen: Specimen, problem: GivenMounting, descent: Descent) -> FitResult:
+    def result(self, specimen: Specimen, problem: LoadResiduals, descent: Descent) -> FitResult:
         """Where a descent ended, judged against the data."""
         method = "zeroed" if self.mounting == "zeroed" else "standard"
         return fit_result(
             "constrained" if self.balanced else method,
             specimen,
             self.data,
-            problem.theta(descent.unknowns),
+            problem.fit_coordinates(descent.unknowns),
             problem.mounting(descent.unknowns),
             self.free,
             iterations=descent.iterations,
@@ -213,7 +213,7 @@ def starting_points(
 
 def minimum(
     setup: FitSetup, points: Sequence[np.ndarray], **how: Any
-) -> tuple[GivenMounting, Descent]:
+) -> tuple[LoadResiduals, Descent]:
     """The problem at its final weights, and where its descent ended."""
     bounds = (setup.law.lower[setup.free], setup.law.upper[setup.free])
     descent = best_descent(setup.problem, [p[setup.free] for p in points], *bounds, **how)
@@ -224,7 +224,7 @@ def minimum(
 
 def _reweighted(
     setup: FitSetup, exact: Descent, *, steps: int = 500, tolerance: float = 1e-10, **_: Any
-) -> tuple[GivenMounting, Descent]:
+) -> tuple[LoadResiduals, Descent]:
     """Free the mounting forces; weigh rows and readings until neither w nor beta changes."""
     offsets = setup.data.mounting_load.size
     unknowns = np.concatenate([exact.unknowns, np.zeros(offsets)])

@@ -16,7 +16,7 @@ from biaxbayes.fitting.constrained import MOUNTING_STRETCH, constrained_fit, ref
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
 from biaxbayes.fitting.residuals import (
     FreeMounting,
-    GivenMounting,
+    LoadResiduals,
     Readings,
     readings,
 )
@@ -104,7 +104,7 @@ def alternate(
         root = data.forward(law).mounting_roots(point, data.mounting_load)
         has_root = bool(np.isfinite(root).all())
         new_lm = root if has_root else lm
-        problem = GivenMounting(data, "cauchy", point, free, scale, new_lm, law)
+        problem = LoadResiduals(data, "cauchy", point, free, scale, new_lm, law)
         descent = descend(
             problem,
             point[free],
@@ -112,7 +112,7 @@ def alternate(
             law.upper[free],
             tolerance=min(1e-4 * tolerance, 1e-8),
         )
-        new_point = problem.theta(descent.unknowns)
+        new_point = problem.fit_coordinates(descent.unknowns)
         change = max(
             float(np.abs(new_lm - lm).max()),
             float((np.abs(new_point - point) / (np.abs(new_point) + 1e-3)).max()),
@@ -229,10 +229,10 @@ def fit(
         upper = np.concatenate([upper, np.full(2 * groups, BRACKET[1])])
         end = best_descent(lambda: FreeMounting(*common), both, lower, upper)
         problem = FreeMounting(*common)
-        theta, lm = problem.theta(end.unknowns), problem.mounting(end.unknowns)
+        theta, lm = problem.fit_coordinates(end.unknowns), problem.mounting(end.unknowns)
     else:
-        end = best_descent(lambda: GivenMounting(*common), points[:, free], lower, upper)
-        theta, lm = GivenMounting(*common).theta(end.unknowns), one
+        end = best_descent(lambda: LoadResiduals(*common), points[:, free], lower, upper)
+        theta, lm = LoadResiduals(*common).fit_coordinates(end.unknowns), one
     return fit_result(
         method,
         specimen,

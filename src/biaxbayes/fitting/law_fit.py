@@ -23,7 +23,7 @@ from biaxbayes.fitting.constrained import (
     starting_points,
 )
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
-from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals
 from biaxbayes.fitting.smooth_misfit import pseudo_inverse, smooth_misfit
 from biaxbayes.laws import law_named
 from biaxbayes.options import FitOptions
@@ -109,10 +109,9 @@ def fit_law(
     setup = replace(setup, compiled=False)
     problem, descent = minimum(setup, starting_points(setup, starts, seed, None), **AMONG_LAWS)
     fitted = setup.result(specimen, problem, descent)
-    rms = float(np.sqrt(np.mean(np.concatenate(fitted.residuals) ** 2)))
     plain = LawFit(
         law,
-        rms,
+        fitted.rms,
         fitted.rmse_kPa,
         fitted.mounting_stretch,
         np.zeros_like(fitted.mounting_stretch),
@@ -131,7 +130,7 @@ def fit_law(
 def _with_errors(
     plain: LawFit,
     setup: FitSetup,
-    problem: GivenMounting,
+    problem: LoadResiduals,
     unknowns: np.ndarray,
     noise_sd: float,
     prior_sd: Mapping[str, float],
@@ -159,7 +158,7 @@ def _with_errors(
     sd, mounting_widening = plain.sd, None
     if isinstance(problem, BalancedMounting):
         lm = problem.mounting(unknowns)
-        state = problem.forward.response(problem.theta(unknowns), 1.0, lm)
+        state = problem.forward.response(problem.fit_coordinates(unknowns), 1.0, lm)
         slope = problem.log_stretch_by_unknowns(unknowns, state)[:, moved]
         total, within = (
             (np.sqrt(np.einsum("ij,jk,ik->i", slope, c, slope)).reshape(lm.shape) * lm).T

@@ -6,7 +6,7 @@ What is compared (``quantity``):
                f_k l_k lm_k / A0_k  (unloaded dimensions)  or  f_k l_k / Am_k  (mounted)
     "load"     A0_k P_k(theta, l lm)  or  Am_k lm_k P_k(theta, l lm)  with f_k
 
-What is known of the mounting stretch: it is given (:class:`GivenMounting`), two more unknowns
+What is known of the mounting stretch: it is given (:class:`LoadResiduals`), two more unknowns
 (:class:`FreeMounting`), or the root of the force balance at the mounted state, with the
 mounting load given or an unknown with a reading (:class:`BalancedMounting`).
 
@@ -127,8 +127,8 @@ def readings(specimen: Specimen, *, shared: bool, zeroed: bool = False) -> Readi
 
 
 @dataclass(eq=False)
-class GivenMounting:
-    """Theta is unknown, the mounting stretch (2, m) is given."""
+class LoadResiduals:
+    """Residuals of loads; here the material is unknown and the mounting stretch (2, m) is given."""
 
     data: Readings
     quantity: str
@@ -148,7 +148,7 @@ class GivenMounting:
         return self._at(unknowns)[1]
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual vector and its derivative; a descent silences what NumPy says of them."""
+        """Residual vector and its derivative; the caller suppresses NumPy's warnings."""
         result = self._compute(unknowns)
         self._last = (unknowns.copy(), result)
         return result
@@ -158,8 +158,8 @@ class GivenMounting:
         """The forward model of the law."""
         return self.data.forward(self.law)
 
-    def theta(self, unknowns: np.ndarray) -> np.ndarray:
-        """Coordinates of the fit with the fixed ones filled in."""
+    def fit_coordinates(self, unknowns: np.ndarray) -> np.ndarray:
+        """Fit coordinates of the material (see :mod:`biaxbayes.laws.law`), fixed ones filled in."""
         point = self.point.copy()
         point[self.free] = unknowns[: self.free.size]
         return point
@@ -176,7 +176,7 @@ class GivenMounting:
             return self.evaluate(unknowns)
 
     def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        r, by_point, _, _ = self._rows(self.theta(unknowns), self.mounting_stretch)
+        r, by_point, _, _ = self._rows(self.fit_coordinates(unknowns), self.mounting_stretch)
         return r, by_point[self.free].T
 
     def _rows(
@@ -212,8 +212,8 @@ class GivenMounting:
 
 
 @dataclass(eq=False)
-class FreeMounting(GivenMounting):
-    """Theta and the mounting stretches are unknown; rows at rest count like any other."""
+class FreeMounting(LoadResiduals):
+    """The material and the mounting stretches are unknown; rows at rest count like any other."""
 
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m)."""
@@ -221,12 +221,12 @@ class FreeMounting(GivenMounting):
 
     def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lm = self.mounting(unknowns)
-        r, by_point, by_lm, _ = self._rows(self.theta(unknowns), lm)
+        r, by_point, by_lm, _ = self._rows(self.fit_coordinates(unknowns), lm)
         return r, np.hstack([by_point[self.free].T, by_lm / lm.ravel()])
 
 
 @dataclass(eq=False)
-class BalancedMounting(GivenMounting):
+class BalancedMounting(LoadResiduals):
     """The mounting stretch is the root of the force balance at the mounted state.
 
     With ``reading_sd`` (2, m) the mounting loads are unknowns too, in units of their sd from
@@ -248,7 +248,9 @@ class BalancedMounting(GivenMounting):
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m); NaN where no root exists."""
         load = self.mounting_load(unknowns)
-        return self.forward.mounting_roots(self.theta(unknowns), load, compiled=self.compiled)
+        return self.forward.mounting_roots(
+            self.fit_coordinates(unknowns), load, compiled=self.compiled
+        )
 
     def log_stretch_by_unknowns(self, unknowns: np.ndarray, state: LoadResponse) -> np.ndarray:
         """Derivative of all ln lm by the unknowns, shape (2m, unknowns).
@@ -274,7 +276,7 @@ class BalancedMounting(GivenMounting):
         if not np.isfinite(lm).all():
             rows = 2 * self.data.group.size + offsets.size
             return np.full(rows, np.nan), np.zeros((rows, unknowns.size))
-        r, by_point, by_lm, state = self._rows(self.theta(unknowns), lm)
+        r, by_point, by_lm, state = self._rows(self.fit_coordinates(unknowns), lm)
         jacobian = by_lm @ self.log_stretch_by_unknowns(unknowns, state)
         jacobian[:, : self.free.size] += by_point[self.free].T
         # an offset has itself for a residual

@@ -8,7 +8,7 @@ misses by no more than the rounding of the data has converged.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -71,6 +71,11 @@ class FitResult:
         end = "" if self.converged else ", not converged"
         return f"FitResult({self.method}: {values}, RMSE {self.rmse_kPa:.3g} kPa{end})"
 
+    @property
+    def rms(self) -> float:
+        """Root mean square of all residuals, in the unit of the loads."""
+        return root_mean_square(self.residuals)
+
     def record(self) -> dict[str, object]:
         """The fit as plain values; mounting stretches are lists where each protocol has one."""
         stretch_x, stretch_y = (
@@ -117,6 +122,11 @@ class FitResult:
             text = f"{value:.5g}" if isinstance(value, float) else str(value)
             rows.append(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>")
         return f"<table>{''.join(rows)}</table>"
+
+
+def root_mean_square(residuals: Sequence[np.ndarray]) -> float:
+    """Root mean square of the residuals of all protocols."""
+    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
 
 
 def fit_result(

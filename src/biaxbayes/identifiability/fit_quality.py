@@ -9,7 +9,7 @@ import numpy as np
 
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import fit
-from biaxbayes.fitting.result import FitResult, misfit_sentence
+from biaxbayes.fitting.result import FitResult, misfit_sentence, root_mean_square
 from biaxbayes.options import FitOptions
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
@@ -44,7 +44,7 @@ def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
     """
     called = best.material.law.called
     misfits = [float(np.sqrt((part**2).mean())) for part in best.residuals]
-    rms = _rms(best.residuals)
+    rms = best.rms
     peak, unit = specimen.peak_load, specimen.unit
     if not np.isfinite(rms):
         return Finding(
@@ -60,7 +60,7 @@ def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
 
 def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
     """A warning where even the closest of some fits is no description; else empty."""
-    rms = min((_rms(f.residuals) for f in fits), default=0.0)
+    rms = min((f.rms for f in fits), default=0.0)
     peak = specimen.peak_load
     if not rms > POOR * peak:
         return ""
@@ -106,15 +106,15 @@ def swapped_columns(
     """
     peak = specimen.peak_load
     bad = max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd)
-    if not _rms(residuals) > bad:
+    if not root_mean_square(residuals) > bad:
         return None
     other = replace(
         specimen,
         protocols=tuple(replace(p, load_x=p.load_y, load_y=p.load_x) for p in specimen.protocols),
     )
     best = best or quick_fit(specimen, law=law, fibre_switch=fibre_switch)
-    own = _rms(best.residuals)
-    exchanged = _rms(quick_fit(other, law=law, fibre_switch=fibre_switch).residuals)
+    own = best.rms
+    exchanged = quick_fit(other, law=law, fibre_switch=fibre_switch).rms
     if not (own > bad and exchanged < SWAPPED * own):
         return None
     return Finding(
@@ -123,10 +123,6 @@ def swapped_columns(
         f"x and y of the load seem to be swapped: the best fit misses by {100 * own / peak:.2g} % "
         f"of the largest load, with the two columns exchanged by {100 * exchanged / peak:.2g} %",
     )
-
-
-def _rms(residuals: Sequence[np.ndarray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)))
 
 
 def thinned(specimen: Specimen, rows: int = ROWS) -> Specimen:

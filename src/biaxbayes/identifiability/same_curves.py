@@ -15,7 +15,7 @@ import pandas as pd
 from biaxbayes.fitting.least_squares import descend
 from biaxbayes.fitting.residuals import (
     BalancedMounting,
-    GivenMounting,
+    LoadResiduals,
     Readings,
     readings,
 )
@@ -185,7 +185,7 @@ class _Ridge:
     def _fit(self, value: float, start: np.ndarray) -> np.ndarray | None:
         point = self.origin.copy()
         point[self.moved] = value
-        kind = BalancedMounting if self.balanced else GivenMounting
+        kind = BalancedMounting if self.balanced else LoadResiduals
         one = np.ones_like(self.few.mounting_load)
         problem = kind(self.few, "load", point, self.free, self.few.peak, one, self.law)
         found = descend(
@@ -196,4 +196,4 @@ class _Ridge:
             steps=200,
             tolerance=1e-10,
         )
-        return problem.theta(found.unknowns) if np.isfinite(found.cost) else None
+        return problem.fit_coordinates(found.unknowns) if np.isfinite(found.cost) else None

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
+from biaxbayes.fitting.result import root_mean_square
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import modal_residuals, stated_priors
@@ -19,6 +20,7 @@ NEAR_EDGE = 0.05
 FEW_DRAWS = 0.001
 FAR = 3.0
 """Standard deviations of a prior beyond which the fit lies far from it."""
+TAIL = 0.5 * math.erfc(FAR / math.sqrt(2.0))
 LOST = 6.0
 """Log likelihood that a prior costs where it contradicts the data: 3.5 standard deviations."""
 
@@ -94,8 +96,8 @@ def prior_findings(posterior: Posterior) -> list[Finding]:
     for axis in (0, 1):
         fitted[f"mounting_stretch_{'xy'[axis]}"] = float(np.mean(fit.mounting_stretch[:, axis]))
     floor = max(specimen.load_resolution, 1e-300)
-    best = max(_rms(fit.residuals), floor)
-    at_mode = max(_rms(modal_residuals(posterior.replaced(thin=0))[0]), floor)
+    best = max(fit.rms, floor)
+    at_mode = max(root_mean_square(modal_residuals(posterior.replaced(thin=0))[0]), floor)
     readings = posterior.beta * 2.0 * sum(p.rows - p.rest_rows for p in specimen.protocols)
     if readings * math.log(at_mode / best) <= LOST:
         return []
@@ -123,9 +125,6 @@ def is_far(prior: Prior, value: float) -> bool:
     return min(float(prior.cdf(np.array(value))), 1.0 - float(prior.cdf(np.array(value)))) < TAIL
 
 
-TAIL = 0.5 * math.erfc(FAR / math.sqrt(2.0))
-
-
 def prior_text(prior: Prior) -> str:
     """A prior in words, such as ``normal 0.7 +- 0.05``."""
     if prior.family in ("uniform", "loguniform"):
@@ -134,7 +133,3 @@ def prior_text(prior: Prior) -> str:
         f"+- {prior.scale:g}" if prior.family == "normal" else f"(sd of the log {prior.scale:g})"
     )
     return f"{prior.family} {prior.location:g} {scale}"
-
-
-def _rms(residuals: Sequence[np.ndarray]) -> float:
-    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))

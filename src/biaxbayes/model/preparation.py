@@ -90,11 +90,10 @@ def _reference_stretch(posterior: Posterior) -> tuple[float, float] | None:
 def start_parameters(posterior: Posterior) -> dict[str, float]:
     """Natural parameters of the deterministic fit, moved off the bounds of their ranges."""
     fit, specimen = posterior.fit, posterior.specimen
-    rms = float(np.sqrt(np.mean(np.concatenate(fit.residuals) ** 2)))
     law = posterior.law
     out: dict[str, float] = {
         **dict(zip(law.names, law.inner(fit.material.values), strict=True)),
-        "noise_sd": max(rms, 2.0 * specimen.load_resolution),
+        "noise_sd": max(fit.rms, 2.0 * specimen.load_resolution),
         "noise_growth": 0.03,
     }
     for q in posterior.sampled:

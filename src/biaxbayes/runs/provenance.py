@@ -102,7 +102,7 @@ def identity(posterior: Posterior, plan: Plan) -> dict[str, Any]:
 
 def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> dict[str, Any]:
     """Everything about a run that is not in its draws."""
-    from biaxbayes.model.evidence import evidence_record
+    from biaxbayes.model.marginal_likelihood import marginal_likelihood_record
 
     specimen, convergence = posterior.specimen, draws.convergence
     readings = posterior.readings
@@ -147,7 +147,7 @@ def provenance(posterior: Posterior, plan: Plan, draws: Draws, source: str) -> d
             "worst_rhat": convergence.worst_rhat if converged else None,
             "interrupted": draws.interrupted,
         },
-        "evidence": evidence_record(posterior, draws, plan.seed),
+        "evidence": marginal_likelihood_record(posterior, draws, plan.seed),
         "seconds": {k: round(v, 3) for k, v in draws.seconds.items()},
         "versions": dict(_versions()),
     }

@@ -229,6 +229,15 @@ def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
     return ThinnedSpecimen(thinned, tuple(scatter), tuple(weight))
 
 
+def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
+    """The specimen with rows averaged, and the load noise of its own rows.
+
+    Averaging removes the scatter of neighbouring rows from which the noise would be estimated.
+    """
+    averaged = thinned_specimen(specimen, rows).specimen
+    return replace(averaged, load_noise=specimen.noise_sd or None)
+
+
 def _averaged(protocol: Protocol, starts: np.ndarray) -> Protocol:
     rest = protocol.rest_rows
 

@@ -11,7 +11,7 @@ import numpy as np
 from biaxbayes.fitting.law_fit import LawFit, fit_law
 from biaxbayes.laws import DEFAULT_LAW, LAWS
 from biaxbayes.parameters import mounting_names
-from biaxbayes.specimens.path import thinned_specimen
+from biaxbayes.specimens.path import averaged_specimen
 from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
@@ -156,8 +156,7 @@ def fit_laws(
     LawFits or None
         None where no law could be fitted.
     """
-    # The scatter of neighbouring rows is lost by averaging: state it.
-    data = replace(thinned_specimen(specimen, rows).specimen, load_noise=specimen.noise_sd or None)
+    data = averaged_specimen(specimen, rows)
     common: dict[str, Any] = {
         "mounting": mounting,
         "mounting_stretch": mounting_stretch,

@@ -19,7 +19,7 @@ from biaxbayes.fitting.effective_readings import SMOOTH_RUNS, misses_smoothly
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.parameters import mounting_names
-from biaxbayes.specimens.path import thinned_specimen
+from biaxbayes.specimens.path import averaged_specimen
 from biaxbayes.specimens.specimen import Specimen
 
 if TYPE_CHECKING:
@@ -43,16 +43,13 @@ class MountingRefits:
 
     Attributes
     ----------
-    parts : tuple of str
-        What was fitted, in words.
-    stretch : dict of ndarray, shape (parts,)
-        By the name of the mounting stretch; NaN where a part has none.
+    stretch : dict of ndarray, shape (fits,)
+        By the name of the mounting stretch: its value in every fit that has it.
     error : dict of float
         By name: the change of the mounting stretch that balances the largest miss near the
         mounted state.
     """
 
-    parts: tuple[str, ...]
     stretch: dict[str, np.ndarray]
     error: dict[str, float]
 
@@ -64,13 +61,12 @@ class MountingRefits:
         It goes no further than the prior, as for a stretch that was seen in an image.
         """
         values = self.stretch[name]
-        values = values[np.isfinite(values)]
         margin = errors * self.error[name]
         low, high = interval
         first, last = prior.ppf(np.array([PRIOR_TAIL, 1.0 - PRIOR_TAIL]))
         return (
-            min(low, max(float(values.min(initial=np.inf)) - margin, float(first))),
-            max(high, min(float(values.max(initial=-np.inf)) + margin, float(last))),
+            min(low, max(float(values.min()) - margin, float(first))),
+            max(high, min(float(values.max()) + margin, float(last))),
         )
 
 
@@ -89,21 +85,24 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     if not misses_somewhere(posterior.fit.residuals):
         return None
     work = _Work(posterior)
-    full = work.full
-    parts = {f"the first {100 * s:.0f} % of the load": work.until(s) for s in SHARES}
     names = [p.name for p in posterior.specimen.protocols]
+    # (protocol that is fitted alone, or None for all; fit)
+    fits: list[tuple[str | None, FitResult]] = [(None, work.full)]
+    fits += [(None, work.fit(work.until(share))) for share in SHARES]
     if len(names) > 1:
-        parts |= {f"{name} alone": work.data.only(name) for name in names}
-    fits = {"everything": full} | {
-        label: fit for label, part in parts.items() if (fit := work.fit(part)).converged
-    }
+        fits += [(name, work.fit(work.data.only(name))) for name in names]
+    fits[1:] = [(name, fit) for name, fit in fits[1:] if fit.converged]
     stretch: dict[str, np.ndarray] = {}
-    shared = posterior.settings.shared
     for i, label in enumerate(posterior.mounts):
-        alone = [_state(label_, fit, i, label, shared) for label_, fit in fits.items()]
+        pairs = []
+        for alone, fit in fits:
+            if posterior.settings.shared or alone == label:
+                pairs.append(fit.mounting_stretch[0])
+            elif alone is None:
+                pairs.append(fit.mounting_stretch[i])
         for axis, name in enumerate(mounting_names("stretch", label)):
-            stretch[name] = np.array([np.nan if s is None else s[axis] for s in alone])
-    return MountingRefits(tuple(fits), stretch, work.errors())
+            stretch[name] = np.array([pair[axis] for pair in pairs])
+    return MountingRefits(stretch, work.errors())
 
 
 def misses_somewhere(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) -> bool:
@@ -123,25 +122,13 @@ def _toe(residual: np.ndarray) -> np.ndarray:
     return residual[: max(4, int(TOE * len(residual)))]
 
 
-def _state(part: str, fit: FitResult, index: int, label: str, shared: bool) -> np.ndarray | None:
-    """The mounting stretch that a fit gives to a mounted state, if it has it."""
-    if shared:
-        return fit.mounting_stretch[0]
-    if part.endswith(" alone"):
-        return fit.mounting_stretch[0] if part == f"{label} alone" else None
-    return fit.mounting_stretch[index]
-
-
 @dataclass(frozen=True)
 class _Work:
     posterior: Posterior
 
     @cached_property
     def data(self) -> Specimen:
-        source = self.posterior.specimen
-        thinned = thinned_specimen(source, ROWS).specimen
-        # The scatter of neighbouring rows is lost by averaging: state it.
-        return replace(thinned, load_noise=source.noise_sd or None)
+        return averaged_specimen(self.posterior.specimen, ROWS)
 
     @cached_property
     def full(self) -> FitResult:

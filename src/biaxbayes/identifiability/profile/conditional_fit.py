@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import BalancedMounting, GivenMounting, Readings, readings
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings, readings
 from biaxbayes.fitting.starting_points import screened_points
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import Settings
@@ -48,8 +48,8 @@ class ConditionalFit:
 
 
 @dataclass(eq=False)
-class ReadMounting(GivenMounting):
-    """Theta and mounting stretches are unknown; the mounting load has a reading.
+class ReadMounting(LoadResiduals):
+    """The material and the mounting stretches are unknown; the mounting load has a reading.
 
     ``unknown`` are indices into the law's coordinates, then lm_x..., lm_y...; the rest is fixed at
     ``point`` and ``mounting_stretch``.
@@ -201,7 +201,7 @@ class Target:
         deviance = 2.0 * self.beta * self.rows * np.log(new) + float(z @ z)
         return ConditionalFit(found, deviance, float(new))
 
-    def _problem(self, point: np.ndarray, free: np.ndarray, scale: float) -> GivenMounting:
+    def _problem(self, point: np.ndarray, free: np.ndarray, scale: float) -> LoadResiduals:
         lm = point[self.theta :].reshape(2, -1)
         theta = free[free < self.theta]
         if self.reads:
@@ -217,6 +217,6 @@ class Target:
                 reading_sd=self.reading_sd,
                 unknown=free,
             )
-        kind = BalancedMounting if self.settings.mounting == "exact" else GivenMounting
+        kind = BalancedMounting if self.settings.mounting == "exact" else LoadResiduals
         lm = np.ones_like(lm) if not self.settings.infers_mounting else lm
         return kind(self.data, "load", point[: self.theta], theta, scale, lm, self.law)

@@ -147,7 +147,7 @@ def _optimum(posterior: Posterior, target: Target) -> ConditionalFit:
     lm = np.clip(start.mounting_stretch, 0.9, 1.2).T
     if not posterior.settings.infers_mounting:
         lm = np.ones((2, target.groups))
-    sd = float(np.sqrt(np.mean(np.concatenate(start.residuals) ** 2)))
+    sd = start.rms
     law = posterior.law
     theta = law.point(start.material.values)
     found = target.best({}, np.concatenate([theta, lm.ravel()]), sd)

@@ -1,6 +1,6 @@
 """The marginal likelihood of the data, from the draws of a posterior.
 
-A tempered likelihood is no density of the data and has no evidence.
+A tempered likelihood is not a density of the data and has no marginal likelihood ("evidence").
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from biaxbayes.sampling.sampler import Draws
 
 
 @dataclass(frozen=True)
-class Evidence:
+class MarginalLikelihood:
     """Log marginal likelihood of the data.
 
     Attributes
@@ -40,7 +40,7 @@ class Evidence:
     mounting_reading: float | None = None
 
 
-def evidence(posterior: Posterior, draws: Draws, *, seed: int = 0) -> Evidence:
+def marginal_likelihood(posterior: Posterior, draws: Draws, *, seed: int = 0) -> MarginalLikelihood:
     """Log marginal likelihood of a posterior from its draws.
 
     Parameters
@@ -59,7 +59,9 @@ def evidence(posterior: Posterior, draws: Draws, *, seed: int = 0) -> Evidence:
     if problem:
         raise ValueError(problem)
     value, error = log_integral(draws.target.log_prob, draws.chain, draws.proposal, seed=seed)
-    return Evidence(value - log_prior_mass(posterior), error, _mounting_reading(posterior))
+    return MarginalLikelihood(
+        value - log_prior_mass(posterior), error, _mounting_reading(posterior)
+    )
 
 
 def log_prior_mass(posterior: Posterior) -> float:
@@ -82,14 +84,14 @@ def log_prior_mass(posterior: Posterior) -> float:
     return float(np.log(np.mean(law.holds(values))))
 
 
-def evidence_record(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Any]:
-    """The evidence as JSON values, or the reason why there is none."""
+def marginal_likelihood_record(posterior: Posterior, draws: Draws, seed: int) -> dict[str, Any]:
+    """The marginal likelihood as JSON values, or the reason why there is none."""
     problem = _without(posterior)
     if not problem and draws.convergence.state != "converged":
         problem = "the draws have not converged"
     if problem:
         return {"log_evidence": None, "reason": problem}
-    result = evidence(posterior, draws, seed=seed)
+    result = marginal_likelihood(posterior, draws, seed=seed)
     return {
         "log_evidence": result.log_evidence,
         "error": result.error,
@@ -98,7 +100,7 @@ def evidence_record(posterior: Posterior, draws: Draws, seed: int) -> dict[str, 
 
 
 def _without(posterior: Posterior) -> str:
-    """Why a posterior has no evidence; empty where it has one."""
+    """Why a posterior has no marginal likelihood; empty where it has one."""
     if posterior.settings.noise != "independent" or posterior.beta != 1.0:
         return "a tempered likelihood has no evidence (--noise independent has one)"
     if posterior.settings.thin:
