@@ -51,7 +51,7 @@ class MeasuredRows:
         Mean square scatter of the readings that a load is the mean of.
     protocol : ndarray of int, shape (rows,)
     names : tuple of str
-        Of the protocols.
+        Names of the protocols.
     """
 
     stretch: np.ndarray

@@ -156,7 +156,7 @@ def fit(
     starts : int
         Starting points, the most promising of 512 random ones. With ``initial`` it may be 0.
     seed : int
-        Of the random starting points.
+        Seed of the random starting points.
     fixed : mapping, optional
         Fixed values, by the law's parameters in their own units.
     mounting_stretch : {"shared", "per-protocol"}

@@ -48,7 +48,7 @@ class LawFit:
     mounting_stretch : ndarray, shape (m, 2)
         One row, or one per protocol.
     sd : ndarray, shape (m, 2)
-        Of the mounting stretches: noise of all readings and smooth misfit.
+        Standard errors of the mounting stretches: noise of all readings and smooth misfit.
     smooth : bool
         Whether the signs of the residuals show that the law misses smoothly.
     reading_chi2 : float

@@ -228,7 +228,7 @@ def best_descent(
     finalists : int
         How many of them are followed to convergence.
     steps, tolerance
-        Of these, as in :func:`descend`.
+        Limits of the followed descents, as in :func:`descend`.
 
     Returns
     -------

@@ -271,7 +271,7 @@ def misfit_sentence(called: str, rms: float, noise: float, peak: float, unit: st
     rms, noise, peak : float
         Root mean square of the residuals, sd of a reading by the load cell, largest load.
     unit : str
-        Of these, N or kPa.
+        Their unit, N or kPa.
     """
     small = unit == "N" and rms < 0.1
     amount = f"{1e3 * rms:.2g} mN" if small else f"{rms:.2g} {unit}"

@@ -39,7 +39,7 @@ class SmoothMisfit:
     relative_sd : float
         b: sd of the misfit over the load.
     covariance : ndarray, shape (u, u)
-        Of the unknowns that moved.
+        Covariance of the unknowns that moved.
     """
 
     relative_sd: float
@@ -61,13 +61,13 @@ def smooth_misfit(
     data : Readings
         The rows that were fitted.
     residual : ndarray, shape (2 n + 2 m,)
-        Of the rows, over ``scale``, and of the mounting readings, over their sd.
+        Residuals of the rows over ``scale``, then of the mounting readings over their sd.
     jacobian : ndarray, shape (2 n + 2 m, u)
         By the unknowns that moved.
     scale, noise_sd : float
         Unit of the residuals, and sd of a reading by the load cell.
     reading_sd : ndarray, shape (2, m), optional
-        Of the mounting readings; without it they were no data.
+        Standard deviation of the mounting readings; None where they were not data.
     """
     rows = 2 * data.group.size
     misfit = misfit_vectors(data, residual[:rows], scale, reading_sd)

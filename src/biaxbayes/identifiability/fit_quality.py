@@ -94,8 +94,7 @@ def swapped_columns(
     Parameters
     ----------
     residuals : sequence of ndarray
-        Of a fit of the specimen as it is, in its unit. The two fits that are compared fix
-        nothing.
+        Residuals of a fit of the specimen as it is, in its unit.
     best : FitResult, optional
         From :func:`quick_fit`, where it is there already.
 

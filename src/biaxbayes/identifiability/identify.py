@@ -91,7 +91,7 @@ class Identifiability:
     def mounting_ranges(self) -> dict[str, tuple[float, float]]:
         """Ranges over which stresses of the tissue let a mounting stretch vary, by name.
 
-        That of the refits where they contradict the interval of the posterior.
+        The range of the refits where they contradict the interval of the posterior.
         """
         judged = (
             (p.name, p.evidence) for p in self.parameters if p.posterior_verdict != NO_VERDICT

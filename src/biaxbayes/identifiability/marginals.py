@@ -190,9 +190,9 @@ def count_modes(
     return fewest
 
 
-def _peaks(found: Density) -> int:
+def _peaks(shape: Density) -> int:
     """Peaks by prominence: valleys are taken away, the shallowest first."""
-    h = found.height
+    h = shape.height
     inner = np.flatnonzero((h[1:-1] > h[:-2]) & (h[1:-1] >= h[2:])) + 1
     tops = [int(i) for i in inner]
     if h[0] > h[1]:
@@ -279,11 +279,11 @@ def find_edges(
     Parameters
     ----------
     scale : Scale
-        Of a parameter with a prior.
+        Scale of a parameter that has a prior.
     natural : ndarray, shape (n,)
         Draws.
     likelihood : Density
-        Of the draws' cumulative prior probability.
+        Density of the draws' cumulative prior probability.
     distance : float, optional
         From :func:`edge_distances`.
     """

@@ -59,14 +59,14 @@ class Reported:
     Attributes
     ----------
     name, unit : str
-        As in ``summary.csv``; the unit is empty for pure numbers.
+        Name as in ``summary.csv``; the unit is empty for pure numbers.
     low, high : float
         The 90 % interval, or one end of it (95 %); NaN where an end is open.
     verdict : {"identified", "bounded", "only in combination", "not identified", "no verdict"}
     reason : str
         One short phrase.
     partners : tuple of str
-        What it is only known in combination with; else empty.
+        Parameters in combination with which it is known; empty for other verdicts.
     """
 
     name: str
@@ -84,37 +84,38 @@ def reported(
     law: Law,
     thresholds: Thresholds,
 ) -> tuple[Reported, ...]:
-    """What to report of the inferred parameters, in their order; not of fixed and tied ones.
+    """What to report of the inferred parameters, in their order, without fixed and tied ones.
 
     Parameters
     ----------
     fits : LawFits or None
         Fits of all laws to the record.
     law : Law
-        Of the run.
+        The law of the run.
     """
     intervals = {
-        p.name: _interval(p, p.evidence, fits, law, thresholds)
+        p.name: _widened(p, p.evidence, fits, law, thresholds)
         for p in parameters
         if p.evidence is not None and p.scale.parameter.kind == MATERIAL
     }
-    # partners that may lie at an end of their range, or anywhere
     unknown = {
-        p.name
-        for p in parameters
-        if p.name in intervals
-        and (intervals[p.name][2] or _contraction(p, fits, law) < thresholds.contraction)
+        name
+        for name, wide in intervals.items()
+        if wide.open_sides or wide.evidence.contraction < thresholds.contraction
     }
+    better_law = "" if fits is None else better_law_message(fits, law.name)
     out = []
     for p in parameters:
         if p.posterior_verdict == FIXED:
             continue
         if p.posterior_verdict == NO_VERDICT or p.evidence is None:
             out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NO_VERDICT, UNCONVERGED))
-        elif p.scale.parameter.kind == MATERIAL:
-            out.append(_material(p, p.evidence, intervals[p.name], unknown, fits, law, thresholds))
-        else:
+        elif p.scale.parameter.kind != MATERIAL:
             out.append(mounting_row(p.name, p.mounting))
+        elif better_law:
+            out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NOT_IDENTIFIED, better_law))
+        else:
+            out.append(_material_row(p, intervals[p.name], unknown, law, thresholds))
     return tuple(out)
 
 
@@ -122,103 +123,98 @@ def mounting_row(name: str, interval: MountingInterval | None) -> Reported:
     """What to report of a mounting stretch, from the interval that the laws agree on."""
     if interval is None:
         return Reported(name, "", OPEN, OPEN, NOT_IDENTIFIED, "no other law was fitted")
-    low, high = interval.low, interval.high
-    verdict = (NOT_IDENTIFIED, BOUNDED, IDENTIFIED)[int(np.isfinite([low, high]).sum())]
-    return Reported(name, "", low, high, verdict, interval.reason)
+    bounded = BOUNDED if np.isfinite(interval.low) else NOT_IDENTIFIED
+    verdict = IDENTIFIED if interval.is_value else bounded
+    return Reported(name, "", interval.low, interval.high, verdict, interval.reason)
 
 
-def _material(
-    p: ParameterVerdict,
-    e: Evidence,
-    interval: tuple[float, float, set[int]],
-    unknown: set[str],
-    fits: LawFits | None,
-    law: Law,
-    thresholds: Thresholds,
+@dataclass(frozen=True)
+class _Widened:
+    """Evidence on a parameter with its interval widened for the model error of the law.
+
+    Attributes
+    ----------
+    evidence : Evidence
+        Interval and posterior sd are the widened ones.
+    open_sides : frozenset of int
+        Sides (0 low, 1 high) on which the interval does not exclude the end of the range.
+    factor : float
+        Factor by which the interval is widened about its median.
+    """
+
+    evidence: Evidence
+    open_sides: frozenset[int]
+    factor: float
+
+
+def _widened(
+    p: ParameterVerdict, e: Evidence, fits: LawFits | None, law: Law, thresholds: Thresholds
+) -> _Widened:
+    scale, own = p.scale, None if fits is None else fits[law.name]
+    factor = 1.0 if own is None else own.widening.get(scale.kind, 1.0)
+    first, median, last = (float(v) for v in scale.to_scale(np.array([e.low, e.median, e.high])))
+    ends = scale.from_scale(np.array(widened(first, median, last, factor)))
+    low, high = float(ends[0]), float(ends[1])
+    bottom, top = scale.limits
+    sides = {edge.side for edge in e.open_edges(thresholds)}
+    if not scale.parameter.mirror:
+        sides |= {side for side, at_end in ((0, low <= bottom), (1, high >= top)) if at_end}
+    sd = factor * e.posterior_sd
+    wide = replace(e, low=max(low, bottom), high=min(high, top), posterior_sd=sd)
+    return _Widened(wide, frozenset(sides), factor)
+
+
+def _material_row(
+    p: ParameterVerdict, wide: _Widened, unknown: set[str], law: Law, thresholds: Thresholds
 ) -> Reported:
-    scale = p.scale
-    own = None if fits is None else fits[law.name]
-    better_law = "" if fits is None else better_law_message(fits, law.name)
-    factor = _widening(p, fits, law)
-    low, high, open_sides = interval
-    # the verdict on the interval as it is reported
-    wide = replace(e, low=low, high=high, posterior_sd=factor * e.posterior_sd)
-    verdict = decide(wide, thresholds, meaningless=bool(p.meaningless))
-    if verdict != NOT_IDENTIFIED and not unknown.isdisjoint(e.partners.names):
-        verdict = decide(wide, thresholds, meaningless=bool(p.meaningless), partner_at_end=True)
-    ratio = high / max(low, 1e-300) if scale.logarithmic else 1.0
+    """What to report of a parameter of the law, by the first rule that applies.
+
+    Parameters
+    ----------
+    unknown : set of str
+        Parameters that may lie at an end of their range, or anywhere in it.
+    """
+    e, open_sides, scale = wide.evidence, wide.open_sides, p.scale
+    meaningless = bool(p.meaningless)
+    again = decide(e, thresholds, meaningless=meaningless)  # for the widened interval
+    if again != NOT_IDENTIFIED and not unknown.isdisjoint(e.partners.names):
+        again = decide(e, thresholds, meaningless=meaningless, partner_at_end=True)
     widening = ""
-    if own is not None and factor >= NAMED_WIDENING:
-        widening = f"widened {factor:.2g} times for the model error of {law.called}"
-    interval_words = f"its interval, {widening}," if widening else "its interval"
+    if wide.factor >= NAMED_WIDENING:
+        widening = f"widened {wide.factor:.2g} times for the model error of {law.called}"
+    interval = f"its interval, {widening}," if widening else "its interval"
     partners = e.partners.names if e.is_traded(thresholds) else ()
     trades = f"trades with {listed(partners)}" if partners else ""
-
-    def reason_of(*phrases: str) -> str:
-        return "; ".join(filter(None, phrases))
-
-    # the first rule that holds: verdict and reason
-    rules: list[tuple[object, str, str]] = [
-        (better_law, NOT_IDENTIFIED, better_law),
-        (p.posterior_verdict == NOT_IDENTIFIED, NOT_IDENTIFIED, _prior_reason(p, e, thresholds)),
+    ratio = e.high / max(e.low, 1e-300) if scale.logarithmic else 1.0
+    weak = f"{interval} is hardly narrower than the prior" if widening else PRIOR_DECIDES
+    rules: list[tuple[bool, str, Sequence[str]]] = [  # condition, verdict, parts of the reason
         (
-            verdict == COMBINATION and wide.contraction <= 0.0,
+            p.posterior_verdict == NOT_IDENTIFIED,
             NOT_IDENTIFIED,
-            f"{interval_words} is as wide as the prior",
-        ),
-        (verdict == COMBINATION, COMBINATION, reason_of(trades, widening)),
-        (
-            len(open_sides) == 2,
-            NOT_IDENTIFIED,
-            f"{interval_words} reaches both ends of the range",
-        ),
-        (open_sides, BOUNDED, reason_of(_end_reason(p, open_sides), widening)),
-        (
-            verdict == NOT_IDENTIFIED,
-            NOT_IDENTIFIED,
-            f"{interval_words} is hardly narrower than the prior" if widening else PRIOR_DECIDES,
+            [_prior_reason(p, e, thresholds)],
         ),
         (
-            ratio > WIDEST,
+            again == COMBINATION and e.contraction <= 0.0,
             NOT_IDENTIFIED,
-            reason_of(f"known only to a factor of {ratio:.2g}", widening),
+            [f"{interval} is as wide as the prior"],
         ),
-        (True, IDENTIFIED, reason_of(widening or "the data determine it", trades)),
+        (again == COMBINATION, COMBINATION, [trades, widening]),
+        (len(open_sides) == 2, NOT_IDENTIFIED, [f"{interval} reaches both ends of the range"]),
+        (len(open_sides) == 1, BOUNDED, [_end_reason(p, open_sides), widening]),
+        (again == NOT_IDENTIFIED, NOT_IDENTIFIED, [weak]),
+        (ratio > WIDEST, NOT_IDENTIFIED, [f"known only to a factor of {ratio:.2g}", widening]),
+        (True, IDENTIFIED, [widening or "the data determine it", trades]),
     ]
-    verdict, reason = next((v, why) for holds, v, why in rules if holds)
-    if verdict == NOT_IDENTIFIED or (verdict == BOUNDED and 0 in open_sides):
-        low = OPEN
-    if verdict == NOT_IDENTIFIED or (verdict == BOUNDED and 1 in open_sides):
-        high = OPEN
+    verdict, reason = next(
+        (v, "; ".join(filter(None, why))) for applies, v, why in rules if applies
+    )
+    low, high = e.low, e.high
+    if verdict == NOT_IDENTIFIED:
+        low = high = OPEN
+    elif verdict == BOUNDED:
+        low, high = (OPEN, high) if 0 in open_sides else (low, OPEN)
     partners = partners if verdict == COMBINATION else ()
     return Reported(p.name, scale.unit, low, high, verdict, reason, partners)
-
-
-def _widening(p: ParameterVerdict, fits: LawFits | None, law: Law) -> float:
-    own = None if fits is None else fits[law.name]
-    return 1.0 if own is None else own.widening.get(p.scale.kind, 1.0)
-
-
-def _contraction(p: ParameterVerdict, fits: LawFits | None, law: Law) -> float:
-    """Share of the prior's variance that the data remove, with the widened posterior."""
-    assert p.evidence is not None
-    sd = _widening(p, fits, law) * p.evidence.posterior_sd
-    return replace(p.evidence, posterior_sd=sd).contraction
-
-
-def _interval(
-    p: ParameterVerdict, e: Evidence, fits: LawFits | None, law: Law, thresholds: Thresholds
-) -> tuple[float, float, set[int]]:
-    """The widened interval, and the sides on which an end of the range is not excluded."""
-    scale, factor = p.scale, _widening(p, fits, law)
-    median = float(scale.to_scale(np.array(e.median)))
-    ends = scale.to_scale(np.array([e.low, e.high]))
-    low, high = scale.from_scale(np.array(widened(float(ends[0]), median, float(ends[1]), factor)))
-    bottom, top = scale.limits
-    open_sides = {edge.side for edge in e.open_edges(thresholds)}
-    if not scale.parameter.mirror:
-        open_sides |= {side for side, at in ((0, low <= bottom), (1, high >= top)) if at}
-    return max(float(low), bottom), min(float(high), top), open_sides
 
 
 def _prior_reason(p: ParameterVerdict, e: Evidence, thresholds: Thresholds) -> str:
@@ -228,7 +224,7 @@ def _prior_reason(p: ParameterVerdict, e: Evidence, thresholds: Thresholds) -> s
     return p.meaningless or PRIOR_DECIDES
 
 
-def _end_reason(p: ParameterVerdict, open_sides: set[int]) -> str:
+def _end_reason(p: ParameterVerdict, open_sides: frozenset[int]) -> str:
     side, parameter = min(open_sides, default=0), p.scale.parameter
     meaning = (parameter.at_low, parameter.at_high)[side]
     end = f"the {('lower', 'upper')[side]} end of its range"

@@ -81,7 +81,7 @@ def same_curves(
     draw : Series
         Names as in ``summary.csv``.
     settings : Settings
-        Of the run that the draw is from.
+        Settings of the run that the draw is from.
     moved : str
         Which parameter to move, and
     values : (float, float)
@@ -171,15 +171,15 @@ class _Ridge:
         before, here = self.origin, self.origin
         for value in values:
             guess = here[self.free] + 0.9 * (here - before)[self.free]
-            found = None
+            fitted = None
             for start in (guess, here[self.free]):
-                found = self._fit(value, start)
-                if found is not None:
+                fitted = self._fit(value, start)
+                if fitted is not None:
                     break
-            if found is None:
+            if fitted is None:
                 break
-            before, here = here, found
-            out.append(found)
+            before, here = here, fitted
+            out.append(fitted)
         return out
 
     def _fit(self, value: float, start: np.ndarray) -> np.ndarray | None:
@@ -188,7 +188,7 @@ class _Ridge:
         kind = BalancedMounting if self.balanced else LoadResiduals
         one = np.ones_like(self.few.mounting_load)
         problem = kind(self.few, "load", point, self.free, self.few.peak, one, self.law)
-        found = descend(
+        descent = descend(
             problem,
             start,
             self.law.lower[self.free],
@@ -196,4 +196,4 @@ class _Ridge:
             steps=200,
             tolerance=1e-10,
         )
-        return problem.fit_coordinates(found.unknowns) if np.isfinite(found.cost) else None
+        return problem.fit_coordinates(descent.unknowns) if np.isfinite(descent.cost) else None

@@ -102,7 +102,7 @@ def _partners_of(
         tried = [[*together, *added] for added in combinations(left, more)]
         best.append(min((known.spread(target, given), given) for given in tried))
     enough = max(NEAR * full, NEAR_THREE * best[-1][0])
-    spread, chosen = next(found for found in best if found[0] <= enough)
+    spread, chosen = next(candidate for candidate in best if candidate[0] <= enough)
     if spread > WORTH and not together:
         return Partners((), full, 1.0)
     return Partners(tuple(names[j] for j in chosen), full, spread)
@@ -115,7 +115,7 @@ class _Regressions:
     Attributes
     ----------
     gram : ndarray, shape (m, m)
-        Of one, the first three powers of each parameter, and all products of two.
+        Products of the terms: one, the first three powers of each parameter, all products of two.
     power : ndarray, shape (d, 3)
         Columns of the powers of each parameter.
     product : ndarray, shape (d, d)
@@ -210,7 +210,7 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     Parameters
     ----------
     draws : DataFrame
-        Of converged chains.
+        Draws of converged chains.
 
     Returns
     -------

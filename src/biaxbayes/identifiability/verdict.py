@@ -156,7 +156,7 @@ class ParameterVerdict:
     evidence : Evidence or None
         None where the parameter was fixed or tied, or the draws are unusable.
     mounting : MountingInterval or None
-        Of a mounting stretch: the interval that all laws agree on.
+        For a mounting stretch, the interval that all laws agree on.
     meaningless : str
         Where the data do not exclude an end of another parameter at which this one means nothing:
         words that say so.
@@ -236,8 +236,6 @@ def judge_parameters(
 
     Parameters
     ----------
-    scales : sequence of Scale
-        Of the parameters.
     evidence : mapping of str to Evidence
         By name; none of what was fixed, and none of unusable draws.
     law : Law
@@ -311,8 +309,8 @@ def verdict_sentence(
     ----------
     evidence : Evidence, optional
         None for a fixed or tied parameter.
-    state : str
-        Of the run.
+    state : {"converged", "tentative", "unusable"}
+        State of the run.
     meaningless : str
         As in :class:`ParameterVerdict`.
     """

@@ -10,7 +10,7 @@ import numpy as np
 from biaxbayes.fitting.result import root_mean_square
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import modal_residuals, stated_priors
+from biaxbayes.model.preparation import modal_residuals, user_priors
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import DEGREE
 from biaxbayes.specimens.findings import Finding
@@ -54,10 +54,10 @@ def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
 
 
 def radian_findings(posterior: Posterior) -> list[Finding]:
-    """Priors of angles that look as if they were stated in radians."""
+    """Priors of angles that look as if they were given in radians."""
     findings = []
     parameters = {p.name: p for p in posterior.law.parameters}
-    for name, prior in stated_priors(posterior).items():
+    for name, prior in user_priors(posterior).items():
         if name not in parameters or parameters[name].unit != DEGREE:
             continue
         uniform = prior.family in ("uniform", "loguniform")
@@ -87,7 +87,7 @@ def prior_findings(posterior: Posterior) -> list[Finding]:
 
         n_eff ln(rms at the mode / rms of the fit) > 6
     """
-    priors = stated_priors(posterior)
+    priors = user_priors(posterior)
     if not priors:
         return []
     specimen = posterior.specimen

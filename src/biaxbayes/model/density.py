@@ -37,7 +37,7 @@ MOUNTING = 7  # then two per mounted state
 # How the mounted state enters.
 REFERENCE, FORCE, STRETCH = 0, 1, 2  # lm = 1 | sample p0, root-find lm | sample lm
 
-# Kinds of prior; the last two are stated for exp(x) where the slot holds a logarithm x.
+# Kinds of prior; the last two are densities of exp(x) where the slot holds a logarithm x.
 FIXED, NORMAL, UNIFORM, NORMAL_NATURAL, UNIFORM_NATURAL = range(5)
 
 # Why a density is zero; counted for the diagnostics.

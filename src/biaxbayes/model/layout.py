@@ -141,7 +141,7 @@ def assemble(
         prior = priors.get(name)
         if isinstance(prior, Prior):
             kinds[i], table[i] = prior.encode(log_scale=p.logarithmic)
-            # stated per unit of the table, sampled per unit of the slot
+            # density per unit of the table, sampled per unit of the slot
             table[i][4] += math.log(_per_unit(p))
             if i < first or settings.reads_force:
                 slot[i] = len(free)

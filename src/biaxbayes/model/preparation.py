@@ -130,20 +130,20 @@ def sampled_readings(posterior: Posterior) -> EffectiveReadings:
         Whatever its ``beta`` is.
     """
     readings = effective_readings(posterior.fit.residuals)
-    if not posterior.settings.noise_growth and not stated_priors(posterior):
+    if not posterior.settings.noise_growth and not user_priors(posterior):
         return readings
     chart = Chart(reference_stretch=_reference_stretch(posterior))
     provisional = posterior.replaced(thin=0, beta=readings.beta, chart=chart)
     return effective_readings(*modal_residuals(provisional))
 
 
-def stated_priors(posterior: Posterior) -> dict[str, Prior]:
-    """Priors that the user stated, of the law and of the mounting stretches."""
+def user_priors(posterior: Posterior) -> dict[str, Prior]:
+    """Priors given by the user, for the law and the mounting stretches."""
     chosen = posterior.settings.priors
-    stated = {name: prior for name, prior in chosen.items() if isinstance(prior, Prior)}
+    given = {name: prior for name, prior in chosen.items() if isinstance(prior, Prior)}
     measured = [n for n in mounting_names("stretch") if n in posterior.specimen.metadata]
     defaults = {name: posterior.priors.get(name) for name in measured if name not in chosen}
-    return stated | {name: p for name, p in defaults.items() if isinstance(p, Prior)}
+    return given | {name: p for name, p in defaults.items() if isinstance(p, Prior)}
 
 
 def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -164,7 +164,7 @@ def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.nda
     if "noise_sd" in base and "noise_growth" in base:
         small = 0.1 * base["noise_sd"]
         starts += [base | {"noise_sd": small, "noise_growth": b} for b in (0.03, 0.1)]
-    centres = {name: prior.ppf(np.array(0.5)) for name, prior in stated_priors(posterior).items()}
+    centres = {name: prior.ppf(np.array(0.5)) for name, prior in user_priors(posterior).items()}
     near = {name: float(value) for name, value in centres.items() if name in base}
     starts += [inside_priors(posterior, base | near)] if near else []
     points = np.vstack([posterior.coordinates(s) for s in starts])

@@ -174,7 +174,7 @@ class Prior:
         same_scale = self._logs == log_scale
         if not same_scale and not log_scale:
             raise ValueError(f"a {self.family} prior does not fit this parameter")
-        if not same_scale:  # stated for x, sampled as ln x: positive values alone count
+        if not same_scale:  # given for x, sampled as ln x: positive values alone count
             low = max(low, 0.0)
         if self._uniform:
             log_norm = -math.log(high - low)
@@ -235,9 +235,9 @@ def default_priors(
 ) -> dict[str, Prior | float | Tie]:
     """The default priors, in the order of the parameters; a number is fixed.
 
-    Those of the law; mounting stretches ~ N(1, mounting_sd), noise sd ~ LN(0.005 Fmax, 1.5) above
-    what a load cell tells apart, its growth ~ LN(0.03, 1). A mounting stretch that the specimen
-    file states from an image replaces its prior.
+    Parameters of the law have the priors of the law; mounting stretches ~ N(1, mounting_sd), noise
+    sd ~ LN(0.005 Fmax, 1.5) above what a load cell tells apart, its growth ~ LN(0.03, 1). A
+    mounting stretch that the header of the file gives replaces its prior.
     """
     priors: dict[str, Prior | float | Tie] = {
         p.name: Prior.from_numbers(*p.prior) for p in law.parameters if p.prior is not None
@@ -247,8 +247,8 @@ def default_priors(
     )
     priors[NOISE_GROWTH.name] = Prior("lognormal", 0.03, 1.0)
     for name in mounting_names("stretch"):
-        stated = specimen.metadata.get(name)
-        mean, sd = (1.0, mounting_sd) if stated is None else measured_stretch(str(stated))
+        measured = specimen.metadata.get(name)
+        mean, sd = (1.0, mounting_sd) if measured is None else measured_stretch(str(measured))
         priors[name] = Prior("normal", mean, sd, low=0.0)
     return priors
 
@@ -300,8 +300,8 @@ def parse_priors(
     """Priors from a parsed table; see the module's docstring for the format."""
     law, known = _known(law)
     out: dict[str, Prior | float | Tie] = {}
-    for stated, value in table.items():
-        name = law.known_name(stated)
+    for key, value in table.items():
+        name = law.known_name(key)
         if name not in known:
             raise InputError(
                 f"unknown parameter {name[:60]!r}",

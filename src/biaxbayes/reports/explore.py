@@ -77,7 +77,7 @@ def explore_page(
     draws : DataFrame
         All draws of the run, one row each, columns as in ``summary.csv``.
     state : {"converged", "tentative"}
-        Of the run.
+        State of the run.
     rows : sequence of ReportRow
         The reported table of the run.
     report : str

@@ -54,7 +54,7 @@ def write_report(folder: Path | str, run: Run | None = None) -> Path:
     Returns
     -------
     Path
-        Of the page.
+        Path of the page.
 
     Raises
     ------

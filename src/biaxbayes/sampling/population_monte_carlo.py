@@ -150,7 +150,7 @@ def explore(
     proposal : MixtureProposal
     population : ndarray, shape (n, d)
     log_weight : ndarray, shape (n,)
-        Of the last generation.
+        Points of the last generation and their log weights.
 
     Raises
     ------

@@ -38,7 +38,7 @@ class TransportedMixture:
     mixture : StudentMixture
         In the reference coordinates.
     bounds : ndarray, shape (d, 2)
-        Of the reference coordinates; infinite where there is none.
+        Bounds of the reference coordinates; infinite where there is none.
     """
 
     transport: TransportMap
@@ -117,7 +117,7 @@ def fit_transported_mixture(
     ----------
     points : ndarray, shape (n, d)
     bounds : ndarray, shape (d, 2), optional
-        Of the coordinates; infinite where there is none.
+        Bounds of the coordinates; infinite where there is none.
     components : int
         Largest number of mixture components.
     """
@@ -209,7 +209,7 @@ def fit_mixture_proposal(
     ----------
     points : ndarray, shape (n, d)
     bounds : ndarray, shape (d, 2), optional
-        Of the coordinates; infinite where there is none.
+        Bounds of the coordinates; infinite where there is none.
     components : int
         Largest number of mixture components of all parts together.
     label : int64 ndarray, shape (n,), optional

@@ -142,9 +142,9 @@ def interval_from_laws(
     fits : LawFits or None
         From :func:`~biaxbayes.identifiability.mounting_stretch.law_fits.fit_laws`.
     index, axis : int
-        Of the mounted state, and 0 for x, 1 for y.
+        Index of the mounted state, and 0 for x, 1 for y.
     law : str
-        Of a run, whose ``interval`` counts where the law is among those that fit the record.
+        Law of a run, whose ``interval`` counts where the law is among those that fit the record.
     interval : (float, float), optional
         Interval within that law, its error that of the fit.
     by_prior : (bool, bool)
@@ -182,7 +182,7 @@ def interval_from_predictions(
     intervals : mapping of str to (float, float, float)
         5, 50 and 95 % of each law's posterior.
     density : mapping of str to float
-        Of what was left out, nats.
+        Log density of what was left out, nats.
     smooth : bool
         Whether the law that predicts best misses the record smoothly: its posterior does not know
         of that, so no value is reported.

@@ -190,16 +190,16 @@ class Target:
         residual = problem.residual(x)
         if not np.isfinite(residual).all():
             return ConditionalFit(point, np.inf, sd)
-        found = point.copy()
-        found[free] = x
+        solution = point.copy()
+        solution[free] = x
         if isinstance(problem, BalancedMounting):
-            found[self.theta :] = problem.mounting(x).ravel()
+            solution[self.theta :] = problem.mounting(x).ravel()
         # residuals are in units of sd / sqrt(beta)
         squares = float(residual[: self.rows] @ residual[: self.rows]) * sd**2 / self.beta
         new = max(np.sqrt(squares / self.rows), MIN_SD * self.data.peak)
         z = residual[self.rows :]
         deviance = 2.0 * self.beta * self.rows * np.log(new) + float(z @ z)
-        return ConditionalFit(found, deviance, float(new))
+        return ConditionalFit(solution, deviance, float(new))
 
     def _problem(self, point: np.ndarray, free: np.ndarray, scale: float) -> LoadResiduals:
         lm = point[self.theta :].reshape(2, -1)

@@ -179,18 +179,18 @@ class ProfileCurve:
                 for start in starts
             ]
             looks.sort(key=lambda fit: fit.deviance)
-            found = looks[0]
-            if found.deviance < best.deviance + HOPELESS:
+            new_fit = looks[0]
+            if new_fit.deviance < best.deviance + HOPELESS:
                 ends = [self.target.best(fixed_values, f.unknowns, f.error_sd) for f in looks[:2]]
-                found = min(ends, key=lambda fit: fit.deviance)
+                new_fit = min(ends, key=lambda fit: fit.deviance)
             level = self.fits[self.lowest].deviance
             if self.at[0] <= at <= self.at[-1]:
                 here = float(np.interp(at, self.at, [f.deviance for f in self.fits]))
-                lower = found.deviance < here - LOWER
+                lower = new_fit.deviance < here - LOWER
             else:
-                lower = found.deviance < level + THRESHOLD + BEYOND
+                lower = new_fit.deviance < level + THRESHOLD + BEYOND
             if lower and float(at) not in self.at:
-                self._add(float(at), found)
+                self._add(float(at), new_fit)
                 is_lower = True
         return is_lower
 
@@ -229,11 +229,11 @@ class ProfileCurve:
                 starts = [np.clip(line, self.target.lower, self.target.upper), *starts]
         fixed_values = {self.axis.index: self.axis.to_unknown(at)}
         sd = self.fits[neighbours[0]].error_sd
-        found = ConditionalFit(starts[0], np.inf, sd)
+        new_fit = ConditionalFit(starts[0], np.inf, sd)
         for start in starts[: 1 + (len(starts) > 1)]:
             tried = self.target.best(fixed_values, start, sd)
-            found = tried if tried.deviance < found.deviance else found
-        return found
+            new_fit = tried if tried.deviance < new_fit.deviance else new_fit
+        return new_fit
 
     def extend(self, side: int) -> None:
         """Continue outwards from the outermost point until well beyond the threshold or the end."""
@@ -244,24 +244,24 @@ class ProfileCurve:
             if self.rise(end) > THRESHOLD + BEYOND or self.axis.at_end(self.at[end], side):
                 return
             at = self.axis.clipped(self.at[end] + side * step)
-            found = self.fit(at, end, inner) if inner != end else self.fit(at, end)
-            if not np.isfinite(found.deviance):
+            new_fit = self.fit(at, end, inner) if inner != end else self.fit(at, end)
+            if not np.isfinite(new_fit.deviance):
                 if step < self.axis.least_step:
                     return
                 step *= 0.3
                 continue
-            change = found.deviance - self.fits[end].deviance
+            change = new_fit.deviance - self.fits[end].deviance
             if change > RISE[1] and step > self.axis.least_step:
                 step *= 0.4
                 continue
-            self._add(at, found)
+            self._add(at, new_fit)
             if change < RISE[0]:
                 step = min(1.7 * step, self.axis.most_step)
 
-    def _add(self, at: float, found: ConditionalFit) -> None:
+    def _add(self, at: float, new_fit: ConditionalFit) -> None:
         k = int(np.searchsorted(self.at, at))
         self.at.insert(k, at)
-        self.fits.insert(k, found)
+        self.fits.insert(k, new_fit)
 
     def sweep(self) -> bool:
         """Try every point from its neighbours on either side; whether anything got lower."""
@@ -306,10 +306,10 @@ class ProfileCurve:
             at = self.at[inside] + share * (self.at[outside] - self.at[inside])
             if at in self.at:
                 return
-            found = self.fit(at, inside, outside)
-            if not np.isfinite(found.deviance):
+            new_fit = self.fit(at, inside, outside)
+            if not np.isfinite(new_fit.deviance):
                 return
-            self._add(at, found)
+            self._add(at, new_fit)
 
     def crossing(self, side: int) -> tuple[int, int] | None:
         """The outermost neighbours on a side between which the threshold is crossed."""

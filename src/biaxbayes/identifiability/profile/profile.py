@@ -123,12 +123,12 @@ def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 
         _index(posterior, name)
     executor = executor_for(max(min(workers, len(parameters)), 1))
     posterior = posterior.replaced(fit=posterior.fit)  # once, not in every process
-    found: dict[int, Profile] = {}
+    by_index: dict[int, Profile] = {}
     for outcome in executor.run(partial(profile_likelihood, posterior), parameters):
         if outcome.lost:
             raise RunError(f"profile of {parameters[outcome.index]}: {outcome.lost}")
-        found[outcome.index] = outcome.value
-    return [found[i] for i in range(len(parameters))]
+        by_index[outcome.index] = outcome.value
+    return [by_index[i] for i in range(len(parameters))]
 
 
 def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
@@ -150,14 +150,14 @@ def _optimum(posterior: Posterior, target: Target) -> ConditionalFit:
     sd = start.rms
     law = posterior.law
     theta = law.point(start.material.values)
-    found = target.best({}, np.concatenate([theta, lm.ravel()]), sd)
+    best = target.best({}, np.concatenate([theta, lm.ravel()]), sd)
     # Off the edges too: with a parameter at its bound others may hide a lower point.
     inner = law.inner_point(theta)
     other = target.best({}, np.concatenate([inner, lm.ravel()]), sd)
-    found = other if other.deviance < found.deviance else found
-    if not np.isfinite(found.deviance):
+    best = other if other.deviance < best.deviance else best
+    if not np.isfinite(best.deviance):
         raise NotConverged(f"{posterior.specimen.name}: no material fits this specimen")
-    return found
+    return best
 
 
 def _index(posterior: Posterior, parameter: str) -> int:
