@@ -186,7 +186,8 @@ class Sampling:
         tell(Progress("fitting", note="finite elements of the grips: a few seconds"))
 
         def fitted(specimen: Specimen) -> FitResult:
-            return deterministic_fit(Posterior(specimen, **self.options, beta=1.0), self.plan.seed)
+            posterior = Posterior(specimen, **self.options, beta=1.0)
+            return posterior.least_squares(self.plan.seed)
 
         self.correction = corrected_for_grips(self.specimen, fitted)
         note = self.correction.in_words
