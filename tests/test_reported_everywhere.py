@@ -120,7 +120,7 @@ def test_a_test_that_determines_little_says_so(media_run):
     message, page = closing_message(poor_run), report_page(poor_run)
     assert len(message.splitlines()) <= MOST_LINES
     assert f"{poor.little_determined}; to narrow C1: pull more" in message
-    assert "This test determines little." in page and "1 of 7 parameters" in page
+    assert "Most parameters are not determined." in page and "1 of 7 parameters" in page
 
 
 def test_chains_that_have_not_converged_give_no_verdict_anywhere(media_run, tmp_path):

@@ -135,8 +135,7 @@ class RunResult:
         names = f" ({listed([r.name for r in known])})" if known else ""
         return (
             f"this test determines {len(known) or 'none'} of {len(self.reported)} parameters"
-            f"{names}: do not compare the others with those of other specimens, and use no single "
-            "set of values as the material"
+            f"{names}: do not compare the others between specimens"
         )
 
     @property
