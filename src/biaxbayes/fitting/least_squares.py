@@ -40,7 +40,6 @@ class Descent:
 
     Attributes
     ----------
-    unknowns : ndarray
     cost : float
         Sum of squares; infinite where the start could not be evaluated.
     iterations : int

@@ -96,14 +96,9 @@ class Readings:
 
 
 def readings(specimen: Specimen, *, shared: bool, zeroed: bool = False) -> Readings:
-    """Flatten a specimen.
+    """Flatten a specimen; ``shared`` is one mounted state for all protocols, or one each.
 
-    Parameters
-    ----------
-    shared : bool
-        One mounted state for all protocols, or one each.
-    zeroed : bool
-        Subtract each protocol's mounting reading from its loads.
+    ``zeroed`` subtracts each protocol's mounting reading from its loads.
     """
     source = specimen.zeroed() if zeroed else specimen
     loads = [source.load(p) for p in source.protocols]

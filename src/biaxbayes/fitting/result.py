@@ -210,11 +210,7 @@ def half_digits(values: np.ndarray) -> np.ndarray:
     """Half a unit of the last written digit of each value of a column.
 
     A column is written with a fixed number of decimals or of significant digits. Either is the
-    largest that one of its values needs; the coarser of the two holds for a value.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
+    largest that one of its values needs; the coarser of the two applies to a value.
     """
     written = [f"{v:.{DIGITS - 1}e}".split("e") for v in np.abs(values).tolist()]
     significant = np.array([len(m.replace(".", "").rstrip("0")) for m, _ in written])
@@ -228,15 +224,7 @@ def half_digits(values: np.ndarray) -> np.ndarray:
 
 
 def rounding_bound(specimen: Specimen, data: Readings, response: LoadResponse) -> float:
-    """Largest root mean square miss of the Cauchy stress that rounding explains, in kPa.
-
-    Parameters
-    ----------
-    data : Readings
-        All its rows.
-    response : LoadResponse
-        At these rows.
-    """
+    """Largest root mean square miss of the Cauchy stress that rounding explains, in kPa."""
     stretch, load = _written(specimen)
     stress = response.stress
     # data: f l lm / A0 (unloaded), f l / Am (mounted); model: s(l lm). Their difference moves by

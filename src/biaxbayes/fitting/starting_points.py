@@ -78,19 +78,7 @@ def _spread_out(cost, marks, count) -> np.ndarray:
 
 
 def fixed_and_free(fixed: Mapping[str, float] | None, law: Law) -> tuple[np.ndarray, np.ndarray]:
-    """Fixed values as coordinates of the fit, and the indices of the free ones.
-
-    Parameters
-    ----------
-    fixed : mapping of str to float, optional
-        By the law's parameters, in their own units.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, a value outside the parameter's range, and values that no material
-        of the law has together.
-    """
+    """Fixed values as coordinates of the fit, and the indices of the free ones."""
     values = np.zeros(len(law.names))
     given = {law.known_name(name): value for name, value in dict(fixed or {}).items()}
     for name, value in given.items():

@@ -28,7 +28,6 @@ class Span:
 
     Attributes
     ----------
-    low, high : float
     closed_low, closed_high : bool
         Whether an end is a physical edge with mass at it.
     log : bool
@@ -62,17 +61,9 @@ def span(
     log: bool = False,
     include: tuple[float, ...] = (),
 ) -> Span:
-    """Range that shows the draws of one or more runs.
+    """Range that shows the draws of one or more runs and the values to include.
 
-    Parameters
-    ----------
-    *columns : ndarray, shape (n,)
-    edges : (float, float)
-        Physical edges of the quantity. The range ends there if draws come close.
-    log : bool
-        Use a logarithmic axis, if all draws are positive.
-    include : tuple of float
-        Values that must be visible.
+    The range ends at a physical edge if draws come close; a logarithmic axis needs positive draws.
     """
     log = log and all(float(c.min()) > 0.0 for c in columns) and all(v > 0 for v in include)
     moved = [np.log(c) if log else c for c in columns]
@@ -92,18 +83,10 @@ def span(
 
 
 def curve(values: np.ndarray, axis: Span) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed density along one axis.
+    """Smoothed density along one axis: natural values (m,) and density (m,).
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    x : ndarray, shape (m,)
-        Natural values, evenly spaced on the axis, its ends included.
-    density : ndarray, shape (m,)
-        Per unit of length of the axis (so per logarithm on a logarithmic one).
+    The values are evenly spaced on the axis, its ends included; the density is per unit of length
+    of the axis (per logarithm on a logarithmic one).
     """
     u = axis.forward(values)
     counts, _ = np.histogram(u, BINS, (0.0, 1.0))

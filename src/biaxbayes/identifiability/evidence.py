@@ -40,18 +40,8 @@ def evidence_of_run(
 ) -> dict[str, Evidence]:
     """Evidence on the parameters of a posterior from its draws, by name.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        For the mounting readings, and for fits to parts of a record that the model misses.
-    draws : DataFrame
-        Natural quantities, with ``log_likelihood``; some of ``all_draws``.
-    all_draws : DataFrame
-        Medians and intervals are theirs.
-    free : tuple of Scale
-        With a prior each.
-    refits : callable
-        Fits to parts of the record, of the posterior.
+    ``draws`` are some of ``all_draws``, with ``log_likelihood``; medians and intervals are those of
+    all draws.
     """
     evidence = evidence_of_draws(
         free,
@@ -87,19 +77,9 @@ def evidence_of_draws(
 ) -> dict[str, Evidence]:
     """Evidence on parameters from draws and priors, by name.
 
-    Parameters
-    ----------
-    free : sequence of Scale
-        With a prior each.
-    draws : DataFrame
-        A column per parameter, natural values.
-    all_draws : DataFrame
-        Where ``draws`` are some of them: medians and intervals are theirs.
-    log_components : (ndarray, ndarray or None)
-        Log prior and log likelihood of each draw, for power-scaling; without the latter its
-        sensitivity is not known.
-    distances : mapping of str to float
-        How near to a physical edge counts as near, by kind of parameter.
+    ``draws`` are some of ``all_draws``, whose medians and intervals are given. ``log_components``
+    are log prior and log likelihood of each draw, for power-scaling; ``distances`` say how near to
+    a physical edge counts as near, by kind of parameter.
     """
     values = np.column_stack([s.to_scale(draws[s.name].to_numpy(dtype=float)) for s in free])
     by_prior, by_data = (power_scaling.sensitivity(values, log) for log in log_components)

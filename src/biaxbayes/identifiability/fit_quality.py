@@ -89,19 +89,10 @@ def swapped_columns(
     fibre_switch: bool = False,
     best: FitResult | None = None,
 ) -> Finding | None:
-    """Try x and y of the load exchanged where a fit misses badly, and say so if that fits.
+    """Exchange x and y of the load where a fit misses badly; a finding if that fits better.
 
-    Parameters
-    ----------
-    residuals : sequence of ndarray
-        Residuals of a fit of the specimen as it is, in its unit.
-    best : FitResult, optional
-        From :func:`quick_fit`, where it is there already.
-
-    Returns
-    -------
-    Finding or None
-        None where the fit is close, or the exchange does not help.
+    ``residuals`` are those of a fit of the specimen as it is, ``best`` is its :func:`quick_fit` if
+    known.
     """
     peak = specimen.peak_load
     bad = max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd)

@@ -46,12 +46,8 @@ class Identifiability:
 
     Attributes
     ----------
-    parameters : tuple of ParameterVerdict
     state : str
         State of the run that the draws are from.
-    draws : int
-    thresholds : Thresholds
-    law : Law
     fits : LawFits or None
         Least squares of all laws under the same mounting constraint, of converged draws.
     """
@@ -218,7 +214,6 @@ def identify_draws(
     state : {"converged", "tentative", "unusable"}
         Anything but ``converged`` gives no verdict; the evidence of tentative draws is there all
         the same, unusable ones give none.
-    thresholds : Thresholds, optional
     fits : LawFits, optional
         From :func:`run_law_fits`: without them mounting stretches have no interval to report.
     refits : callable

@@ -153,16 +153,7 @@ class Density:
 def density(sample: np.ndarray, limits: tuple[float, float] = (-np.inf, np.inf)) -> Density:
     """Density of a sample, reflected at limits.
 
-    Parameters
-    ----------
-    sample : ndarray, shape (n,)
-    limits : (float, float)
-        Where the density ends, infinite where it does not.
-
-    Returns
-    -------
-    Density
-        Its grid spans the sample, and reaches a limit that is near.
+    Its grid spans the sample, and reaches a limit that is near.
     """
     low, high = float(sample.min()), float(sample.max())
     beyond = max(BEYOND * (high - low), 1e-9 * max(1.0, abs(low)))
@@ -276,16 +267,8 @@ def find_edges(
 ) -> tuple[Edge, ...]:
     """Both ends of a parameter's range; none for a mirror.
 
-    Parameters
-    ----------
-    scale : Scale
-        Scale of a parameter that has a prior.
-    natural : ndarray, shape (n,)
-        Draws.
-    likelihood : Density
-        Density of the draws' cumulative prior probability.
-    distance : float, optional
-        From :func:`edge_distances`.
+    ``likelihood`` is the density of the draws' cumulative prior probability, ``distance`` that of
+    :func:`edge_distances`.
     """
     prior = scale.prior
     assert isinstance(prior, Prior | DrawnPrior)

@@ -28,20 +28,10 @@ twice the sd. Alone a normal prior moves it by 0.7 of that, with as much from th
 
 
 def sensitivity(values: np.ndarray, log_component: np.ndarray | None) -> np.ndarray:
-    """Sensitivity of each marginal to power-scaling one component of the posterior.
+    """Distance that each marginal moves per doubling of the power of one component, shape (d,).
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, d)
-        Draws on the sampling scales.
-    log_component : ndarray, shape (n,), or None
-        Log prior or log likelihood of each draw, where it is known.
-
-    Returns
-    -------
-    ndarray, shape (d,)
-        Distance per doubling of the power; above 0.05 counts as sensitive. NaN where the component
-        is not known.
+    ``values`` (n, d) are draws on the sampling scales, ``log_component`` the log prior or log
+    likelihood of each; above 0.05 counts as sensitive. NaN where the component is not known.
     """
     if log_component is None:
         return np.full(values.shape[1], np.nan)
@@ -83,16 +73,7 @@ def _divergence(p: np.ndarray, q: np.ndarray, width: np.ndarray) -> float:
 def ends_by_prior(values: np.ndarray, log_prior: np.ndarray) -> tuple[bool, bool]:
     """Whether the prior of a parameter decides the low and the high end of its 90 % interval.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Draws of the parameter.
-    log_prior : ndarray, shape (n,)
-        Log prior density of the parameter alone, of each draw.
-
-    Returns
-    -------
-    (bool, bool)
+    ``log_prior`` is that of the parameter alone at each draw.
     """
     order = np.argsort(values, kind="stable")
     values, centred = values[order], (log_prior - log_prior.mean())[order]

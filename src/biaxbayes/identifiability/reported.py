@@ -84,15 +84,7 @@ def reported(
     law: Law,
     thresholds: Thresholds,
 ) -> tuple[Reported, ...]:
-    """What to report of the inferred parameters, in their order, without fixed and tied ones.
-
-    Parameters
-    ----------
-    fits : LawFits or None
-        Fits of all laws to the record.
-    law : Law
-        The law of the run.
-    """
+    """What to report of the inferred parameters, in their order, without fixed and tied ones."""
     intervals = {
         p.name: _widened(p, p.evidence, fits, law, thresholds)
         for p in parameters
@@ -169,10 +161,7 @@ def _material_row(
 ) -> Reported:
     """What to report of a parameter of the law, by the first rule that applies.
 
-    Parameters
-    ----------
-    unknown : set of str
-        Parameters that may lie at an end of their range, or anywhere in it.
+    ``unknown`` are the parameters that may lie at an end of their range, or anywhere in it.
     """
     e, open_sides, scale = wide.evidence, wide.open_sides, p.scale
     meaningless = bool(p.meaningless)
@@ -245,7 +234,6 @@ class ReportRow:
 
     Attributes
     ----------
-    quantity : Quantity
     interval : str
         ``1.0149 to 1.0212``, ``above 1.0071``, ``below 0.21`` or a dash.
     unit : str

@@ -74,20 +74,9 @@ def same_curves(
     values: tuple[float, float],
     free: tuple[str, ...] | None = None,
 ) -> SameCurves:
-    """Follow the curves of a draw while one of its parameters moves.
+    """Follow the curves of a draw while one of its parameters moves between two natural values.
 
-    Parameters
-    ----------
-    draw : Series
-        Names as in ``summary.csv``.
-    settings : Settings
-        Settings of the run that the draw is from.
-    moved : str
-        Which parameter to move, and
-    values : (float, float)
-        between which natural values.
-    free : tuple of str
-        Parameters that may follow (others stay).
+    ``free`` are the parameters that may follow; the others stay.
     """
     ridge = _Ridge(draw, specimen, settings, moved, free)
     here = ridge.to_fit(float(draw[moved]))

@@ -60,18 +60,7 @@ class Partners:
 
 
 def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partners]:
-    """Partners of every parameter.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, d)
-        Draws on the sampling scales.
-    names : tuple of str, length d
-
-    Returns
-    -------
-    dict of Partners
-    """
+    """Partners of every parameter, from draws (n, d) on the sampling scales."""
     step = max(1, len(values) // DRAWS)
     few = values[::step]
     spread = few.std(axis=0)
@@ -120,7 +109,6 @@ class _Regressions:
         Columns of the powers of each parameter.
     product : ndarray, shape (d, d)
         Columns of the products; those of a parameter with itself are not used.
-    draws : int
     """
 
     gram: np.ndarray
@@ -178,7 +166,6 @@ class Direction:
         By parameter, per prior standard deviation; the squares sum to one.
     spread : float
         Posterior standard deviation along it, in prior standard deviations.
-    words : str
     """
 
     loadings: dict[str, float]
@@ -192,7 +179,6 @@ class Sloppiness:
 
     Attributes
     ----------
-    directions : tuple of Direction
     path : SameCurves
         Along the sloppy direction.
     words : str
@@ -207,17 +193,9 @@ class Sloppiness:
 def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     """Find the directions and follow the sloppy one.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        Draws of converged chains.
-
-    Returns
-    -------
-    Sloppiness or None
-        None where no material parameter is free, or two are tied: curves cannot be followed then
-        without letting go of the tie. The path moves the parameter with the largest loading on
-        the sloppy direction over its 90 % interval, from the curves of the median draw.
+    The path moves the parameter with the largest loading on the sloppy direction over its 90 %
+    interval, from the curves of the median draw. None where no material parameter is free, or two
+    are tied: the curves cannot be followed without releasing the tie.
     """
     few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     scales = [

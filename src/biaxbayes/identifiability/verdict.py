@@ -83,15 +83,10 @@ class Evidence:
 
     Attributes
     ----------
-    parameter : Parameter
     median, low, high : float
         Median and 90 % interval, natural units.
-    prior_sd, posterior_sd : float
     prior_excluded : float
         Share of the prior where the averaged likelihood is below ``edge_support`` of its maximum.
-    edges : tuple of Edge
-    partners : Partners
-    modes : int
     prior_sensitivity, likelihood_sensitivity : float
         By power-scaling.
     refits : (float, float), optional
@@ -148,7 +143,6 @@ class ParameterVerdict:
 
     Attributes
     ----------
-    scale : Scale
     posterior_verdict : str
         One of :data:`VERDICTS`, :data:`NO_VERDICT` or :data:`FIXED`.
     words : str

@@ -26,13 +26,7 @@ LOST = 6.0
 
 
 def bracket_findings(stretches: Mapping[str, np.ndarray]) -> list[Finding]:
-    """Mounting stretches whose draws lie at the limits between which they are searched.
-
-    Parameters
-    ----------
-    stretches : mapping of str to ndarray
-        Draws of each mounting stretch by its name.
-    """
+    """Mounting stretches whose draws lie at the limits between which they are searched."""
     low, high = BRACKET
     findings = []
     for name, draws in stretches.items():

@@ -310,14 +310,9 @@ def _rows(rows: MeasuredRows, shared: bool) -> dict[str, np.ndarray]:
 def natural_values(assembly: Assembly, natural: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
     """Every slot and mounting force by name, shape (n,) each.
 
-    In the units of the parameter table; forces in the unit of the file's stress pair.
-
-    Parameters
-    ----------
-    natural : ndarray, shape (n, s)
-        As in :class:`~biaxbayes.model.density.Evaluation`.
-    u : ndarray, shape (n, d)
-        Sampling coordinates.
+    In the units of the parameter table; forces in the unit of the file's stress pair. ``natural``
+    (n, s) is that of :class:`~biaxbayes.model.density.Evaluation` at the sampling coordinates
+    ``u``.
     """
     problem = assembly.problem
     out = {name: natural[:, i] * problem.per_unit[i] for i, name in enumerate(assembly.slots)}

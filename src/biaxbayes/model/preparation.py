@@ -122,13 +122,7 @@ def inside_priors(posterior: Posterior, parameters: dict[str, float]) -> dict[st
 
 
 def sampled_readings(posterior: Posterior) -> EffectiveReadings:
-    """Effective number of readings, from the residuals of the model that is sampled.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Whatever its ``beta`` is.
-    """
+    """Effective number of readings, from the residuals of the model that is sampled."""
     readings = effective_readings(posterior.fit.residuals)
     if not posterior.settings.noise_growth and not user_priors(posterior):
         return readings
@@ -147,17 +141,9 @@ def user_priors(posterior: Posterior) -> dict[str, Prior]:
 
 
 def modal_residuals(posterior: Posterior) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Residuals and their sd at the posterior's mode, one array (n_p, 2) per protocol.
+    """Residuals at the posterior's mode and their sd, one array (n_p, 2) per protocol.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        With all of its rows.
-
-    Returns
-    -------
-    residuals, sd : list of ndarray
-        Measured minus model, and the model's own sd there, in the unit of the file.
+    Measured minus model, and the model's own sd there, in the unit of the file.
     """
     base = start_parameters(posterior)
     starts = [base]

@@ -73,7 +73,6 @@ def explore_page(
 
     Parameters
     ----------
-    posterior : Posterior
     draws : DataFrame
         All draws of the run, one row each, columns as in ``summary.csv``.
     state : {"converged", "tentative"}

@@ -47,7 +47,6 @@ def write_report(folder: Path | str, run: Run | None = None) -> Path:
 
     Parameters
     ----------
-    folder : path-like
     run : Run, optional
         The same run where it is open already; else it is opened.
 
@@ -71,11 +70,7 @@ def write_report(folder: Path | str, run: Run | None = None) -> Path:
 def report_page(run: Run, *, explore: bool = False) -> str:
     """The page as HTML: no scripts, no network, figures of the folder inside.
 
-    Parameters
-    ----------
-    run : Run
-    explore : bool
-        Whether explore.html stands beside it, to point to.
+    ``explore`` says whether explore.html lies beside it, to link to.
     """
     result, record = run.result, run.provenance
     sampler, convergence = record["sampler"], record["convergence"]

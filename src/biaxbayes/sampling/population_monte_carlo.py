@@ -215,16 +215,7 @@ def _ridges(proposal: MixtureProposal, u: np.ndarray, log_weight: np.ndarray) ->
 def resample_ridges(
     log_weight: np.ndarray, label: np.ndarray, size: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """As :func:`resample`, from each ridge as many as from any other.
-
-    Parameters
-    ----------
-    log_weight : ndarray, shape (n,)
-    label : int64 ndarray, shape (n,)
-        The ridge of each point, from zero; each has points of positive weight.
-    size : int
-        How many from all of them.
-    """
+    """Indices of ``size`` points drawn by their weights, equally many from each ridge."""
     ridges = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)]
     each = size // len(ridges)
     return np.concatenate([own[resample(log_weight[own], each, rng)] for own in ridges])
@@ -278,12 +269,7 @@ def ridge_points(start: Start) -> np.ndarray:
 
 
 def dispersed_starts(start: Start, *, ensembles: int, walkers: int) -> list[np.ndarray]:
-    """Starts of independent ensembles, spread as :func:`tempered_points`.
-
-    Returns
-    -------
-    list of ndarray, shape (walkers, d)
-    """
+    """Starts (walkers, d) of independent ensembles, spread as :func:`tempered_points`."""
     starts = []
     softened = _softened(start)
     for _ in range(ensembles):

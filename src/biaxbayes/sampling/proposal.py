@@ -148,7 +148,6 @@ class MixtureProposal:
     Attributes
     ----------
     weights : ndarray, shape (p,)
-    parts : tuple of TransportedMixture, length p
     """
 
     weights: np.ndarray

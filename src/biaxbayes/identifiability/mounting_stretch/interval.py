@@ -99,14 +99,7 @@ def mounting_intervals(
 ) -> dict[str, MountingInterval]:
     """What is reported of the mounting stretches of the tissue, by name.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        With the mounting stretch as an unknown.
-    fits : LawFits or None
-        From :func:`~biaxbayes.identifiability.mounting_stretch.law_fits.fit_laws`.
-    evidence : mapping of str to Evidence
-        On the mounting stretches within the law of the run, by name.
+    ``evidence`` is that within the law of the run, by name.
     """
     law = posterior.law.name
     own = fits[law] if fits is not None else None

@@ -90,13 +90,7 @@ class LawFits:
         return max(self.noise, LEAST_SHARE * self.peak)
 
     def to_frame(self, mounts: Sequence[str] = ("",)) -> pd.DataFrame:
-        """One row a law: misfits, mounting stretches by name, their sd and widening.
-
-        Parameters
-        ----------
-        mounts : sequence of str
-            Labels of the mounted states.
-        """
+        """One row per law: misfits, mounting stretches by name, their sd and widening."""
         from pandas import DataFrame
 
         return DataFrame(

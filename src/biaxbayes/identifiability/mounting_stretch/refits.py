@@ -73,12 +73,8 @@ class MountingRefits:
 def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     """Fit parts of the record alone, and see where the mounting stretch goes.
 
-    Returns
-    -------
-    MountingRefits or None
-        None where the mounting stretch was not inferred, or where the residuals, all or those
-        near the mounted state, do not show that the model misses smoothly: then nothing is
-        contradicted.
+    None where it was not inferred, or where the residuals do not show that the model misses
+    smoothly: then nothing is contradicted.
     """
     if not posterior.settings.infers_mounting:
         return None
@@ -106,14 +102,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
 
 
 def misses_somewhere(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) -> bool:
-    """Whether a model misses a record smoothly, as a whole or near the mounted state.
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (n_p, 2)
-    sd : float
-        As in :func:`~biaxbayes.fitting.effective_readings.misses_smoothly`.
-    """
+    """Whether a model misses a record smoothly, as a whole or near the mounted state."""
     return misses_smoothly(residuals, sd) or misses_smoothly([_toe(r) for r in residuals], sd)
 
 

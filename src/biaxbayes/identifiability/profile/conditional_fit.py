@@ -135,13 +135,8 @@ class Target:
     ) -> ConditionalFit:
         """The lowest deviance with some unknowns fixed, from a starting point.
 
-        Parameters
-        ----------
-        start : ndarray, shape (p + 2 m,)
-        error_sd : float
-            A first value; settles by itself.
-        rounds, steps : int
-            Most updates of the error sd, and most steps of each least squares; few for a look.
+        ``error_sd`` is a first value that settles by itself; ``rounds`` and ``steps`` limit its
+        updates and the steps of each least squares.
         """
         point = np.array(start, dtype=float)
         for index, value in {**self.fixed, **fixed_values}.items():

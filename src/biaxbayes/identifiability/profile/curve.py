@@ -33,11 +33,8 @@ class Axis:
     ----------
     index : int
         Position among the unknowns of the fit: the law's coordinates, then mounting stretches.
-    parameter : Parameter
-    law : Law
     low, high : float
         Range on the axis: natural logs, degrees, or natural values.
-    first_step, least_step, most_step : float
     """
 
     index: int

@@ -38,13 +38,11 @@ class Profile:
 
     Attributes
     ----------
-    parameter : str
     known : Quantities
         What each name is.
     table : DataFrame
         ``value`` (ascending, natural units), ``deviance`` above the minimum, ``error_sd`` and the
         values that all parameters and mounting stretches took.
-    estimate : float
     low, high : float
         Ends of the interval; the end of the range on a side that is open.
     open_low, open_high : bool
