@@ -17,8 +17,8 @@ from biaxbayes.model.search import draw_posterior
 from biaxbayes.prediction.predictive_checks import fit_in_words, predictive_checks
 from biaxbayes.runs.archive import draw_table
 from biaxbayes.sampling.sampler import Plan
+from biaxbayes.specimens.branches import cycles, path_progress, reversal
 from biaxbayes.specimens.check import check_specimen
-from biaxbayes.specimens.path import cycles, progress, relapse
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 # A test of the paper's donor 2 media (Table 6, fip).
@@ -260,8 +260,8 @@ def test_a_record_that_only_rises_keeps_every_row():
     stretch = 1.0 + np.column_stack([-0.01 * t * (1 - t) + 0.02 * t**2, 0.2 * np.sqrt(t)])
     stretch += rng.normal(0.0, 1e-4, stretch.shape)
     load = 50.0 * np.column_stack([t, t]) + rng.normal(0.0, 0.2, (300, 2))
-    path = progress(stretch, load)
-    assert relapse(path) is None
+    path = path_progress(stretch, load)
+    assert reversal(path) is None
     (cycle,) = cycles(path)
     assert cycle.loading == slice(0, 300)
 

@@ -16,8 +16,8 @@ from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.convergence import effective_sample_size
 from biaxbayes.sampling.sampler import Plan
-from biaxbayes.specimens.path import rows_to_keep, thinned_specimen
 from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.thinning import rows_to_keep, thinned_specimen
 from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
 
 MATERIAL = GOH(9.0, 20.0, 4.0, 42.0, 0.15)

@@ -34,8 +34,8 @@ from biaxbayes.mechanics.mounting import (
     unloaded_section,
 )
 from biaxbayes.parameters import DIMENSIONS, mounting_names
-from biaxbayes.specimens.path import ThinnedSpecimen
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import ThinnedSpecimen
 
 EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = (p.name for p in DIMENSIONS)
 

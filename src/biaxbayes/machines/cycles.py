@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.specimens.path import cycles, progress
+from biaxbayes.specimens.branches import cycles, path_progress
 from biaxbayes.tables.table import Table
 
 SAME_RATIO_DEG = 2.5
@@ -47,7 +47,7 @@ def recorded_cycles(
         groups = {k: np.flatnonzero(np.array(labels) == k) for k in dict.fromkeys(labels)}
     recorded = []
     for label, rows in groups.items():
-        rises = cycles(progress(stretch[rows], load[rows]))
+        rises = cycles(path_progress(stretch[rows], load[rows]))
         if not rises and label == list(groups)[-1]:
             raise InputError(
                 "the record never rises: no loading branch",

@@ -32,8 +32,8 @@ from biaxbayes.parameters import (
     Quantities,
     mounting_names,
 )
-from biaxbayes.specimens.path import thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import thinned_specimen
 
 NUISANCE = (NOISE_SD, NOISE_GROWTH, *DIMENSIONS)
 """Parameters of the slots between those of the law and those of the mounted states."""

@@ -36,8 +36,8 @@ from biaxbayes.model.priors import Prior, Tie, parse_priors
 from biaxbayes.options import ModelOptions, Settings
 from biaxbayes.parameters import Quantities, Quantity
 from biaxbayes.sampling.target import Target, bounds_array
-from biaxbayes.specimens.path import ThinnedSpecimen, rows_to_keep, thinned_specimen
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_specimen
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Posterior:
         Include the Jacobian of the mounted state. False only in tests that show its effect.
     thin : int, "none" or "auto"
         Maximum number of rows per protocol; longer protocols are averaged down to it. See
-        :func:`~biaxbayes.specimens.path.rows_to_keep`.
+        :func:`~biaxbayes.specimens.thinning.rows_to_keep`.
 
     Raises
     ------

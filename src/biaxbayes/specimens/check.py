@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from biaxbayes.errors import InputError
+from biaxbayes.specimens.branches import CYCLE_SHARE, path_progress, path_scatter, reversal
 from biaxbayes.specimens.findings import Finding, serious, sorted_findings
-from biaxbayes.specimens.path import SWING, progress, relapse, scatter
 from biaxbayes.specimens.plausibility import NEGATIVE, check_readings
 from biaxbayes.specimens.protocol import Protocol, rest_rows, still_rows
 from biaxbayes.specimens.specimen import STRESS_PAIRS, Specimen
@@ -270,25 +270,24 @@ def _order(p: Protocol, load: np.ndarray, noise_sd: float) -> Finding | None:
     """Rows that are shuffled, that turn back, or that are in reverse order."""
 
     def disordered(path: np.ndarray) -> bool:
-        return scatter(path) > DISORDER * float(np.ptp(path))
+        return path_scatter(path) > DISORDER * float(np.ptp(path))
 
-    path = progress(p.stretch, load)
+    path = path_progress(p.stretch, load)
     # Loads that are mostly noise scatter as much; shuffled rows shuffle the stretches, too.
-    if p.rows >= FEW_ROWS and disordered(path) and disordered(progress(p.stretch, p.stretch)):
+    if p.rows >= FEW_ROWS and disordered(path) and disordered(path_progress(p.stretch, p.stretch)):
         return Finding(
             "shuffled",
             "error",
-            f"neighbouring rows lie {100 * scatter(path) / float(np.ptp(path)):.0f} % of the "
+            f"neighbouring rows lie {100 * path_scatter(path) / float(np.ptp(path)):.0f} % of the "
             "whole range apart: the rows are out of order. Sort them by time",
             p.name,
         )
-    back = relapse(path)
-    if back is not None:
-        peak, _ = back
+    peak = reversal(path)
+    if peak is not None:
         dropped = float(path[peak] - path[peak:].min())
         return Finding(
             "unloading",
-            "error" if dropped >= SWING * float(np.ptp(path)) else "warning",
+            "error" if dropped >= CYCLE_SHARE * float(np.ptp(path)) else "warning",
             f"the path turns back at row {peak + 1} of {p.rows}: unloading (or several cycles) "
             "mixed in. An elastic model has one curve; convert with --branch loading",
             p.name,

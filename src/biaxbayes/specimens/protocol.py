@@ -12,10 +12,13 @@ from biaxbayes.specimens.keys import STRETCH_RANGE
 
 REST_FRACTION = 0.25
 """Rows count as at rest while they stay within this share of the mean increment."""
+LEAST_RISE_ROWS = 3
+RISE_SHARE = 0.005
+"""A rise of the load by less than this share of its range is drift, not the start of the test."""
 LOAD_ROWS = ("load_x", "load_y")
 CURVES = ("stretch_x", "stretch_y", *LOAD_ROWS)
 AUTOMATIC = -1
-"""Stands for a number of rows at rest that is counted from the curves."""
+"""Number of rows at rest that is to be counted from the curves."""
 STRETCH_REMEDY = "stretches are ratios near 1, not strains or per cent"
 TIME_LIMIT_S = 1e9
 
@@ -28,9 +31,9 @@ class ReadingError(InputError):
     fault : str
         What is wrong.
     argument : str
-        Of :class:`Protocol` or :class:`Specimen`, such as ``load_x``.
+        Argument of :class:`Protocol` or :class:`Specimen`, such as ``load_x``.
     index : int, optional
-        Of the value in its array, from 0.
+        Index of the value in its array, from 0.
     protocol : str, optional
         Name of the protocol, where it is one of them alone.
     remedy : str, optional
@@ -57,13 +60,8 @@ class ReadingError(InputError):
     ) -> InputError:
         """The same error by file, row and column.
 
-        Parameters
-        ----------
-        file : path-like
-        lines : sequence of int
-            Line of the file that each value of the array stands in.
-        columns : mapping of str to str
-            Column of the file by argument; others are no column.
+        ``lines`` are the lines of the file that the values of the array are in, ``columns`` the
+        columns of the file by argument.
         """
         return InputError(
             self.fault,
@@ -91,7 +89,7 @@ class Protocol:
         Leading rows recorded at the mounted state; by default from :func:`rest_rows`.
         Zero only for a protocol that starts elsewhere, in a specimen with one common reference.
     reference : (float, float)
-        The stretches by which the columns were divided. No part of equality.
+        The stretches by which the columns were divided. Not part of equality.
 
     Raises
     ------
@@ -112,7 +110,21 @@ class Protocol:
         for key in (*CURVES, "time_s"):
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, self._column(key))
-        self._check_stretches()
+        for key in ("stretch_x", "stretch_y"):
+            values = getattr(self, key)
+            for index in np.flatnonzero((values < STRETCH_RANGE[0]) | (values > STRETCH_RANGE[1])):
+                negative = values[index] < 0.0 and np.median(values) > STRETCH_RANGE[0]
+                remedy = "a stretch is positive; mend the value or remove the row"
+                raise self._error(
+                    f"a stretch of {values[index]:g} cannot be",
+                    key,
+                    int(index),
+                    remedy if negative else STRETCH_REMEDY,
+                )
+        time = np.empty(0) if self.time_s is None else self.time_s
+        for index in np.flatnonzero(np.abs(time) > TIME_LIMIT_S):
+            remedy = "give seconds from the start of the test"
+            raise self._error(f"a time of {time[index]:g} s", "time_s", int(index), remedy)
         if self.rest_rows == AUTOMATIC:
             load = np.column_stack([self.load_x, self.load_y])
             object.__setattr__(self, "rest_rows", rest_rows(self.stretch_x, self.stretch_y, load))
@@ -150,30 +162,6 @@ class Protocol:
         values.setflags(write=False)
         return values
 
-    def _check_stretches(self) -> None:
-        for key in ("stretch_x", "stretch_y"):
-            values = getattr(self, key)
-            bad = np.flatnonzero((values < STRETCH_RANGE[0]) | (values > STRETCH_RANGE[1]))
-            if bad.size:
-                value = values[bad[0]]
-                negative = value < 0.0 and np.median(values) > STRETCH_RANGE[0]
-                remedy = "a stretch is positive; mend the value or remove the row"
-                raise self._error(
-                    f"a stretch of {value:g} cannot be",
-                    key,
-                    int(bad[0]),
-                    remedy if negative else STRETCH_REMEDY,
-                )
-        time = np.empty(0) if self.time_s is None else self.time_s
-        late = np.flatnonzero(np.abs(time) > TIME_LIMIT_S)
-        if late.size:
-            raise self._error(
-                f"a time of {time[late[0]]:g} s",
-                "time_s",
-                int(late[0]),
-                "give seconds from the start of the test",
-            )
-
     @property
     def stretch(self) -> np.ndarray:
         """Measured stretches in x and y, shape (rows, 2)."""
@@ -189,10 +177,11 @@ class Protocol:
             return NotImplemented
         if (self.name, self.rest_rows) != (other.name, other.rest_rows):
             return False
-        if (self.time_s is None) != (other.time_s is None):
-            return False
-        keys = CURVES if self.time_s is None else (*CURVES, "time_s")
-        return all(np.array_equal(getattr(self, key), getattr(other, key)) for key in keys)
+        pairs = [(getattr(self, key), getattr(other, key)) for key in (*CURVES, "time_s")]
+        return all(
+            mine is theirs if mine is None or theirs is None else np.array_equal(mine, theirs)
+            for mine, theirs in pairs
+        )
 
     def __hash__(self) -> int:
         return hash((self.name, self.rows, self.rest_rows))
@@ -201,16 +190,10 @@ class Protocol:
         return f"Protocol({self.name!r}, {self.rows} rows)"
 
     def divided_by(self, reference: Sequence[float], stress_pair: str) -> Protocol:
-        """The same path with stretches relative to another state.
+        """The same path with stretches relative to a state of the given (measured) stretches.
 
         A Cauchy stress is divided as well: the lab multiplied the nominal stress by its own
         stretch, and the nominal stress must stay what it was.
-
-        Parameters
-        ----------
-        reference : (float, float)
-            Stretches of that state, as the columns measure them.
-        stress_pair : {"force", "piola", "cauchy"}
         """
         x, y = (float(value) for value in reference)
         # Rounding leaves the mean of rows at rest within a few units in the last place of one;
@@ -229,9 +212,7 @@ class Protocol:
 
     def from_rest(self, stress_pair: str) -> Protocol:
         """The same path, its stretches divided by their mean over the rows at rest."""
-        rest = slice(0, self.rest_rows)
-        reference = self.stretch_x[rest].mean(), self.stretch_y[rest].mean()
-        return self.divided_by(reference, stress_pair)
+        return self.divided_by(self.stretch[: self.rest_rows].mean(axis=0), stress_pair)
 
     def at_one(self) -> Protocol:
         """The same path, at rest only in leading rows that lie at the stretch (1, 1).
@@ -244,6 +225,9 @@ class Protocol:
             if abs(mean - 1.0) > _tolerance(stretch):
                 return replace(self, rest_rows=0)
         return self
+
+
+# --- rows at rest ---------------------------------------------------------------------------------
 
 
 def second_difference_scatter(curve: np.ndarray) -> float:
@@ -261,10 +245,10 @@ def _tolerance(curve: np.ndarray) -> float:
 
 
 def still_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
-    """Leading rows in which neither stretch leaves its first value.
+    """Leading rows, at least one, in which neither stretch leaves its first value.
 
     They stay within a quarter of the mean increment of the path, or within three times the
-    scatter of the stretch (second differences), of the first row; at least one.
+    scatter of the stretch (second differences), of the first row.
     """
     if stretch_x.size < 3:
         return 1
@@ -277,21 +261,11 @@ def still_rows(stretch_x: np.ndarray, stretch_y: np.ndarray) -> int:
 
 
 def rest_rows(stretch_x: np.ndarray, stretch_y: np.ndarray, load: np.ndarray | None = None) -> int:
-    """Number of leading rows at rest.
+    """Number of leading rows at rest, at least one, from stretches (n,) and loads (n, 2).
 
     A row is at rest while both stretches stay at their first value (:func:`still_rows`) and
     neither load has begun to rise: where the camera lags behind the load cell, the load rises
     while the stretch still rests. A load that falls there relaxes, and counts.
-
-    Parameters
-    ----------
-    stretch_x, stretch_y : ndarray, shape (n,)
-    load : ndarray, shape (n, 2), optional
-
-    Returns
-    -------
-    int
-        At least one.
     """
     still = still_rows(stretch_x, stretch_y)
     if load is None or still < LEAST_RISE_ROWS:
@@ -307,8 +281,3 @@ def rest_rows(stretch_x: np.ndarray, stretch_y: np.ndarray, load: np.ndarray | N
             level = part[0] + max(_tolerance(curve), 3.0 * scatter)
             rows = min(rows, int(np.flatnonzero(part > level)[0]) if np.any(part > level) else 1)
     return max(rows, 1)
-
-
-LEAST_RISE_ROWS = 3
-RISE_SHARE = 0.005
-"""A rise of the load by less than this share of its range is drift and no start of the test."""

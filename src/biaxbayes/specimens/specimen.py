@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -76,7 +76,7 @@ class Specimen:
 
     def __post_init__(self) -> None:
         self._check_arguments()
-        object.__setattr__(self, "metadata", MappingProxyType(self._checked_metadata()))
+        object.__setattr__(self, "metadata", self._checked_metadata())
         object.__setattr__(self, "protocols", self._referenced(self._checked_protocols()))
 
     def _check_arguments(self) -> None:
@@ -162,12 +162,6 @@ class Specimen:
                 )
         return tuple(p.from_rest(self.stress_pair) for p in protocols)
 
-    def __reduce__(self):
-        # MappingProxyType does not pickle; workers need specimens.
-        fields = {key: getattr(self, key) for key in self.__dataclass_fields__}
-        fields["metadata"] = dict(self.metadata)
-        return _rebuild, (fields,)
-
     def __hash__(self) -> int:
         return hash((self.name, self.stress_pair, len(self.protocols)))
 
@@ -221,7 +215,7 @@ class Specimen:
             return np.full(2, np.nan)
         return self.load(protocol)[: protocol.rest_rows].mean(axis=0)
 
-    @property
+    @cached_property
     def peak_load(self) -> float:
         """Largest absolute load over both directions and all protocols, in :attr:`unit`."""
         return max(float(np.abs(self.load(p)).max()) for p in self.protocols)
@@ -244,16 +238,19 @@ class Specimen:
 
     def _is_zeroed(self, p: Protocol, axis: int) -> bool:
         written = (p.load_x, p.load_y)[axis]
-        mean = abs(float(written[: p.rest_rows].mean()))
-        # A Cauchy stress is zero at rest as it is written, or as a nominal stress.
-        smallest = min(mean, abs(float(self.mounting_reading(p)[axis])))
-        if written[0] == 0.0 or smallest <= 1e-9 * max(self.peak_load, 1e-300):
+        if written[0] == 0.0:
             return True
+        # Zero mean at rest; a Cauchy stress as it is written, or as a nominal stress
+        mean = abs(float(written[: p.rest_rows].mean()))
+        if min(mean, abs(float(self.mounting_reading(p)[axis]))) <= 1e-9 * self.peak_load:
+            return True
+        # Zero but for the last digit, which must be fine: with digits as coarse as the noise, a
+        # zero mean does not indicate taring.
         digit = float(np.diff(np.unique(written)).min(initial=np.inf))
-        # With digits as coarse as the noise, a zero mean does not indicate taring.
-        return mean <= digit <= FINE_DIGITS * self.noise_sd / np.sqrt(p.rest_rows)
+        standard_error = self.noise_sd / np.sqrt(p.rest_rows)
+        return mean <= digit and digit <= FINE_DIGITS * standard_error
 
-    @property
+    @cached_property
     def noise_sd(self) -> float:
         """Standard deviation of one load reading, in :attr:`unit`.
 
@@ -366,10 +363,6 @@ def _checked(key: str, value: object) -> Any:
         return checked_value(key, value)
     except InputError as error:
         raise ReadingError(error.problem, argument=key, remedy=error.remedy) from None
-
-
-def _rebuild(fields: dict) -> Specimen:
-    return Specimen(**fields)
 
 
 def pooled_reading(reading: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ The readings go into a :class:`Specimen`; what no machine knows (material, mount
 true mounting force) goes into a separate :class:`Truth`, which is written to a file of its own.
 
 A homogeneous specimen is what the model says, plus the errors of the machine. A hooked specimen is
-what five hooks an edge make of a known material: its stress is not uniform, and a record that
+a known material held by five hooks per edge: its stress is not uniform, and a record that
 divides the force by the nominal section is off by an amount that no noise explains.
 """
 
@@ -29,14 +29,8 @@ from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text
 
-# --- the record, and the truth that no machine knows ---------------------------------------------
-
-
 MISFIT_LENGTH = 0.25
-
-
-Curves = VirtualTest | SheetTest
-"""Error-free curves of one protocol, in closed form or by finite elements."""
+Stretch = float | tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -87,12 +81,12 @@ class Machine:
 
 @dataclass(frozen=True)
 class Truth:
-    """What a fit must find, and how the readings were disturbed.
+    """True values behind a record, and how its readings were disturbed.
 
     ``mounting_force_x, _y`` is the force of the material at the true mounting stretch, in
     ``unit`` (that of the record: N, or kPa over the section of the record's geometry);
     ``disturbed_mounting_force`` is what the load cells really carried before their noise: with
-    the smooth misfit of the first row, and for hooks the sum over them. One pair a protocol.
+    the smooth misfit of the first row, and for hooks the sum over them. One pair per protocol.
     ``grips`` is None for a homogeneous specimen.
     """
 
@@ -122,152 +116,13 @@ class Truth:
         return f"Truth({self.specimen!r}: {values}, mounting stretch {stretch})"
 
 
-def record_tests(
-    tests: Mapping[str, Curves],
-    material: MaterialResponse,
-    *,
-    name: str,
-    mounting_stretch: tuple[float, float],
-    dimensions: Dimensions,
-    machine: Machine | None = None,
-    seed: int,
-    labels: Mapping[str, str] | None = None,
-    source: str = "",
-    grips: Mapping[str, float] | None = None,
-) -> tuple[Specimen, Truth]:
-    """Record error-free tests (closed form or finite elements) with a machine's errors.
-
-    Parameters
-    ----------
-    tests : mapping of protocol name to VirtualTest or SheetTest
-        The first row of each is the mounted state.
-    material : GOH or StatedMaterial
-    name : str
-        Name of the specimen.
-    mounting_stretch : (float, float)
-        Stretch of the mounted relative to the unloaded state.
-    dimensions : Dimensions
-        Unloaded dimensions, whatever ``machine.geometry`` is.
-    machine : Machine
-    seed : int
-        The same seed gives the same readings.
-    labels : mapping, optional
-        Header keys ``layer``, ``axis_x``, ``axis_y``.
-    source : str
-        Where the material comes from; kept in the truth only.
-    grips : mapping, optional
-        How a finite-element specimen was held and measured; kept in the truth only.
-
-    Returns
-    -------
-    Specimen, Truth
-    """
-    machine = machine or Machine()
-    rng = np.random.default_rng(seed)
-    stated = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
-    # N per unit of the record: 1 for forces, section in mm^2 times 1e-3 (kPa mm^2) for stresses.
-    divisor = np.ones(2) if machine.stress_pair == "force" else stated.section_mm2() * 1e-3
-    # One header value stands for both directions; sections differ by the mounting stretch only.
-    noise = machine.noise_N / float(np.sqrt(divisor.prod()))
-    protocols, disturbed = [], {}
-    for label, test in tests.items():
-        # Twelve digits: neither 1.0020000000000002 in the file nor an error that matters.
-        stretch = np.round(np.column_stack([test.measured_x, test.measured_y]), 12)
-        true_force = np.column_stack([test.force_x_N, test.force_y_N])
-        force, readings = _disturb(true_force, machine, rng)
-        load = readings / divisor
-        if machine.stress_pair == "cauchy":
-            load = load * stretch
-        load = _as_written(load, noise)
-        shown = label if len(tests) > 1 else "1"
-        protocols.append(Protocol(shown, *stretch.T, *load.T))
-        disturbed[shown] = _pair(force[0] / divisor)
-    labels = labels or {}
-    specimen = Specimen(
-        name,
-        tuple(protocols),
-        machine.stress_pair,
-        machine.geometry,
-        **asdict(stated),
-        load_noise=noise or None,
-        layer=labels.get("layer"),
-        axis_x=labels.get("axis_x"),
-        axis_y=labels.get("axis_y"),
-    )
-    # f0_k = A0_k P_k(theta, lm)
-    mounting = np.array(material.piola(*mounting_stretch)) * dimensions.section_mm2() * 1e-3
-    force_x, force_y = _pair(mounting / divisor)
-    truth = Truth(
-        specimen=name,
-        material=_recorded(material),
-        mounting_stretch_x=mounting_stretch[0],
-        mounting_stretch_y=mounting_stretch[1],
-        unit=specimen.unit,
-        mounting_force_x=force_x,
-        mounting_force_y=force_y,
-        disturbed_mounting_force=disturbed,
-        unloaded_dimensions=asdict(dimensions),
-        load_noise_N=machine.noise_N,
-        misfit=machine.misfit,
-        misfit_length=machine.misfit_length,
-        seed=seed,
-        source=source,
-        grips=None if grips is None else dict(grips),
-    )
-    return specimen, truth
-
-
-def _recorded(material: MaterialResponse) -> dict[str, float | bool | str]:
-    """A material by the parameters of its law; one of GOH needs no name."""
-    if isinstance(material, GOH):
-        return asdict(material)
-    law = material.law
-    values = {p.label: float(v) for p, v in zip(law.parameters, material.values, strict=True)}
-    switch = {"fibre_switch": law.fibre_switch} if law.has_switch else {}
-    return {"law": law.name, **values, **switch}
-
-
 def write_truth(truths: Sequence[Truth], path: str | os.PathLike) -> None:
-    """Write truths as JSON, one object a specimen under its name.
-
-    Parameters
-    ----------
-    truths : sequence of Truth
-    path : path-like
-        The file appears under its name only when it is complete.
-    """
+    """Write truths as JSON, one object per specimen under its name."""
     text = json.dumps({truth.specimen: asdict(truth) for truth in truths}, indent=2)
     atomic_write_text(Path(path), text + "\n")
 
 
-def _disturb(
-    force: np.ndarray, machine: Machine, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Forces with smooth misfit, and the same as read by the load cells; shape (n, 2)."""
-    path = np.arange(len(force), dtype=float)
-    # Drawn in any case, so that the noise of a seed does not depend on the misfit.
-    misfit = [smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)]
-    noise = rng.standard_normal(force.shape)
-    # f_j = f_true_j (1 + misfit_j)
-    disturbed = force * (1.0 + machine.misfit * np.column_stack(misfit))
-    return disturbed, disturbed + machine.noise_N * noise
-
-
-def _as_written(load: np.ndarray, noise: float) -> np.ndarray:
-    """Readings to a thousandth of their noise, as a machine writes them; all digits without."""
-    if noise == 0.0:
-        return load
-    return np.round(load, 3 + math.ceil(-math.log10(noise)))
-
-
-def _pair(values: np.ndarray) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
-
-
 # --- tests: homogeneous ones in closed form, hooked ones in finite elements ----------------------
-
-
-Stretch = float | tuple[float, float]
 
 
 def virtual_specimen(
@@ -310,15 +165,16 @@ def virtual_specimen(
         If the stretches or ratios do not define a test.
     """
     dimensions = dimensions or Dimensions()
+    largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
     tests = {
         label: virtual_test(
             material,
             mounting_stretch=mounting_stretch,
-            measured_stretch=top,
+            measured_stretch=stretch,
             increments=increments,
             **asdict(dimensions),
         )
-        for label, top in _tops(mounting_stretch, total_stretch, measured_stretch, ratios).items()
+        for label, stretch in largest.items()
     }
     return record_tests(
         tests, material, mounting_stretch=mounting_stretch, dimensions=dimensions, **record
@@ -348,7 +204,7 @@ def hooked_specimen(
     Parameters
     ----------
     hooks : Hooks, optional
-        Five hooks an edge by default.
+        Five hooks per edge by default.
     elements : int
         Elements along an edge.
     material, mounting_stretch, total_stretch, measured_stretch, ratios, increments, dimensions, \
@@ -369,25 +225,25 @@ def hooked_specimen(
         If no equilibrium is found, however small the increments.
     """
     dimensions, hooks = dimensions or Dimensions(), hooks or Hooks()
-    tops = _tops(mounting_stretch, total_stretch, measured_stretch, ratios)
+    largest = _largest_stretches(mounting_stretch, total_stretch, measured_stretch, ratios)
     sheet = Sheet(dimensions.edge_x_mm, dimensions.edge_y_mm, elements=elements)
     tester = SheetTester(material, sheet, hooks.on(sheet), thickness_mm=dimensions.thickness_mm)
     mounted = tester.mount(mounting_stretch)
     tests = {
-        label: tester.stretch_to(mounted, top, increments=increments) for label, top in tops.items()
+        label: tester.stretch_to(mounted, stretch, increments=increments)
+        for label, stretch in largest.items()
     }
-    grips = {"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE}
     return record_tests(
         tests,
         material,
         mounting_stretch=mounting_stretch,
         dimensions=dimensions,
-        grips=grips,
+        grips={"elements": elements, **asdict(hooks), "marker_distance_of_edge": GAUGE},
         **record,
     )
 
 
-def _tops(
+def _largest_stretches(
     mounting_stretch: Sequence[float],
     total_stretch: Stretch | None,
     measured_stretch: Stretch | None,
@@ -397,16 +253,137 @@ def _tops(
     if (total_stretch is None) == (measured_stretch is None):
         raise ValueError("give one of total_stretch and measured_stretch")
     if total_stretch is None:
-        top = np.ones(2) * np.asarray(measured_stretch, dtype=float)
+        largest = np.ones(2) * np.asarray(measured_stretch, dtype=float)
     else:
-        top = np.ones(2) * np.asarray(total_stretch, dtype=float) / np.asarray(mounting_stretch)
+        largest = np.ones(2) * np.asarray(total_stretch, dtype=float) / np.asarray(mounting_stretch)
     out = {}
     for x, y in ratios:
         if not (max(x, y) > 0.0 and min(x, y) >= 0.0 and math.isfinite(x + y)):
             raise ValueError("a ratio needs two numbers, not negative and not both zero")
         share = np.array([x, y]) / max(x, y)
-        end = 1.0 + share * (top - 1.0)
+        end = 1.0 + share * (largest - 1.0)
         out[f"{x:g}:{y:g}"] = (float(end[0]), float(end[1]))
     if not out or len(out) < len(ratios):
         raise ValueError("give each ratio once")
     return out
+
+
+# --- the record, and the truth that no machine knows ---------------------------------------------
+
+
+def record_tests(
+    tests: Mapping[str, VirtualTest | SheetTest],
+    material: MaterialResponse,
+    *,
+    name: str,
+    mounting_stretch: tuple[float, float],
+    dimensions: Dimensions,
+    machine: Machine | None = None,
+    seed: int,
+    labels: Mapping[str, str] | None = None,
+    source: str = "",
+    grips: Mapping[str, float] | None = None,
+) -> tuple[Specimen, Truth]:
+    """Record error-free tests (closed form or finite elements) with a machine's errors.
+
+    Parameters
+    ----------
+    tests : mapping of protocol name to VirtualTest or SheetTest
+        The first row of each is the mounted state.
+    material : GOH or StatedMaterial
+    name : str
+        Name of the specimen.
+    mounting_stretch : (float, float)
+        Stretch of the mounted relative to the unloaded state.
+    dimensions : Dimensions
+        Unloaded dimensions, whatever ``machine.geometry`` is.
+    machine : Machine
+    seed : int
+        The same seed gives the same readings.
+    labels : mapping, optional
+        Header keys ``layer``, ``axis_x``, ``axis_y``.
+    source : str
+        Where the material comes from; part of the truth only.
+    grips : mapping, optional
+        How a finite-element specimen was gripped and measured; part of the truth only.
+
+    Returns
+    -------
+    Specimen, Truth
+    """
+    machine, labels = machine or Machine(), labels or {}
+    rng = np.random.default_rng(seed)
+    stated = dimensions.mounted(mounting_stretch) if machine.geometry == "mounted" else dimensions
+    # N per unit of the record: 1 for forces, section in mm^2 times 1e-3 (kPa mm^2) for stresses.
+    divisor = np.ones(2) if machine.stress_pair == "force" else stated.section_mm2() * 1e-3
+    # One header value stands for both directions; sections differ by the mounting stretch only.
+    noise = machine.noise_N / float(np.sqrt(divisor.prod()))
+    protocols, disturbed = [], {}
+    for label, test in tests.items():
+        # Twelve digits: neither 1.0020000000000002 in the file nor an error that matters.
+        stretch = np.round(np.column_stack([test.measured_x, test.measured_y]), 12)
+        true_force = np.column_stack([test.force_x_N, test.force_y_N])
+        force, readings = _disturb(true_force, machine, rng)
+        load = readings / divisor * (stretch if machine.stress_pair == "cauchy" else 1.0)
+        if noise > 0.0:
+            # To a thousandth of the noise, as a machine writes readings
+            load = np.round(load, 3 + math.ceil(-math.log10(noise)))
+        shown = label if len(tests) > 1 else "1"
+        protocols.append(Protocol(shown, *stretch.T, *load.T))
+        x, y = (force[0] / divisor).tolist()
+        disturbed[shown] = (x, y)
+    specimen = Specimen(
+        name,
+        tuple(protocols),
+        machine.stress_pair,
+        machine.geometry,
+        **asdict(stated),
+        load_noise=noise or None,
+        layer=labels.get("layer"),
+        axis_x=labels.get("axis_x"),
+        axis_y=labels.get("axis_y"),
+    )
+    # f0_k = A0_k P_k(theta, lm)
+    mounting = np.array(material.piola(*mounting_stretch)) * dimensions.section_mm2() * 1e-3
+    force_x, force_y = (mounting / divisor).tolist()
+    truth = Truth(
+        specimen=name,
+        material=_material_values(material),
+        mounting_stretch_x=mounting_stretch[0],
+        mounting_stretch_y=mounting_stretch[1],
+        unit=specimen.unit,
+        mounting_force_x=force_x,
+        mounting_force_y=force_y,
+        disturbed_mounting_force=disturbed,
+        unloaded_dimensions=asdict(dimensions),
+        load_noise_N=machine.noise_N,
+        misfit=machine.misfit,
+        misfit_length=machine.misfit_length,
+        seed=seed,
+        source=source,
+        grips=None if grips is None else dict(grips),
+    )
+    return specimen, truth
+
+
+def _material_values(material: MaterialResponse) -> dict[str, float | bool | str]:
+    """A material by the parameters of its law; one of GOH needs no name."""
+    if isinstance(material, GOH):
+        return asdict(material)
+    law = material.law
+    values = {p.label: float(v) for p, v in zip(law.parameters, material.values, strict=True)}
+    switch = {"fibre_switch": law.fibre_switch} if law.has_switch else {}
+    return {"law": law.name, **values, **switch}
+
+
+def _disturb(
+    force: np.ndarray, machine: Machine, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Forces with smooth misfit, and the same as read by the load cells; shape (n, 2)."""
+    path = np.arange(len(force), dtype=float)
+    # Drawn in any case, so that the noise of a seed does not depend on the misfit.
+    misfit = [smooth_misfit(path, 1.0, rng, length=machine.misfit_length) for _ in range(2)]
+    noise = rng.standard_normal(force.shape)
+    # f_j = f_true_j (1 + misfit_j)
+    disturbed = force * (1.0 + machine.misfit * np.column_stack(misfit))
+    return disturbed, disturbed + machine.noise_N * noise

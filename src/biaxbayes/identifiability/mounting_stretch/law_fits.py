@@ -11,8 +11,8 @@ import numpy as np
 from biaxbayes.fitting.law_fit import LawFit, fit_law
 from biaxbayes.laws import DEFAULT_LAW, LAWS
 from biaxbayes.parameters import mounting_names
-from biaxbayes.specimens.path import averaged_specimen
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import averaged_specimen
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,8 +19,8 @@ from biaxbayes.fitting.effective_readings import SMOOTH_RUNS, misses_smoothly
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.parameters import mounting_names
-from biaxbayes.specimens.path import averaged_specimen
 from biaxbayes.specimens.specimen import Specimen
+from biaxbayes.specimens.thinning import averaged_specimen
 
 if TYPE_CHECKING:
     from biaxbayes.model.posterior import Posterior

@@ -1,0 +1,144 @@
+"""Fewer rows along a loading path with the same content.
+
+Every k consecutive rows of a protocol become one: their mean stretches, their mean loads and the
+scatter of the loads about their trend. For a residual that hardly changes within k rows,
+
+    sum_j (f_j - m_j)^2 = k [(mean f - m)^2 + scatter],
+
+so a Gaussian likelihood of the averaged rows, each counted k times with its scatter, is that of
+all rows, for any noise sd. Rows are grouped by their number and not by the length of the
+path, because the likelihood counts rows: bins of equal length would weigh the parts of a path
+that was recorded slowly less than the record does, and change the answer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from biaxbayes.errors import InputError
+from biaxbayes.specimens.protocol import CURVES, Protocol
+from biaxbayes.specimens.specimen import Specimen
+
+AUTO_ABOVE = 200
+"""Rows of a protocol, those at rest apart, beyond which thinning is worth it."""
+AUTO_ROWS = 100
+"""Rows of a protocol that are left then, at most."""
+LEAST_ROWS = 10
+
+
+@dataclass(frozen=True)
+class ThinnedSpecimen:
+    """A specimen with averaged rows.
+
+    Attributes
+    ----------
+    specimen : Specimen
+        Rows at rest as they are, the others averaged.
+    scatter : tuple of ndarray, shape (n_p, 2)
+        Mean square scatter of the loads in each averaged row about their trend, in the
+        squared unit of :meth:`Specimen.load`; zero where nothing was averaged.
+    weight : tuple of float
+        Rows of the record for each row left, by protocol.
+    """
+
+    specimen: Specimen
+    scatter: tuple[np.ndarray, ...]
+    weight: tuple[float, ...]
+
+
+def rows_to_keep(specimen: Specimen, thin: int | str, *, automatic: bool) -> int:
+    """Rows of a protocol that longer ones are averaged to; 0 for all of them.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    thin : int, "none" or "auto"
+        A number is used as it is. ``auto`` averages to at most 100 rows per protocol where one
+        has more than 200.
+    automatic : bool
+        Whether ``auto`` may average at all: not where the readings count as independent, since
+        their number is part of the answer there.
+    """
+    if thin == "auto":
+        longest = max(p.rows - p.rest_rows for p in specimen.protocols)
+        return AUTO_ROWS if automatic and longest > AUTO_ABOVE else 0
+    if thin == "none":
+        return 0
+    try:
+        rows = int(thin)
+    except (TypeError, ValueError):
+        raise InputError(f"cannot thin to {thin!r}", remedy="a number, none or auto") from None
+    if rows and rows < LEAST_ROWS:
+        raise InputError(
+            f"thinning to {rows} rows per protocol leaves no curve",
+            remedy=f"{LEAST_ROWS} or more, or none",
+        )
+    return rows
+
+
+def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
+    """Average consecutive rows, to at most ``rows`` of each protocol beside those at rest.
+
+    With ``rows`` 0 all rows stay.
+    """
+    protocols, scatter, weight = [], [], []
+    for protocol in specimen.protocols:
+        count = protocol.rows - protocol.rest_rows
+        size = -(-count // rows) if rows else 1
+        load = specimen.load(protocol)[protocol.rest_rows :]
+        # Even groups: a short last one would count as a whole one, where the misfit is largest.
+        groups = -(-count // max(size, 1))
+        starts = np.arange(groups) * count // max(groups, 1)
+        protocols.append(_averaged(protocol, starts) if size > 1 else protocol)
+        scatter.append(_scatter(load, starts) if size > 1 else np.zeros_like(load))
+        weight.append(count / max(len(starts), 1))
+    thinned = replace(specimen, protocols=tuple(protocols))
+    return ThinnedSpecimen(thinned, tuple(scatter), tuple(weight))
+
+
+def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
+    """The specimen with rows averaged, and the load noise of its own rows.
+
+    Averaging removes the scatter of neighbouring rows from which the noise would be estimated.
+    """
+    averaged = thinned_specimen(specimen, rows).specimen
+    return replace(averaged, load_noise=specimen.noise_sd or None)
+
+
+def _averaged(protocol: Protocol, starts: np.ndarray) -> Protocol:
+    """A protocol with the mean of each group of rows after those at rest."""
+    rest, sizes = protocol.rest_rows, np.diff([*starts, protocol.rows - protocol.rest_rows])
+    means = {}
+    for key in (*CURVES, "time_s"):
+        column = getattr(protocol, key)
+        if column is not None:
+            average = np.add.reduceat(column[rest:], starts) / sizes
+            means[key] = np.concatenate([column[:rest], average])
+    return replace(protocol, **means)
+
+
+def _scatter(load: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Mean square about a straight line in each group of rows, shape (groups, 2).
+
+    A line through k readings leaves k - 2 of k - 1 parts of their scatter. In groups of two
+    nothing is left of it; they get what the others of the record have.
+    """
+    out = np.full((len(starts), 2), np.nan)
+    ends = [*starts[1:], len(load)]
+    for i, (first, last) in enumerate(zip(starts, ends, strict=True)):
+        k = last - first
+        if k == 1:
+            out[i] = 0.0
+        elif k > 2:
+            t = np.arange(k) - 0.5 * (k - 1)
+            y = load[first:last] - load[first:last].mean(axis=0)
+            slope = t @ y / (t @ t)
+            out[i] = ((y - t[:, None] * slope) ** 2).sum(axis=0) * (k - 1) / (k - 2) / k
+    pairs = np.isnan(out[:, 0])
+    if pairs.any():
+        # var(second difference) = 6 sd^2; the mean square of two about their mean is sd^2 / 2
+        bend = np.diff(load, n=2, axis=0)
+        out[pairs] = (bend**2).mean(axis=0) / 12.0 if len(bend) else 0.0
+    return out
