@@ -14,6 +14,7 @@ that was recorded slowly less than the record does, and change the answer.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -110,7 +111,7 @@ def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
 def _averaged(protocol: Protocol, starts: np.ndarray) -> Protocol:
     """A protocol with the mean of each group of rows after those at rest."""
     rest, sizes = protocol.rest_rows, np.diff([*starts, protocol.rows - protocol.rest_rows])
-    means = {}
+    means: dict[str, Any] = {}
     for key in (*CURVES, "time_s"):
         column = getattr(protocol, key)
         if column is not None:
