@@ -7,6 +7,7 @@ that noise comes from the prior.
 import numpy as np
 import pytest
 
+import biaxbayes
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.conflicts import prior_findings, radian_findings
 from biaxbayes.model.preparation import prepare
@@ -54,6 +55,25 @@ def test_a_prior_that_contradicts_the_data_is_named(parameter, prior, alone):
     assert fitted == pytest.approx(truth, rel=0.15)
     # The model misses smoothly under this prior, so neighbouring rows say the same.
     assert posterior.readings.total < 0.6 * alone.readings.total
+
+
+@pytest.mark.long
+def test_no_parameter_is_reported_under_a_prior_that_contradicts_the_data(tmp_path):
+    """With the angle 20 sd from its prior, the stiffness k1 is far from the truth in any run."""
+    priors = {"alpha": normal(0.7, 0.05)}
+    radians = pytest.warns(RuntimeWarning, match="radians")
+    with radians, pytest.warns(RuntimeWarning, match="contradicts the data"):
+        run = biaxbayes.sample(SPECIMEN, out=tmp_path / "run", priors=priors, ess=100, seed=1)
+    assert run.state == "converged"
+    low, high = run.summary.loc["k1", ["q05", "q95"]]
+    assert not low < VALUES["k1"] < high
+    for name in VALUES:
+        row = run.result[name]
+        assert (row.verdict, row.reason) == (
+            "not identified",
+            "the prior of alpha contradicts the data",
+        )
+    assert "prior of alpha" in run.result.advice
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ record. What they mean and every threshold are in ``docs/identifiability.md``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from biaxbayes.identifiability.verdict import (
 )
 from biaxbayes.laws import LAWS
 from biaxbayes.laws.law import Law
+from biaxbayes.model.conflicts import prior_conflicts
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH
@@ -50,6 +51,8 @@ class Identifiability:
         State of the run that the draws are from.
     fits : LawFits or None
         Least squares of all laws under the same mounting constraint, of converged draws.
+    contradicted_priors : tuple of str
+        Parameters of the law whose prior, stated by the user, contradicts the data.
     """
 
     parameters: tuple[ParameterVerdict, ...]
@@ -58,6 +61,7 @@ class Identifiability:
     thresholds: Thresholds
     law: Law
     fits: LawFits | None = None
+    contradicted_priors: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> ParameterVerdict:
         for parameter in self.parameters:
@@ -68,7 +72,9 @@ class Identifiability:
     @property
     def reported(self) -> tuple[Reported, ...]:
         """What to report of every inferred parameter: one interval or bound, verdict and reason."""
-        return reported(self.parameters, self.fits, self.law, self.thresholds)
+        return reported(
+            self.parameters, self.fits, self.law, self.thresholds, self.contradicted_priors
+        )
 
     @property
     def better_law(self) -> str:
@@ -156,7 +162,11 @@ def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Ident
     state : {"converged", "tentative", "unusable"}
     """
     fits = run_law_fits(posterior) if state == "converged" else None
-    return identify_draws(posterior, draws, state, fits=fits)
+    result = identify_draws(posterior, draws, state, fits=fits)
+    if state != "converged":
+        return result
+    conflicts = [name for name in prior_conflicts(posterior) if name in posterior.law.names]
+    return replace(result, contradicted_priors=tuple(conflicts))
 
 
 def run_law_fits(posterior: Posterior, laws: Sequence[str] = tuple(LAWS)) -> LawFits | None:

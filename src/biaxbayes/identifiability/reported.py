@@ -9,7 +9,8 @@
 Intervals are 90 %, bounds 95 %. A posterior holds within its law. Where the law misses the record
 smoothly, its intervals are too narrow: each is widened about its median by the ratio of two errors
 of the least squares, with the smooth misfit and without (:mod:`biaxbayes.fitting.law_fit`). Where
-another law fits distinctly better, the parameters of this law are not identified. Mounting
+another law fits distinctly better, or a prior of the user contradicts the data, the parameters of
+this law are not identified. Mounting
 stretches are those on which all laws that fit agree (:mod:`.mounting_stretch.interval`).
 
 The rows as text are the same words and digits wherever they are printed.
@@ -83,8 +84,13 @@ def reported(
     fits: LawFits | None,
     law: Law,
     thresholds: Thresholds,
+    contradicted_priors: Sequence[str] = (),
 ) -> tuple[Reported, ...]:
-    """What to report of the inferred parameters, in their order, without fixed and tied ones."""
+    """What to report of the inferred parameters, in their order, without fixed and tied ones.
+
+    Where the user's prior of a parameter of the law contradicts the data, the others make up for
+    it, and none is identified.
+    """
     intervals = {
         p.name: _widened(p, p.evidence, fits, law, thresholds)
         for p in parameters
@@ -95,7 +101,9 @@ def reported(
         for name, wide in intervals.items()
         if wide.open_sides or wide.evidence.contraction < thresholds.contraction
     }
-    better_law = "" if fits is None else better_law_message(fits, law.name)
+    unusable = "" if fits is None else better_law_message(fits, law.name)
+    if contradicted_priors:
+        unusable = f"the prior of {listed(list(contradicted_priors))} contradicts the data"
     out = []
     for p in parameters:
         if p.posterior_verdict == FIXED:
@@ -104,8 +112,8 @@ def reported(
             out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NO_VERDICT, UNCONVERGED))
         elif p.scale.parameter.kind != MATERIAL:
             out.append(mounting_row(p.name, p.mounting))
-        elif better_law:
-            out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NOT_IDENTIFIED, better_law))
+        elif unusable:
+            out.append(Reported(p.name, p.scale.unit, OPEN, OPEN, NOT_IDENTIFIED, unusable))
         else:
             out.append(_material_row(p, intervals[p.name], unknown, law, thresholds))
     return tuple(out)

@@ -73,7 +73,13 @@ def radian_findings(posterior: Posterior) -> list[Finding]:
 
 
 def prior_findings(posterior: Posterior) -> list[Finding]:
-    """Priors of the user far from the least-squares estimate that also worsen the fit.
+    """Priors of the user that contradict the data."""
+    conflicts = prior_conflicts(posterior)
+    return [Finding("prior-contradicts-data", "warning", text) for text in conflicts.values()]
+
+
+def prior_conflicts(posterior: Posterior) -> dict[str, str]:
+    """What is wrong with a prior of the user, by parameter.
 
     The fit uses no priors. A prior contradicts the data where the fitted value lies beyond three
     of its standard deviations, and the residuals at the mode of the posterior are larger than
@@ -83,7 +89,7 @@ def prior_findings(posterior: Posterior) -> list[Finding]:
     """
     priors = user_priors(posterior)
     if not priors:
-        return []
+        return {}
     specimen = posterior.specimen
     fit = posterior.fit
     fitted = dict(zip(posterior.law.names, fit.material.values, strict=True))
@@ -94,24 +100,20 @@ def prior_findings(posterior: Posterior) -> list[Finding]:
     at_mode = max(root_mean_square(modal_residuals(posterior.replaced(thin=0))[0]), floor)
     readings = posterior.beta * 2.0 * sum(p.rows - p.rest_rows for p in specimen.protocols)
     if readings * math.log(at_mode / best) <= LOST:
-        return []
+        return {}
     noise = specimen.noise_sd
     of_noise = (
         f", {at_mode / noise:.2g} times the load noise of {noise:.2g} {specimen.unit}"
         if noise > 0.0
         else ""
     )
-    return [
-        Finding(
-            "prior-contradicts-data",
-            "warning",
-            f"the prior of {name}, {prior_text(prior)}, contradicts the data, which alone give "
-            f"{fitted[name]:.4g}: under this prior the model misses the loads by {at_mode:.2g} "
-            f"{specimen.unit} rms instead of {best:.2g}{of_noise}",
-        )
+    return {
+        name: f"the prior of {name}, {prior_text(prior)}, contradicts the data, which alone give "
+        f"{fitted[name]:.4g}: under this prior the model misses the loads by {at_mode:.2g} "
+        f"{specimen.unit} rms instead of {best:.2g}{of_noise}"
         for name, prior in priors.items()
         if name in fitted and is_far(prior, fitted[name])
-    ]
+    }
 
 
 def is_far(prior: Prior, value: float) -> bool:

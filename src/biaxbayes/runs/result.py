@@ -247,6 +247,8 @@ def _advice(
             f"the mounting stretch was not inferred (mounting {mounting}): the parameters carry "
             "its error"
         )
+    if verdicts.contradicted_priors:
+        return f"correct the prior of {listed(list(verdicts.contradicted_priors))}, or its unit"
     if verdicts.better_law:
         return verdicts.better_law
     lost = [r for r in reported if r.verdict != IDENTIFIED]
