@@ -168,4 +168,6 @@ def test_a_run_keeps_the_ratios_and_opens_with_the_same_numbers(tmp_path):
     for name, value in truth.items():
         assert run.result[name].low < value < run.result[name].high, name
     assert biaxbayes.open_run(tmp_path / "run").posterior().specimen == run.specimen
-    assert "hooks" in (tmp_path / "run" / "report.html").read_text()
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "Loads were divided by 0.8" in page
+    assert "As measured" in page

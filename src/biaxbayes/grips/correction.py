@@ -20,22 +20,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from biaxbayes.errors import InputError, NotConverged
+from biaxbayes.errors import BiaxbayesError, InputError, NotConverged
 from biaxbayes.fem.sheet import Sheet
 from biaxbayes.fem.sheet_tester import SheetTester
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.forward import ForwardModel
 from biaxbayes.grips.geometry import edges_mm, in_words, stated_hooks
 from biaxbayes.laws.goh import GOH
+from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.text_files import write_csv
 
 ELEMENTS, COARSE_ELEMENTS = 24, 16
 """Elements along an edge. From 24 to 32, ln r of data/hooked-weisbecker.csv moves by 0.02 %."""
@@ -47,8 +46,6 @@ SMALL_LOAD = 0.03
 """Share of the larger load below which a direction takes the r of its nearest row."""
 DRAWS = 16
 """Draws of the posterior at which r is computed to see how far it varies."""
-WIDE_SPREAD, WIDE_MESH = 0.01, 0.005
-"""Spread over the posterior, and difference between meshes, that are worth a warning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +77,8 @@ class GripCorrection:
         With loads (and stretches) of a uniform test; its header has ``grip_correction: applied``.
     ratios : tuple of RowRatios
         Of each protocol.
-    fit : FitResult
-        The last fit.
+    uncorrected, fit : FitResult
+        The first fit, to the loads as measured, and the last one.
     rounds : int
         Of fit and finite elements.
     mesh_difference : float
@@ -93,6 +90,7 @@ class GripCorrection:
     measured: Specimen
     specimen: Specimen
     ratios: tuple[RowRatios, ...]
+    uncorrected: FitResult
     fit: FitResult
     rounds: int
     mesh_difference: float
@@ -109,14 +107,12 @@ class GripCorrection:
         """One sentence."""
         (low_x, high_x), (low_y, high_y) = self.range
         return (
-            f"loads corrected for {in_words(self.measured)}: measured over corrected is "
-            f"{low_x:.3f} to {high_x:.3f} in x, {low_y:.3f} to {high_y:.3f} in y "
-            f"({self.rounds} rounds of fit and finite elements; two meshes differ by "
-            f"{100 * self.mesh_difference:.2g} %)"
+            f"loads were divided by {low_x:.3f} to {high_x:.3f} in x and {low_y:.3f} to "
+            f"{high_y:.3f} in y to correct for {in_words(self.measured)}"
         )
 
-    def table(self, spread: np.ndarray | None = None) -> pd.DataFrame:
-        """The ratios, one line per row of the specimen, with their sd over the posterior."""
+    def table(self, spread: np.ndarray) -> pd.DataFrame:
+        """The ratios, one line per row of the specimen, with the result of :meth:`spread`."""
         tables = []
         for p, ratios in zip(self.specimen.protocols, self.ratios, strict=True):
             columns = {"protocol": [p.name] * p.rows, "stretch_x": p.stretch_x}
@@ -125,20 +121,14 @@ class GripCorrection:
                 columns |= {f"{name}_ratio_{k}": values[:, i] for i, k in enumerate("xy")}
             tables.append(pd.DataFrame(columns))
         table = pd.concat(tables, ignore_index=True)
-        if spread is not None:
-            table["sd_log_force_ratio_x"], table["sd_log_force_ratio_y"] = spread.T
+        table["sd_log_force_ratio_x"], table["sd_log_force_ratio_y"] = spread.T
         return table
 
     def spread(self, draws: Mapping[str, np.ndarray], forward: ForwardModel) -> np.ndarray:
         """Standard deviation of ln r over draws of the posterior, shape (rows, 2).
 
         It is what the correction leaves out: r is that of one material. Draws at which the sheet
-        has no equilibrium are left out.
-
-        Raises
-        ------
-        NotConverged
-            If fewer than two draws are left.
+        has no equilibrium are left out; NaN where fewer than two are left.
         """
         columns = {name: np.ravel(values) for name, values in draws.items()}
         size = columns["C1"].size
@@ -152,12 +142,12 @@ class GripCorrection:
             ]
             try:
                 ratios = grip_ratios(self.measured, material, mounting, COARSE_ELEMENTS)
-            except NotConverged:
+            except BiaxbayesError:
                 continue
             logs.append(np.log(np.concatenate([r.force for r in ratios])))
         if len(logs) < 2:
-            raise NotConverged("the gripped sheet has no equilibrium at the draws of the posterior")
-        return np.std(logs, axis=0, ddof=1)
+            return np.full((sum(p.rows for p in self.measured.protocols), 2), np.nan)
+        return np.asarray(np.std(logs, axis=0, ddof=1))
 
 
 def corrected_for_grips(
@@ -180,9 +170,10 @@ def corrected_for_grips(
     start = time.perf_counter()
     stated_hooks(specimen)
     corrected = as_corrected(specimen)
-    before = None
+    before = first = None
     for rounds in range(1, MOST_ROUNDS + 1):
         fit = fitted(corrected)
+        first = first or fit
         refuse_other_law(fit.material.law.name, specimen.name)
         mounting = list(np.broadcast_to(fit.mounting_stretch, (len(specimen.protocols), 2)))
         ratios = grip_ratios(specimen, fit.material, mounting, ELEMENTS)
@@ -192,7 +183,7 @@ def corrected_for_grips(
             coarse = _logs(grip_ratios(specimen, fit.material, mounting, COARSE_ELEMENTS))
             mesh = float(np.abs(coarse - logs).max())
             seconds = time.perf_counter() - start
-            return GripCorrection(specimen, corrected, ratios, fit, rounds, mesh, seconds)
+            return GripCorrection(specimen, corrected, ratios, first, fit, rounds, mesh, seconds)
         before = logs
     raise NotConverged(
         f"the correction for grips has not settled in {MOST_ROUNDS} rounds; check the grip keys, "
@@ -265,9 +256,8 @@ def _protocol_ratios(
     # r = F / (A P)
     uniform = area * np.column_stack(tester.material.piola(*total.T))
     ratio = force / np.where(uniform == 0.0, np.nan, uniform)
-    usable = np.isfinite(ratio) & (
-        np.abs(uniform) > SMALL_LOAD * np.abs(uniform).max(axis=1)[:, None]
-    )
+    larger = np.abs(uniform).max(axis=1)[:, None]
+    usable = (ratio > 0.0) & (np.abs(uniform) > SMALL_LOAD * larger)
     if not usable.any(axis=0).all():
         raise NotConverged(f"protocol {p.name} has no load in one direction")
     centre = total / total[0] / path[chosen]
@@ -296,7 +286,7 @@ def _uniform(specimen: Specimen, ratios: tuple[RowRatios, ...]) -> Specimen:
                 load_y=load[:, 1],
             )
         )
-    # errors of readings grow with the readings: by their mean ratio, as they are one number
+    # one number each, so divided by the mean ratio
     mean = float(np.mean(np.concatenate([r.force for r in ratios])))
     noise = None if specimen.load_noise is None else specimen.load_noise / mean
     metadata: dict[str, Any] = dict(as_corrected(specimen).metadata)
@@ -311,29 +301,45 @@ def _logs(ratios: tuple[RowRatios, ...]) -> np.ndarray:
     return np.log(np.concatenate([np.hstack([r.force, r.stretch]) for r in ratios]))
 
 
-# --- what a run folder keeps ---------------------------------------------------------------------
+# --- what a run keeps ----------------------------------------------------------------------------
 
-RATIOS = "grips.csv"
+WIDE_SPREAD, WIDE_MESH = 0.01, 0.005
+"""Spread over the posterior, and difference between meshes, that are worth a warning."""
 
 
-def write_grips(
-    folder: Path,
-    correction: GripCorrection,
-    forward: ForwardModel,
-    draws: Mapping[str, np.ndarray],
-) -> dict[str, Any]:
-    """Write the ratios of all rows into a run folder; the record for its provenance."""
-    try:
-        spread = correction.spread(draws, forward)
-    except NotConverged:  # draws of chains that went astray
-        spread = np.full((sum(p.rows for p in correction.measured.protocols), 2), np.nan)
-    write_csv(folder / RATIOS, correction.table(spread), digits=8)
+def grip_findings(correction: GripCorrection, ratios: pd.DataFrame) -> list[Finding]:
+    """Warnings where the ratio is less certain than the loads; arguments of :func:`grip_record`."""
+    messages = []
+    spread = _largest_spread(ratios)
+    if not spread <= WIDE_SPREAD:
+        varies = f"varies by {100 * spread:.2g} % (sd)" if spread > 0.0 else "is not known"
+        messages.append(
+            f"the correction for the grips {varies} over the posterior, which the intervals "
+            "leave out: fix a parameter that is known, or test another stretch ratio"
+        )
+    if correction.mesh_difference > WIDE_MESH:
+        messages.append(
+            f"the correction for the grips differs by {100 * correction.mesh_difference:.2g} % "
+            "between two meshes: check grip_width_mm and grip_inset_mm"
+        )
+    return [Finding("grips", "warning", message) for message in messages]
+
+
+def _largest_spread(ratios: pd.DataFrame) -> float:
+    return float(ratios.filter(like="sd_log_force_ratio").to_numpy().max())
+
+
+def grip_record(correction: GripCorrection, ratios: pd.DataFrame) -> dict[str, Any]:
+    """The correction in the provenance of a run; ``ratios`` as of :meth:`GripCorrection.table`."""
+    spread = _largest_spread(ratios)
     return {
         "in_words": correction.in_words,
         "force_ratio_x": correction.range[0].tolist(),
         "force_ratio_y": correction.range[1].tolist(),
         "rounds": correction.rounds,
         "mesh_difference": correction.mesh_difference,
-        "largest_sd_of_log_ratio": float(spread.max()) if np.isfinite(spread).all() else None,
+        "largest_sd_of_log_ratio": spread if np.isfinite(spread) else None,
         "seconds": round(correction.seconds, 3),
+        "fit_as_measured": correction.uncorrected.record(),
+        "fit_corrected": correction.fit.record(),
     }

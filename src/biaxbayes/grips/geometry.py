@@ -69,7 +69,5 @@ def in_words(specimen: Specimen) -> str:
     hooks = stated_hooks(specimen)
     spacing = hooks.spacing(min(edges_mm(specimen)))
     return (
-        f"{hooks.count} hooks per edge, {hooks.inset_mm:g} mm inside it and {spacing:.3g} mm "
-        f"apart, each moving a patch {2.0 * hooks.radius_mm:.3g} mm wide; stretches from "
-        f"{specimen.metadata.get('stretch_from', 'markers')}"
+        f"{hooks.count} hooks per edge, {hooks.inset_mm:g} mm inside it and {spacing:.3g} mm apart"
     )

@@ -19,6 +19,8 @@ def closing_message(run: Run) -> str:
     if record.get("layer"):
         name += f" ({record['layer']})"
     lines = [f"{printable(cut(name, 80))}: {_verdict(record['convergence'])}"]
+    if isinstance(grips := record.get("grips"), dict):
+        lines.append(printable(cut(grips.get("in_words", ""), 200)))
     serious = [f for f in record.get("findings") or [] if f["severity"] == "error"]
     lines += [printable(cut(f["message"], 400)) for f in serious[:1]]
     advice = "; ".join(filter(None, (result.little_determined, result.advice)))

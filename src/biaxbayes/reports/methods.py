@@ -83,12 +83,19 @@ def _grips(run: Run) -> str:
     record = run.provenance.get("grips")
     if not isinstance(record, dict):
         return ""
-    spread = record.get("largest_sd_of_log_ratio")
-    left = f" Over the posterior the ratio varies by {100 * spread:.2g} % (sd)." if spread else ""
-    return (
-        "Loads were corrected for the grips in the manner of Fehervary et al. (2016): "
-        f"{cut(record['in_words'], 400)}.{left}"
+    words = cut(record.get("in_words", ""), 300)
+    text = (
+        f"{words[:1].upper()}{words[1:]}: the force of a finite-element sheet at the least-squares "
+        "fit over that of a uniform test; fit and finite elements were repeated until the ratio "
+        "settled (Fehervary et al., 2016)."
     )
+    mesh, spread = record.get("mesh_difference"), record.get("largest_sd_of_log_ratio")
+    if isinstance(mesh, float) and isinstance(spread, float):
+        text += (
+            f" The ratio differs by {100 * mesh:.2g} % between two meshes, and its standard "
+            f"deviation over the posterior is at most {100 * spread:.2g} %."
+        )
+    return text
 
 
 def _noise(run: Run) -> str:

@@ -20,7 +20,7 @@ from biaxbayes.runs.run import Run, open_run
 from biaxbayes.text_files import atomic_write_text
 
 NAME, EXPLORE = REPORTS["html"], REPORTS["explore"]
-FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger")
+FIGURES = ("stress-bands", "corner", "identifiability", "trace", "ledger", "grips")
 METHOD = (
     "Improved Mechanical Characterization of Soft Tissues Including Mounting Stretches. "
     "Mathematical and Computational Applications 29(4), 55, 2024.",
@@ -109,6 +109,7 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         figures=pictures(run.path, FIGURES),
         stresses=stress_rows(run),
         determined=determined_rows(run),
+        grips=_grip_rows(run),
         noise=record["noise"],
         beta=run.beta,
         sampler=sampler,
@@ -130,6 +131,26 @@ def report_page(run: Run, *, explore: bool = False) -> str:
         better_law=result.better_law,
         glossary=list(GLOSSARY.items()),
     )
+
+
+def _grip_rows(run: Run) -> list[tuple[str, str, str]]:
+    """Least-squares parameters as measured and corrected for the grips; empty without grips."""
+    stored = run.provenance.get("grips")
+    record = stored if isinstance(stored, dict) else {}
+    fits = [record.get(key) for key in ("fit_as_measured", "fit_corrected")]
+    measured, corrected = (fit if isinstance(fit, dict) else {} for fit in fits)
+    labels = [*(p.label for p in run.law.parameters), "mounting_stretch_x", "mounting_stretch_y"]
+    return [
+        (label, _numbers(measured[label]), _numbers(corrected[label]))
+        for label in labels
+        if label in measured and label in corrected
+    ]
+
+
+def _numbers(value: object) -> str:
+    """A number, or those of the first six mounted states."""
+    values = value if isinstance(value, list) else [value]
+    return ", ".join(f"{v:.5g}" for v in values[:6] if isinstance(v, int | float))
 
 
 # --- lists of facts: specimen, settings, versions ------------------------------------------------

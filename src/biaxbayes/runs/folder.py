@@ -47,7 +47,7 @@ CARDS_FOLDER = re.compile(rf"{CARDS}-({'|'.join(CARD_PROGRAMS)})-({'|'.join(CARD
 """Folders of material cards in a run."""
 PICTURE = r"\.(pdf|png|svg)"
 DERIVED = re.compile(
-    rf"(prediction|inflation|ledger|design|profile)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
+    rf"(prediction|inflation|ledger|design|profile|grips)(\.csv|{PICTURE})|(profile-intervals\.csv|profile-provenance\.json)"
     rf"|(identifiability|determined|same-curves|law-fits|edges|misfit|report|report-stresses)\.csv"
     r"|report\.(html|md|tex)|explore\.html|results\.json|README\.txt"
     r"|(identify|study-rows|study-layers)\.json"

@@ -73,9 +73,14 @@ def check(specimen: SpecimenLike, *, fit: bool = True, figure: PathLike | None =
     data = open_specimen(specimen)
     findings = list(check_specimen(data))
     if data.needs_grip_correction:
-        from biaxbayes.grips.geometry import in_words
+        from biaxbayes.grips.geometry import in_words, stated_hooks
 
-        findings.append(Finding("grips", "note", f"sample and fit correct for {in_words(data)}"))
+        width = 2.0 * stated_hooks(data).radius_mm
+        words = (
+            f"sample and fit correct the loads for {in_words(data)}, each of which moves a patch "
+            f"{width:.3g} mm wide; stretches from {data.metadata.get('stretch_from', 'markers')}"
+        )
+        findings.append(Finding("grips", "note", words))
     if fit:
         from biaxbayes.identifiability.fit_quality import (
             misfit_finding,

@@ -18,8 +18,9 @@ from biaxbayes.grips.correction import (
     GripCorrection,
     as_corrected,
     corrected_for_grips,
+    grip_findings,
+    grip_record,
     refuse_other_law,
-    write_grips,
 )
 from biaxbayes.grips.geometry import stated_hooks
 from biaxbayes.identifiability.fit_quality import swapped_columns
@@ -55,7 +56,7 @@ from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.tasks import one_call
-from biaxbayes.text_files import atomic_write_text
+from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs.inputs import (
     PathLike,
     SpecimenLike,
@@ -183,17 +184,15 @@ class Sampling:
 
     def _correct_for_grips(self, tell: Tell) -> None:
         """Replace the specimen by one whose loads are those of a uniform test."""
-        tell(Progress("fitting", note="finite elements of the grips: a few seconds"))
+        tell(Progress("correcting for the grips"))
 
         def fitted(specimen: Specimen) -> FitResult:
             posterior = Posterior(specimen, **self.options, beta=1.0)
             return posterior.least_squares(self.plan.seed)
 
         self.correction = corrected_for_grips(self.specimen, fitted)
-        note = self.correction.in_words
         corrected = self.correction.specimen
-        self.specimen = replace(corrected, notes=(*corrected.notes, note))
-        tell(Progress("fitting", note=note))
+        self.specimen = replace(corrected, notes=(*corrected.notes, self.correction.in_words))
 
     def _drawn(
         self, posterior: Posterior, fit_seconds: float, resume: bool, tell: Tell, stop: Stop
@@ -235,17 +234,22 @@ class Sampling:
             tell(Progress(step, note=str(finding)))
 
     def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
+        from biaxbayes.figures.run.grips import grips_figure
+        from biaxbayes.figures.style import save_pictures
         from biaxbayes.reports.page import write_report
         from biaxbayes.verbs.products import write_products
 
-        specimen = self.specimen
+        specimen, correction, ratios = self.specimen, self.correction, None
+        if correction is not None:
+            ratios = correction.table(correction.spread(draws.quantities, posterior.forward))
+            self.findings = (*self.findings, *grip_findings(correction, ratios))
         record = provenance(posterior, self.plan, draws, self.source)
         record["findings"] = [finding.record() for finding in self.findings]
         write_specimen(specimen, folder / "specimen.csv")
-        if self.correction is not None:
-            record["grips"] = write_grips(
-                folder, self.correction, posterior.forward, draws.quantities
-            )
+        if correction is not None and ratios is not None:
+            record["grips"] = grip_record(correction, ratios)
+            write_csv(folder / "grips.csv", ratios, digits=8)
+            save_pictures(grips_figure(specimen, ratios), folder, "grips")
         attributes = {
             "biaxbayes_version": record["biaxbayes"],
             "specimen": specimen.name,
