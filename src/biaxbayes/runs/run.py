@@ -56,7 +56,6 @@ COLUMNS = (
     "ess_tail",
     "rhat",
     "posterior_within",
-    "to_report",
 )
 
 
@@ -88,7 +87,6 @@ def summarise(
         draws = quantities[name]
         row: dict[str, object] = dict.fromkeys(COLUMNS, np.nan)
         row |= {"parameter": name, "unit": known[name].unit, "posterior_within": law}
-        row["to_report"] = "report.csv"
         i = position.get(name)
         if convergence.state != "unusable" and draws.size:
             q05, q50, q95 = np.quantile(draws, [0.05, 0.5, 0.95])
