@@ -250,9 +250,7 @@ def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Ti
 
 
 def local_prior(
-    draws: Mapping[str, np.ndarray],
-    wide: Mapping[str, Prior | float | Tie],
-    known: Quantities,
+    draws: Mapping[str, np.ndarray], wide: Mapping[str, Prior | float | Tie], known: Quantities
 ) -> dict[str, Prior | float | Tie]:
     """Prior around a posterior: its marginals, each twice as wide, independent of one another.
 

@@ -259,9 +259,7 @@ def reported_rows(member: Member, thresholds: Thresholds | None = None) -> Seque
 
 
 def _side_by_side(
-    members: Sequence[Member],
-    reported: Sequence[Sequence[Reported]],
-    thresholds: Thresholds,
+    members: Sequence[Member], reported: Sequence[Sequence[Reported]], thresholds: Thresholds
 ) -> dict[str, Any]:
     """The fields of a comparison beside what is reported."""
     stretches = common_stretches(members)
@@ -327,10 +325,7 @@ def _derived(draws: pd.DataFrame, stretches: list[float], posterior: Posterior) 
 
 
 def _identified(
-    member: Member,
-    reported: Sequence[Reported],
-    derived: list[Derived],
-    thresholds: Thresholds,
+    member: Member, reported: Sequence[Reported], derived: list[Derived], thresholds: Thresholds
 ) -> dict[str, bool]:
     """Whether a run identifies or bounds each quantity."""
     converged = member.state == "converged"

@@ -18,13 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.comparison.law_comparison import (
-    WHOLE,
-    Part,
-    Prediction,
-    only,
-    parts_of,
-)
+from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, only, parts_of
 from biaxbayes.comparison.mixture import mixture_bands, mixture_draws, shared_stretches
 from biaxbayes.comparison.pooling import (
     calibrated_levels,

@@ -133,10 +133,7 @@ _LEAST_PROBABILITY = 1e-9
 
 
 def mixed_probabilities(
-    measured: np.ndarray,
-    model: Sequence[np.ndarray],
-    sd: Sequence[np.ndarray],
-    weight: np.ndarray,
+    measured: np.ndarray, model: Sequence[np.ndarray], sd: Sequence[np.ndarray], weight: np.ndarray
 ) -> np.ndarray:
     """Probability of the mixture below each reading.
 

@@ -13,14 +13,7 @@ from biaxbayes.comparison.compare import Comparison
 from biaxbayes.figures.panels import draw_cells, group_colour, row_panels
 from biaxbayes.figures.quantities import AxisText, axis_span, axis_text, plain, quantity
 from biaxbayes.figures.run.identifiability import VERDICT_COLOURS
-from biaxbayes.figures.style import (
-    PAGE_MM,
-    Style,
-    add_note,
-    blank_figure,
-    few_ticks,
-    print_style,
-)
+from biaxbayes.figures.style import PAGE_MM, Style, add_note, blank_figure, few_ticks, print_style
 from biaxbayes.identifiability.bounded_density import at_edges, curve, interval
 from biaxbayes.identifiability.determined import STRESS
 from biaxbayes.identifiability.reported import Reported, report_rows

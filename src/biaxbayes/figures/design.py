@@ -11,14 +11,7 @@ from matplotlib.figure import Figure
 
 from biaxbayes.figures.panels import draw_cells
 from biaxbayes.figures.quantities import quantity
-from biaxbayes.figures.style import (
-    PAGE_MM,
-    Style,
-    add_note,
-    blank_figure,
-    colour,
-    print_style,
-)
+from biaxbayes.figures.style import PAGE_MM, Style, add_note, blank_figure, colour, print_style
 from biaxbayes.optimal_design.design import Design
 
 ROW_MM, NOTE_MM, LETTER_MM = 6.5, 3.6, 1.35

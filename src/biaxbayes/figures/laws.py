@@ -101,11 +101,7 @@ def law_mounting_figure(
 
 
 def law_bands_figure(
-    compared: LawComparison,
-    specimen: Specimen,
-    *,
-    width_mm: float = PAGE_MM,
-    style: Style = None,
+    compared: LawComparison, specimen: Specimen, *, width_mm: float = PAGE_MM, style: Style = None
 ) -> Figure:
     """Bands of the mixture over the record."""
     names = [p.name for p in specimen.protocols[: shown_protocols(specimen, width_mm)]]

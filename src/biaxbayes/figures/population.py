@@ -19,14 +19,7 @@ from biaxbayes.figures.panels import (
 )
 from biaxbayes.figures.quantities import LOG_SPREAD, axis_text, plain
 from biaxbayes.figures.run.corner import overlay_figure
-from biaxbayes.figures.style import (
-    PAGE_MM,
-    Style,
-    add_note,
-    blank_figure,
-    few_ticks,
-    print_style,
-)
+from biaxbayes.figures.style import PAGE_MM, Style, add_note, blank_figure, few_ticks, print_style
 from biaxbayes.parameters import Parameter, Quantity
 
 ROW_MM, TALLEST_MM = 4.4, 110.0

@@ -143,12 +143,7 @@ def lee_sacks_to_natural(coordinates, value):
 def lee_sacks_constants_at(coordinates, value):
     """Constants at natural values."""
     return LeeSacksConstants(
-        value[_C0],
-        value[_C1],
-        value[_C2],
-        value[_C3],
-        value[_DELTA],
-        np.cos(value[_ALPHA]) ** 2,
+        value[_C0], value[_C1], value[_C2], value[_C3], value[_DELTA], np.cos(value[_ALPHA]) ** 2
     )
 
 

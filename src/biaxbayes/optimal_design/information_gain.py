@@ -155,10 +155,7 @@ class OutcomePosterior:
     def _fitted(self, log_weight: np.ndarray, rng: np.random.Generator) -> MixtureProposal:
         chosen = resample(log_weight, POPULATION // 2, rng)
         return fit_mixture_proposal(
-            self._points[chosen],
-            rng,
-            bounds=self._bounds,
-            components=COMPONENTS,
+            self._points[chosen], rng, bounds=self._bounds, components=COMPONENTS
         )
 
     def _normaliser(self, rng: np.random.Generator) -> float:

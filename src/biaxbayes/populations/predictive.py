@@ -108,11 +108,7 @@ class Hyper:
 
     @classmethod
     def from_prior(
-        cls,
-        values: Sequence[PooledValue],
-        layout: Layout,
-        draws: int,
-        rng: np.random.Generator,
+        cls, values: Sequence[PooledValue], layout: Layout, draws: int, rng: np.random.Generator
     ) -> tuple[Hyper, np.ndarray]:
         """Draws of the prior, locations that the model excludes left out.
 

@@ -200,10 +200,7 @@ def specimen_verdicts(
     """
     own = {v.name: DrawnPrior(v.from_scale(prior[:, k])) for k, v in enumerate(values)}
     identification = identify_draws(
-        source.posterior,
-        pooled,
-        state,
-        priors={**source.posterior.priors, **own},
+        source.posterior, pooled, state, priors={**source.posterior.priors, **own}
     )
     verdicts = {p.name: unless_wide(p).posterior_verdict for p in identification.parameters}
     if state != "converged":

@@ -17,11 +17,7 @@ from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.law import Law
 from biaxbayes.options import PredictionOptions
 from biaxbayes.prediction.bands import band_columns, evenly_chosen, evenly_spaced, tails
-from biaxbayes.prediction.draws import (
-    mounting_labels,
-    mounting_stretch,
-    protocol_mounting,
-)
+from biaxbayes.prediction.draws import mounting_labels, mounting_stretch, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 
 # --- what a test covered: the convex hull of its states of stretch, and what lies outside it -----

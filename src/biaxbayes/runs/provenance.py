@@ -22,10 +22,7 @@ if TYPE_CHECKING:
     from biaxbayes.specimens.specimen import Specimen
 
 
-LIBRARIES = (
-    *("numpy", "scipy", "numba", "emcee"),
-    *("h5netcdf", "matplotlib"),
-)
+LIBRARIES = (*("numpy", "scipy", "numba", "emcee"), *("h5netcdf", "matplotlib"))
 
 
 def specimen_digest(specimen: Specimen) -> str:

@@ -234,10 +234,7 @@ def run_result(
 
 
 def _advice(
-    reported: Sequence[Reported],
-    verdicts: Identifiability,
-    mounting: str,
-    quantities: Quantities,
+    reported: Sequence[Reported], verdicts: Identifiability, mounting: str, quantities: Quantities
 ) -> str:
     """What would help most: to converge, another law, the mounting stretch, a further test."""
     if verdicts.state != "converged":

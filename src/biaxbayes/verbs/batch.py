@@ -58,21 +58,8 @@ from biaxbayes.studies.result import (
 from biaxbayes.studies.rows import rows_of_run
 from biaxbayes.studies.study_file import Study, read_study, study_of_files
 from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, Stop, Tell, claim_folder, never, silent
-from biaxbayes.verbs.options import (
-    MODEL,
-    NOT_CONVERGED,
-    any_record_option,
-    argument,
-    executor_options,
-    file_option,
-    model_options,
-    options,
-    quiet_option,
-    refuse_given,
-    shown_work,
-    with_priors,
-)
 from biaxbayes.verbs.sample import Sampling
 
 
@@ -232,12 +219,7 @@ class Batch:
     folder: Path
     executor: Executor = field(default_factory=InThisProcess)
 
-    def execute(
-        self,
-        *,
-        progress: Tell = silent,
-        stop: Stop = never,
-    ) -> StudyResult:
+    def execute(self, *, progress: Tell = silent, stop: Stop = never) -> StudyResult:
         """Sample what is missing, compare the layers of each donor, and write every file."""
         claim_folder(self.folder, {STUDY}, "a study's", own={RUNS})
         (self.folder / RUNS).mkdir(exist_ok=True)
@@ -370,7 +352,7 @@ def _progress(tried: Mapping[str, Tried], total: int, before: int, seconds: floa
 
 IN_FILE = {
     **dict.fromkeys(("seed", "ess", "max_steps", "anyway"), "{}"),
-    **dict.fromkeys(MODEL, "options"),
+    **dict.fromkeys(opt.MODEL, "options"),
     **dict.fromkeys(("fix", "priors"), "priors"),
     "mounting_force": "{}",
 }
@@ -378,14 +360,14 @@ IN_FILE = {
 
 
 @click.command("batch")
-@argument("sources", metavar="STUDY.toml|CSV...", nargs=-1, required=True)
-@executor_options
-@file_option("out", "Study folder [<stem>-study].")
-@options(SamplingPlan, "seed")
-@model_options()
-@options(SamplingPlan, "ess", "max_steps")
-@any_record_option
-@quiet_option
+@opt.argument("sources", metavar="STUDY.toml|CSV...", nargs=-1, required=True)
+@opt.executor_options
+@opt.file_option("out", "Study folder [<stem>-study].")
+@opt.options(SamplingPlan, "seed")
+@opt.model_options()
+@opt.options(SamplingPlan, "ess", "max_steps")
+@opt.any_record_option
+@opt.quiet_option
 @click.pass_context
 def command(
     context: click.Context,
@@ -415,7 +397,7 @@ def command(
     if _is_study(sources[0]) and len(sources) == 1:
         study = sources[0]
         for name, key in IN_FILE.items():
-            refuse_given(
+            opt.refuse_given(
                 context,
                 (name,),
                 "{} is for CSV files",
@@ -425,15 +407,15 @@ def command(
         given = {}
     else:
         _check_csvs(sources, mounting_force)
-        given = with_priors(**given)
+        given = opt.with_priors(**given)
     folder = out or Path(f"{sources[0].stem}-study" if len(sources) == 1 else "study")
-    with shown_work(quiet) as work:
+    with opt.shown_work(quiet) as work:
         result = batch(study, out=folder, workers=workers, scheduler=scheduler, **work, **given)
     if not quiet:
         click.echo(closing_message(result))
     for label, reason in result.failures.items():
         click.echo(f"biaxbayes: {printable(label)}: {printable(as_options(reason))}", err=True)
-    return 0 if result.converged else NOT_CONVERGED
+    return 0 if result.converged else opt.NOT_CONVERGED
 
 
 def _is_study(path: Path) -> bool:

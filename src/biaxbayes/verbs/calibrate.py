@@ -17,23 +17,14 @@ import pandas as pd
 import biaxbayes
 from biaxbayes.calibration.calibration import RANKED_DRAWS, Replication, Study, run_replications
 from biaxbayes.calibration.ranks import calibration_table, verdict
-from biaxbayes.calibration.simulated_specimen import (
-    local_prior,
-    priors_toml,
-    protocol_prior,
-)
+from biaxbayes.calibration.simulated_specimen import local_prior, priors_toml, protocol_prior
 from biaxbayes.errors import Interrupted, NotConverged, RunError
 from biaxbayes.figures.calibration import rank_figure
 from biaxbayes.figures.style import save_pictures
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.priors import default_priors, prior_value
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.options import (
-    CalibrationPlan,
-    InferringOptions,
-    ModelOptions,
-    takes_options,
-)
+from biaxbayes.options import CalibrationPlan, InferringOptions, ModelOptions, takes_options
 from biaxbayes.parallel import Executor, InThisProcess, executor_for
 from biaxbayes.parameters import Quantities
 from biaxbayes.progress_bar import Progress, with_progress
@@ -43,28 +34,9 @@ from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, read_csv, write_csv
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    SpecimenLike,
-    Stop,
-    Tell,
-    claim_folder,
-    never,
-    open_specimen,
-    silent,
-)
-from biaxbayes.verbs.options import (
-    NOT_CONVERGED,
-    argument,
-    executor_options,
-    file_option,
-    flag,
-    model_options,
-    options,
-    quiet_option,
-    shown_work,
-    with_priors,
-)
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
+from biaxbayes.verbs.inputs import PathLike, SpecimenLike, Stop, Tell
 
 SAVE_SECONDS = 5.0
 COLUMNS = (
@@ -161,14 +133,10 @@ class CalibrationStudy:
     executor: Executor = field(default_factory=InThisProcess)
 
     def execute(
-        self,
-        *,
-        resume: bool = False,
-        progress: Tell = silent,
-        stop: Stop = never,
+        self, *, resume: bool = False, progress: Tell = inputs.silent, stop: Stop = inputs.never
     ) -> Outcome:
         """Run the replications that are missing, and write every file."""
-        claim_folder(self.folder, {"study.json"}, "a study's")
+        inputs.claim_folder(self.folder, {"study.json"}, "a study's")
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             rows = self._start(resume)
@@ -337,8 +305,8 @@ def calibrate(
     workers: int | None = None,
     scheduler: str | None = None,
     resume: bool = True,
-    progress: Tell = silent,
-    stop: Stop = never,
+    progress: Tell = inputs.silent,
+    stop: Stop = inputs.never,
     **options: Any,
 ) -> Outcome:
     """Simulation-based calibration on the protocols of a specimen.
@@ -361,22 +329,22 @@ def calibrate(
     plan, others = CalibrationPlan.split(options)
     model = InferringOptions.from_values(others).keywords()
     executor = executor_for(workers, scheduler)
-    study = study_of(open_specimen(specimen, mounting_force), model, plan)
+    study = study_of(inputs.open_specimen(specimen, mounting_force), model, plan)
     in_folder = CalibrationStudy(study, Path(out), plan.replications, executor)
     return in_folder.execute(resume=resume, progress=progress, stop=stop)
 
 
 @click.command("calibrate")
-@argument("specimen")
-@options(CalibrationPlan, "replications")
-@executor_options
-@options(CalibrationPlan, "source")
-@file_option("out", "Folder [<stem>-calibration].")
-@options(CalibrationPlan, "seed", "ess")
-@flag("resume", "Continue, or add replications to, a study.")
-@quiet_option
-@options(CalibrationPlan, "broken", broken={"hidden": True})
-@model_options(InferringOptions)
+@opt.argument("specimen")
+@opt.options(CalibrationPlan, "replications")
+@opt.executor_options
+@opt.options(CalibrationPlan, "source")
+@opt.file_option("out", "Folder [<stem>-calibration].")
+@opt.options(CalibrationPlan, "seed", "ess")
+@opt.flag("resume", "Continue, or add replications to, a study.")
+@opt.quiet_option
+@opt.options(CalibrationPlan, "broken", broken={"hidden": True})
+@opt.model_options(InferringOptions)
 def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     """Simulation-based calibration on the protocols, dimensions and load noise of SPECIMEN.
 
@@ -386,14 +354,14 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     weight is estimated from each record, the coverage is reported. Exit code 3 when the ranks
     are not uniform.
     """
-    given = with_priors(**given)
+    given = opt.with_priors(**given)
     folder = out or Path(f"{specimen.stem}-calibration")
-    with shown_work(quiet) as work:
+    with opt.shown_work(quiet) as work:
         outcome = calibrate(specimen, out=folder, **work, **given)
     tested = given["noise"] == "independent"
     if not quiet:
         click.echo(closing_message(folder, outcome, tested))
-    return NOT_CONVERGED if tested and not outcome.calibrated else 0
+    return opt.NOT_CONVERGED if tested and not outcome.calibrated else 0
 
 
 def closing_message(folder: Path, outcome: Outcome, tested: bool) -> str:

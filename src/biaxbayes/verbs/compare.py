@@ -13,29 +13,9 @@ from biaxbayes.options import ModelOptions, SamplingPlan, takes_options
 from biaxbayes.progress_bar import with_progress
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import aligned
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    RunLike,
-    SpecimenLike,
-    Stop,
-    Tell,
-    is_run,
-    never,
-    usable_run,
-)
-from biaxbayes.verbs.options import (
-    NOT_CONVERGED,
-    argument,
-    file_option,
-    flag,
-    model_options,
-    open_usable_run,
-    options,
-    overwrite_option,
-    quiet_option,
-    shown_work,
-    with_priors,
-)
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
+from biaxbayes.verbs.inputs import PathLike, RunLike, SpecimenLike, Stop, Tell
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.compare import Comparison
@@ -52,7 +32,7 @@ def compare(
     anyway: bool = False,
     overwrite: bool = False,
     progress: Tell | None = None,
-    stop: Stop = never,
+    stop: Stop = inputs.never,
     **options: Any,
 ) -> Comparison:
     """Runs side by side: what each reports, and how far apart they are in what both identify.
@@ -86,7 +66,7 @@ def compare(
     _check(runs, labels)
     opened = []
     for source in runs:
-        if is_run(source):
+        if inputs.is_run(source):
             run = source
         elif out is None:
             raise InputError("a specimen is sampled into a folder", remedy="give it with `out`")
@@ -102,7 +82,7 @@ def compare(
                 stop=stop,
                 **options,
             )
-        opened.append(usable_run(run, anyway=anyway))  # type: ignore[arg-type]
+        opened.append(inputs.usable_run(run, anyway=anyway))  # type: ignore[arg-type]
     names = labels or labels_of([r.specimen for r in opened], [r.path.name for r in opened])
     # Draws taken anyway still get no verdict.
     states = ["tentative" if r.state == "unusable" else r.state for r in opened]
@@ -131,23 +111,23 @@ def _check(runs: Sequence[Any], labels: Sequence[str] | None) -> None:
 
 
 @click.command("compare")
-@argument("sources", metavar="RUN|CSV...", nargs=-1, required=True)
+@opt.argument("sources", metavar="RUN|CSV...", nargs=-1, required=True)
 @click.option("--labels", metavar="A,B,...", help="Names of the runs, in their order.")
-@file_option(
+@opt.file_option(
     "out",
     "Folder of the tables, figures and the page.",
     default=Path("comparison"),
     show_default=True,
 )
-@options(SamplingPlan, "seed", seed={"help": "For specimens to sample."})
-@model_options()
-@options(SamplingPlan, "ess", "workers")
-@flag(
+@opt.options(SamplingPlan, "seed", seed={"help": "For specimens to sample."})
+@opt.model_options()
+@opt.options(SamplingPlan, "ess", "workers")
+@opt.flag(
     "anyway",
     "Take runs whose chains have not converged, and records that cannot be loading curves.",
 )
-@overwrite_option("run")
-@quiet_option
+@opt.overwrite_option("run")
+@opt.quiet_option
 def command(
     sources: tuple[Path, ...],
     labels: str | None,
@@ -166,17 +146,17 @@ def command(
     biaxbayes compare intima.run media.run adventitia.run --out layers
     biaxbayes compare media.run media.csv --fix alpha=41 --labels "free,alpha from histology"
     """
-    given = with_priors(**given)
+    given = opt.with_priors(**given)
     names = None if labels is None else [name.strip() for name in labels.split(",")]
     _check(sources, names)
-    runs = [open_usable_run(s, anyway=anyway) if s.is_dir() else s for s in sources]
-    with shown_work(quiet) as work:
+    runs = [opt.open_usable_run(s, anyway=anyway) if s.is_dir() else s for s in sources]
+    with opt.shown_work(quiet) as work:
         result = compare(runs, labels=names, out=out, anyway=anyway, **work, **given)
     if not quiet:
         _print_comparison(result, out)
     if not result.converged:
         click.echo("biaxbayes: not every run has converged, see compare.html", err=True)
-    return 0 if result.converged else NOT_CONVERGED
+    return 0 if result.converged else opt.NOT_CONVERGED
 
 
 def _print_comparison(result: Comparison, out: Path) -> None:

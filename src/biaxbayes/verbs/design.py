@@ -10,25 +10,9 @@ import click
 from biaxbayes.options import DesignOptions, takes_options
 from biaxbayes.progress_bar import progress_line, with_progress
 from biaxbayes.text_files import aligned
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    RunLike,
-    Tell,
-    make_folder,
-    silent,
-    usable_run,
-    write_table,
-)
-from biaxbayes.verbs.options import (
-    NOT_CONVERGED,
-    RATIO,
-    argument,
-    executor_options,
-    file_option,
-    flag,
-    open_usable_run,
-    options,
-)
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
+from biaxbayes.verbs.inputs import PathLike, RunLike, Tell
 
 if TYPE_CHECKING:
     from biaxbayes.optimal_design.design import Design
@@ -42,7 +26,7 @@ def design(
     out: PathLike | None = None,
     workers: int | None = 1,
     scheduler: str | None = None,
-    progress: Tell = silent,
+    progress: Tell = inputs.silent,
     **options: Any,
 ) -> Design:
     """Which further measurement would narrow the posterior of a run most.
@@ -69,7 +53,7 @@ def design(
     candidates = dict(vars(DesignOptions.from_values(options)))
     ranking = {name: candidates.pop(name) for name in ("rank_by", "seed")}
     executor = executor_for(workers, scheduler)
-    opened = usable_run(run)
+    opened = inputs.usable_run(run)
     posterior = opened.posterior()
     tried = standard_candidates(posterior, **candidates)
     result = rank(posterior, opened.draws, tried, executor=executor, progress=progress, **ranking)
@@ -77,18 +61,18 @@ def design(
         from biaxbayes.figures.design import design_figure
         from biaxbayes.figures.style import save_pictures
 
-        folder = make_folder(out)
-        write_table(folder, "design", result.to_frame(), "%.5g")
+        folder = inputs.make_folder(out)
+        inputs.write_table(folder, "design", result.to_frame(), "%.5g")
         save_pictures(design_figure(result), folder, "design")
     return result
 
 
 @click.command("design")
-@argument("run")
-@options(DesignOptions, ratios={"multiple": True, "type": RATIO, "show_default": False})
-@executor_options
-@flag("quiet", "No progress.")
-@file_option("out", "Folder of the files [the run's].")
+@opt.argument("run")
+@opt.options(DesignOptions, ratios={"multiple": True, "type": opt.RATIO, "show_default": False})
+@opt.executor_options
+@opt.flag("quiet", "No progress.")
+@opt.file_option("out", "Folder of the files [the run's].")
 def command(run: Path, quiet: bool, out: Path | None, **given: Any) -> int:
     """Say which further measurement would narrow the posterior of RUN most.
 
@@ -96,13 +80,13 @@ def command(run: Path, quiet: bool, out: Path | None, **given: Any) -> int:
     where an outcome leaves too few of them, new ones are drawn.
     Writes design.csv, design.pdf and design.png. Exit code 3 where the run has not converged.
     """
-    opened = open_usable_run(run, anyway=False)
+    opened = opt.open_usable_run(run, anyway=False)
     folder = out or run
     with progress_line(quiet=quiet) as progress:
         result = design(opened, out=folder, progress=progress, **given)
     print_design(result, opened.specimen.unit)
     click.echo(f"\n{folder / 'design.csv'}, {folder / 'design.pdf'}")
-    return 0 if opened.state == "converged" else NOT_CONVERGED
+    return 0 if opened.state == "converged" else opt.NOT_CONVERGED
 
 
 def print_design(result: Design, unit: str) -> None:

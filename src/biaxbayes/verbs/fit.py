@@ -12,26 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from biaxbayes.laws import law_named
-from biaxbayes.options import (
-    ALL_FITS,
-    FIT_METHODS,
-    FIT_WORDS,
-    WHICH_FIT,
-    FitOptions,
-    takes_options,
-)
+from biaxbayes.options import ALL_FITS, FIT_METHODS, FIT_WORDS, WHICH_FIT, FitOptions, takes_options
 from biaxbayes.text_files import write_csv
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, SpecimenLike, make_folder, open_specimen
-from biaxbayes.verbs.options import (
-    NOT_CONVERGED,
-    argument,
-    file_option,
-    fix_option,
-    fixed_values,
-    json_option,
-    mounting_force_option,
-    options,
-)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -163,7 +147,7 @@ def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, o
 
 
 @click.command("fit")
-@argument("specimen")
+@opt.argument("specimen")
 @click.option(
     "--method",
     type=click.Choice([*FIT_METHODS, ALL_FITS]),
@@ -171,20 +155,20 @@ def _record(result: FitResult, truth: Mapping[str, float] | None) -> dict[str, o
     show_default=True,
     help="; ".join(f"{name} {words}" for name, words in FIT_WORDS.items()) + ".",
 )
-@json_option("A list of objects instead of the table.")
-@fix_option("Hold a parameter, e.g. kappa=0.")
-@options(FitOptions, "mounting_stretch")
-@mounting_force_option(
+@opt.json_option("A list of objects instead of the table.")
+@opt.fix_option("Hold a parameter, e.g. kappa=0.")
+@opt.options(FitOptions, "mounting_stretch")
+@opt.mounting_force_option(
     "Force (N, or stress in kPa) at the mounted state of a tared file, known from elsewhere."
 )
-@options(FitOptions, "starts", "seed", "law", "fibre_switch")
-@file_option(
+@opt.options(FitOptions, "starts", "seed", "law", "fibre_switch")
+@opt.file_option(
     "truth",
     "True values, as 'simulate' writes them: adds the mean relative error of the parameters "
     "(MAE of the method paper, Eq. 8).",
     "JSON",
 )
-@file_option("out", "Folder for fits.csv and a figure of the fits over the data.", "DIR")
+@opt.file_option("out", "Folder for fits.csv and a figure of the fits over the data.", "DIR")
 def command(
     specimen: Path,
     method: str,
@@ -202,7 +186,7 @@ def command(
     from biaxbayes.identifiability.fit_quality import poor_fit
     from biaxbayes.verbs.plot import read_truth
 
-    fixed = fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
+    fixed = opt.fixed_values(fix, law_named(given["law"], fibre_switch=given["fibre_switch"]))
     data = corrected_specimen(open_specimen(specimen, mounting_force), fixed=fixed, **given)
     known = None if truth is None else read_truth(truth, data.name)
     results = fit(data, method, fixed=fixed, **given)
@@ -227,7 +211,7 @@ def command(
     missed = [result.method for result in fits if not result.converged]
     if missed:
         click.echo(f"not converged: {', '.join(missed)}", err=True)
-    return NOT_CONVERGED if missed else 0
+    return opt.NOT_CONVERGED if missed else 0
 
 
 STRETCHES = ("mounting_stretch_x", "mounting_stretch_y")

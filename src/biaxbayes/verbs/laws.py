@@ -36,28 +36,9 @@ from biaxbayes.runs.provenance import specimen_digest
 from biaxbayes.runs.result import REPORT
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import aligned, atomic_write_text, write_csv
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    SpecimenLike,
-    Stop,
-    Tell,
-    claim_folder,
-    make_folder,
-    never,
-    open_specimen,
-    silent,
-)
-from biaxbayes.verbs.options import (
-    NOT_CONVERGED,
-    argument,
-    executor_options,
-    file_option,
-    flag,
-    mounting_force_option,
-    options,
-    quiet_option,
-    shown_work,
-)
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
+from biaxbayes.verbs.inputs import PathLike, SpecimenLike, Stop, Tell
 
 RECORD, PARTS, PAGE = "laws.json", "parts", "laws.html"
 OF_ONE_LAW = ("law", "fibre_switch", "priors")
@@ -127,8 +108,8 @@ def compare_laws(
     resume: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Tell = silent,
-    stop: Stop = never,
+    progress: Tell = inputs.silent,
+    stop: Stop = inputs.never,
     **options: Any,
 ) -> LawComparison:
     """Fit and sample every law on a specimen, and weigh them by what they predict.
@@ -165,9 +146,9 @@ def compare_laws(
     model = ModelOptions.from_values(others).keywords()
     common = {k: v for k, v in model.items() if k not in OF_ONE_LAW}
     laws = chosen_laws(plan.laws)
-    specimen = open_specimen(specimen, mounting_force)
+    specimen = inputs.open_specimen(specimen, mounting_force)
     executor = executor_for(workers, scheduler)
-    folder = None if out is None else make_folder(out)
+    folder = None if out is None else inputs.make_folder(out)
     if common["mounting_stretch"] == "per-protocol":
         raise InputError(
             "a protocol with a mounted state of its own cannot be predicted from the others",
@@ -221,7 +202,7 @@ def _start(
         "biaxbayes": biaxbayes.__version__,
     }
     record = folder / RECORD
-    names = claim_folder(folder, {RECORD}, "a comparison of laws")
+    names = inputs.claim_folder(folder, {RECORD}, "a comparison of laws")
     if RECORD in names:
         try:
             same = json.loads(record.read_text(encoding="utf-8"))["identity"] == identity
@@ -300,15 +281,15 @@ def _write(compared: LawComparison, specimen: Specimen, folder: Path) -> None:
 
 
 @click.command("laws")
-@argument("specimen")
-@options(LawsPlan, "laws")
-@file_option("out", "Folder [<stem>-laws].")
-@options(ModelOptions, "mounting", "mounting_sd", "noise", "noise_growth", "thin")
-@mounting_force_option()
-@options(LawsPlan, "seed", "ess", "max_steps")
-@executor_options
-@flag("resume", "Go on with what the folder holds.")
-@quiet_option
+@opt.argument("specimen")
+@opt.options(LawsPlan, "laws")
+@opt.file_option("out", "Folder [<stem>-laws].")
+@opt.options(ModelOptions, "mounting", "mounting_sd", "noise", "noise_growth", "thin")
+@opt.mounting_force_option()
+@opt.options(LawsPlan, "seed", "ess", "max_steps")
+@opt.executor_options
+@opt.flag("resume", "Go on with what the folder holds.")
+@opt.quiet_option
 def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     r"""Fit and sample every material law on SPECIMEN, and weigh them by what they predict.
 
@@ -320,13 +301,13 @@ def command(specimen: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     biaxbayes laws media.csv --laws goh,fung
     """
     folder = out or Path(f"{specimen.stem}-laws")
-    with shown_work(quiet) as work:
+    with opt.shown_work(quiet) as work:
         result = compare_laws(specimen, out=folder, **work, **given)
     if not quiet:
         _print_laws(result, folder)
     for law, reason in result.left_out.items():
         click.echo(f"biaxbayes: {law} is left out: {reason}", err=True)
-    return 0 if result.converged else NOT_CONVERGED
+    return 0 if result.converged else opt.NOT_CONVERGED
 
 
 def _print_laws(result: LawComparison, folder: Path) -> None:

@@ -22,32 +22,9 @@ from biaxbayes.options import (
 )
 from biaxbayes.progress_bar import Progress, progress_line, with_progress
 from biaxbayes.text_files import aligned
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    RunLike,
-    SpecimenLike,
-    Tell,
-    is_run,
-    make_folder,
-    open_specimen,
-    refuse_model,
-    silent,
-    usable_run,
-    write_table,
-)
-from biaxbayes.verbs.options import (
-    MODEL,
-    NOT_CONVERGED,
-    any_record_option,
-    argument,
-    file_option,
-    model_options,
-    open_usable_run,
-    options,
-    quiet_option,
-    refuse_given,
-    with_priors,
-)
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
+from biaxbayes.verbs.inputs import PathLike, RunLike, SpecimenLike, Tell
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.mounting_bias import Ledger
@@ -69,7 +46,7 @@ def ledger(
     out: PathLike | None = None,
     mounting_force: Sequence[float] | None = None,
     anyway: bool = False,
-    progress: Tell = silent,
+    progress: Tell = inputs.silent,
     **options: Any,
 ) -> Ledger:
     """What ignoring the mounting stretch costs: inferred, ignored and zeroed, side by side.
@@ -99,9 +76,9 @@ def ledger(
     from biaxbayes.verbs.sample import Sampling
 
     plan, model = LedgerPlan.split(options)
-    if is_run(source):
-        refuse_model(model, mounting_force)
-        run = usable_run(source)  # type: ignore[arg-type]
+    if inputs.is_run(source):
+        inputs.refuse_model(model, mounting_force)
+        run = inputs.usable_run(source)  # type: ignore[arg-type]
         posterior, specimen = run.posterior(), run.specimen
         model = posterior.options()
         model["thin"] = model["thin"] or ALL_ROWS
@@ -114,7 +91,7 @@ def ledger(
         inferred = Treated(posterior, run.draws, run.state)
     else:
         model, inferred = InferringOptions.from_values(model).keywords(), None
-        specimen = open_specimen(source, mounting_force)  # type: ignore[arg-type]
+        specimen = inputs.open_specimen(source, mounting_force)  # type: ignore[arg-type]
     prepared = Sampling.prepare(
         specimen, out=None, options=model, anyway=anyway or inferred is not None, **vars(plan)
     )
@@ -128,14 +105,14 @@ def ledger(
         from biaxbayes.figures.ledger import ledger_figure
         from biaxbayes.figures.style import save_pictures
 
-        folder = make_folder(out)
-        write_table(folder, "ledger", result.table, "%.6g")
+        folder = inputs.make_folder(out)
+        inputs.write_table(folder, "ledger", result.table, "%.6g")
         save_pictures(ledger_figure(result), folder, "ledger")
     return result
 
 
 @click.command("ledger")
-@argument("source", metavar="SPECIMEN|RUN")
+@opt.argument("source", metavar="SPECIMEN|RUN")
 @click.option(
     "--stretch",
     "stretches",
@@ -143,12 +120,12 @@ def ledger(
     multiple=True,
     help="Total equibiaxial stretch of the stresses. Repeatable  [five up to the largest tested]",
 )
-@file_option("out", "Folder [<stem>-ledger].")
-@options(LedgerPlan, "seed")
-@model_options(InferringOptions)
-@options(LedgerPlan, "ess", "workers")
-@any_record_option
-@quiet_option
+@opt.file_option("out", "Folder [<stem>-ledger].")
+@opt.options(LedgerPlan, "seed")
+@opt.model_options(InferringOptions)
+@opt.options(LedgerPlan, "ess", "workers")
+@opt.any_record_option
+@opt.quiet_option
 @click.pass_context
 def command(
     context: click.Context, source: Path, out: Path | None, quiet: bool, **given: Any
@@ -161,17 +138,17 @@ def command(
     """
     data: Any = source
     if source.is_dir():
-        own = (*MODEL, "fix", "priors")
-        refuse_given(
+        own = (*opt.MODEL, "fix", "priors")
+        opt.refuse_given(
             context,
             ("mounting_force", *own),
             "{} does not go with a run, which has its own",
             remedy="give the specimen's CSV instead",
         )
-        data = open_usable_run(source, anyway=False)
+        data = opt.open_usable_run(source, anyway=False)
         given = {name: value for name, value in given.items() if name not in own}
     else:
-        given = with_priors(**given)
+        given = opt.with_priors(**given)
     folder = out or Path(f"{source.name if source.is_dir() else source.stem}-ledger")
     with progress_line(quiet=quiet) as progress:
         result = ledger(data, out=folder, progress=progress, **given)
@@ -180,7 +157,7 @@ def command(
     doubtful = [name for name, state in result.states.items() if state != "converged"]
     if doubtful:
         click.echo(f"biaxbayes: not converged: {', '.join(doubtful)}; sample more", err=True)
-    return NOT_CONVERGED if doubtful else 0
+    return opt.NOT_CONVERGED if doubtful else 0
 
 
 def _print_ledger(result: Ledger, folder: Path) -> None:

@@ -28,14 +28,8 @@ from biaxbayes.parameters import mounting_names
 from biaxbayes.runs.run import Run
 from biaxbayes.tasks import one_call
 from biaxbayes.text_files import read_text
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.inputs import PathLike, RunLike, opened_run, opened_style, usable_run
-from biaxbayes.verbs.options import (
-    anyway_option,
-    argument,
-    choice_option,
-    file_option,
-    open_usable_run,
-)
 
 PLOTS = {
     "corner": "corner",
@@ -261,9 +255,9 @@ def _labels(run: Run, other: Run) -> tuple[str, str]:
 
 
 @click.command("plot")
-@argument("run")
-@choice_option("figure", PLOTS)
-@choice_option(
+@opt.argument("run")
+@opt.choice_option("figure", PLOTS)
+@opt.choice_option(
     "format",
     PICTURES,
     "Kind of file  [default: that of --out, else pdf]",
@@ -278,9 +272,9 @@ def _labels(run: Run, other: Run) -> tuple[str, str]:
     show_default=True,
     help="Width in print: 85 is a column, 180 a page.",
 )
-@file_option("style", "A matplotlib style (.mplstyle) for fonts and colours.", "FILE")
-@file_option("truth", "Known values to draw: corner, bands and mounting.", "JSON")
-@file_option("compare", "Another run to draw over this one: corner.", "RUN")
+@opt.file_option("style", "A matplotlib style (.mplstyle) for fonts and colours.", "FILE")
+@opt.file_option("truth", "Known values to draw: corner, bands and mounting.", "JSON")
+@opt.file_option("compare", "Another run to draw over this one: corner.", "RUN")
 @click.option(
     "--parameter",
     "parameters",
@@ -288,10 +282,10 @@ def _labels(run: Run, other: Run) -> tuple[str, str]:
     metavar="NAME",
     help="What to show, repeatable: corner, profile and trace.",
 )
-@file_option(
+@opt.file_option(
     "out", "The file to write  [default: in the run folder, named by figure and width]", "FILE"
 )
-@anyway_option
+@opt.anyway_option
 def command(
     run: Path, figure: str, suffix: str | None, out: Path | None, anyway: bool, **given: Any
 ) -> None:
@@ -310,7 +304,7 @@ def command(
     )
     target = picture_file(out or run / name, suffix)
     judged = figure not in WITHOUT_JUDGEMENT
-    opened: Any = open_usable_run(run, anyway=anyway) if judged else run
-    other = None if compare is None else open_usable_run(compare, anyway=anyway)
+    opened: Any = opt.open_usable_run(run, anyway=anyway) if judged else run
+    other = None if compare is None else opt.open_usable_run(compare, anyway=anyway)
     plot(opened, figure, out=target, compare=other, anyway=anyway, **given)
     click.echo(str(target))

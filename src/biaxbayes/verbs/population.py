@@ -40,28 +40,10 @@ from biaxbayes.runs.provenance import settings_table, specimen_digest
 from biaxbayes.runs.run import open_run
 from biaxbayes.sampling.proposal import TransportedMixture
 from biaxbayes.text_files import aligned
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.batch import batch
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    Stop,
-    Tell,
-    claim_folder,
-    never,
-    refuse_finished,
-    removal_note,
-    silent,
-)
-from biaxbayes.verbs.options import (
-    NOT_CONVERGED,
-    argument,
-    file_option,
-    flag,
-    options,
-    overwrite_option,
-    quiet_option,
-    resume_option,
-    shown_work,
-)
+from biaxbayes.verbs.inputs import PathLike, Stop, Tell
 from biaxbayes.verbs.population_files import (
     Member,
     PopulationFound,
@@ -92,8 +74,8 @@ class PopulationJob:
         *,
         resume: bool = False,
         overwrite: bool = False,
-        progress: Tell = silent,
-        stop: Stop = never,
+        progress: Tell = inputs.silent,
+        stop: Stop = inputs.never,
     ) -> PopulationFound:
         """Sample the population and write every file."""
         progress(Progress("reading runs"))
@@ -103,11 +85,11 @@ class PopulationJob:
         values = self.priors.applied(
             pooled_values(sources[0].posterior.law, names, mounting=self.options.pool_mounting)
         )
-        claim_folder(self.folder, {POPULATION, *checkpoint.NAMES}, "a population's")
+        inputs.claim_folder(self.folder, {POPULATION, *checkpoint.NAMES}, "a population's")
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder, POPULATION)
-            refuse_finished(self.folder, POPULATION, resume=resume, overwrite=overwrite)
+            inputs.refuse_finished(self.folder, POPULATION, resume=resume, overwrite=overwrite)
             plan = Plan(
                 ess=self.options.ess,
                 max_steps=self.options.max_steps,
@@ -145,7 +127,7 @@ class PopulationJob:
                 left_out,
                 notes,
             )
-            gone = removal_note(progress, POPULATION)
+            gone = inputs.removal_note(progress, POPULATION)
             with staged(self.folder, gone, POPULATION) as aside:
                 written = write_population(aside, population, identity)
             return replace(written, folder=self.folder)
@@ -325,8 +307,8 @@ def population(
     resume: bool = False,
     overwrite: bool = False,
     anyway: bool = False,
-    progress: Tell = silent,
-    stop: Stop = never,
+    progress: Tell = inputs.silent,
+    stop: Stop = inputs.never,
     **options: Any,
 ) -> PopulationFound:
     """What the specimens of a study have in common: a hierarchical posterior over them.
@@ -359,7 +341,7 @@ def population(
     population_priors = (
         PopulationPriors() if priors is None else PopulationPriors.read(Path(priors))
     )
-    refuse_finished(Path(out), POPULATION, resume=resume, overwrite=overwrite)
+    inputs.refuse_finished(Path(out), POPULATION, resume=resume, overwrite=overwrite)
     source = Path(study)
     if not source.is_dir():
         folder = Path(runs) if runs is not None else Path(f"{source.stem}-study")
@@ -384,21 +366,21 @@ MOST_PAIRS = 3
 
 
 @click.command("population")
-@argument("study", metavar="STUDY.toml|FOLDER")
-@file_option("out", "Folder [<stem>-population].", "DIR")
-@file_option("runs", "For a study file: the study folder [<stem>-study].", "DIR")
-@file_option("priors", "Priors of means, sds and correlations.", "FILE.toml")
-@options(PopulationOptions, "pool_mounting", "spread", "correlations")
-@options(PopulationOptions, "seed", "ess", "max_steps", "workers")
+@opt.argument("study", metavar="STUDY.toml|FOLDER")
+@opt.file_option("out", "Folder [<stem>-population].", "DIR")
+@opt.file_option("runs", "For a study file: the study folder [<stem>-study].", "DIR")
+@opt.file_option("priors", "Priors of means, sds and correlations.", "FILE.toml")
+@opt.options(PopulationOptions, "pool_mounting", "spread", "correlations")
+@opt.options(PopulationOptions, "seed", "ess", "max_steps", "workers")
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
     help="Dask scheduler for specimens that have to be sampled first, as tcp://host:8786.",
 )
-@resume_option
-@overwrite_option("population")
-@flag("anyway", "Take specimens whose runs are tentative, too.")
-@quiet_option
+@opt.resume_option
+@opt.overwrite_option("population")
+@opt.flag("anyway", "Take specimens whose runs are tentative, too.")
+@opt.quiet_option
 def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     r"""What the specimens of STUDY have in common: a hierarchical posterior over them.
 
@@ -414,7 +396,7 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
     biaxbayes population study-study --out population --priors population-priors.toml
     """
     folder = out or Path(f"{study.stem}-population")
-    with shown_work(quiet) as work:
+    with opt.shown_work(quiet) as work:
         result = population(study, out=folder, **work, **given)
     for label, reason in result.left_out.items():
         click.echo(f"biaxbayes: left out: {printable(label)}: {printable(reason)}", err=True)
@@ -422,7 +404,7 @@ def command(study: Path, out: Path | None, quiet: bool, **given: Any) -> int:
         click.echo(closing_message(result))
     elif result.state != "converged":
         click.echo(f"biaxbayes: {result.reason}", err=True)
-    return 0 if result.state == "converged" else NOT_CONVERGED
+    return 0 if result.state == "converged" else opt.NOT_CONVERGED
 
 
 def closing_message(result: PopulationFound) -> str:

@@ -12,25 +12,9 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.options import PICTURES, Options, PredictionOptions, option, takes_options
 from biaxbayes.specimens.protocol import STRETCH_REMEDY
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    RunLike,
-    make_folder,
-    opened_style,
-    usable_run,
-    write_table,
-)
-from biaxbayes.verbs.options import (
-    RATIO,
-    Pair,
-    anyway_option,
-    argument,
-    choice_option,
-    file_option,
-    flag,
-    open_usable_run,
-    options,
-)
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
+from biaxbayes.verbs.inputs import PathLike, RunLike
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,12 +83,12 @@ def predict(
 
     bands, rest = PredictionOptions.split(options)
     picture = FigureOptions.from_values(rest)
-    style = opened_style(picture.style)
+    style = inputs.opened_style(picture.style)
     if (path is None) == (stretch is None):
         raise InputError("give either a path or the largest stretch of one")
     if path is not None and ratio is not None:
         raise InputError("`path` is a whole path", remedy="leave `stretch` and `ratio` out")
-    opened = usable_run(run, anyway=anyway)
+    opened = inputs.usable_run(run, anyway=anyway)
     specimen = opened.specimen
     names = [p.name for p in specimen.protocols]
     if protocol is not None and protocol not in names:
@@ -132,7 +116,7 @@ def predict(
             width_mm=picture.width_mm,
             style=style,
         )
-        _write(make_folder(out) / "prediction", table, figure, picture.suffix, style)
+        _write(inputs.make_folder(out) / "prediction", table, figure, picture.suffix, style)
     return table
 
 
@@ -173,7 +157,7 @@ def _straight_path(
 def _write(stem: Path, table: pd.DataFrame, figure: Figure, suffix: str, style: Any) -> None:
     from biaxbayes.figures.style import save_figure
 
-    write_table(stem.parent, stem.name, table, None)
+    inputs.write_table(stem.parent, stem.name, table, None)
     save_figure(figure, stem.with_suffix(f".{suffix}"), style)
 
 
@@ -221,13 +205,13 @@ def inflate(
 
     bands, rest = PredictionOptions.split(options)
     picture = FigureOptions.from_values(rest)
-    style = opened_style(picture.style)
+    style = inputs.opened_style(picture.style)
     if pressure_kPa is not None and circumferential_stretch is not None:
         raise InputError(
             "`pressure_kPa` and `circumferential_stretch` exclude each other",
             remedy="give one of them",
         )
-    opened = usable_run(run, anyway=anyway)
+    opened = inputs.usable_run(run, anyway=anyway)
     try:
         tube = Tube(radius_mm, wall_mm, axial_stretch, around)
     except ValueError as error:
@@ -244,7 +228,7 @@ def inflate(
         figure = inflation_figure(
             table, probability=bands.probability, width_mm=picture.width_mm, style=style
         )
-        _write(make_folder(out) / "inflation", table, figure, picture.suffix, style)
+        _write(inputs.make_folder(out) / "inflation", table, figure, picture.suffix, style)
     return table
 
 
@@ -256,44 +240,46 @@ TUBE = ("radius_mm", "wall_mm", "axial_stretch", "pressure_kPa", "circumferentia
 
 
 @click.command("predict")
-@argument("run")
+@opt.argument("run")
 @click.option(
     "--stretch", type=float, metavar="L", help="Largest stretch  [default: the largest tested]"
 )
 @click.option(
     "--ratio",
-    type=RATIO,
+    type=opt.RATIO,
     metavar="X:Y",
     help="Share of the stretch that x and y take  [default: 1:1]",
 )
-@file_option("stretches", "Any path instead: columns stretch_x, stretch_y.", "CSV", name="path")
-@choice_option("reference", REFERENCES, "Stretches from the unloaded or from the mounted state.")
+@opt.file_option("stretches", "Any path instead: columns stretch_x, stretch_y.", "CSV", name="path")
+@opt.choice_option(
+    "reference", REFERENCES, "Stretches from the unloaded or from the mounted state."
+)
 @click.option("--protocol", metavar="NAME", help="Whose mounted state, if each has its own.")
-@choice_option("stress", STRESSES, "Cauchy or first Piola-Kirchhoff stress.")
-@flag("inflate", "A thin-walled tube of this tissue instead.")
+@opt.choice_option("stress", STRESSES, "Cauchy or first Piola-Kirchhoff stress.")
+@opt.flag("inflate", "A thin-walled tube of this tissue instead.")
 @click.option(
     "--radius", "radius_mm", type=float, metavar="MM", help="Unloaded radius of the mid wall."
 )
 @click.option("--wall", "wall_mm", type=float, metavar="MM", help="Unloaded wall thickness.")
 @click.option("--axial-stretch", type=float, metavar="L", help="Total axial stretch  [default: 1]")
-@choice_option("around", AXES, "The axis of the test that runs around the tube.")
+@opt.choice_option("around", AXES, "The axis of the test that runs around the tube.")
 @click.option(
     "--pressure",
     "pressure_kPa",
-    type=Pair("pressure", ":", "0:16", zero=True),
+    type=opt.Pair("pressure", ":", "0:16", zero=True),
     metavar="A:B",
     help="Pressures, kPa  [default: 0:16]",
 )
 @click.option(
     "--circumferential-stretch",
-    type=Pair("stretch", ":", "1:1.2"),
+    type=opt.Pair("stretch", ":", "1:1.2"),
     metavar="A:B",
     help="Stretches of the mid wall instead of pressures.",
 )
-@options(PredictionOptions)
-@options(FigureOptions, style={"type": click.Path(path_type=Path)})
-@file_option("out", "Folder  [default: the run]", "DIR")
-@anyway_option
+@opt.options(PredictionOptions)
+@opt.options(FigureOptions, style={"type": click.Path(path_type=Path)})
+@opt.file_option("out", "Folder  [default: the run]", "DIR")
+@opt.anyway_option
 def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     r"""Stress with credible and predictive bands on any path, or the inflation of a tube.
 
@@ -309,7 +295,7 @@ def command(run: Path, out: Path | None, anyway: bool, **given: Any) -> None:
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     for name in ("reference", "stress") if inflated else ("around", "seed"):
         del chosen[name]
-    opened = open_usable_run(run, anyway=anyway)
+    opened = opt.open_usable_run(run, anyway=anyway)
     folder = out or opened.path
     if inflated:
         for name in ("pressure_kPa", "circumferential_stretch"):

@@ -14,25 +14,9 @@ import click
 from biaxbayes.errors import InputError
 from biaxbayes.options import MOUNTING, ModelOptions, option, takes_options
 from biaxbayes.text_files import atomic_write_text, write_csv
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    RunLike,
-    SpecimenLike,
-    is_run,
-    make_folder,
-    open_specimen,
-    opened_run,
-    refuse_model,
-)
-from biaxbayes.verbs.options import (
-    argument,
-    file_option,
-    fix_option,
-    json_option,
-    mounting_force_option,
-    options,
-    with_priors,
-)
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
+from biaxbayes.verbs.inputs import PathLike, RunLike, SpecimenLike
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,9 +29,7 @@ class ProfileOptions(ModelOptions):
     """The statistical model of a profile likelihood; its mounting stretches cannot be free."""
 
     mounting: str = option(
-        "noisy",
-        "How the mounting force enters.",
-        choices=tuple(m for m in MOUNTING if m != "free"),
+        "noisy", "How the mounting force enters.", choices=tuple(m for m in MOUNTING if m != "free")
     )
 
 
@@ -84,20 +66,20 @@ def profile(
     from biaxbayes.identifiability.profile.profile import profiles
     from biaxbayes.model.preparation import prepare
 
-    if is_run(source):
-        refuse_model(options, mounting_force)
-        posterior = opened_run(source).posterior()  # type: ignore[arg-type]
+    if inputs.is_run(source):
+        inputs.refuse_model(options, mounting_force)
+        posterior = inputs.opened_run(source).posterior()  # type: ignore[arg-type]
     else:
         model = ProfileOptions.from_values(options)
         if "noise_sd" in model.priors:
             raise InputError("noise_sd is profiled out and cannot be fixed here")
-        data = open_specimen(source, mounting_force)  # type: ignore[arg-type]
+        data = inputs.open_specimen(source, mounting_force)  # type: ignore[arg-type]
         posterior = prepare(data, **model.keywords())
     settings = posterior.settings
     free = (n for n in posterior.law.names if n not in settings.priors or n in posterior.free)
     result = profiles(posterior, tuple(dict.fromkeys(parameters or free)), workers=workers)
     if out is not None:
-        folder = make_folder(out)
+        folder = inputs.make_folder(out)
         about = f"profile likelihood of {posterior.specimen.name}: mounting {settings.mounting}, "
         about += f"noise {settings.noise}"
         about += "".join(f", {name}={value:g}" for name, value in settings.fixed.items())
@@ -178,7 +160,7 @@ def _plain(value: object) -> object:
 
 
 @click.command("profile")
-@argument("source", metavar="SPECIMEN")
+@opt.argument("source", metavar="SPECIMEN")
 @click.option(
     "--parameter",
     "parameters",
@@ -186,13 +168,13 @@ def _plain(value: object) -> object:
     metavar="NAME",
     help="C1, k1, k2, alpha, kappa, mounting_stretch_x or _y; repeatable [the first five].",
 )
-@options(ProfileOptions, "law", "mounting", "noise", "mounting_stretch")
-@fix_option("Hold a parameter; repeatable.")
-@options(ProfileOptions, "fibre_switch")
-@mounting_force_option()
+@opt.options(ProfileOptions, "law", "mounting", "noise", "mounting_stretch")
+@opt.fix_option("Hold a parameter; repeatable.")
+@opt.options(ProfileOptions, "fibre_switch")
+@opt.mounting_force_option()
 @click.option("--workers", type=click.IntRange(1), default=1, show_default=True, help="Processes.")
-@file_option("out", "Folder [<stem>-profile].")
-@json_option("Intervals and curves as JSON.")
+@opt.file_option("out", "Folder [<stem>-profile].")
+@opt.json_option("Intervals and curves as JSON.")
 def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None:
     r"""Profile likelihood of parameters of SPECIMEN (a CSV): what the data alone say.
 
@@ -203,7 +185,7 @@ def command(source: Path, out: Path | None, as_json: bool, **given: Any) -> None
     biaxbayes profile media.csv --parameter kappa
     """
     folder = out or Path(f"{source.stem}-profile")
-    result = profile(source, out=folder, **with_priors(**given))
+    result = profile(source, out=folder, **opt.with_priors(**given))
     if as_json:
         click.echo(profiles_as_json(result))
         return

@@ -46,42 +46,16 @@ from biaxbayes.runs.folder import (
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
 from biaxbayes.runs.run import Run, open_run, summarise, write_summary
-from biaxbayes.sampling.sampler import (
-    Draws,
-    Plan,
-    Progress,
-)
+from biaxbayes.sampling.sampler import Draws, Plan, Progress
 from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.tasks import one_call
 from biaxbayes.text_files import atomic_write_text, write_csv
-from biaxbayes.verbs.inputs import (
-    PathLike,
-    SpecimenLike,
-    Stop,
-    Tell,
-    claim_folder,
-    never,
-    open_specimen,
-    readable_specimen,
-    refuse_finished,
-    removal_note,
-)
-from biaxbayes.verbs.options import (
-    NOT_CONVERGED,
-    any_record_option,
-    argument,
-    file_option,
-    model_options,
-    options,
-    overwrite_option,
-    quiet_option,
-    resume_option,
-    shown_work,
-    with_priors,
-)
+from biaxbayes.verbs import inputs
+from biaxbayes.verbs import options as opt
+from biaxbayes.verbs.inputs import PathLike, SpecimenLike, Stop, Tell
 
 
 @dataclass
@@ -118,11 +92,11 @@ class Sampling:
         if isinstance(specimen, Specimen):
             file: object = specimen.name
             source, stem = specimen.name, _safe_stem(specimen.name)
-            readable_specimen(specimen, file)
+            inputs.readable_specimen(specimen, file)
         else:
             file = Path(specimen)
             source, stem = Path(specimen).name, Path(specimen).stem
-        specimen = open_specimen(specimen, mounting_force)
+        specimen = inputs.open_specimen(specimen, mounting_force)
         options = ModelOptions.from_values(options).keywords()
         chosen = SamplingPlan(seed, ess, max_steps, workers)
         findings = refuse_no_loading_curve(specimen, None if anyway else file)
@@ -141,17 +115,17 @@ class Sampling:
         resume: bool = False,
         overwrite: bool = False,
         progress: Tell | None = None,
-        stop: Stop = never,
+        stop: Stop = inputs.never,
     ) -> Path:
         """Sample, write the run folder, and return its path."""
         tell = progress or _warn
         clock = time.perf_counter()
         finished = [PROVENANCE] if is_run(self.folder) else []
-        claim_folder(self.folder, {*checkpoint.NAMES, *finished}, "a run's")
+        inputs.claim_folder(self.folder, {*checkpoint.NAMES, *finished}, "a run's")
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder)
-            refuse_finished(self.folder, PROVENANCE, resume=resume, overwrite=overwrite)
+            inputs.refuse_finished(self.folder, PROVENANCE, resume=resume, overwrite=overwrite)
             tell(Progress("fitting"))
             for finding in self.findings:
                 tell(Progress("fitting", note=str(finding)))
@@ -162,7 +136,7 @@ class Sampling:
             tell(Progress("writing"))
             draws.seconds["before output"] = time.perf_counter() - clock
             # All files are replaced together.
-            with staged(self.folder, removal_note(tell, PROVENANCE)) as folder:
+            with staged(self.folder, inputs.removal_note(tell, PROVENANCE)) as folder:
                 self._write_files(folder, posterior, draws, clock)
         return self.folder
 
@@ -336,7 +310,7 @@ def sample(
     resume: bool = False,
     overwrite: bool = False,
     progress: Tell | None = None,
-    stop: Stop = never,
+    stop: Stop = inputs.never,
     **options: Any,
 ) -> Run:
     """Sample the posterior of a specimen into a run folder.
@@ -398,15 +372,15 @@ def sample(
 
 
 @click.command("sample")
-@argument("specimen")
-@file_option("out", "Run folder [<stem>-posterior].")
-@options(SamplingPlan, "seed")
-@model_options()
-@options(SamplingPlan, "ess", "max_steps", "workers")
-@any_record_option
-@resume_option
-@overwrite_option("run")
-@quiet_option
+@opt.argument("specimen")
+@opt.file_option("out", "Run folder [<stem>-posterior].")
+@opt.options(SamplingPlan, "seed")
+@opt.model_options()
+@opt.options(SamplingPlan, "ess", "max_steps", "workers")
+@opt.any_record_option
+@opt.resume_option
+@opt.overwrite_option("run")
+@opt.quiet_option
 def command(specimen: Path, quiet: bool, **given: Any) -> int:
     """Joint posterior of material parameters and mounting stretches of SPECIMEN (a CSV).
 
@@ -415,11 +389,11 @@ def command(specimen: Path, quiet: bool, **given: Any) -> int:
     """
     from biaxbayes.reports.closing_message import closing_message
 
-    given = with_priors(**given)
-    with shown_work(quiet) as work:
+    given = opt.with_priors(**given)
+    with opt.shown_work(quiet) as work:
         run = sample(specimen, **work, **given)
     if not quiet:
         click.echo(closing_message(run))
     elif run.state != "converged":
         click.echo(f"biaxbayes: {run.provenance['convergence']['reason']}", err=True)
-    return 0 if run.state == "converged" else NOT_CONVERGED
+    return 0 if run.state == "converged" else opt.NOT_CONVERGED

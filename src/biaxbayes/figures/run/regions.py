@@ -35,12 +35,7 @@ VISIBLE = 20_000
 
 
 def regions(
-    ax: Axes,
-    pair: Sequence[np.ndarray],
-    axes: Sequence[Span],
-    hue: str,
-    *,
-    filled: bool | None,
+    ax: Axes, pair: Sequence[np.ndarray], axes: Sequence[Span], hue: str, *, filled: bool | None
 ) -> None:
     """Draw a joint posterior as regions of given content.
 
