@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import biaxbayes
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.tasks import Outcome, Result, Task, never, with_one_blas_thread
+from biaxbayes.tasks import Outcome, Result, Task, no_stop, with_one_blas_thread
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -59,7 +59,7 @@ class Cluster:
         function: Callable[[Task], Result],
         tasks: Sequence[Task],
         *,
-        stop: Callable[[], object] = never,
+        stop: Callable[[], object] = no_stop,
     ) -> Iterator[Outcome[Result]]:
         """As ``Executor.run``."""
         if self._client is None:

@@ -21,7 +21,7 @@ from typing import Any, Protocol, Self
 
 from biaxbayes.cluster import Cluster
 from biaxbayes.errors import InputError, RunError
-from biaxbayes.tasks import Outcome, Result, Task, never, with_one_blas_thread
+from biaxbayes.tasks import Outcome, Result, Task, no_stop, with_one_blas_thread
 
 MOST_LOCAL = 4
 MOST_ATTEMPTS = 3
@@ -46,7 +46,7 @@ class Executor(Protocol):
         function: Callable[[Task], Result],
         tasks: Sequence[Task],
         *,
-        stop: Callable[[], object] = never,
+        stop: Callable[[], object] = no_stop,
     ) -> Iterator[Outcome[Result]]:
         """Yield the outcome of each task."""
         ...
@@ -105,7 +105,7 @@ class InThisProcess:
         function: Callable[[Task], Result],
         tasks: Sequence[Task],
         *,
-        stop: Callable[[], object] = never,
+        stop: Callable[[], object] = no_stop,
     ) -> Iterator[Outcome[Result]]:
         """As :meth:`Executor.run`."""
         for index, task in enumerate(tasks):
@@ -139,7 +139,7 @@ class Processes:
         function: Callable[[Task], Result],
         tasks: Sequence[Task],
         *,
-        stop: Callable[[], object] = never,
+        stop: Callable[[], object] = no_stop,
     ) -> Iterator[Outcome[Result]]:
         """As :meth:`Executor.run`."""
         waiting, deaths = deque(range(len(tasks))), Counter[int]()

@@ -21,7 +21,7 @@ class Outcome(Generic[Result]):
     lost: str = ""
 
 
-def never() -> bool:
+def no_stop() -> bool:
     """Nobody stops the work."""
     return False
 

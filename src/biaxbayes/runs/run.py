@@ -33,7 +33,7 @@ from biaxbayes.sampling.convergence import Convergence, assess
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.text_files import one_line, write_csv
+from biaxbayes.text_files import one_line
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -99,11 +99,6 @@ def summarise(
                 row["ess_tail"] = np.floor(convergence.ess_tail[i])
         rows.append(row)
     return pd.DataFrame(rows, columns=list(COLUMNS))
-
-
-def write_summary(path: Path, table: pd.DataFrame) -> None:
-    """Write summary.csv with eight significant digits."""
-    write_csv(path, table, digits=8)
 
 
 # --- the run -------------------------------------------------------------------------------------

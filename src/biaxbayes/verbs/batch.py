@@ -15,7 +15,7 @@ import traceback
 import uuid
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,7 @@ from biaxbayes.studies.rows import rows_of_run
 from biaxbayes.studies.study_file import Study, read_study, study_of_files
 from biaxbayes.text_files import aligned, atomic_write_text, os_error_text
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, Stop, Tell, claim_folder, never, silent
+from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop, claim_folder, no_progress, no_stop
 from biaxbayes.verbs.sample import Sampling
 
 
@@ -71,8 +71,8 @@ def batch(
     out: PathLike,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Tell = silent,
-    stop: Stop = never,
+    progress: OnProgress = no_progress,
+    stop: Stop = no_stop,
     **options: Any,
 ) -> StudyResult:
     """Sample every specimen of a study that is not finished, and compare them.
@@ -165,7 +165,7 @@ def _sampled(task: SpecimenTask, notes: list[str]) -> Run:
         return not task.going.exists()
 
     sampling = Sampling.prepare(task.specimen, out=task.folder, workers=1, **task.options)
-    sampling.source = task.source
+    sampling = replace(sampling, source=task.source)
     with first_alone():
         if stop():  # while another process was compiling
             raise Interrupted("stopped before it began")
@@ -219,7 +219,7 @@ class Batch:
     folder: Path
     executor: Executor = field(default_factory=InThisProcess)
 
-    def execute(self, *, progress: Tell = silent, stop: Stop = never) -> StudyResult:
+    def execute(self, *, progress: OnProgress = no_progress, stop: Stop = no_stop) -> StudyResult:
         """Sample what is missing, compare the layers of each donor, and write every file."""
         claim_folder(self.folder, {STUDY}, "a study's", own={RUNS})
         (self.folder / RUNS).mkdir(exist_ok=True)
@@ -256,7 +256,7 @@ class Batch:
             path.unlink(missing_ok=True)
 
     def _sample(
-        self, entries: list[Entry], going: Path, progress: Tell, stop: Stop
+        self, entries: list[Entry], going: Path, progress: OnProgress, stop: Stop
     ) -> dict[str, Tried]:
         """The outcome of every specimen, by the name of its run folder."""
         readable = [e for e in entries if e.specimen is not None]

@@ -36,7 +36,7 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, read_csv, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, SpecimenLike, Stop, Tell
+from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 SAVE_SECONDS = 5.0
 COLUMNS = (
@@ -133,7 +133,11 @@ class CalibrationStudy:
     executor: Executor = field(default_factory=InThisProcess)
 
     def execute(
-        self, *, resume: bool = False, progress: Tell = inputs.silent, stop: Stop = inputs.never
+        self,
+        *,
+        resume: bool = False,
+        progress: OnProgress = inputs.no_progress,
+        stop: Stop = inputs.no_stop,
     ) -> Outcome:
         """Run the replications that are missing, and write every file."""
         inputs.claim_folder(self.folder, {"study.json"}, "a study's")
@@ -168,7 +172,7 @@ class CalibrationStudy:
             _write_ranks(ranks, rows)
         return rows
 
-    def _run(self, rows: dict[int, list[dict[str, Any]]], progress: Tell, stop: Stop) -> None:
+    def _run(self, rows: dict[int, list[dict[str, Any]]], progress: OnProgress, stop: Stop) -> None:
         missing = [i for i in range(self.replications) if i not in rows]
         if not missing:
             return
@@ -305,8 +309,8 @@ def calibrate(
     workers: int | None = None,
     scheduler: str | None = None,
     resume: bool = True,
-    progress: Tell = inputs.silent,
-    stop: Stop = inputs.never,
+    progress: OnProgress = inputs.no_progress,
+    stop: Stop = inputs.no_stop,
     **options: Any,
 ) -> Outcome:
     """Simulation-based calibration on the protocols of a specimen.

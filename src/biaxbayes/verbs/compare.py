@@ -15,7 +15,7 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, RunLike, SpecimenLike, Stop, Tell
+from biaxbayes.verbs.inputs import OnProgress, PathLike, RunLike, SpecimenLike, Stop
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.compare import Comparison
@@ -31,8 +31,8 @@ def compare(
     mounting_force: Sequence[float] | None = None,
     anyway: bool = False,
     overwrite: bool = False,
-    progress: Tell | None = None,
-    stop: Stop = inputs.never,
+    progress: OnProgress | None = None,
+    stop: Stop = inputs.no_stop,
     **options: Any,
 ) -> Comparison:
     """Runs side by side: what each reports, and how far apart they are in what both identify.

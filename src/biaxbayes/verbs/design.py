@@ -12,7 +12,7 @@ from biaxbayes.progress_bar import progress_line, with_progress
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, RunLike, Tell
+from biaxbayes.verbs.inputs import OnProgress, PathLike, RunLike
 
 if TYPE_CHECKING:
     from biaxbayes.optimal_design.design import Design
@@ -26,7 +26,7 @@ def design(
     out: PathLike | None = None,
     workers: int | None = 1,
     scheduler: str | None = None,
-    progress: Tell = inputs.silent,
+    progress: OnProgress = inputs.no_progress,
     **options: Any,
 ) -> Design:
     """Which further measurement would narrow the posterior of a run most.

@@ -14,6 +14,7 @@ from biaxbayes.parameters import NOISE_SD, STRETCH
 from biaxbayes.specimens.plausibility import check_readings
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, read_specimen, specimen_text
+from biaxbayes.tasks import no_stop as no_stop
 from biaxbayes.text_files import atomic_write_text
 
 if TYPE_CHECKING:
@@ -26,17 +27,12 @@ PathLike = str | Path
 RunLike: TypeAlias = "Run | str | Path"
 SpecimenLike = Specimen | str | Path
 
-Tell = Callable[["Progress"], None]
+OnProgress = Callable[["Progress"], None]
 Stop = Callable[[], int]
 
 
-def silent(progress: Progress) -> None:
+def no_progress(progress: Progress) -> None:
     """No progress is shown."""
-
-
-def never() -> int:
-    """Nothing stops the work."""
-    return 0
 
 
 def open_specimen(
@@ -201,17 +197,17 @@ def refuse_finished(folder: Path, record: str, *, resume: bool, overwrite: bool)
         )
 
 
-def removal_note(tell: Tell, record: str) -> Callable[[list[str]], None]:
+def removal_note(progress: OnProgress, record: str) -> Callable[[list[str]], None]:
     """Callback that reports the derived files removed with the previous run or population."""
     from biaxbayes.runs.folder import KINDS
     from biaxbayes.sampling.sampler import Progress
 
-    def gone(names: list[str]) -> None:
+    def on_removed(names: list[str]) -> None:
         if names:
             note = f"removed with the {KINDS[record]} before: {', '.join(names)}"
-            tell(Progress("writing", note=note))
+            progress(Progress("writing", note=note))
 
-    return gone
+    return on_removed
 
 
 def check_new(path: Path, overwrite: bool) -> None:

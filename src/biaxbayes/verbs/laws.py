@@ -38,7 +38,7 @@ from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import aligned, atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, SpecimenLike, Stop, Tell
+from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
 
 RECORD, PARTS, PAGE = "laws.json", "parts", "laws.html"
 OF_ONE_LAW = ("law", "fibre_switch", "priors")
@@ -108,8 +108,8 @@ def compare_laws(
     resume: bool = False,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Tell = inputs.silent,
-    stop: Stop = inputs.never,
+    progress: OnProgress = inputs.no_progress,
+    stop: Stop = inputs.no_stop,
     **options: Any,
 ) -> LawComparison:
     """Fit and sample every law on a specimen, and weigh them by what they predict.
@@ -224,7 +224,7 @@ def _start(
 
 
 def _sampled(
-    tasks: Sequence[Task], folder: Path | None, executor: Executor, progress: Tell, stop: Stop
+    tasks: Sequence[Task], folder: Path | None, executor: Executor, progress: OnProgress, stop: Stop
 ) -> dict[tuple[str, str], Prediction]:
     """Predictions by law and part; those in the folder are read, the others stored there."""
     files = [None if folder is None else folder / f"{i:03d}.npz" for i in range(len(tasks))]

@@ -24,7 +24,7 @@ from biaxbayes.progress_bar import Progress, progress_line, with_progress
 from biaxbayes.text_files import aligned
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, RunLike, SpecimenLike, Tell
+from biaxbayes.verbs.inputs import OnProgress, PathLike, RunLike, SpecimenLike
 
 if TYPE_CHECKING:
     from biaxbayes.comparison.mounting_bias import Ledger
@@ -46,7 +46,7 @@ def ledger(
     out: PathLike | None = None,
     mounting_force: Sequence[float] | None = None,
     anyway: bool = False,
-    progress: Tell = inputs.silent,
+    progress: OnProgress = inputs.no_progress,
     **options: Any,
 ) -> Ledger:
     """What ignoring the mounting stretch costs: inferred, ignored and zeroed, side by side.

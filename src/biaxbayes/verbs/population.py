@@ -43,7 +43,7 @@ from biaxbayes.text_files import aligned
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
 from biaxbayes.verbs.batch import batch
-from biaxbayes.verbs.inputs import PathLike, Stop, Tell
+from biaxbayes.verbs.inputs import OnProgress, PathLike, Stop
 from biaxbayes.verbs.population_files import (
     Member,
     PopulationFound,
@@ -74,8 +74,8 @@ class PopulationJob:
         *,
         resume: bool = False,
         overwrite: bool = False,
-        progress: Tell = inputs.silent,
-        stop: Stop = inputs.never,
+        progress: OnProgress = inputs.no_progress,
+        stop: Stop = inputs.no_stop,
     ) -> PopulationFound:
         """Sample the population and write every file."""
         progress(Progress("reading runs"))
@@ -97,7 +97,11 @@ class PopulationJob:
                 workers=self.options.processors,
             )
             identity = self._identity(sources, grouping, values, plan)
-            state = self._resumed(identity, resume, progress)
+            state = None
+            if resume:
+                state, note = checkpoint.load(self.folder, identity, unpack)
+                if note:
+                    progress(Progress("resuming", note=note))
             individuals = [make_individual(s, values, plan.ensembles) for s in sources]
             design = make_design(individuals, grouping, values, self.options, self.priors)
             sampled = draw(
@@ -127,9 +131,9 @@ class PopulationJob:
                 left_out,
                 notes,
             )
-            gone = inputs.removal_note(progress, POPULATION)
-            with staged(self.folder, gone, POPULATION) as aside:
-                written = write_population(aside, population, identity)
+            on_removed = inputs.removal_note(progress, POPULATION)
+            with staged(self.folder, on_removed, POPULATION) as folder:
+                written = write_population(folder, population, identity)
             return replace(written, folder=self.folder)
 
     def _opened(self) -> tuple[list[Source], dict[str, str]]:
@@ -194,14 +198,6 @@ class PopulationJob:
             "sampler": {"ensembles": plan.ensembles, "chains": plan.chains},
             "runs": runs,
         }
-
-    def _resumed(self, identity: dict[str, Any], resume: bool, tell: Tell) -> State | None:
-        if not resume:
-            return None
-        state, note = checkpoint.load(self.folder, identity, unpack)
-        if note:
-            tell(Progress("resuming", note=note))
-        return state
 
 
 def _stated(value: PooledValue) -> dict[str, float]:
@@ -307,8 +303,8 @@ def population(
     resume: bool = False,
     overwrite: bool = False,
     anyway: bool = False,
-    progress: Tell = inputs.silent,
-    stop: Stop = inputs.never,
+    progress: OnProgress = inputs.no_progress,
+    stop: Stop = inputs.no_stop,
     **options: Any,
 ) -> PopulationFound:
     """What the specimens of a study have in common: a hierarchical posterior over them.

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -45,8 +45,8 @@ from biaxbayes.runs.folder import (
 )
 from biaxbayes.runs.lock import folder_lock
 from biaxbayes.runs.provenance import identity, provenance
-from biaxbayes.runs.run import Run, open_run, summarise, write_summary
-from biaxbayes.sampling.sampler import Draws, Plan, Progress
+from biaxbayes.runs.run import Run, open_run, summarise
+from biaxbayes.sampling.sampler import Draws, Plan, Progress, State
 from biaxbayes.specimens.check import refuse_no_loading_curve
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
@@ -55,10 +55,14 @@ from biaxbayes.tasks import one_call
 from biaxbayes.text_files import atomic_write_text, write_csv
 from biaxbayes.verbs import inputs
 from biaxbayes.verbs import options as opt
-from biaxbayes.verbs.inputs import PathLike, SpecimenLike, Stop, Tell
+from biaxbayes.verbs.inputs import OnProgress, PathLike, SpecimenLike, Stop
+
+if TYPE_CHECKING:
+    from biaxbayes.identifiability.identify import Identifiability
+    from biaxbayes.runs.result import RunResult
 
 
-@dataclass
+@dataclass(frozen=True)
 class Sampling:
     """Checked inputs of one sampling run.
 
@@ -91,7 +95,8 @@ class Sampling:
         """Read the specimen and check it and the options; arguments as in ``biaxbayes.sample``."""
         if isinstance(specimen, Specimen):
             file: object = specimen.name
-            source, stem = specimen.name, _safe_stem(specimen.name)
+            safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in specimen.name)
+            source, stem = specimen.name, safe.strip(".-")[:60] or "specimen"
             inputs.readable_specimen(specimen, file)
         else:
             file = Path(specimen)
@@ -114,75 +119,71 @@ class Sampling:
         *,
         resume: bool = False,
         overwrite: bool = False,
-        progress: Tell | None = None,
-        stop: Stop = inputs.never,
+        progress: OnProgress | None = None,
+        stop: Stop = inputs.no_stop,
     ) -> Path:
         """Sample, write the run folder, and return its path."""
-        tell = progress or _warn
-        clock = time.perf_counter()
+        progress = progress or _warn
+        start = time.perf_counter()
         finished = [PROVENANCE] if is_run(self.folder) else []
         inputs.claim_folder(self.folder, {*checkpoint.NAMES, *finished}, "a run's")
         with folder_lock(self.folder):
             clear_leftovers(self.folder)
             finish_moving(self.folder)
             inputs.refuse_finished(self.folder, PROVENANCE, resume=resume, overwrite=overwrite)
-            tell(Progress("fitting"))
-            for finding in self.findings:
-                tell(Progress("fitting", note=str(finding)))
-            fit_clock = time.perf_counter()
-            posterior = self._fitted(tell)
-            fit_seconds = time.perf_counter() - fit_clock
-            draws = self._drawn(posterior, fit_seconds, resume, tell, stop)
-            tell(Progress("writing"))
-            draws.seconds["before output"] = time.perf_counter() - clock
+            progress(Progress("fitting"))
+            _show(self.findings, progress)
+            fit_start = time.perf_counter()
+            run = self
+            if self.specimen.needs_grip_correction:
+                run = self._corrected_for_grips(progress)
+            posterior = prepare(run.specimen, **self.options, seed=self.plan.seed)
+            findings = _findings_of_fit(posterior)
+            _show(findings, progress)
+            fit_seconds = time.perf_counter() - fit_start
+            state = None  # an old checkpoint stays until the first new one is written
+            if resume:
+                state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
+                if note:
+                    progress(Progress("resuming", note=note))
+            draws = self._draw(posterior, state, progress, stop)
+            if state is None:
+                draws.seconds["fit"] += fit_seconds
+            names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
+            stretches = {n: draws.quantities[n] for n in names if n in draws.quantities}
+            of_draws = bracket_findings(stretches)
+            _show(of_draws, progress)
+            progress(Progress("writing"))
+            draws.seconds["before output"] = time.perf_counter() - start
             # All files are replaced together.
-            with staged(self.folder, inputs.removal_note(tell, PROVENANCE)) as folder:
-                self._write_files(folder, posterior, draws, clock)
+            with staged(self.folder, inputs.removal_note(progress, PROVENANCE)) as folder:
+                every = (*self.findings, *findings, *of_draws)
+                run._write_files(folder, posterior, draws, every, start)
         return self.folder
 
-    def _fitted(self, tell: Tell) -> Posterior:
-        """The posterior with its fit; what the fit shows of the record becomes a finding."""
-        if self.specimen.needs_grip_correction:
-            self._correct_for_grips(tell)
-        posterior = prepare(self.specimen, **self.options, seed=self.plan.seed)
-        swapped = swapped_columns(
-            posterior.specimen,
-            posterior.fit.residuals,
-            law=posterior.settings.law,
-            fibre_switch=posterior.settings.fibre_switch,
-        )
-        self._add([swapped] if swapped else [], "fitting", tell)
-        self._add(radian_findings(posterior), "fitting", tell)
-        self._add(prior_findings(posterior), "fitting", tell)
-        return posterior
-
-    def _correct_for_grips(self, tell: Tell) -> None:
-        """Replace the specimen by one whose loads are those of a uniform test."""
-        tell(Progress("correcting for the grips"))
+    def _corrected_for_grips(self, progress: OnProgress) -> Sampling:
+        """The same with a specimen whose loads are those of a uniform test."""
+        progress(Progress("correcting for the grips"))
 
         def fitted(specimen: Specimen) -> FitResult:
             posterior = Posterior(specimen, **self.options, beta=1.0)
             return posterior.least_squares(self.plan.seed)
 
-        self.correction = corrected_for_grips(self.specimen, fitted)
-        corrected = self.correction.specimen
-        self.specimen = replace(corrected, notes=(*corrected.notes, self.correction.in_words))
+        correction = corrected_for_grips(self.specimen, fitted)
+        specimen = correction.specimen
+        specimen = replace(specimen, notes=(*specimen.notes, correction.in_words))
+        return replace(self, specimen=specimen, correction=correction)
 
-    def _drawn(
-        self, posterior: Posterior, fit_seconds: float, resume: bool, tell: Tell, stop: Stop
+    def _draw(
+        self, posterior: Posterior, state: State | None, progress: OnProgress, stop: Stop
     ) -> Draws:
-        """Draws of the posterior, from its checkpoint where the run is resumed."""
-        state = None  # an old checkpoint stays until the first new one is written
-        if resume:
-            state, note = checkpoint.load(self.folder, identity(posterior, self.plan))
-            if note:
-                tell(Progress("resuming", note=note))
+        """Draws of the posterior, from the state of a checkpoint if there is one."""
         draws = draw_posterior(
             posterior,
             self.plan,
             state=state,
             on_block=lambda s: checkpoint.save(self.folder, s, identity(posterior, self.plan)),
-            progress=tell,
+            progress=progress,
             stop=stop,
         )
         if draws.interrupted:
@@ -193,32 +194,31 @@ class Sampling:
                 "the same command with `resume=True` continues",
                 stop(),
             )
-        tell(Progress("sampling", 1.0))
-        if state is None:
-            draws.seconds["fit"] += fit_seconds
-        names = [q.name for q in posterior.quantities.of_kind(STRETCH)]
-        stretches = {n: draws.quantities[n] for n in names if n in draws.quantities}
-        self._add(bracket_findings(stretches), "sampling", tell)
+        progress(Progress("sampling", 1.0))
         return draws
 
-    def _add(self, findings: Sequence[Finding], step: str, tell: Tell) -> None:
-        """Record findings and show them."""
-        self.findings = (*self.findings, *findings)
-        for finding in findings:
-            tell(Progress(step, note=str(finding)))
-
-    def _write_files(self, folder: Path, posterior: Posterior, draws: Draws, clock: float) -> None:
+    def _write_files(
+        self,
+        folder: Path,
+        posterior: Posterior,
+        draws: Draws,
+        findings: Sequence[Finding],
+        start: float,
+    ) -> None:
+        """Every file of the run, its provenance last."""
         from biaxbayes.figures.run.grips import grips_figure
         from biaxbayes.figures.style import save_pictures
+        from biaxbayes.identifiability.identify import identify_run
         from biaxbayes.reports.page import write_report
-        from biaxbayes.verbs.products import write_products
+        from biaxbayes.runs.result import run_result, write_result
 
-        specimen, correction, ratios = self.specimen, self.correction, None
+        specimen, state = self.specimen, draws.convergence.state
+        correction, ratios = self.correction, None
         if correction is not None:
             ratios = correction.table(correction.spread(draws.quantities, posterior.forward))
-            self.findings = (*self.findings, *grip_findings(correction, ratios))
+            findings = (*findings, *grip_findings(correction, ratios))
         record = provenance(posterior, self.plan, draws, self.source)
-        record["findings"] = [finding.record() for finding in self.findings]
+        record["findings"] = [finding.record() for finding in findings]
         write_specimen(specimen, folder / "specimen.csv")
         if correction is not None and ratios is not None:
             record["grips"] = grip_record(correction, ratios)
@@ -228,12 +228,12 @@ class Sampling:
             "biaxbayes_version": record["biaxbayes"],
             "specimen": specimen.name,
             "settings": json.dumps(record["settings"], sort_keys=True),
-            "convergence": draws.convergence.state,
+            "convergence": state,
             "beta": posterior.beta,
             "sampling_seed": self.plan.seed,
         }
         write_archive(folder / "posterior.nc", posterior, draws, attributes, self.plan.seed)
-        table = summarise(
+        summary = summarise(
             draws.quantities,
             posterior.parameter_names,
             posterior.quantities,
@@ -241,24 +241,70 @@ class Sampling:
             posterior.law.called,
         )
         atomic_write_text(folder / "fit.json", record_text([posterior.fit.record()]))
-        write_summary(folder / "summary.csv", table)
-        run = Run(folder, record).with_draws(draw_table(draws.quantities))
-        write_products(folder, posterior, draws, table, record["convergence"], run.findings)
-        record["seconds"]["total"] = round(time.perf_counter() - clock, 3)
+        write_csv(folder / "summary.csv", summary, digits=8)
+        table = draw_table(draws.quantities)
+        run = Run(folder, record).with_draws(table)
+        verdicts = identify_run(posterior, table, state)
+        result = run_result(
+            verdicts, posterior, table, summary, record["convergence"], run.findings
+        )
+        write_result(result, folder)
+        write_figures(folder, posterior, draws, verdicts, result)
+        record["seconds"]["total"] = round(time.perf_counter() - start, 3)
         write_report(folder, run)
         record["files"] = manifest(folder)
         atomic_write_text(folder / PROVENANCE, record_text(record))
+
+
+def write_figures(
+    folder: Path, posterior: Posterior, draws: Draws, verdicts: Identifiability, result: RunResult
+) -> None:
+    """Figures and the page to explore; of unusable draws only the traces, which show why."""
+    from biaxbayes.figures.run.bands import bands_figure
+    from biaxbayes.figures.run.corner import corner_figure
+    from biaxbayes.figures.run.identifiability import identifiability_figure
+    from biaxbayes.figures.run.trace import trace_figure
+    from biaxbayes.figures.style import save_pictures
+    from biaxbayes.reports.explore import can_be_explored, explore_page
+    from biaxbayes.reports.page import EXPLORE, NAME
+
+    specimen, known = posterior.specimen, posterior.quantities
+    table = draw_table(draws.quantities)
+    if result.state != "converged":
+        trace = trace_figure(draws.quantities, unit=specimen.unit, known=known)
+        save_pictures(trace, folder, "trace")
+    if result.state == "unusable":
+        return
+    bands = bands_figure(specimen, table, settings=posterior.settings)
+    save_pictures(corner_figure(table, known=known, law=posterior.law.called), folder, "corner")
+    save_pictures(bands, folder, "stress-bands")
+    save_pictures(identifiability_figure(verdicts, result.rows), folder, "identifiability")
+    if can_be_explored(known, table):
+        page = explore_page(posterior, table, result.state, rows=result.rows, report=NAME)
+        atomic_write_text(folder / EXPLORE, page)
+
+
+def _findings_of_fit(posterior: Posterior) -> list[Finding]:
+    """What the fit shows of the specimen and the priors."""
+    swapped = swapped_columns(
+        posterior.specimen,
+        posterior.fit.residuals,
+        law=posterior.settings.law,
+        fibre_switch=posterior.settings.fibre_switch,
+    )
+    conflicts = [*radian_findings(posterior), *prior_findings(posterior)]
+    return [swapped, *conflicts] if swapped else conflicts
+
+
+def _show(findings: Sequence[Finding], progress: OnProgress) -> None:
+    for finding in findings:
+        progress(Progress("fitting", note=str(finding)))
 
 
 def _warn(progress: Progress) -> None:
     """Without a progress callback, notes are issued as warnings."""
     if progress.note:
         warnings.warn(progress.note, RuntimeWarning, stacklevel=4)
-
-
-def _safe_stem(name: str) -> str:
-    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip(".-")
-    return safe[:60] or "specimen"
 
 
 def _too_few_protocols(specimen: Specimen, law: str) -> list[Finding]:
@@ -309,8 +355,8 @@ def sample(
     anyway: bool = False,
     resume: bool = False,
     overwrite: bool = False,
-    progress: Tell | None = None,
-    stop: Stop = inputs.never,
+    progress: OnProgress | None = None,
+    stop: Stop = inputs.no_stop,
     **options: Any,
 ) -> Run:
     """Sample the posterior of a specimen into a run folder.
