@@ -49,4 +49,4 @@ def coordinates_of(material):
 
 def material_at(point, *, fibre_switch=False):
     law = GOHLaw(fibre_switch)
-    return law.scalar(law.values(point))
+    return law.material_at(law.values(point))

@@ -253,7 +253,7 @@ def test_random_shapes_reach_from_straight_to_steep_at_the_largest_stretches(nam
     """Each exponent of the law, at each material's own largest stretches, on its own."""
     law, rng = law_named(name), np.random.default_rng(6)
     largest = rng.uniform(1.05, 1.6, (2000, 2))
-    points, marks = law.shapes(len(largest), largest, rng)
+    points, marks = law.random_materials(len(largest), largest, rng)
     assert len(points) == len(marks) == len(largest)
     X, Y = largest.T**2
     reached = np.array(law.exponents_at(law.constants_at_point(*points.T), X, Y, 1.0 / (X * Y)))
@@ -293,11 +293,11 @@ def test_screened_goh_materials_reach_from_straight_to_steep():
 def test_a_point_of_a_fit_moved_off_its_bounds_lies_inside_them(name):
     law, rng = law_named(name), np.random.default_rng(9)
     inside = law.point(RECOVERED[name])
-    np.testing.assert_array_equal(law.inner_point(inside), inside)
+    np.testing.assert_array_equal(law.clip_point_inside(inside), inside)
     far = np.where(np.isfinite(law.upper), law.upper, 50.0)
     for _ in range(50):
         at = np.where(rng.random(inside.size) < 0.5, law.lower, np.where(rng.random(inside.size) < 0.5, far, inside))  # fmt: skip  # noqa: E501
-        moved = law.inner_point(at)
+        moved = law.clip_point_inside(at)
         assert np.all((law.lower < moved) & (moved <= law.upper))
         # shares and angles leave their upper end too
         for i, p in enumerate(law.parameters):
@@ -319,8 +319,8 @@ def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(na
         found = law.to_coordinates(coordinates, slots)
         return bool(np.all([np.isfinite(v).all() for v in found.values()]))
 
-    inside = law.scalar(RECOVERED[name]).values
-    np.testing.assert_allclose(law.inner(inside), inside, rtol=1e-12)
+    inside = law.material_at(RECOVERED[name]).values
+    np.testing.assert_allclose(law.clip_inside(inside), inside, rtol=1e-12)
     for material in random_materials(name, 10):
         for i, p in enumerate(law.parameters):
             for edge in p.range:
@@ -329,7 +329,7 @@ def test_a_material_moved_off_its_edges_has_finite_coordinates_and_else_stays(na
                 at_edge = [edge if i == j else v for j, v in enumerate(material.values)]
                 if not law.holds(dict(zip(law.names, at_edge, strict=True))):
                     continue
-                moved = law.inner(at_edge)
+                moved = law.clip_inside(at_edge)
                 assert finite(moved)
                 # what moves stays near: a hundredth of a stiffness or an exponent, few degrees
                 near = [5.0 if q.name == "alpha" else 0.021 for q in law.parameters]
@@ -366,13 +366,13 @@ def test_the_median_of_a_scaled_prior_carries_the_load(name, stretch, peak_kPa):
         for n, (family, first, second) in prior.items()
     }
     medians |= {"kappa": 0.0} if "kappa" in medians else {}
-    material = law.scalar([medians[n] for n in law.names])
+    material = law.material_at([medians[n] for n in law.names])
     for stress in material.cauchy(stretch, stretch):
         assert stress / stretch == pytest.approx(peak_kPa, rel=1e-12)
     # matrix: 30 % of the nominal stress
     matrix = {"four-fibre": ("k1_x", "k1_y", "k1_d"), "fung": ("c",), "lee-sacks": ("c1",)}
     alone = medians | dict.fromkeys(matrix.get(name, ("k1",)), 0.0)
-    for stress in law.scalar([alone[n] for n in law.names]).cauchy(stretch, stretch):
+    for stress in law.material_at([alone[n] for n in law.names]).cauchy(stretch, stretch):
         assert stress / stretch == pytest.approx(0.3 * peak_kPa, rel=1e-12)
 
 
@@ -410,7 +410,7 @@ TOP = np.array([[1.25, 1.3]])
 def one_draw(name: str):
     """A typical material as one draw, and its natural values by name."""
     law = law_named(name)
-    material = law.scalar(TYPICAL[name] if name != "may-newman" else RECOVERED[name])
+    material = law.material_at(TYPICAL[name] if name != "may-newman" else RECOVERED[name])
     theta = [float(np.ravel(v)[0]) for v in material.theta]
     values = dict(zip(law.names, theta, strict=True))
     return law, Material(law, tuple(np.full((1, 1), v) for v in theta)), values
@@ -454,7 +454,7 @@ def test_stiffnesses_are_near_to_none_below_a_twentieth_of_the_small_strain_stif
 
     def trace(of: dict[str, float]) -> float:
         """Trace of the Hessian of W by log stretches where unloaded, by central differences."""
-        at = law.scalar([np.degrees(v) if n == "alpha" else v for n, v in of.items()])
+        at = law.material_at([np.degrees(v) if n == "alpha" else v for n, v in of.items()])
         h = 1e-5
         x = at.cauchy(np.exp(h), 1.0)[0] - at.cauchy(np.exp(-h), 1.0)[0]
         y = at.cauchy(1.0, np.exp(h))[1] - at.cauchy(1.0, np.exp(-h))[1]

@@ -74,7 +74,7 @@ def random_materials(name: str, size: int) -> list:
             else:
                 values.append(v * float(rng.uniform(-1.0, 1.0)))
         if law.holds(dict(zip(law.names, values, strict=True))):
-            made.append(law.scalar(values))
+            made.append(law.material_at(values))
     return made
 
 
@@ -188,7 +188,7 @@ def test_three_protocols_without_noise_give_the_parameters_back(name):
     protocols = []
     for label, ratio in (("equal", (1.0, 1.0)), ("x", (1.0, 0.5)), ("y", (0.5, 1.0))):
         true = virtual_test(
-            law_named(name).scalar(values),
+            law_named(name).material_at(values),
             mounting_stretch=lm,
             total_stretch=1.25,
             ratio=ratio,
@@ -263,7 +263,7 @@ def test_energy_and_stress_without_an_exponent_are_its_limit(name, exponents):
     law = law_named(name)
     values = dict(zip(law.names, TYPICAL[name], strict=True))
     none, few = (
-        law.scalar([(values | dict.fromkeys(exponents, v))[n] for n in law.names])
+        law.material_at([(values | dict.fromkeys(exponents, v))[n] for n in law.names])
         for v in (0.0, 1e-7)
     )
     assert none.strain_energy(1.2, 1.1) == pytest.approx(few.strain_energy(1.2, 1.1), rel=1e-5)

@@ -615,7 +615,7 @@ def test_the_width_of_the_mounting_prior_is_an_option():
 def test_density_of_every_law_is_that_of_its_stress_and_its_priors(name):
     """The compiled response of each law, at two materials, against its formulas and SciPy."""
     law = law_named(name)
-    one, other = (law.scalar([f * v for v in RECOVERED[name]]) for f in (1.0, 1.05))
+    one, other = (law.material_at([f * v for v in RECOVERED[name]]) for f in (1.0, 1.05))
     up = np.linspace(0.0, 1.0, 6)
     x, y = 1.0 + 0.2 * up, 1.0 + 0.12 * up
     load = np.array(one.piola(x, y))

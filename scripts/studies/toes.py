@@ -47,7 +47,7 @@ def of_law(name: str) -> Callable[..., Stress]:
             }
             if not law.holds(values):
                 continue
-            material = law.scalar([values[n] for n in law.names])
+            material = law.material_at([values[n] for n in law.names])
             at_rest, last = (np.array(material.cauchy(*s)) for s in (mounting, top))
             if np.all(at_rest > 0.0) and np.all(at_rest < MOST_AT_MOUNTING * last):
                 return lambda total: np.column_stack(material.cauchy(*total.T))

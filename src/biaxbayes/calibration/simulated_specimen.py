@@ -181,7 +181,7 @@ def _pair(truth: Mapping[str, float], what: str, label: str) -> np.ndarray:
 
 def _material(rules: Rules, truth: Mapping[str, float]) -> MaterialResponse:
     law = rules.settings.material_law
-    return law.scalar(tuple(truth[name] for name in law.names))
+    return law.material_at(tuple(truth[name] for name in law.names))
 
 
 def _add_mounting_forces(rules: Rules, truth: dict[str, float]) -> bool:

@@ -91,7 +91,7 @@ class Card:
     ----------
     label : str
         Name of the material in the file: letters, digits and underscores.
-    material : GOH or StatedMaterial
+    material : GOH or CheckedMaterial
         As written: no exponent of GOH below :data:`K2_FLOOR`.
     units : UnitSystem
     bulk_kPa : float or None

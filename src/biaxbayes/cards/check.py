@@ -74,7 +74,7 @@ def relative_deviation(
         Strain energy of the card, in its units.
     per_kPa : float
         The card's number for 1 kPa.
-    material : GOH or StatedMaterial
+    material : GOH or CheckedMaterial
         The draw, without any change made for export. GOH is compared with the fibre switch, which
         both programs have.
     stretch_x, stretch_y : ndarray, shape (n,)

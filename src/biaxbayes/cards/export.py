@@ -163,7 +163,7 @@ def _material(law: Law, values: Sequence[float], states: np.ndarray) -> Exported
     """Material as fitted and as written, matrix shear modulus (kPa), notes, columns on fibres."""
     goh = law.as_goh(values)
     if goh is None:
-        material = law.scalar(values)
+        material = law.material_at(values)
         shear = MIXTURES[law.name].matrix_shear_kPa(dict(zip(law.names, values, strict=True)))
         return material, material, shear, (), {"switch_changes_stress_kPa": 0.0}
     written, changed = exportable(goh)

@@ -167,7 +167,7 @@ def fit_result(
     residuals = tuple(left[:, s][:, ~data.at_rest[s]].T.copy() for s in data.rows)
     return FitResult(
         method=method,
-        material=law.scalar(law.values(point)),
+        material=law.material_at(law.values(point)),
         mounting_stretch=lm.T.copy(),
         mounting_load=mounting_load.T.copy(),
         r2=r2,

@@ -13,7 +13,7 @@ from biaxbayes.errors import InputError
 
 if TYPE_CHECKING:
     from biaxbayes.laws.law import Law
-    from biaxbayes.laws.materials import StatedMaterial
+    from biaxbayes.laws.materials import CheckedMaterial
     from biaxbayes.parameters import Parameter
 
 DEFAULT_LAW = "goh"
@@ -69,7 +69,7 @@ def all_parameters() -> tuple[Parameter, ...]:
     return tuple(known.values())
 
 
-def material(name: str, *, fibre_switch: bool = False, **values: float) -> StatedMaterial:
+def material(name: str, *, fibre_switch: bool = False, **values: float) -> CheckedMaterial:
     """One material of a law.
 
     Parameters
@@ -83,7 +83,7 @@ def material(name: str, *, fibre_switch: bool = False, **values: float) -> State
 
     Returns
     -------
-    StatedMaterial
+    CheckedMaterial
         With ``cauchy``, ``piola`` and ``strain_energy`` at total stretches.
 
     Raises
@@ -91,4 +91,4 @@ def material(name: str, *, fibre_switch: bool = False, **values: float) -> State
     InputError
         For an unknown law, and a parameter that is unknown, missing or out of range.
     """
-    return law_named(name, fibre_switch=fibre_switch).stated(values)
+    return law_named(name, fibre_switch=fibre_switch).checked_material(values)

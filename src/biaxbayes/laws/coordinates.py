@@ -29,6 +29,13 @@ ROOT_WIDTH = 1.0
 _LOG_2 = math.log(2.0)
 
 
+@inlined
+def log_fibre_strain(alpha, X, Y):
+    """Ln E of fibres at +-alpha (radians) at squared stretches, E = X cos^2 + Y sin^2 - 1."""
+    cos2 = np.cos(alpha) ** 2
+    return np.log(cos2 * X + (1.0 - cos2) * Y - 1.0)
+
+
 # --- logs ----------------------------------------------------------------------------------------
 
 

@@ -208,7 +208,7 @@ class DispersedFibreLaw(Law):
         """Width of kappa itself, where the chart is not used."""
         return {} if coordinates.chart > 0.0 else {"kappa": 0.06}
 
-    def softens(self, coordinates: Any) -> bool:
+    def has_isotropy_scale(self, coordinates: Any) -> bool:
         """Where the chart is used."""
         return bool(coordinates.chart > 0.0)
 

@@ -28,6 +28,7 @@ from biaxbayes.laws.coordinates import (
     ROOT_WIDTH,
     from_root_exponent,
     from_root_stress,
+    log_fibre_strain,
     log_stress_scale,
     to_root_exponent,
     to_root_stress,
@@ -136,8 +137,8 @@ class FourFibreCoordinates(NamedTuple):
 @inlined
 def _log_strains(coordinates, alpha):
     """Ln E* of the families."""
-    X, Y, cos2 = coordinates.X, coordinates.Y, np.cos(alpha) ** 2
-    return np.log(X - 1.0), np.log(Y - 1.0), np.log(cos2 * X + (1.0 - cos2) * Y - 1.0)
+    X, Y = coordinates.X, coordinates.Y
+    return np.log(X - 1.0), np.log(Y - 1.0), log_fibre_strain(alpha, X, Y)
 
 
 @inlined
@@ -239,7 +240,6 @@ class FourFibreLaw(Law):
         self, constants: FourFibreConstants, X: Any, Y: Any, Z: Any
     ) -> tuple[Any, ...]:
         """The exponents of the fibres along x, along y and along the diagonals."""
-        del Z
         k2 = constants.k2_x, constants.k2_y, constants.k2_d
         return tuple(k * E * E for k, E in zip(k2, _strains(constants, X, Y), strict=True))
 
@@ -278,5 +278,4 @@ class FourFibreLaw(Law):
 
     def fibre_load(self, amplitude: str) -> float:
         """The fibres along an axis and the diagonals carry half of what the matrix does not."""
-        del amplitude
         return 0.5 * (1.0 - MATRIX_LOAD)

@@ -151,7 +151,7 @@ class FungLaw(Law):
     )
     amplitudes = ("c0", "c")
     exponents: ClassVar = {"b_x": "Q", "b_y": "Q"}
-    bound_together = ("b_x", "b_y", "b_xy")
+    joint_parameters = ("b_x", "b_y", "b_xy")
     condition = "b_x b_y has to be larger than b_xy^2"
 
     def holds(self, values: Mapping[str, Any]) -> Any:
@@ -171,7 +171,6 @@ class FungLaw(Law):
 
     def exponents_at(self, constants: FungConstants, X: Any, Y: Any, Z: Any) -> tuple[Any, ...]:
         """Q."""
-        del Z
         return (_exponent(constants, X, Y),)
 
     def coordinates(self, layout: SamplingLayout) -> FungCoordinates:
@@ -207,21 +206,21 @@ class FungLaw(Law):
         """Bounds of rho."""
         return {"b_xy": (-1.0, 1.0)} if coordinates.rho > 0.0 else {}
 
-    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
+    def clip_inside(self, values: Sequence[float]) -> tuple[float, ...]:
         """A material moved off its edges, to where the sampling coordinates are regular."""
-        *scales, b_xy = super().inner(values)
+        *scales, b_xy = super().clip_inside(values)
         most = _RHO_INSIDE * float(np.sqrt(scales[2] * scales[3]))
         return *scales, float(np.clip(b_xy, -most, most))
 
-    def inner_point(self, point: np.ndarray) -> np.ndarray:
+    def clip_point_inside(self, point: np.ndarray) -> np.ndarray:
         """(c0, c, b_x, b_y, b_xy) moved off its bounds."""
-        return np.array(self.inner([float(v) for v in point]))
+        return np.array(self.clip_inside([float(v) for v in point]))
 
     def values(self, point: Any) -> tuple[float, ...]:
         """Parameters at a point of the fits, of a form that is positive definite."""
         return tuple(float(v) for v in self.constants_at_point(*(float(v) for v in point)))
 
-    def shapes(
+    def random_materials(
         self, size: int, largest: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Random exponents at the largest stretches, and couplings."""
@@ -231,8 +230,8 @@ class FungLaw(Law):
         strain = np.maximum(0.5 * (largest**2 - 1.0), 1e-3)
         b = np.minimum(q / strain**2, self.upper[_BX:_BXY])
         one = np.ones(size)
-        marks = np.column_stack([0.3 * np.log(q), rho])
-        return np.column_stack([one, one, b, rho]), marks
+        features = np.column_stack([0.3 * np.log(q), rho])
+        return np.column_stack([one, one, b, rho]), features
 
     def typical(self, stretch: float) -> dict[str, float]:
         """Q = (b_x + b_y) E^2 without coupling."""
@@ -245,7 +244,7 @@ class FungLaw(Law):
         return prior | {"b_xy": ("normal", 0.0, 0.5 * prior["b_x"][1])}
 
     @property
-    def amplitude_nearness(self) -> str:
+    def near_amplitude_text(self) -> str:
         """What counts as near for c0 and c, in words."""
         return (
             f"c0 and c where they carry less than {STIFFNESS_SHARE:g} of the small-strain stiffness"

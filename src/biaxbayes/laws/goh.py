@@ -161,14 +161,14 @@ class GOHLaw(DispersedFibreLaw):
         """The exponent of the fibres."""
         return (constants.k2 * fibre_strain(constants, X, Y, Z) ** 2,)
 
-    def scalar(self, values: Sequence[float]) -> GOH:
+    def material_at(self, values: Sequence[float]) -> GOH:
         """One material, checked, at parameters in their own units."""
         C1, k1, k2, alpha, kappa = values
         return GOH(C1, k1, k2, alpha, kappa, self.fibre_switch)
 
     def as_goh(self, values: Sequence[float]) -> GOH:
         """The material itself."""
-        return self.scalar(values)
+        return self.material_at(values)
 
     def coordinates(self, layout: SamplingLayout) -> GOHCoordinates:
         """Constants of the sampling coordinates; the chart only where both angles are free."""
@@ -195,7 +195,7 @@ class GOHLaw(DispersedFibreLaw):
         return {"k2": (stretch**2 - 1.0) ** -2, "kappa": 0.0}
 
     @property
-    def amplitude_nearness(self) -> str:
+    def near_amplitude_text(self) -> str:
         """What counts as near for C1 and k1, in words."""
         return (
             f"C1 and k1 where they carry less than {STIFFNESS_SHARE:g} of the small-strain "

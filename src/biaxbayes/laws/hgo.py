@@ -19,8 +19,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from biaxbayes.compilation import inlined
-from biaxbayes.laws.coordinates import from_log_stress, to_log_stress
+from biaxbayes.laws.coordinates import from_log_stress, log_fibre_strain, to_log_stress
 from biaxbayes.laws.dispersed_fibres import fibre_strain, structure_tensor, structure_tensor_of
 from biaxbayes.laws.goh import GOH, GOHConstants, GOHLaw
 from biaxbayes.laws.law import Law, SamplingLayout
@@ -44,20 +43,13 @@ class HGOCoordinates(NamedTuple):
     Y: float
 
 
-@inlined
-def _log_strain(coordinates, alpha):
-    """Ln E at the reference stretch."""
-    cos2 = np.cos(alpha) ** 2
-    return np.log(cos2 * coordinates.X + (1.0 - cos2) * coordinates.Y - 1.0)
-
-
 @to_natural.register(HGOCoordinates)
 def hgo_to_natural(coordinates, value):
     """Natural values in place of (ln C1, ln S, ln q, alpha); the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
-    log_E = _log_strain(coordinates, alpha)
+    log_E = log_fibre_strain(alpha, coordinates.X, coordinates.Y)
     from_log_stress(value, _K1, _K2, coordinates.k1, coordinates.k2, 2.0 * log_E, log_E)
     return 0.0
 
@@ -112,7 +104,7 @@ class HGOLaw(Law):
     ) -> dict[str, np.ndarray]:
         """Sampling coordinates at natural values: logs of C1, k1, k2; alpha in radians."""
         out = dict(values)
-        log_E = _log_strain(coordinates, values["alpha"])
+        log_E = log_fibre_strain(values["alpha"], coordinates.X, coordinates.Y)
         to_log_stress(out, "k1", "k2", coordinates.k1, coordinates.k2, 2.0 * log_E, log_E)
         return out
 

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from biaxbayes.errors import InputError
-from biaxbayes.laws.materials import Material, MaterialResponse, PointMaterial, StatedMaterial
+from biaxbayes.laws.materials import CheckedMaterial, Material, MaterialResponse, PointMaterial
 from biaxbayes.laws.response import STEP, cauchy_stress, squared_stretches
 from biaxbayes.parameters import DEGREE, Parameter
 
@@ -28,14 +28,14 @@ MATRIX_LOAD = 0.3
 """Share of the peak stress that a calibration's median material owes to its matrix."""
 
 LOAD_SHARE = 0.05
-"""Of the stress at the largest stretch: what carries less is nearly absent."""
+"""Terms that carry less than this fraction of the stress at the largest stretch count as absent."""
 EXPONENT_DISTANCE = 0.1
 """An exponent below this at the largest stretch is nearly absent."""
 STIFFNESS_SHARE = 0.05
 """The same share of the small-strain stiffness, for laws whose amplitudes are judged by that."""
 LOWEST_DRAWS = 0.05
-"""Share of the draws, the smallest, from which an amplitude's distance is taken: an amplitude
-trades with its exponent, so that a small one may carry as much as a large one does."""
+"""Fraction of the draws, those with the smallest amplitude, that its distance is computed from:
+amplitude and exponent are correlated, so that a small amplitude may carry as much load."""
 
 INSIDE = {"kPa": 1e-3, "1": 1e-2}
 """Least stiffness and exponent of a point moved off its edges, by unit."""
@@ -50,7 +50,7 @@ class StressResponse:
     ----------
     stress : ndarray, shape (2, n)
     by_coordinate : ndarray, shape (2, p, n)
-        By the coordinates that fits move in.
+        By the coordinates of fits.
     by_log_stretch : ndarray, shape (2, 2, n)
         First axis the stress, second the total stretch; symmetric.
     """
@@ -80,7 +80,7 @@ class SamplingLayout(NamedTuple):
     softening : float
         Scale of the coordinates near isotropy.
     structural : bool
-        Coordinates that data pin, rather than the parameters themselves.
+        Use coordinates that the data determine well, rather than the parameters themselves.
     chart : bool
         Whether a chart that is regular at the edges is wanted, where a law has one. With neither
         the coordinates are the parameters: logs of scales, radians, the others as they are.
@@ -124,27 +124,27 @@ class Law(ABC):
     doi: ClassVar[str] = ""
     """Of the source, where it has one."""
     description: ClassVar[str]
-    """The law as the object of a sentence, for the methods of a paper; ``{load}`` stands for when
-    fibres carry load, where the switch decides that."""
+    """The law as the object of a sentence, for the methods of a paper; ``{load}`` is replaced by
+    when fibres carry load, where the switch decides that."""
     parameters: ClassVar[tuple[Parameter, ...]]
     ties: ClassVar[tuple[tuple[str, str], ...]] = ()
     """Pairs of parameters of which the first can be tied to the second."""
     least_protocols: ClassVar[int] = 1
-    """Protocols below which its posterior has several regions that are near-equal."""
+    """With fewer protocols its posterior has several modes of similar mass."""
     meaningless: ClassVar[Mapping[str, tuple[tuple[str, int, str], ...]]] = {}
-    """Parameters that mean nothing where another is at an end of its range: its name, the side (0
-    low, 1 high), and what the material is there; one entry for every such end."""
+    """Parameters that are undefined where another is at an end of its range: the name of the other,
+    the side (0 low, 1 high), and the material there as text; one entry for every such end."""
     amplitudes: ClassVar[tuple[str, ...]]
     """Parameters that the stress is linear in, the stiffness of the matrix first."""
     exponents: ClassVar[Mapping[str, str]] = {}
-    """Formula of each exponent, by the parameter that it is proportional to; parameters may share
-    one."""
+    """Formula of each exponent, by the parameter that it is proportional to, such as
+    ``{"k2": "k2 E^2"}``; parameters may share one."""
     near_shares: ClassVar[Mapping[str, float]] = {}
     """Distances below which a dispersion or a share is near an end of its range."""
     condition: ClassVar[str] = ""
-    """What parameters have to meet together, in words."""
-    bound_together: ClassVar[tuple[str, ...]] = ()
-    """Parameters that the condition is about."""
+    """Condition on several parameters together, as text."""
+    joint_parameters: ClassVar[tuple[str, ...]] = ()
+    """Parameters in the condition."""
 
     @property
     def called(self) -> str:
@@ -186,7 +186,7 @@ class Law(ABC):
         Parameters
         ----------
         values : mapping of str to array_like, or DataFrame
-            Columns of draws will do; what is no parameter of the law is not looked at.
+            Other columns are ignored.
 
         Returns
         -------
@@ -213,11 +213,11 @@ class Law(ABC):
         """The name of a parameter that is given with its unit, as ``C1_kPa``; else as it is."""
         return next((p.name for p in self.parameters if p.label == name), name)
 
-    def scalar(self, values: Sequence[float]) -> Any:
+    def material_at(self, values: Sequence[float]) -> Any:
         """One material at parameters in their own units and order."""
         return self.material(dict(zip(self.names, values, strict=True)))
 
-    def stated(self, values: Mapping[str, float]) -> StatedMaterial:
+    def checked_material(self, values: Mapping[str, float]) -> CheckedMaterial:
         """One material at parameters by name, with or without their unit.
 
         Raises
@@ -245,17 +245,11 @@ class Law(ABC):
         if missing:
             raise InputError(f"the law {self.name} needs {' and '.join(missing)}")
         self.check_condition(checked)
-        return StatedMaterial(self, self.material(checked).theta)
+        return CheckedMaterial(self, self.material(checked).theta)
 
     def as_goh(self, values: Sequence[float]) -> Any:
-        """The same material as one of GOH, which finite-element programs have; None if it is none.
-
-        Parameters
-        ----------
-        values : sequence of float
-            Parameters in their own units and order.
-        """
-        del values
+        """The equivalent GOH material at parameters in their own units and order, or None."""
+        return None
 
     def check_condition(self, values: Mapping[str, Any]) -> None:
         """Refuse numbers that do not meet :attr:`condition`, as far as they are given.
@@ -264,13 +258,12 @@ class Law(ABC):
         ------
         InputError
         """
-        given = self.bound_together and set(self.bound_together) <= set(values)
+        given = self.joint_parameters and set(self.joint_parameters) <= set(values)
         if given and not self.holds(values):
             raise InputError(f"no material of the law {self.name}: {self.condition}")
 
     def holds(self, values: Mapping[str, Any]) -> Any:
         """Whether parameters meet :attr:`condition`; of numbers or arrays."""
-        del values
         return True
 
     # --- sampling coordinates ---
@@ -287,7 +280,6 @@ class Law(ABC):
 
     def coordinate_bounds(self, coordinates: Any) -> dict[str, tuple[float, float]]:
         """Bounds of the sampling coordinates, by parameter: the ranges of angles and shares."""
-        del coordinates
         unit = {DEGREE: math.radians(1.0)}
         return {
             p.name: (p.low * unit.get(p.unit, 1.0), p.high * unit.get(p.unit, 1.0))
@@ -297,29 +289,26 @@ class Law(ABC):
 
     def coordinate_widths(self, coordinates: Any) -> dict[str, float]:
         """Widths of dispersed starts where they differ from the parameters' own."""
-        del coordinates
         return {}
 
-    def softens(self, coordinates: Any) -> bool:
+    def has_isotropy_scale(self, coordinates: Any) -> bool:
         """Whether the sampling coordinates have a scale that :meth:`softening` suits."""
-        del coordinates
         return False
 
     def softening(self, values: Mapping[str, Any]) -> float:
         """Scale of the sampling coordinates that suits materials by parameter (own units)."""
-        del values
         return 1.0
 
-    # --- coordinates that fits move in ---
+    # --- coordinates of fits: cos^2 of angles, the others as they are ---
 
     @property
     def lower(self) -> np.ndarray:
-        """Lower bounds of the coordinates that fits move in."""
+        """Lower bounds of the coordinates of fits."""
         return np.array([0.0 if p.mirror else max(p.low, -p.largest) for p in self.parameters])
 
     @property
     def upper(self) -> np.ndarray:
-        """Upper bounds of the coordinates that fits move in."""
+        """Upper bounds of the coordinates of fits."""
         return np.array([1.0 if p.mirror else min(p.high, p.largest) for p in self.parameters])
 
     def coordinate(self, i: int, value: float) -> float:
@@ -338,18 +327,18 @@ class Law(ABC):
         return min(max(float(coordinate), p.low), p.high) if p.bounded else float(coordinate)
 
     def point(self, values: Sequence[float]) -> np.ndarray:
-        """Coordinates that fits move in, from parameters in their own units and order."""
+        """Coordinates of fits, from parameters in their own units and order."""
         return np.array([self.coordinate(i, v) for i, v in enumerate(values)])
 
     def values(self, point: Any) -> tuple[float, ...]:
-        """Parameters in their own units and order, from the coordinates that fits move in."""
+        """Parameters in their own units and order, from the coordinates of fits."""
         return tuple(self.natural(i, v) for i, v in enumerate(point))
 
     def at_point(self, point: np.ndarray) -> PointMaterial:
-        """The material at coordinates that fits move in; complex coordinates are allowed."""
+        """The material at coordinates of fits; complex coordinates are allowed."""
         return PointMaterial(self, tuple(point))
 
-    def inner(self, values: Sequence[float]) -> tuple[float, ...]:
+    def clip_inside(self, values: Sequence[float]) -> tuple[float, ...]:
         """A material moved off its edges, to where the sampling coordinates are regular."""
         moved = []
         for p, value in zip(self.parameters, values, strict=True):
@@ -359,10 +348,11 @@ class Law(ABC):
             moved.append(max(value, INSIDE[p.unit]) if p.logarithmic else value)
         return tuple(float(v) for v in moved)
 
-    def inner_point(self, point: np.ndarray) -> np.ndarray:
+    def clip_point_inside(self, point: np.ndarray) -> np.ndarray:
         """A point of the fits moved off its bounds."""
         ends = [
-            self.point(self.inner([p.range[side] for p in self.parameters])) for side in range(2)
+            self.point(self.clip_inside([p.range[side] for p in self.parameters]))
+            for side in range(2)
         ]
         return np.clip(point, np.minimum(*ends), np.maximum(*ends))
 
@@ -383,7 +373,7 @@ class Law(ABC):
         Parameters
         ----------
         point : ndarray, shape (p,)
-            Coordinates that fits move in.
+            Coordinates of fits.
         stretch : ndarray, shape (2, n)
             Total stretches.
         """
@@ -398,7 +388,7 @@ class Law(ABC):
 
     # --- starting points of fits ---
 
-    def shapes(
+    def random_materials(
         self, size: int, largest: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Random materials for fits to start from, with one for every amplitude.
@@ -415,12 +405,12 @@ class Law(ABC):
         Returns
         -------
         points : ndarray, shape (size, p)
-            Coordinates that fits move in.
-        marks : ndarray, shape (size, k)
+            Coordinates of fits.
+        features : ndarray, shape (size, k)
             Coordinates in which chosen points have to differ: the exponents
             first.
         """
-        points, marks = np.ones((size, len(self.parameters))), []
+        points, features = np.ones((size, len(self.parameters))), []
         for i, p in enumerate(self.parameters):
             if p.bounded:
                 u = rng.random(size)
@@ -430,7 +420,7 @@ class Law(ABC):
                 else:
                     points[:, i] = p.low + (p.high - p.low) * u
                     points[3::5, i] = p.low
-                marks.append(points[:, i] / self.upper[i])
+                features.append(points[:, i] / self.upper[i])
         X, Y = np.maximum(largest.T, 1.0 + 1e-3) ** 2
         per_unit = self.exponents_at(self.constants_at_point(*points.T), X, Y, 1.0 / (X * Y))
         for k, (name, unit) in enumerate(zip(self.exponents, per_unit, strict=True)):
@@ -438,10 +428,10 @@ class Law(ABC):
             q[k::9] = 0.0
             i = self.names.index(name)
             points[:, i] = np.minimum(q / np.maximum(unit, 1e-12), self.upper[i])
-            marks.insert(k, 0.3 * q)
-        return points, np.column_stack(marks)
+            features.insert(k, 0.3 * q)
+        return points, np.column_stack(features)
 
-    # --- priors and what draws tell ---
+    # --- priors, derived quantities, distances from edges ---
 
     def typical(self, stretch: float) -> dict[str, float]:
         """Exponents' parameters, angles and shares of typical tissue.
@@ -477,12 +467,10 @@ class Law(ABC):
 
     def fibre_load(self, amplitude: str) -> float:
         """Share of the nominal stress that an exponential's amplitude carries in that prior."""
-        del amplitude
         return 1.0 - MATRIX_LOAD
 
     def derived_quantities(self, material: MaterialResponse) -> dict[str, Any]:
-        """Quantities of the law that an axis-aligned test sees, beside stress and stiffness."""
-        del material
+        """Quantities that an axis-aligned test determines, besides stress and stiffness."""
         return {}
 
     def derived_at(
@@ -509,17 +497,17 @@ class Law(ABC):
         return [np.maximum.reduce(list(q))[:, 0] for q in zip(*at_states, strict=True)]
 
     @property
-    def nearness(self) -> str:
-        """What :meth:`edge_distances` calls near, in words."""
+    def near_edge_text(self) -> str:
+        """What :meth:`edge_distances` counts as near, as text."""
         shares = [f"{name} nearer than {d:g}" for name, d in self.near_shares.items()]
         exponents = [
             f"{name} where {formula} at the largest stretch is below {EXPONENT_DISTANCE:g}"
             for name, formula in self.exponents.items()
         ]
-        return "; ".join([*shares, *exponents, self.amplitude_nearness])
+        return "; ".join([*shares, *exponents, self.near_amplitude_text])
 
     @property
-    def amplitude_nearness(self) -> str:
+    def near_amplitude_text(self) -> str:
         """The same for the amplitudes."""
         return (
             f"{' and '.join(self.amplitudes)} where they carry less than {LOAD_SHARE:g} of the "

@@ -30,6 +30,7 @@ from biaxbayes.laws.coordinates import (
     ROOT_WIDTH,
     from_root_exponent,
     from_root_stress,
+    log_fibre_strain,
     log_square,
     log_stress_scale,
     to_root_exponent,
@@ -104,20 +105,13 @@ class LeeSacksCoordinates(NamedTuple):
     Y: float
 
 
-@inlined
-def _log_strain(coordinates, alpha):
-    """Ln E* at the reference stretch."""
-    cos2 = np.cos(alpha) ** 2
-    return np.log(cos2 * coordinates.X + (1.0 - cos2) * coordinates.Y - 1.0)
-
-
 @to_natural.register(LeeSacksCoordinates)
 def lee_sacks_to_natural(coordinates, value):
     """Natural values in place of the roots; the log Jacobian."""
     alpha = value[_ALPHA]
     if not 0.0 <= alpha <= 0.5 * np.pi:
         return -np.inf
-    log_J, log_E = coordinates.log_J, _log_strain(coordinates, alpha)
+    log_J, log_E = coordinates.log_J, log_fibre_strain(alpha, coordinates.X, coordinates.Y)
     log_jacobian = from_root_stress(value, _C0, coordinates.c0, coordinates.log_scale, 0.0, 0.0)
     log_jacobian += from_root_exponent(value, _C2, coordinates.c2, 2.0 * log_J)
     log_jacobian += from_root_exponent(value, _C3, coordinates.c3, 2.0 * log_E)
@@ -214,7 +208,7 @@ class LeeSacksLaw(Law):
         """Sampling coordinates at natural values: logs of c0 to c3, delta, radians."""
         out = dict(values)
         log_J, log_scale = coordinates.log_J, coordinates.log_scale
-        log_E = _log_strain(coordinates, values["alpha"])
+        log_E = log_fibre_strain(values["alpha"], coordinates.X, coordinates.Y)
         if coordinates.c0 > 0.0:
             out["c0"] = to_root_stress(values["c0"], log_scale, 0.0, 0.0)
         if coordinates.c2 > 0.0:

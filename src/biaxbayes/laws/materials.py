@@ -89,7 +89,7 @@ class Material(MaterialResponse):
     theta: tuple[Any, ...]
 
 
-class StatedMaterial(Material):
+class CheckedMaterial(Material):
     """A material that a user has given: a stress that cannot be computed is an error."""
 
     def cauchy(self, stretch_x: Any, stretch_y: Any) -> Any:

@@ -177,7 +177,7 @@ class MayNewmanLaw(Law):
     amplitudes = ("c0", "k1")
     exponents: ClassVar = {"k2": "Q", "k3": "Q"}
     meaningless: ClassVar = {"alpha": (("k3", 0, "k3 = 0"), ("k1", 0, "k1 = 0"))}
-    bound_together = ("k2", "k3")
+    joint_parameters = ("k2", "k3")
     condition = "k2 + k3 has to be larger than zero"
 
     def holds(self, values: Mapping[str, Any]) -> Any:
@@ -216,7 +216,7 @@ class MayNewmanLaw(Law):
         """Lower bounds of (c0, k1, k2, k3, t): without any exponent there is no law."""
         return np.array([0.0, 0.0, 0.0, _LEAST_K3, 0.0])
 
-    def shapes(
+    def random_materials(
         self, size: int, largest: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Random exponents at the largest stretches, their shares, and angles."""
@@ -239,11 +239,11 @@ class MayNewmanLaw(Law):
         return {"k2": 0.5 / J**2, "k3": 0.5 / u**4}
 
     @property
-    def nearness(self) -> str:
+    def near_edge_text(self) -> str:
         """What counts as near, in words."""
         return (
             "k2 and k3 where their part of the exponent at the largest stretch is below "
-            f"{_EXPONENT_SHARE:g} of it; {self.amplitude_nearness}"
+            f"{_EXPONENT_SHARE:g} of it; {self.near_amplitude_text}"
         )
 
     def edge_distances(

@@ -54,12 +54,12 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
     Returns
     -------
     points : ndarray, shape (S, p)
-        Coordinates that fits move in.
+        Coordinates of fits.
     mounting : ndarray, shape (S, 2)
         Mounting stretches of each: slightly above one, and one for a fifth of them.
     cost : ndarray, shape (S,)
         Sum of squares; infinite where a material cannot be evaluated.
-    marks : ndarray, shape (S, k)
+    features : ndarray, shape (S, k)
         Coordinates in which chosen points have to differ.
     """
     mounting = np.ones((data.size, 2))
@@ -67,7 +67,7 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
         moved = rng.random((data.size, 1)) > 0.2
         mounting += np.abs(rng.normal(0.0, 0.03, mounting.shape)) * moved
     total = data.stretch * mounting[:, :, None]  # (S, 2, n)
-    points, marks = law.shapes(data.size, total.max(axis=2), rng)
+    points, features = law.random_materials(data.size, total.max(axis=2), rng)
     fixed = np.setdiff1d(np.arange(points.shape[1]), data.free)
     points[:, fixed] = data.point[fixed]
     factor = data.load_factor(total)
@@ -100,4 +100,4 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
     if data.with_mounting and linear[0] in data.free:
         peak = float(np.abs(data.load / data.area[:, None]).max())
         points[:, linear[0]] = np.maximum(points[:, linear[0]], MATRIX_SHARE * peak)
-    return points, mounting, np.where(np.isfinite(points).all(axis=1), cost, np.inf), marks
+    return points, mounting, np.where(np.isfinite(points).all(axis=1), cost, np.inf), features

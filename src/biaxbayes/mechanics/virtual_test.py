@@ -52,7 +52,7 @@ def virtual_test(
 
     Parameters
     ----------
-    material : GOH or StatedMaterial
+    material : GOH or CheckedMaterial
     mounting_stretch : (float, float)
         Stretch of the mounted state relative to the unloaded one.
     total_stretch, measured_stretch : float or (float, float)

@@ -70,7 +70,7 @@ def log_prior_mass(posterior: Posterior) -> float:
     By 2^18 draws of the priors, to about 0.003.
     """
     law, priors = posterior.law, posterior.priors
-    own = {name: priors[name] for name in law.bound_together}
+    own = {name: priors[name] for name in law.joint_parameters}
     distributions = {name: p for name, p in own.items() if isinstance(p, Prior)}
     if not distributions:
         return 0.0

@@ -92,7 +92,7 @@ def start_parameters(posterior: Posterior) -> dict[str, float]:
     fit, specimen = posterior.fit, posterior.specimen
     law = posterior.law
     out: dict[str, float] = {
-        **dict(zip(law.names, law.inner(fit.material.values), strict=True)),
+        **dict(zip(law.names, law.clip_inside(fit.material.values), strict=True)),
         "noise_sd": max(fit.rms, 2.0 * specimen.load_resolution),
         "noise_growth": 0.03,
     }

@@ -127,7 +127,7 @@ def search(
 
 def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Target, Start] | None:
     """Move to a chart softened for the posterior, where the fit's own does not suit it."""
-    if not posterior.law.softens(posterior.coordinate_constants):
+    if not posterior.law.has_isotropy_scale(posterior.coordinate_constants):
         return None
     rng, half = start.rng, len(start.points) // 2
     typical = posterior.natural(start.points[resample(start.log_weight, half, rng)])
@@ -175,7 +175,7 @@ def _extra_starts(
     )
     starts = []
     for material, lm in zip(materials, stretches, strict=True):
-        inner = law.inner(law.values(material))
+        inner = law.clip_inside(law.values(material))
         start = base | dict(zip(law.names, inner, strict=True))
         start["noise_sd"] = EXTRA_NOISE * base["noise_sd"]
         for q in posterior.sampled:

@@ -140,7 +140,7 @@ def virtual_specimen(
 
     Parameters
     ----------
-    material : GOH or StatedMaterial
+    material : GOH or CheckedMaterial
     mounting_stretch : (float, float)
         Stretch of the mounted relative to the unloaded state.
     total_stretch, measured_stretch : float or (float, float)
@@ -290,7 +290,7 @@ def record_tests(
     ----------
     tests : mapping of protocol name to VirtualTest or SheetTest
         The first row of each is the mounted state.
-    material : GOH or StatedMaterial
+    material : GOH or CheckedMaterial
     name : str
         Name of the specimen.
     mounting_stretch : (float, float)

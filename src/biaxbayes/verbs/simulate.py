@@ -209,11 +209,11 @@ def _conditions(test: VirtualTest) -> tuple[MaterialResponse, dict[str, Any], Di
 def _switched(material: MaterialResponse) -> MaterialResponse:
     """The same material whose fibres carry no compression."""
     from biaxbayes.laws.goh import GOH
-    from biaxbayes.laws.materials import StatedMaterial
+    from biaxbayes.laws.materials import CheckedMaterial
 
     if isinstance(material, GOH):
         return replace(material, fibre_switch=True)
-    return StatedMaterial(law_named(material.law.name, fibre_switch=True), material.theta)
+    return CheckedMaterial(law_named(material.law.name, fibre_switch=True), material.theta)
 
 
 def _stretches(test: VirtualTest, published: Any) -> dict[str, Any]:
@@ -366,7 +366,7 @@ def _given_material(law: str | None, values: str | None) -> Any:
                 remedy=f"parameters of {law} are {', '.join(labels)}",
             ) from None
     try:
-        return chosen.stated(numbers)
+        return chosen.checked_material(numbers)
     except InputError as error:
         raise InputError(f"--values: {error.problem}", remedy=error.remedy) from None
 

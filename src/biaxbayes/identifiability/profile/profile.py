@@ -150,7 +150,7 @@ def _optimum(posterior: Posterior, target: Target) -> ConditionalFit:
     theta = law.point(start.material.values)
     best = target.best({}, np.concatenate([theta, lm.ravel()]), sd)
     # Off the edges too: with a parameter at its bound others may hide a lower point.
-    inner = law.inner_point(theta)
+    inner = law.clip_point_inside(theta)
     other = target.best({}, np.concatenate([inner, lm.ravel()]), sd)
     best = other if other.deviance < best.deviance else best
     if not np.isfinite(best.deviance):
