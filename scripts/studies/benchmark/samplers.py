@@ -10,7 +10,7 @@ import numpy as np
 from biaxbayes.model.marginal_likelihood import marginal_likelihood
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import charted
-from biaxbayes.model.search import draw_posterior, search
+from biaxbayes.model.search import draw_posterior, find_start
 from biaxbayes.sampling.sampler import Plan, State, restored_ensembles, warmed_up
 from biaxbayes.sampling.target import Target
 from studies.benchmark.natural_density import NAMES, NaturalDensity, summaries
@@ -84,7 +84,7 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
     posterior = charted(posterior)  # the fit is where both start
     plan = Plan(ess=CRITERION_ESS, workers=1, seed=seed)
     clock = time.perf_counter()
-    target, start = search(posterior, plan.search_rng(), plan.population)
+    target, start = find_start(posterior, plan.search_rng(), plan.population)
     ensembles, _ = warmed_up(target, start, plan)
     spent = time.perf_counter() - clock
     blocks: list[dict[str, np.ndarray]] = []

@@ -387,7 +387,7 @@ class Posterior:
 
     def options(self) -> dict[str, Any]:
         """The settings, as keyword arguments of :class:`Posterior`."""
-        return {key: getattr(self.settings, key) for key in self.settings.__dataclass_fields__}
+        return self.settings.keywords()
 
 
 def _objects(priors: Mapping[str, Any], law: Law) -> dict[str, Prior | float | Tie]:

@@ -21,8 +21,8 @@ from biaxbayes.sampling.population_monte_carlo import (
     Start,
     resample,
     resample_ridges,
+    search,
 )
-from biaxbayes.sampling.population_monte_carlo import search as search_target
 from biaxbayes.sampling.proposal import fit_mixture_proposal
 from biaxbayes.sampling.sampler import Draws, Plan, Progress, State, draw
 from biaxbayes.sampling.target import Target
@@ -79,7 +79,7 @@ def draw_posterior(
     seconds["compile"] = time.perf_counter() - clock
     clock = time.perf_counter()
     progress(Progress("searching"))
-    target, start = search(posterior, plan.search_rng(), plan.population)
+    target, start = find_start(posterior, plan.search_rng(), plan.population)
     seconds["warm-up"] = time.perf_counter() - clock
     draws = draw(target, start, plan, on_block=on_block, progress=progress, stop=stop)
     seconds["warm-up"] += draws.seconds["warm-up"]
@@ -87,26 +87,26 @@ def draw_posterior(
     return replace(draws, seconds=seconds)
 
 
-def search(
+def find_start(
     posterior: Posterior, rng: np.random.Generator, population: int = POPULATION
 ) -> tuple[Target, Start]:
-    """Find the posterior, all of its modes that carry mass, and the chart that suits it.
+    """Find all modes of a posterior that carry mass, and the sampling coordinates that suit it.
 
     The search starts from the deterministic fit and from materials that fit in other ways.
 
     Parameters
     ----------
     posterior : Posterior
-        Laid out around its deterministic fit (:func:`.preparation.charted`).
+        With the sampling coordinates of its fit (:func:`.preparation.charted`).
     population : int
         Points of a generation.
 
     Returns
     -------
     target : Target
-        The posterior in the chart that suits it.
+        The posterior in the sampling coordinates that suit it.
     start : Start
-        In the coordinates of that chart.
+        Proposal and points in these coordinates.
 
     Raises
     ------
@@ -119,21 +119,21 @@ def search(
     known = np.array([q.parameter.kind == FORCE for q in posterior.sampled])
     target = posterior.target()
     try:
-        start = search_target(target, starts, _spread(posterior), rng, population, known=known)
+        start = search(target, starts, _spread(posterior), rng, population, known=known)
     except NotConverged:
         raise NotConverged("no region of positive density around the deterministic fit") from None
-    return _recharted(posterior, target, start) or (target, start)
+    return _recharted(posterior, target, start)
 
 
-def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Target, Start] | None:
-    """Move to a chart softened for the posterior, where the fit's own does not suit it."""
+def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Target, Start]:
+    """Change to sampling coordinates scaled for the posterior, where those of the fit differ."""
     if not posterior.law.has_isotropy_scale(posterior.coordinate_constants):
-        return None
+        return target, start
     rng, half = start.rng, len(start.points) // 2
     typical = posterior.natural(start.points[resample(start.log_weight, half, rng)])
     softening = posterior.law.softening(typical)
     if 0.5 < softening / posterior.chart.softening < 2.0:
-        return None
+        return target, start
     # Weights are ratios of densities in the same coordinates: they carry over.
     inside = np.isfinite(start.log_weight)
     points, weights = start.points[inside], start.log_weight[inside]

@@ -112,6 +112,12 @@ class Convergence:
         return float(self.rhat.max())
 
 
+def not_assessed(reason: str) -> Convergence:
+    """Draws too few to be assessed."""
+    none = np.array([])
+    return Convergence((), none, none, none, none, 0, "unusable", reason)
+
+
 def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergence:
     """Diagnostics of draws, and whether they have converged.
 

@@ -256,7 +256,7 @@ def tempered_points(start: Start) -> np.ndarray:
     Drawn by the square root of their weights: about twice the variance of each ridge.
     """
     half = len(start.points) // 2
-    return start.points[resample(_softened(start), half, start.rng)]
+    return start.points[resample(_tempered_log_weight(start), half, start.rng)]
 
 
 def ridge_points(start: Start) -> np.ndarray:
@@ -271,24 +271,26 @@ def ridge_points(start: Start) -> np.ndarray:
 def dispersed_starts(start: Start, *, ensembles: int, walkers: int) -> list[np.ndarray]:
     """Starts (walkers, d) of independent ensembles, spread as :func:`tempered_points`."""
     starts = []
-    softened = _softened(start)
+    tempered = _tempered_log_weight(start)
     for _ in range(ensembles):
         # Without replacement (Gumbel keys), so that the walkers are distinct.
-        keys = softened + start.rng.gumbel(size=softened.size)
-        keys[~np.isfinite(softened)] = -np.inf
+        keys = tempered + start.rng.gumbel(size=tempered.size)
+        keys[~np.isfinite(tempered)] = -np.inf
         starts.append(start.points[np.argsort(keys)[::-1][:walkers]])
     return starts
 
 
-def _softened(start: Start) -> np.ndarray:
+def _tempered_log_weight(start: Start) -> np.ndarray:
     """Half the log weights, each ridge as heavy as it is: walkers seldom change between ridges."""
     log_weight = start.log_weight
-    soft = 0.5 * log_weight
+    tempered = 0.5 * log_weight
     if len(start.proposal.parts) == 1:
-        return soft
+        return tempered
     label = start.proposal.nearest_part(start.points)
     for k in range(len(start.proposal.parts)):
         own = (label == k) & np.isfinite(log_weight)
         if own.any():
-            soft[own] += np.logaddexp.reduce(log_weight[own]) - np.logaddexp.reduce(soft[own])
-    return soft
+            tempered[own] += np.logaddexp.reduce(log_weight[own]) - np.logaddexp.reduce(
+                tempered[own]
+            )
+    return tempered

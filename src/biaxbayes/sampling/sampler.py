@@ -16,7 +16,13 @@ import numpy as np
 
 from biaxbayes.progress_bar import Progress
 from biaxbayes.sampling.adaptation import WarmUp, warm_up
-from biaxbayes.sampling.convergence import MAX_STUCK, Convergence, assess, longest_stuck
+from biaxbayes.sampling.convergence import (
+    MAX_STUCK,
+    Convergence,
+    assess,
+    longest_stuck,
+    not_assessed,
+)
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.population_monte_carlo import (
     POPULATION,
@@ -180,15 +186,13 @@ def draw(
             on_block(state)
     clock = time.perf_counter()
     due = _next_assessment(state.steps, plan)
-    convergence: Convergence | None = None
-    quantities: dict[str, np.ndarray] = {}  # of the chain, while it is the one that was assessed
+    convergence = not_assessed("stopped")
+    quantities: dict[str, np.ndarray] = {}  # those of the chain; empty until it is assessed
     if state.steps == due:
         quantities, convergence = _assess(target, state.chain, plan)
     rate = 0.0  # share of the effective sample size that a step brings
     interrupted = False
-    while convergence is None or (
-        convergence.state != "converged" and state.steps < plan.max_steps
-    ):
+    while convergence.state != "converged" and state.steps < plan.max_steps:
         if stop():
             interrupted = True
             break
@@ -210,8 +214,6 @@ def draw(
         quantities, convergence = _assess(target, state.chain, plan)
     elif not quantities:
         quantities = _quantities(target, state.chain)
-        convergence = replace(assess({}, target_ess=plan.ess), reason="stopped")
-    assert convergence is not None
     return Draws(
         target=target,
         chain=state.chain,
