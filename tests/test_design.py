@@ -14,7 +14,7 @@ from biaxbayes.figures.design import design_figure
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import charted
+from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.optimal_design.candidates import FurtherProtocol, Reading, standard_candidates
 from biaxbayes.optimal_design.design import design
@@ -89,7 +89,7 @@ def _stretch(run):
 @pytest.fixture(scope="module")
 def precise(run):
     """A fibre angle known far better than before: hardly a draw of the run has weight."""
-    posterior = charted(run.posterior())
+    posterior = with_sampling_constants(run.posterior())
     candidate = Reading("precise", ("alpha",), 5e-4 * run.draws["alpha"].std())
     names = tuple(targets(posterior, run.draws))
     return posterior, OutcomePosterior(posterior, candidate, run.draws, names, _stretch(run))
@@ -122,7 +122,7 @@ def test_new_draws_agree_with_sampling_at_a_known_angle(run, precise):
 
 def test_new_draws_agree_with_reweighting_where_both_do(run):
     """Outcomes of an accuracy that leaves hundreds of draws: spreads, and the mean likelihood."""
-    posterior = charted(run.posterior())
+    posterior = with_sampling_constants(run.posterior())
     candidate = Reading("angle", ("alpha",), 0.3 * run.draws["alpha"].std())
     quantities = targets(posterior, run.draws)
     values = np.column_stack(list(quantities.values()))

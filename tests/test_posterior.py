@@ -533,7 +533,7 @@ def test_density_is_finite_or_minus_infinity(
     options = Settings(mounting, "independent", noise_growth=growth, fibre_switch=switch)
     from biaxbayes.model import density as kernel
 
-    assembly = assemble(specimen, options, chart=structural, structural=structural)
+    assembly = assemble(specimen, options, sampling=structural)
     d = len(assembly.free)
     # the whole box: near the middle, far out, on the edges and beyond, and no number at all
     u = rng.standard_normal((300, d)) * 10 ** rng.uniform(-2, 3, (300, 1))

@@ -8,8 +8,8 @@ import pytest
 
 import biaxbayes
 from biaxbayes.errors import InputError
-from biaxbayes.model.posterior import Chart, Posterior
-from biaxbayes.model.preparation import charted, prepare, start_parameters
+from biaxbayes.model.posterior import Posterior, SamplingConstants
+from biaxbayes.model.preparation import prepare, start_parameters, with_sampling_constants
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 
@@ -35,7 +35,7 @@ def test_a_weight_that_needs_a_fit_is_not_made_up():
 def test_a_posterior_is_made_without_a_fit():
     posterior = Posterior(media(), noise="independent")
     assert "fit" not in vars(posterior) and posterior.readings is None and posterior.beta == 1.0
-    assert posterior.chart == Chart()
+    assert posterior.sampling_constants == SamplingConstants()
 
 
 def test_preparing_fits_weighs_and_lays_out():
@@ -43,7 +43,9 @@ def test_preparing_fits_weighs_and_lays_out():
     assert posterior.readings.beta == posterior.beta < 1.0
     lm = posterior.fit.mounting_stretch[0]
     tops = [max(getattr(p, f"stretch_{a}").max() for p in media().protocols) for a in "xy"]
-    np.testing.assert_allclose(posterior.chart.reference_stretch, tops * np.clip(lm, 1.0, 1.5))
+    np.testing.assert_allclose(
+        posterior.sampling_constants.reference_stretch, tops * np.clip(lm, 1.0, 1.5)
+    )
     stated = prepare(media(), beta=0.3)
     assert stated.beta == 0.3 and stated.readings is None
     assert stated.replaced(thin=0).fit is stated.fit
@@ -64,9 +66,15 @@ def test_drawing_leaves_the_posterior_as_it_is():
 
 def test_another_chart_is_another_posterior_of_the_same_density():
     posterior = prepared()
-    softer = charted(posterior, 3.0 * posterior.chart.softening)
-    assert softer is not posterior and softer.chart.softening == 3.0 * posterior.chart.softening
-    assert softer.chart.reference_stretch == posterior.chart.reference_stretch
+    softer = with_sampling_constants(posterior, 3.0 * posterior.sampling_constants.softening)
+    assert (
+        softer is not posterior
+        and softer.sampling_constants.softening == 3.0 * posterior.sampling_constants.softening
+    )
+    assert (
+        softer.sampling_constants.reference_stretch
+        == posterior.sampling_constants.reference_stretch
+    )
     parameters = posterior.natural(posterior.coordinates(start_parameters(posterior)))
     there = softer.coordinates(parameters)
     assert not np.allclose(there, posterior.coordinates(parameters))

@@ -9,7 +9,7 @@ import numpy as np
 
 from biaxbayes.model.marginal_likelihood import marginal_likelihood
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import charted
+from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.model.search import draw_posterior, find_start
 from biaxbayes.sampling.sampler import Plan, State, restored_ensembles, warmed_up
 from biaxbayes.sampling.target import Target
@@ -81,7 +81,7 @@ def _time_to_criterion(posterior: Posterior, seed: int) -> float:
 
     As for plain emcee below: judged by the same function after every short block.
     """
-    posterior = charted(posterior)  # the fit is where both start
+    posterior = with_sampling_constants(posterior)  # the fit is where both start
     plan = Plan(ess=CRITERION_ESS, workers=1, seed=seed)
     clock = time.perf_counter()
     target, start = find_start(posterior, plan.search_rng(), plan.population)

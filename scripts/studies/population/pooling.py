@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.model.posterior import Chart, Posterior
+from biaxbayes.model.posterior import Posterior, SamplingConstants
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.options import PopulationOptions
@@ -70,8 +70,8 @@ class HeldRun:
         """As ``Source.from_run`` makes it of a run's folder."""
         law = self.posterior.law
         medians = {n: float(self.draws[n].median()) for n in law.names}
-        chart = Chart(law.softening(medians), None)
-        return Source(label, self, self.posterior.replaced(chart=chart))  # type: ignore[arg-type]
+        constants = SamplingConstants(law.softening(medians), None)
+        return Source(label, self, self.posterior.replaced(sampling_constants=constants))  # type: ignore[arg-type]
 
 
 def sampled(specimen: Specimen, seed: int, **options: Any) -> HeldRun:

@@ -86,9 +86,8 @@ def assemble(
     *,
     beta: float = 1.0,
     reference_stretch: tuple[float, float] | None = None,
-    chart: bool = True,
     softening: float = DEFAULT_SOFTENING,
-    structural: bool = True,
+    sampling: bool = True,
     determinant: bool = True,
 ) -> Assembly:
     """Lay out the posterior density of a specimen.
@@ -100,10 +99,10 @@ def assemble(
     reference_stretch : (float, float), optional
         Stretches at which stresses and exponents are taken as coordinates; only the efficiency of
         the sampler depends on them. Default: the largest measured ones.
-    chart, structural : bool
-        As in :class:`~biaxbayes.laws.law.SamplingLayout`; neither for natural coordinates.
     softening : float
-        Scale of the chart near isotropy.
+        Scale of the sampling coordinates near isotropy.
+    sampling : bool
+        Use the sampling coordinates of the law; else the slots themselves.
     determinant : bool
         Left out only in tests.
 
@@ -159,8 +158,8 @@ def assemble(
             free=tuple(n for n in law.names if n in free),
             reference=reference,
             softening=softening,
-            structural=structural,
-            chart=chart,
+            structural=sampling,
+            chart=sampling,
             widest=widest,
             peak_kPa=_peak_kPa(specimen),
         )

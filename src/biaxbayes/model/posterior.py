@@ -41,13 +41,13 @@ from biaxbayes.specimens.thinning import ThinnedSpecimen, rows_to_keep, thinned_
 
 
 @dataclass(frozen=True)
-class Chart:
+class SamplingConstants:
     """Constants of the sampling coordinates; only the efficiency of a sampler depends on them.
 
     Attributes
     ----------
     softening : float
-        Scale of the law's chart (see :mod:`~biaxbayes.laws.dispersed_fibres`).
+        Scale near isotropy (see :mod:`~biaxbayes.laws.dispersed_fibres`).
     reference_stretch : (float, float) or None
         Total stretches at which the fibre stress and exponent are taken as coordinates; None for
         the largest measured ones.
@@ -69,7 +69,7 @@ class Posterior:
     beta : float, optional
         Weight n_eff / n of the log likelihood. Independent noise needs none; for the others it
         is estimated from a fit: :func:`biaxbayes.prepare` does both.
-    chart : Chart, optional
+    sampling_constants : SamplingConstants, optional
         Constants of the sampling coordinates.
     fit : FitResult, optional
         The least-squares fit, where it is known.
@@ -101,7 +101,7 @@ class Posterior:
         mounting_sd: float = ModelOptions.mounting_sd,
         priors: Mapping[str, Any] | None = None,
         beta: float | None = None,
-        chart: Chart | None = None,
+        sampling_constants: SamplingConstants | None = None,
         fit: FitResult | None = None,
         readings: EffectiveReadings | None = None,
         determinant: bool = True,
@@ -139,7 +139,7 @@ class Posterior:
         self.readings = readings
         if fit is not None:
             self.fit = fit
-        self.chart = chart or Chart()
+        self.sampling_constants = sampling_constants or SamplingConstants()
         self.determinant = determinant
         self.assembly = self._assemble(sampling=True)
 
@@ -196,16 +196,15 @@ class Posterior:
             self.specimen,
             self.settings,
             beta=self.beta,
-            reference_stretch=self.chart.reference_stretch,
-            chart=sampling,
-            softening=self.chart.softening,
-            structural=sampling,
+            reference_stretch=self.sampling_constants.reference_stretch,
+            softening=self.sampling_constants.softening,
+            sampling=sampling,
             determinant=self.determinant,
         )
 
     def replaced(self, **changes: Any) -> Posterior:
         """Another posterior with some arguments of the constructor changed."""
-        own = ("beta", "chart", "fit", "readings", "determinant")
+        own = ("beta", "sampling_constants", "fit", "readings", "determinant")
         given = self.options() | {name: vars(self).get(name) for name in own}
         return Posterior(self.specimen, **{**given, **changes})
 
@@ -315,7 +314,7 @@ class Posterior:
             not_assessed=("log_likelihood",),
             counts=seen,
             reasons=REASONS,
-            frame={"softening": self.chart.softening},
+            frame={"softening": self.sampling_constants.softening},
         )
 
     def log_density(self, parameters: Mapping[str, Any]) -> Any:
@@ -367,7 +366,7 @@ class Posterior:
     def natural(self, coordinates: np.ndarray) -> dict[str, np.ndarray]:
         """Natural quantities of draws, by the names of ``summary.csv``, and ``lp``.
 
-        ``lp`` is the log density of :meth:`log_density`, which does not depend on the chart;
+        ``lp`` is that of :meth:`log_density`, whatever the sampling coordinates;
         ``log_likelihood`` the tempered log likelihood of the curves.
         """
         u = np.ascontiguousarray(np.atleast_2d(coordinates), dtype=float)

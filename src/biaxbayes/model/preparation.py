@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from biaxbayes.fitting.effective_readings import EffectiveReadings, effective_readings
-from biaxbayes.model.posterior import Chart, Posterior
+from biaxbayes.model.posterior import Posterior, SamplingConstants
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import FORCE, STRETCH, mounting_names
 from biaxbayes.sampling.modes import find_modes
@@ -53,10 +53,10 @@ def prepare(
     if beta is None and posterior.settings.noise != "independent":
         readings = sampled_readings(posterior)
         posterior = posterior.replaced(beta=readings.beta, readings=readings)
-    return charted(posterior)
+    return with_sampling_constants(posterior)
 
 
-def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
+def with_sampling_constants(posterior: Posterior, softening: float | None = None) -> Posterior:
     """The same posterior with the sampling coordinates that suit its least-squares fit.
 
     Stored coordinates can only be read with the reference stretch and softening they were written
@@ -71,7 +71,9 @@ def charted(posterior: Posterior, softening: float | None = None) -> Posterior:
         law = posterior.law
         fitted = dict(zip(law.names, posterior.fit.material.values, strict=True))
         softening = law.softening(fitted)
-    return posterior.replaced(chart=Chart(softening, _reference_stretch(posterior)))
+    return posterior.replaced(
+        sampling_constants=SamplingConstants(softening, _reference_stretch(posterior))
+    )
 
 
 def _reference_stretch(posterior: Posterior) -> tuple[float, float] | None:
@@ -126,8 +128,8 @@ def sampled_readings(posterior: Posterior) -> EffectiveReadings:
     readings = effective_readings(posterior.fit.residuals)
     if not posterior.settings.noise_growth and not user_priors(posterior):
         return readings
-    chart = Chart(reference_stretch=_reference_stretch(posterior))
-    provisional = posterior.replaced(thin=0, beta=readings.beta, chart=chart)
+    constants = SamplingConstants(reference_stretch=_reference_stretch(posterior))
+    provisional = posterior.replaced(thin=0, beta=readings.beta, sampling_constants=constants)
     return effective_readings(*modal_residuals(provisional))
 
 

@@ -12,7 +12,7 @@ from biaxbayes.errors import NotConverged
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import charted, inside_priors, start_parameters
+from biaxbayes.model.preparation import inside_priors, start_parameters, with_sampling_constants
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import DIMENSION, FORCE, NOISE_GROWTH, STRETCH
 from biaxbayes.sampling.population_monte_carlo import (
@@ -66,12 +66,12 @@ def draw_posterior(
         If no region of positive density is found.
     """
     if state is not None:
-        target = charted(posterior, state.frame["softening"]).target()
+        target = with_sampling_constants(posterior, state.frame["softening"]).target()
         return draw(target, state, plan, on_block=on_block, progress=progress, stop=stop)
     seconds = {}
     clock = time.perf_counter()
     progress(Progress("fitting"))
-    posterior = charted(posterior)
+    posterior = with_sampling_constants(posterior)
     seconds["fit"] = time.perf_counter() - clock
     clock = time.perf_counter()
     progress(Progress("compiling (once; cached for later runs)"))
@@ -97,7 +97,7 @@ def find_start(
     Parameters
     ----------
     posterior : Posterior
-        With the sampling coordinates of its fit (:func:`.preparation.charted`).
+        With the sampling coordinates of its fit (:func:`.preparation.with_sampling_constants`).
     population : int
         Points of a generation.
 
@@ -122,23 +122,25 @@ def find_start(
         start = search(target, starts, _spread(posterior), rng, population, known=known)
     except NotConverged:
         raise NotConverged("no region of positive density around the deterministic fit") from None
-    return _recharted(posterior, target, start)
+    return _rescaled(posterior, target, start)
 
 
-def _recharted(posterior: Posterior, target: Target, start: Start) -> tuple[Target, Start]:
+def _rescaled(posterior: Posterior, target: Target, start: Start) -> tuple[Target, Start]:
     """Change to sampling coordinates scaled for the posterior, where those of the fit differ."""
     if not posterior.law.has_isotropy_scale(posterior.coordinate_constants):
         return target, start
     rng, half = start.rng, len(start.points) // 2
     typical = posterior.natural(start.points[resample(start.log_weight, half, rng)])
     softening = posterior.law.softening(typical)
-    if 0.5 < softening / posterior.chart.softening < 2.0:
+    if 0.5 < softening / posterior.sampling_constants.softening < 2.0:
         return target, start
     # Weights are ratios of densities in the same coordinates: they carry over.
     inside = np.isfinite(start.log_weight)
     points, weights = start.points[inside], start.log_weight[inside]
     label = start.proposal.nearest_part(points)
-    softer = posterior.replaced(chart=replace(posterior.chart, softening=softening))
+    softer = posterior.replaced(
+        sampling_constants=replace(posterior.sampling_constants, softening=softening)
+    )
     with np.errstate(divide="ignore"):
         u = softer.coordinates(posterior.natural(points))
     regular = np.isfinite(u).all(axis=1)  # kappa = 0 to the last digit lies at infinity

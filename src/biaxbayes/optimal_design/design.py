@@ -12,7 +12,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError, RunError, listed
 from biaxbayes.model.posterior import Posterior
-from biaxbayes.model.preparation import charted
+from biaxbayes.model.preparation import with_sampling_constants
 from biaxbayes.optimal_design.candidates import Candidate, FurtherProtocol, standard_candidates
 from biaxbayes.optimal_design.information_gain import OUTCOMES, Expected, expect, targets
 from biaxbayes.parallel import Executor, InThisProcess
@@ -194,7 +194,7 @@ def design(
             f"`rank_by` {rank_by[:60]!r} is no quantity of this run",
             remedy=f"choose parameters, information, {', '.join(quantities)}",
         )
-    posterior = charted(posterior)
+    posterior = with_sampling_constants(posterior)
     work = partial(
         _expect_one, draws=draws, quantities=quantities, outcomes=outcomes, posterior=posterior
     )

@@ -93,7 +93,8 @@ class OutcomePosterior:
     Parameters
     ----------
     posterior : Posterior
-        With its chart in use; mounted states, if any, shared by all protocols.
+        Posterior with the sampling coordinates of the draws; mounted states, if any, are shared
+        by all protocols.
     draws : DataFrame
         Of the run.
     quantities : tuple of str
@@ -249,8 +250,8 @@ def expect(
     ----------
     quantities : dict of ndarray, shape (draws,)
     posterior : Posterior, optional
-        Of the draws, with its chart in use. Draws new ones for outcomes that leave too few, where
-        these are many.
+        Posterior of the draws, with their sampling coordinates. New ones are drawn for outcomes
+        that leave too few, where these are many.
     """
     order = rng.permutation(len(draws))
     outer, inner = order[:outcomes], np.sort(order[outcomes : outcomes + DRAWS])

@@ -19,7 +19,7 @@ from biaxbayes.errors import InputError, RunError
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.model import density as kernel
 from biaxbayes.model.density import FIXED, UNIFORM, Problem
-from biaxbayes.model.posterior import Chart, Posterior
+from biaxbayes.model.posterior import Posterior, SamplingConstants
 from biaxbayes.model.priors import Prior
 from biaxbayes.parameters import STRETCH
 from biaxbayes.populations.ensemble import Individual
@@ -38,7 +38,7 @@ class Source:
     Attributes
     ----------
     posterior : Posterior
-        With a chart around the draws.
+        Posterior with sampling coordinates that suit the draws.
     """
 
     label: str
@@ -56,8 +56,8 @@ class Source:
         posterior = run.posterior()
         law = posterior.law
         medians = {n: float(np.median(run.draws[n])) for n in law.names}
-        chart = Chart(law.softening(medians), None)
-        return cls(label, run, posterior.replaced(chart=chart))
+        constants = SamplingConstants(law.softening(medians), None)
+        return cls(label, run, posterior.replaced(sampling_constants=constants))
 
 
 def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
