@@ -29,7 +29,10 @@ HALF_LOG_2PI = 0.9189385332046727
 
 
 class ConstantSd(NamedTuple):
-    """The same sd for all readings: v = w^2."""
+    """The same sd for all readings: v = w^2.
+
+    ``growth`` is not read: numba needs a field to tell the types of the two models apart.
+    """
 
     growth: float = 0.0
 

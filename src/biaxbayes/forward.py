@@ -13,9 +13,9 @@ functions.
 table of draws. Missing quantities take the values of the file: lm = 1, factors of one, z = 0.
 Results have the shape (draws, rows, 2), x and y last.
 
-Least squares move in the coordinates of the law (:meth:`.Law.point`) and need derivatives:
+Least squares use the fit coordinates of the law (:meth:`.Law.point`) and need derivatives:
 :meth:`ForwardModel.response` and :meth:`ForwardModel.mounting_roots` take one point and arrays of
-shape (2, n), one column a state.
+shape (2, n), one column per state.
 """
 
 from __future__ import annotations
@@ -101,12 +101,12 @@ class LoadResponse:
 
     @property
     def by_coordinate(self) -> np.ndarray:
-        """By the coordinates that fits move in, shape (2, p, n)."""
+        """Derivatives by the fit coordinates, shape (2, p, n)."""
         return self.per_stress[:, None] * self.stress.by_coordinate
 
     @property
     def by_log_mounting(self) -> np.ndarray:
-        """By the log mounting stretches, the second axis; shape (2, 2, n)."""
+        """Derivatives by the log mounting stretches (second axis), shape (2, 2, n)."""
         slope = self.stress.by_log_stretch.copy()
         if not self.mounted:  # f = A0 s / (l lm)
             slope[0, 0] -= self.stress.stress[0]
@@ -143,7 +143,7 @@ class ForwardModel:
         """The forward model of a specimen."""
         return cls(law, specimen.area, specimen.geometry == "mounted")
 
-    # --- one point of the law, one column a state ---
+    # --- one point in fit coordinates, one column per state ---
 
     def per_stress(self, stretch: Any, mounting: Any) -> np.ndarray:
         """Load per Cauchy stress at measured and mounting stretches, shape (..., 2, n)."""
@@ -172,7 +172,7 @@ class ForwardModel:
                 roots[:, m] = np.exp(x), np.exp(y)
         return roots
 
-    # --- its parts, (draws, 1, 2) unless noted ---
+    # --- parts of the model, (draws, 1, 2) unless noted ---
 
     def mounting_stretch(self, values: Any, protocol: str = "") -> np.ndarray:
         """Mounting stretches of a protocol: its own, the shared ones, or one."""

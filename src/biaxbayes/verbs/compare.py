@@ -170,8 +170,8 @@ def _print_comparison(result: Comparison, out: Path) -> None:
     apart = result.distances[result.distances["identified_in_both"]]
     if len(apart):
         click.echo(
-            "\nlargest differences among what both identify or bound, as 90 % intervals and in "
-            "common sd:"
+            "\nlargest differences, within the law, of quantities that both runs identify or bound "
+            "(90 % intervals; in common sd):"
         )
     for (a, b), rows in apart.groupby(["run_a", "run_b"], sort=False):
         most = rows.reindex(rows["standardised"].abs().sort_values(ascending=False).index).head(4)
