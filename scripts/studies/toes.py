@@ -96,11 +96,13 @@ def judge(study: str, kind: str, seed: int, protocols: int) -> dict[str, Any]:
         return {"rows": []}
     withheld = () if sharp else KINDS[kind][1]
     fits = fit_laws(specimen, tuple(name for name in LAWS if name not in withheld))
+    if fits is None:
+        return {"rows": []}
     rows = []
     for axis in (0, 1):
-        stated = interval_from_laws(fits, 0, axis)
+        interval = interval_from_laws(fits, 0, axis)
         row = {"study": study, "kind": kind, "axis": "xy"[axis], "true": float(mounting[axis])}
-        rows.append({**row, "low": stated.low, "high": stated.high})
+        rows.append({**row, "low": interval.low, "high": interval.high})
     return {"rows": rows}
 
 

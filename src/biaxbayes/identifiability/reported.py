@@ -26,7 +26,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import listed, printable
-from biaxbayes.identifiability.mounting_stretch.interval import MountingInterval, widened
+from biaxbayes.identifiability.mounting_stretch.interval import OPEN, MountingInterval, widened
 from biaxbayes.identifiability.mounting_stretch.law_fits import LawFits, better_law_message
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -44,7 +44,6 @@ from biaxbayes.laws.law import Law
 from biaxbayes.parameters import MATERIAL, Parameter, Quantities, Quantity
 from biaxbayes.text_files import aligned
 
-OPEN = float("nan")
 UNCONVERGED = "chains have not converged"
 PRIOR_DECIDES = "the prior, not the data, determines it"
 WIDEST = 10.0

@@ -95,14 +95,14 @@ def widened(low: float, median: float, high: float, factor: float) -> tuple[floa
 
 
 def mounting_intervals(
-    posterior: Posterior, fits: LawFits | None, evidence: Mapping[str, Evidence]
+    posterior: Posterior, fits: LawFits, evidence: Mapping[str, Evidence]
 ) -> dict[str, MountingInterval]:
     """What is reported of the mounting stretches of the tissue, by name.
 
     ``evidence`` is that within the law of the run, by name.
     """
     law = posterior.law.name
-    own = fits[law] if fits is not None else None
+    own = fits[law]
     out = {}
     for i, state in enumerate(posterior.mounts):
         for axis, name in enumerate(mounting_names("stretch", state)):
@@ -120,7 +120,7 @@ def mounting_intervals(
 
 
 def interval_from_laws(
-    fits: LawFits | None,
+    fits: LawFits,
     index: int,
     axis: int,
     law: str = "",
@@ -132,8 +132,6 @@ def interval_from_laws(
 
     Parameters
     ----------
-    fits : LawFits or None
-        From :func:`~biaxbayes.identifiability.mounting_stretch.law_fits.fit_laws`.
     index, axis : int
         Index of the mounted state, and 0 for x, 1 for y.
     law : str
@@ -144,8 +142,6 @@ def interval_from_laws(
         Whether the prior decides the low and the high end of that interval: an end that rests
         on it is open.
     """
-    if fits is None:
-        return MountingInterval(OPEN, OPEN, "no law could be fitted to the record")
     compared = fits.compared
     at = np.array([f.mounting_stretch[index, axis] for f in compared])
     own_error = ERRORS * np.array([f.sd[index, axis] for f in compared])
