@@ -16,7 +16,7 @@ from scipy.stats import norm
 from biaxbayes.figures.run.identifiability import VERDICT_COLOURS, identifiability_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined
-from biaxbayes.identifiability.identify import identify, identify_draws
+from biaxbayes.identifiability.identify import Identifiability, identify_draws, identify_run
 from biaxbayes.identifiability.marginals import Scale, count_modes, density, find_edges
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
 from biaxbayes.identifiability.reported import report_rows
@@ -37,6 +37,12 @@ from biaxbayes.runs.result import run_result, write_result
 from biaxbayes.sampling.convergence import assess
 from goh_functions import GOH_LAW, PARAMETERS
 from quick_posteriors import EQUIBIAXIAL, Sampled, sampled, specimen
+
+
+def identify(run) -> Identifiability:
+    """Assess a run, or anything with a posterior, draws and a state."""
+    return identify_run(run.posterior(), run.draws, run.state)
+
 
 # --- specimens built so that the answer is known ---
 

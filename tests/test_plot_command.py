@@ -10,7 +10,6 @@ from biaxbayes.cli import main
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.profile import profile_figure
-from biaxbayes.identifiability.identify import identify
 from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.runs.run import open_run
 from readable import assert_readable, in_view
@@ -42,7 +41,7 @@ def test_each_figure_in_the_run_folder(run, figure, capsys):
 @pytest.mark.parametrize("width", [85.0, 180.0])
 def test_verdicts_are_readable(run, width):
     opened = open_run(run)
-    figure = identifiability_figure(identify(opened), opened.result.rows, width_mm=width)
+    figure = identifiability_figure(opened.analysed()[1], opened.result.rows, width_mm=width)
     assert_readable(figure, width)
 
 

@@ -397,7 +397,3 @@ class Quantities(Mapping[str, Quantity]):
     def of_parameter(self, name: str) -> tuple[Quantity, ...]:
         """A parameter in every mounted state."""
         return tuple(q for q in self._known.values() if q.parameter.name == name)
-
-    def with_states(self, states: Sequence[str]) -> Quantities:
-        """The same law and unit with other mounted states."""
-        return Quantities(self.material, states, self.load_unit)

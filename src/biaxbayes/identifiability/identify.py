@@ -1,7 +1,7 @@
 """Which parameters the data determine: a verdict on each, with its evidence.
 
-The verdicts are judged on the draws of a run and its priors, and on the fits of all laws to its
-record. What they mean and every threshold are in ``docs/identifiability.md``.
+The verdicts follow from the draws of a run, its priors and the fits of all laws to its record. What
+they mean and every threshold are in ``docs/identifiability.md``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from biaxbayes.identifiability.verdict import (
     NO_VERDICT,
     ParameterVerdict,
     Thresholds,
-    judge_parameters,
+    assess_parameters,
 )
 from biaxbayes.laws import LAWS
 from biaxbayes.laws.law import Law
@@ -37,8 +37,8 @@ from biaxbayes.model.priors import DrawnPrior, Prior, Tie
 from biaxbayes.parameters import STRETCH
 
 MOST_DRAWS = 20_000
-"""Draws, evenly chosen, that the evidence is judged by; medians and intervals are those of all, the
-numbers of ``summary.csv``."""
+"""Draws, evenly chosen, that the evidence is computed from; medians and intervals are those of
+all draws, as in ``summary.csv``."""
 
 
 @dataclass(frozen=True)
@@ -147,20 +147,8 @@ def _evidence_row(p: ParameterVerdict) -> dict[str, Any]:
     }
 
 
-def identify(run: Any) -> Identifiability:
-    """Judge the parameters of a run, or of anything with ``posterior()``, ``draws``, ``state``."""
-    return identify_run(run.posterior(), run.draws, run.state)
-
-
 def identify_run(posterior: Posterior, draws: pd.DataFrame, state: str) -> Identifiability:
-    """Judge the parameters of a run, with the fits of all laws.
-
-    Parameters
-    ----------
-    draws : DataFrame
-        As of :func:`identify_draws`.
-    state : {"converged", "tentative", "unusable"}
-    """
+    """Assess the parameters of a run by its draws, with the fits of all laws."""
     fits = run_law_fits(posterior) if state == "converged" else None
     result = identify_draws(posterior, draws, state, fits=fits)
     if state != "converged":
@@ -213,7 +201,7 @@ def identify_draws(
     refits: Refits = mounting_refits,
     priors: Mapping[str, Prior | DrawnPrior | Tie | float] | None = None,
 ) -> Identifiability:
-    """Judge the parameters of a posterior by its draws.
+    """Assess the parameters of a posterior by its draws.
 
     Parameters
     ----------
@@ -244,7 +232,7 @@ def identify_draws(
         mounting = mounting_intervals(posterior, fits, stretches)
     else:
         fits = None
-    parameters = judge_parameters(
+    parameters = assess_parameters(
         scales, evidence, posterior.law, state, thresholds=chosen, mounting=mounting
     )
     return Identifiability(parameters, state, len(draws), chosen, posterior.law, fits)

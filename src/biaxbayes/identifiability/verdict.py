@@ -217,7 +217,7 @@ def decide(
     return BOUNDED if ends else IDENTIFIED
 
 
-def judge_parameters(
+def assess_parameters(
     scales: Sequence[Scale],
     evidence: Mapping[str, Evidence],
     law: Law,

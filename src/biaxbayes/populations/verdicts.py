@@ -29,7 +29,7 @@ from biaxbayes.identifiability.verdict import (
     NOT_IDENTIFIED,
     ParameterVerdict,
     Thresholds,
-    judge_parameters,
+    assess_parameters,
 )
 from biaxbayes.laws.law import Law
 from biaxbayes.model.priors import DrawnPrior
@@ -176,7 +176,7 @@ def _judged(
     if state != "unusable":
         draws = pd.DataFrame(dict(columns))
         evidence = evidence_of_draws(scales, draws, draws, (log_prior, None), distances, thresholds)
-    verdicts = judge_parameters(scales, evidence, law, state, thresholds=thresholds)
+    verdicts = assess_parameters(scales, evidence, law, state, thresholds=thresholds)
     return {p.name: p for p in verdicts}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from markupsafe import Markup, escape
 
-from biaxbayes.options import FIT_WORDS
 from biaxbayes.parameters import Quantity
 from biaxbayes.text_files import one_line
 
@@ -210,8 +209,3 @@ def chosen_terms(*terms: str) -> list[tuple[str, str]]:
     """Terms of a page with their words, in the order given."""
     known = GLOSSARY | SEVERAL
     return [(term, known[term]) for term in terms]
-
-
-def fit_terms() -> dict[str, str]:
-    """The deterministic fits by their names."""
-    return dict(FIT_WORDS)
