@@ -29,6 +29,7 @@ from biaxbayes.mechanics.mounting import (
     sections,
     solve_balance,
 )
+from biaxbayes.model.priors import FIXED, NORMAL, NORMAL_NATURAL, UNIFORM
 
 # Slots after those of the law; natural values have the same order.
 NOISE, GROWTH, EDGE_X, EDGE_Y, THICKNESS, OFFSET_X, OFFSET_Y = range(7)
@@ -36,9 +37,6 @@ MOUNTING = 7  # then two per mounted state
 
 # How the mounted state enters.
 REFERENCE, FORCE, STRETCH = 0, 1, 2  # lm = 1 | sample p0, root-find lm | sample lm
-
-# Kinds of prior; the last two are densities of exp(x) where the slot holds a logarithm x.
-FIXED, NORMAL, UNIFORM, NORMAL_NATURAL, UNIFORM_NATURAL = range(5)
 
 # Why a density is zero; counted for the diagnostics.
 INSIDE, OUT_OF_RANGE, NO_ROOT, OVERFLOW = range(4)

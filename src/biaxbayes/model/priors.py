@@ -53,6 +53,10 @@ FAMILIES = {
 }
 
 
+# Kinds in the compiled density; the last two are densities of exp(x) where the slot holds ln x.
+FIXED, NORMAL, UNIFORM, NORMAL_NATURAL, UNIFORM_NATURAL = range(5)
+
+
 @dataclass(frozen=True)
 class Prior:
     """A one-dimensional prior, optionally cut off.
@@ -185,8 +189,8 @@ class Prior:
         if not same_scale:
             low = math.log(low) if low > 0 else -math.inf
             high = math.log(high) if 0 < high < math.inf else math.inf
-        kind = (2 if self._uniform else 1) + (0 if same_scale else 2)
-        return kind, [location, scale, low, high, log_norm]
+        kinds = (UNIFORM, UNIFORM_NATURAL) if self._uniform else (NORMAL, NORMAL_NATURAL)
+        return kinds[0 if same_scale else 1], [location, scale, low, high, log_norm]
 
     def as_table(self) -> dict[str, object]:
         """The TOML table that reads back to this prior (infinite limits left out)."""

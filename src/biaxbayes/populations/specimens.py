@@ -18,9 +18,9 @@ from biaxbayes.compilation import compiled
 from biaxbayes.errors import InputError, RunError
 from biaxbayes.identifiability.determined import largest_equibiaxial
 from biaxbayes.model import density as kernel
-from biaxbayes.model.density import FIXED, UNIFORM, Problem
+from biaxbayes.model.density import Problem
 from biaxbayes.model.posterior import Posterior, SamplingConstants
-from biaxbayes.model.priors import Prior
+from biaxbayes.model.priors import FIXED, UNIFORM, Prior
 from biaxbayes.parameters import STRETCH
 from biaxbayes.populations.ensemble import Individual
 from biaxbayes.populations.model import PooledValue
