@@ -3,7 +3,6 @@
 import numpy as np
 
 from biaxbayes.fitting.constrained import fit_setup, minimum, starting_points
-from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.law_fit import fit_law
 from biaxbayes.laws import law_named
 from biaxbayes.laws.goh import GOH
@@ -76,7 +75,7 @@ def test_a_record_without_noise_has_no_misfit():
 
 def test_the_problem_of_a_law_is_public_to_its_errors():
     made = specimen(0.02, 0.001, 1)
-    setup = fit_setup(made, "noisy", "shared", None, law_named("goh"), effective_readings)
+    setup = fit_setup(made, "noisy", "shared", None, law_named("goh"), weighted=True, compiled=True)
     problem, found = minimum(setup, starting_points(setup, 2, 0, None))
     assert found.converged
     assert len(setup.by_protocol(problem.residual(found.unknowns))) == 3

@@ -12,7 +12,7 @@ Its minimum is what is reported as a fit, where a sampler starts, and how other 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,10 +34,12 @@ from biaxbayes.laws.materials import MaterialResponse
 from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
-MOUNTING = ("exact", "noisy", "ignored", "zeroed")
+FIT_MOUNTING = ("exact", "noisy", "ignored", "zeroed")
 MAX_REWEIGHTINGS = 50
-MAX_WEIGHTS = 10  # beta moves in steps: after so many it stays as it is
-MIN_SD = 1e-6  # of the peak load: below, a reading counts as exact
+MAX_WEIGHTS = 10
+"""beta changes discontinuously, so it is frozen after this many iterations."""
+MIN_SD = 1e-6
+"""Relative to the peak load: a reading with a smaller sd is treated as exact."""
 
 
 def constrained_fit(
@@ -60,17 +62,16 @@ def constrained_fit(
     ----------
     mounting : {"noisy", "exact", "ignored", "zeroed"}
         ``noisy``: the mounting force is unknown, its reading one datum with the load cell's sd.
-        ``exact``: it is what was read; so it is too in a file without load noise. ``ignored`` and
+        ``exact``: the reading is taken as exact, as in files without load noise. ``ignored`` and
         ``zeroed``: the mounted state is taken as unloaded, loads as they are or less their
         reading.
     weighted : bool
-        Whether the rows count as the independent readings they are worth, beside the reading of the
-        mounting force.
+        Weight the rows by their effective number of independent readings.
     mounting_stretch : {"shared", "per-protocol"}
     fixed : mapping, optional
         Fixed values, by the law's parameters in their own units.
     starts : int
-        Random starting points, the best of many screened ones; none with ``initial`` and 0.
+        Number of starting points, the best of a random screening. May be 0 with ``initial``.
     initial : Material, optional
         A further starting point.
     law : str
@@ -78,8 +79,8 @@ def constrained_fit(
     fibre_switch : bool
         Fibres carry no compression, for laws that leave it open.
     compiled : bool
-        Look for the mounted state in compiled code. One fit without is done before the compiled
-        code has been read from the cache.
+        Solve for the mounted state in compiled code. For a single fit, uncompiled code is faster
+        than loading the cache.
 
     Returns
     -------
@@ -95,8 +96,9 @@ def constrained_fit(
         For an unknown option or fixed parameter.
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
-    setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weighted)
-    setup = replace(setup, compiled=compiled)
+    setup = fit_setup(
+        specimen, mounting, mounting_stretch, fixed, chosen, weighted=weighted, compiled=compiled
+    )
     problem, descent = minimum(setup, starting_points(setup, starts, seed, initial))
     return setup.result(specimen, problem, descent)
 
@@ -112,8 +114,8 @@ class FitSetup:
     mounting: str
     sd: np.ndarray | None  # of the mounting readings; None where they are exact
     law: Law
-    weighted: bool = False
-    compiled: bool = True
+    weighted: bool
+    compiled: bool
 
     @property
     def balanced(self) -> bool:
@@ -137,7 +139,7 @@ class FitSetup:
         return [pairs[rows] for rows in self.stretched.rows]
 
     def result(self, specimen: Specimen, problem: LoadResiduals, descent: Descent) -> FitResult:
-        """Where a descent ended, judged against the data."""
+        """The fit result of a minimum."""
         method = "zeroed" if self.mounting == "zeroed" else "standard"
         return fit_result(
             "constrained" if self.balanced else method,
@@ -169,11 +171,15 @@ def fit_setup(
     mounting_stretch: str,
     fixed: Mapping[str, float] | None,
     law: Law,
+    *,
     weighted: bool,
+    compiled: bool,
 ) -> FitSetup:
     """What stays the same while a specimen is fitted; options and fixed values are checked."""
-    if mounting not in MOUNTING:
-        raise InputError(f"unknown mounting {mounting!r}", remedy=f"one of {', '.join(MOUNTING)}")
+    if mounting not in FIT_MOUNTING:
+        raise InputError(
+            f"unknown mounting {mounting!r}", remedy=f"one of {', '.join(FIT_MOUNTING)}"
+        )
     if mounting_stretch not in MOUNTING_STRETCH:
         raise InputError(
             f"unknown mounting stretch {mounting_stretch!r}",
@@ -186,7 +192,7 @@ def fit_setup(
     sd = None
     if mounting == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
         sd = np.maximum(data.mounting_sd, MIN_SD * data.peak)
-    return FitSetup(data, data.stretched(), point, free, mounting, sd, law, weighted)
+    return FitSetup(data, data.stretched(), point, free, mounting, sd, law, weighted, compiled)
 
 
 def starting_points(
@@ -225,28 +231,31 @@ def minimum(
 def _reweighted(
     setup: FitSetup, exact: Descent, *, steps: int = 500, tolerance: float = 1e-10, **_: Any
 ) -> tuple[LoadResiduals, Descent]:
-    """Free the mounting forces; weigh rows and readings until neither w nor beta changes."""
+    """Iteratively reweighted least squares with the mounting forces as unknowns.
+
+    Until neither the error sd w nor the weight beta of the rows changes.
+    """
     offsets = setup.data.mounting_load.size
     unknowns = np.concatenate([exact.unknowns, np.zeros(offsets)])
-    far = np.full(offsets, np.inf)
-    lower = np.concatenate([setup.law.lower[setup.free], -far])
-    upper = np.concatenate([setup.law.upper[setup.free], far])
+    infinite = np.full(offsets, np.inf)
+    lower = np.concatenate([setup.law.lower[setup.free], -infinite])
+    upper = np.concatenate([setup.law.upper[setup.free], infinite])
     rows = 2 * setup.stretched.group.size
     floor = MIN_SD * setup.data.peak
     rms, beta = max(np.sqrt(exact.cost / rows) * setup.data.peak, floor), 1.0
-    taken, settled = exact.iterations, False
-    for turn in range(MAX_REWEIGHTINGS):
+    iterations, stable = exact.iterations, False
+    for iteration in range(MAX_REWEIGHTINGS):
         scale = rms / np.sqrt(beta)
         problem = setup.problem(scale)
         descent = descend(problem, unknowns, lower, upper, steps=steps, tolerance=tolerance)
-        unknowns, taken = descent.unknowns, taken + descent.iterations
+        unknowns, iterations = descent.unknowns, iterations + descent.iterations
         misfit = problem.residual(unknowns)[:rows] * scale
         new_rms = max(float(np.sqrt(misfit @ misfit / rows)), floor)
         new_beta = beta
-        if setup.weighted and turn < MAX_WEIGHTS:
+        if setup.weighted and iteration < MAX_WEIGHTS:
             new_beta = effective_readings(setup.by_protocol(misfit)).beta
-        settled = abs(new_rms - rms) <= 1e-4 * rms and abs(new_beta - beta) <= 0.01 * beta
+        stable = abs(new_rms - rms) <= 1e-4 * rms and abs(new_beta - beta) <= 0.01 * beta
         rms, beta = new_rms, new_beta
-        if settled:
+        if stable:
             break
-    return problem, Descent(unknowns, descent.cost, taken, descent.converged and settled)
+    return problem, Descent(unknowns, descent.cost, iterations, descent.converged and stable)

@@ -105,8 +105,9 @@ def fit_law(
     LawFit
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
-    setup = fit_setup(specimen, mounting, mounting_stretch, fixed, chosen, weighted)
-    setup = replace(setup, compiled=False)
+    setup = fit_setup(
+        specimen, mounting, mounting_stretch, fixed, chosen, weighted=weighted, compiled=False
+    )
     problem, descent = minimum(setup, starting_points(setup, starts, seed, None), **AMONG_LAWS)
     fitted = setup.result(specimen, problem, descent)
     plain = LawFit(
