@@ -84,14 +84,9 @@ class EffectiveReadings:
 def effective_readings(
     residuals: Sequence[np.ndarray], scale: Sequence[np.ndarray] | None = None
 ) -> EffectiveReadings:
-    """Effective readings of the residuals of a fit.
+    """Effective readings of the residuals of a fit, one array (n_p, 2) per protocol.
 
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (n_p, 2)
-        One array per protocol, measured minus model.
-    scale : sequence of ndarray, shape (n_p, 2), optional
-        Standard deviation of each reading up to a factor, where it is not constant.
+    ``scale`` is the standard deviation of each reading up to a factor, where it is not constant.
     """
     count = np.array([[len(r), len(r)] for r in residuals], dtype=float)
     effective = np.array(
@@ -106,11 +101,7 @@ def effective_readings(
 def misses_smoothly(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) -> bool:
     """Whether the signs of the residuals change too seldom for independent errors.
 
-    Over all curves, by so many standard deviations. A curve without any miss says nothing.
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (n_p, 2)
+    Over all curves (n_p, 2), by ``sd`` standard deviations. A curve without any miss says nothing.
     """
     changes = steps = 0
     for part in residuals:

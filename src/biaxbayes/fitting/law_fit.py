@@ -92,17 +92,9 @@ def fit_law(
 ) -> LawFit:
     """Least squares of a law on the measured load, with its errors.
 
-    Parameters
-    ----------
-    mounting, mounting_stretch, starts, seed, fixed, fibre_switch, weighted
-        As in :func:`~biaxbayes.fitting.constrained.constrained_fit`.
-    prior_sd : mapping, optional
-        Prior standard deviations of material parameters, for stiffnesses and exponents of the
-        natural log and for angles of cos^2; they limit the errors whose ratio is ``widening``.
-
-    Returns
-    -------
-    LawFit
+    Options as in :func:`~biaxbayes.fitting.constrained.constrained_fit`. ``prior_sd`` are prior
+    standard deviations of material parameters, for stiffnesses and exponents of the natural log and
+    for angles of cos^2; they limit the errors whose ratio is ``widening``.
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
     setup = fit_setup(

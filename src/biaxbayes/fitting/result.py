@@ -252,14 +252,8 @@ def _written(specimen: Specimen) -> tuple[np.ndarray, np.ndarray]:
 def misfit_sentence(called: str, rms: float, noise: float, peak: float, unit: str) -> str:
     """The misfit of a law beside the noise of a reading: the words of `check` and of a run.
 
-    Parameters
-    ----------
-    called : str
-        Name of the law in a sentence.
-    rms, noise, peak : float
-        Root mean square of the residuals, sd of a reading by the load cell, largest load.
-    unit : str
-        Their unit, N or kPa.
+    ``rms`` of the residuals, ``noise`` (sd of a reading by the load cell) and ``peak`` load are in
+    ``unit``, N or kPa.
     """
     small = unit == "N" and rms < 0.1
     amount = f"{1e3 * rms:.2g} mN" if small else f"{rms:.2g} {unit}"

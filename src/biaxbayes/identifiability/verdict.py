@@ -228,15 +228,8 @@ def assess_parameters(
 ) -> tuple[ParameterVerdict, ...]:
     """Verdicts on parameters from the evidence: one rule, wherever the draws are from.
 
-    Parameters
-    ----------
-    evidence : mapping of str to Evidence
-        By name; none of what was fixed, and none of unusable draws.
-    law : Law
-        For ends of its parameters at which another one means nothing.
-    state : {"converged", "tentative", "unusable"}
-    mounting : mapping of str to MountingInterval, optional
-        Intervals of the mounting stretches that all laws agree on.
+    ``evidence`` has none of fixed parameters and of unusable draws; ``mounting`` are the intervals
+    of the mounting stretches that all laws agree on.
     """
     meaningless = _meaningless(law, evidence, thresholds)
     at_end = {

@@ -43,17 +43,8 @@ class MarginalLikelihood:
 def marginal_likelihood(posterior: Posterior, draws: Draws, *, seed: int = 0) -> MarginalLikelihood:
     """Log marginal likelihood of a posterior from its draws.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        The one that was drawn from; independent noise and all rows.
-    seed : int
-        For the draws of the proposal.
-
-    Raises
-    ------
-    ValueError
-        If the likelihood is tempered or its rows are averaged.
+    The posterior has independent noise and all rows: ValueError if the likelihood is tempered or
+    its rows are averaged.
     """
     problem = _without(posterior)
     if problem:

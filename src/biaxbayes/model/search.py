@@ -92,26 +92,10 @@ def find_start(
 ) -> tuple[Target, Start]:
     """Find all modes of a posterior that carry mass, and the sampling coordinates that suit it.
 
-    The search starts from the deterministic fit and from materials that fit in other ways.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        With the sampling coordinates of its fit (:func:`.preparation.with_sampling_constants`).
-    population : int
-        Points of a generation.
-
-    Returns
-    -------
-    target : Target
-        The posterior in the sampling coordinates that suit it.
-    start : Start
-        Proposal and points in these coordinates.
-
-    Raises
-    ------
-    NotConverged
-        If no region of positive density is found.
+    The search starts from the least-squares fit and from materials that fit in other ways, in the
+    coordinates of the fit (:func:`.preparation.with_sampling_constants`). The target and the start
+    are in the coordinates that suit the posterior. Raises :class:`NotConverged` if no region of
+    positive density is found.
     """
     base = start_parameters(posterior)
     starts = np.vstack([posterior.coordinates(base)[0], _extra_starts(posterior, base, rng)])

@@ -71,21 +71,8 @@ def explore_page(
 ) -> str:
     """The page as HTML: its scripts and its data inside, no network.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        All draws of the run, one row each, columns as in ``summary.csv``.
-    state : {"converged", "tentative"}
-        State of the run.
-    rows : sequence of ReportRow
-        The reported table of the run.
-    report : str
-        The report to point to, where it stands beside the page.
-
-    Raises
-    ------
-    InputError
-        If there is no posterior to explore.
+    ``draws`` are all draws of the run, ``rows`` its reported table, ``report`` the report to link
+    to. Raises :class:`InputError` if there is no posterior to explore.
     """
     if state == "unusable" or not can_be_explored(posterior.quantities, draws):
         raise InputError(

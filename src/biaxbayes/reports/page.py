@@ -43,22 +43,10 @@ LOADS = {
 
 
 def write_report(folder: Path | str, run: Run | None = None) -> Path:
-    """Write the report of a finished run into its folder.
+    """Write the report of a finished run into its folder; the path of the page.
 
-    Parameters
-    ----------
-    run : Run, optional
-        The same run where it is open already; else it is opened.
-
-    Returns
-    -------
-    Path
-        Path of the page.
-
-    Raises
-    ------
-    RunError
-        If the folder is not a run.
+    ``run`` is the same run where it is open already. Raises :class:`RunError` if the folder is not
+    a run.
     """
     folder = Path(folder)
     page = report_page(run or open_run(folder), explore=(folder / EXPLORE).is_file())

@@ -87,14 +87,8 @@ def population_page(
 ) -> str:
     """The page as HTML: no scripts, no network.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds the figures.
-    tables : mapping of str to DataFrame
-        ``groups``, ``specimens`` and ``contrasts``.
-    record : mapping
-        As in population.json.
+    ``tables`` are ``groups``, ``specimens`` and ``contrasts``, ``record`` that of population.json;
+    the folder holds the figures.
     """
     there = pictures(folder, tuple(FIGURES))
     own = tables["specimens"].drop_duplicates("specimen")

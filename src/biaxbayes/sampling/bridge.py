@@ -64,18 +64,10 @@ def _log_ratio(log_prob: LogDensity, proposal: Proposal, points: np.ndarray) -> 
 
 
 def bridge(draws_log_ratio: np.ndarray, proposal_log_ratio: np.ndarray) -> tuple[float, float]:
-    """Log integral of p by bridge sampling.
+    """Log integral of p and its error by bridge sampling.
 
-    Parameters
-    ----------
-    draws_log_ratio : ndarray, shape (ensembles, steps, walkers)
-        ln p - ln q at draws of p.
-    proposal_log_ratio : ndarray, shape (n,)
-        ln p - ln q at independent draws of q; -inf where p is zero.
-
-    Returns
-    -------
-    log_integral, error : float
+    The arguments are ln p - ln q, at draws of p (ensembles, steps, walkers) and at independent
+    draws of q (n,), there -inf where p is zero.
     """
     first, second = draws_log_ratio.ravel(), proposal_log_ratio
     n1 = first.size / autocorrelation_time(np.tanh(draws_log_ratio - np.median(first)))

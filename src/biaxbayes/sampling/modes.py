@@ -141,21 +141,10 @@ def find_modes(
     scale: np.ndarray,
     bounds: np.ndarray,
 ) -> list[Mode]:
-    """Climb from every start and keep the different modes that matter.
+    """Climb from every start (n, d) and keep the different modes that matter.
 
-    Parameters
-    ----------
-    log_density : callable
-        Vectorised, (n, d) to (n,).
-    starts : ndarray, shape (n, d)
-    scale : ndarray, shape (d,)
-        Width beyond which a direction counts as not determined.
-    bounds : ndarray, shape (d, 2)
-
-    Returns
-    -------
-    list of Mode
-        The heaviest first; empty where no start has a positive density.
+    The heaviest mode comes first; the list is empty where no start has a positive density.
+    ``scale`` (d,) is the width beyond which a direction counts as not determined.
     """
     # A start on a bound has its density, if any, next to it.
     inner = np.clip(starts, bounds[:, 0] + 1e-3, bounds[:, 1] - 1e-3)
@@ -180,21 +169,11 @@ BETWEEN = 33
 
 
 def separate_groups(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
-    """Modes by the ridge that they lie on.
+    """Modes by the ridge that they lie on; in each group the first mode first.
 
     Two modes are on one ridge where the density along the straight line between them, or between
     others of the ridge, does not fall much below the lower one. A ridge that bends away from the
     line may count as two.
-
-    Parameters
-    ----------
-    log_density : callable
-        Vectorised, (n, d) to (n,).
-
-    Returns
-    -------
-    list of list of Mode
-        Groups, in each of them the first mode first.
     """
     groups: list[list[Mode]] = []
     for mode in modes:

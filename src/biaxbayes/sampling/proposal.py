@@ -90,13 +90,7 @@ def first_proposal(
 ) -> TransportedMixture:
     """A proposal from given Student t components, before there are points to fit.
 
-    Parameters
-    ----------
-    means : ndarray, shape (k, d)
-    factors : sequence of ndarray, shape (d, d)
-        Square roots of the scale matrices; need not be triangular.
-    weights : ndarray, shape (k,)
-    bounds : ndarray, shape (d, 2)
+    ``factors`` (k, d, d) are square roots of the scale matrices, not necessarily triangular.
     """
     lower = [np.asarray(np.linalg.qr(f.T, mode="r")).T for f in factors]
     lower = [f * np.where(np.diag(f) < 0.0, -1.0, 1.0) for f in lower]
@@ -111,16 +105,7 @@ def fit_transported_mixture(
     bounds: np.ndarray | None = None,
     components: int = 8,
 ) -> TransportedMixture:
-    """Fit a proposal to points of shape (n, d).
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, d)
-    bounds : ndarray, shape (d, 2), optional
-        Bounds of the coordinates; infinite where there is none.
-    components : int
-        Largest number of mixture components.
-    """
+    """Fit a proposal of at most ``components`` to points (n, d) within bounds (d, 2)."""
     if bounds is None:
         bounds = bounds_array({}, points.shape[1])
     if len(points) > POINTS_PER_COMPONENT * components:
@@ -202,17 +187,10 @@ def fit_mixture_proposal(
     components: int = 20,
     label: np.ndarray | None = None,
 ) -> MixtureProposal:
-    """Fit a mixture proposal, one part to each group of points.
+    """Fit a mixture proposal to points (n, d), one part to each group.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, d)
-    bounds : ndarray, shape (d, 2), optional
-        Bounds of the coordinates; infinite where there is none.
-    components : int
-        Largest number of mixture components of all parts together.
-    label : int64 ndarray, shape (n,), optional
-        The group of each point, from zero; each number has points. Default: one group.
+    ``label`` is the group of each point, from zero, each with points; by default there is one
+    group. ``components`` is the largest number of mixture components of all parts together.
     """
     if label is None:
         label = np.zeros(len(points), dtype=np.int64)

@@ -106,12 +106,8 @@ def width_terms(z: np.ndarray) -> np.ndarray:
 def fit_transport_map(points: np.ndarray, bounded: np.ndarray) -> TransportMap:
     """Fit the map to points of shape (n, d).
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, d)
-    bounded : ndarray of bool, shape (d,)
-        Coordinates with a finite bound; they come first and are only standardised, so that their
-        bounds stay where they are.
+    Coordinates with a finite bound (``bounded``) come first and are only standardised, so that
+    their bounds stay where they are.
     """
     n, d = points.shape
     order = _order(points, bounded)

@@ -133,22 +133,10 @@ def fit_laws(
     starts: int = 3,
     own: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> LawFits | None:
-    """Fit laws to a record under the same mounting constraint.
+    """Fit laws to a record under the same mounting constraint; None if no law can be fitted.
 
-    Parameters
-    ----------
-    mounting : {"noisy", "exact", "ignored", "zeroed"}
-        As in :func:`~biaxbayes.fitting.constrained.constrained_fit`.
-    mounting_stretch : {"shared", "per-protocol"}
-    rows : int
-        Rows of a protocol that longer ones are averaged to.
-    own : mapping, optional
-        Further arguments of :func:`~biaxbayes.fitting.law_fit.fit_law` by law, as those of a run.
-
-    Returns
-    -------
-    LawFits or None
-        None where no law could be fitted.
+    Longer protocols are averaged to ``rows``. ``own`` are further arguments of
+    :func:`~biaxbayes.fitting.law_fit.fit_law` by law, as those of a run.
     """
     data = averaged_specimen(specimen, rows)
     common: dict[str, Any] = {

@@ -100,22 +100,10 @@ class Profile:
 def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 1) -> list[Profile]:
     """Profiles of several parameters, in parallel processes if requested.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        For the specimen, the settings, the weight of the readings and the start.
-    parameters : sequence of str
-        C1, k1, k2, alpha, kappa, mounting_stretch_x, mounting_stretch_y (with the protocol in
-        square brackets where each has its own).
-    workers : int
-        Processes.
-
-    Raises
-    ------
-    InputError
-        For a parameter that is unknown, fixed, or follows from the others.
-    NotConverged
-        If the model cannot be fitted to the specimen at all.
+    Names are those of the law, and mounting_stretch_x and mounting_stretch_y (with the protocol in
+    square brackets where each has its own). Raises :class:`InputError` for a parameter that is
+    unknown, fixed, or follows from the others, :class:`NotConverged` if the model cannot be fitted
+    to the specimen.
     """
     for name in parameters:
         _index(posterior, name)
