@@ -10,11 +10,10 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from biaxbayes.populations import sampler
-from biaxbayes.populations.ensemble import Design, Ensemble, Individual
+from biaxbayes.populations.ensemble import Design, Ensemble, Individual, Spreading, Tuning
 from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, log_marginal, update
 from biaxbayes.populations.predictive import cut_median
 from biaxbayes.populations.sampler import Plan, draw
-from biaxbayes.populations.tuning import Spreading, Tuning
 
 INF = math.inf
 GROUP = np.array([0, 0, 1, 1, 0, 1])

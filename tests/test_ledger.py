@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 import biaxbayes
 from biaxbayes.comparison import mounting_bias
-from biaxbayes.comparison.mounting_bias import TREATMENTS, Treated, ledger, treat
+from biaxbayes.comparison.mounting_bias import VARIANTS, Variant, ledger, sample_variant
 from biaxbayes.errors import InputError
 from biaxbayes.figures.ledger import ledger_figure
 from biaxbayes.identifiability.determined import largest_equibiaxial
@@ -30,15 +30,15 @@ def tested():
 
 
 @pytest.fixture(scope="module")
-def treated(tested):
+def variants(tested):
     plan = Plan(ess=150, seed=1, workers=2, walkers=32)
     base = {"noise": "independent"}
-    modes = dict(zip(TREATMENTS, ("noisy", "ignored", "zeroed"), strict=True))
-    return {name: treat(tested, base | {"mounting": m}, plan) for name, m in modes.items()}
+    modes = dict(zip(VARIANTS, ("noisy", "ignored", "zeroed"), strict=True))
+    return {name: sample_variant(tested, base | {"mounting": m}, plan) for name, m in modes.items()}
 
 
-def test_inferred_holds_the_true_stress_and_the_mistakes_do_not(treated):
-    found = ledger(treated, [1.1])
+def test_inferred_holds_the_true_stress_and_the_mistakes_do_not(variants):
+    found = ledger(variants, [1.1])
     truth = MATERIAL.cauchy(1.1, 1.1)
     for (_, row), true in zip(found.stresses.iterrows(), truth, strict=True):
         assert abs(row["inferred_median"] - true) < 4.0 * row["inferred_sd"]
@@ -48,74 +48,74 @@ def test_inferred_holds_the_true_stress_and_the_mistakes_do_not(treated):
         assert row["shift_zeroed_sd"] < row["shift_ignored_sd"]
 
 
-def test_shift_is_in_standard_deviations_on_the_sampling_scale(treated):
-    found = ledger(treated)
+def test_shift_is_in_standard_deviations_on_the_sampling_scale(variants):
+    found = ledger(variants)
     rows = found.parameters.set_index("quantity")
-    inferred, ignored = (np.log(treated[n].draws["C1"]) for n in ("inferred", "ignored"))
+    inferred, ignored = (np.log(variants[n].draws["C1"]) for n in ("inferred", "ignored"))
     expected = (ignored.median() - inferred.median()) / inferred.std()
     assert rows.loc["C1", "shift_ignored_sd"] == pytest.approx(expected, rel=0.02)
-    lm = treated["inferred"].draws["mounting_stretch_y"]
+    lm = variants["inferred"].draws["mounting_stretch_y"]
     expected = (1.0 - lm.median()) / lm.std()
     assert rows.loc["mounting_stretch_y", "shift_zeroed_sd"] == pytest.approx(expected, rel=0.02)
 
 
-def test_same_draws_three_times_do_not_move(treated):
-    same = dict.fromkeys(TREATMENTS, treated["inferred"])
+def test_same_draws_three_times_do_not_move(variants):
+    same = dict.fromkeys(VARIANTS, variants["inferred"])
     found = ledger(same)
     assert np.all(found.table[["shift_ignored_sd", "shift_zeroed_sd"]] == 0.0)
 
 
-def test_what_does_not_vary_has_no_standard_deviation_to_shift_by(treated):
+def test_what_does_not_vary_has_no_standard_deviation_to_shift_by(variants):
     fixed = {
-        name: Treated(one.posterior, one.draws.assign(C1=value), one.state)
-        for (name, one), value in zip(treated.items(), (10.0, 11.0, 12.0), strict=True)
+        name: Variant(one.posterior, one.draws.assign(C1=value), one.state)
+        for (name, one), value in zip(variants.items(), (10.0, 11.0, 12.0), strict=True)
     }
     row = ledger(fixed, [1.1]).parameters.set_index("quantity").loc["C1"]
     assert row["inferred_sd"] == 0.0
     assert np.isnan(row["shift_ignored_sd"]) and np.isnan(row["shift_zeroed_sd"])
 
 
-def test_default_stretches_end_at_the_largest_tested_one(treated):
-    found = ledger(treated)
+def test_default_stretches_end_at_the_largest_tested_one(variants):
+    found = ledger(variants)
     at = sorted(set(found.stresses["total_stretch"]))
     assert len(at) == 5
-    inferred = treated["inferred"]
+    inferred = variants["inferred"]
     reached = largest_equibiaxial(inferred.draws, inferred.posterior.specimen)
     # three decimals, and never beyond what was tested
     assert at[-1] == np.floor(1e3 * reached) / 1e3 == pytest.approx(1.2, abs=2e-3)
     np.testing.assert_allclose(np.diff([1.0, *at]), (at[-1] - 1.0) / 5, atol=2e-6)
-    assert ledger(treated, [1.5]).stresses["extrapolation"].unique() == [BEYOND]
+    assert ledger(variants, [1.5]).stresses["extrapolation"].unique() == [BEYOND]
     with pytest.raises(InputError, match="unloaded"):
-        ledger(treated, [1.0])
+        ledger(variants, [1.0])
 
 
-def test_one_unreliable_treatment_makes_the_ledger_so(treated):
-    bad = {**treated, "zeroed": Treated(*_parts(treated["zeroed"]), "tentative")}
-    assert ledger(treated).converged
+def test_one_unreliable_treatment_makes_the_ledger_so(variants):
+    bad = {**variants, "zeroed": Variant(*_parts(variants["zeroed"]), "tentative")}
+    assert ledger(variants).converged
     assert not ledger(bad).converged
 
 
-def test_parameters_are_those_of_every_draw(treated, monkeypatch):
+def test_parameters_are_those_of_every_draw(variants, monkeypatch):
     monkeypatch.setattr(mounting_bias, "MOST_DRAWS", 50)  # stresses are those of some
-    table = ledger(treated, [1.1]).parameters.set_index("quantity")
+    table = ledger(variants, [1.1]).parameters.set_index("quantity")
     for name, found in (("k1", "inferred"), ("k1", "ignored"), ("C1", "zeroed")):
-        expected = np.quantile(treated[found].draws[name], [0.05, 0.5, 0.95])
+        expected = np.quantile(variants[found].draws[name], [0.05, 0.5, 0.95])
         columns = [f"{found}_{at}" for at in ("q05", "median", "q95")]
         np.testing.assert_allclose(table.loc[name, columns].astype(float), expected, rtol=1e-12)
 
 
-def _parts(found: Treated) -> tuple[Posterior, pd.DataFrame]:
+def _parts(found: Variant) -> tuple[Posterior, pd.DataFrame]:
     return found.posterior, found.draws
 
 
-def test_figure_has_its_width(treated):
-    figure = ledger_figure(ledger(treated), width_mm=180.0)
+def test_figure_has_its_width(variants):
+    figure = ledger_figure(ledger(variants), width_mm=180.0)
     assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
     assert len(figure.axes) == 2
 
 
-def test_a_logarithmic_part_of_the_axis_is_marked(treated):
-    near = ledger(dict.fromkeys(TREATMENTS, treated["inferred"]))
+def test_a_logarithmic_part_of_the_axis_is_marked(variants):
+    near = ledger(dict.fromkeys(VARIANTS, variants["inferred"]))
     far = near.table.copy()
     far["ignored_q95"] = np.exp(np.log(far["inferred_median"].clip(1e-9)) + 50.0)
     for found, broken in ((near, False), (replace(near, table=far), True)):

@@ -29,12 +29,12 @@ from biaxbayes.prediction.stress import covered_stretches
 from biaxbayes.sampling.sampler import Plan, Progress
 from biaxbayes.specimens.specimen import Specimen
 
-TREATMENTS = ("inferred", "ignored", "zeroed")
+VARIANTS = ("inferred", "ignored", "zeroed")
 MOST_DRAWS = 20_000
 
 
 @dataclass(frozen=True)
-class Treated:
+class Variant:
     """Draws of a specimen under one treatment of its mounting force.
 
     Attributes
@@ -103,12 +103,12 @@ class Ledger:
         )
 
 
-def treat(
+def sample_variant(
     specimen: Specimen,
     options: Mapping[str, Any],
     plan: Plan,
     progress: Callable[[Progress], None] = lambda p: None,
-) -> Treated:
+) -> Variant:
     """Sample a specimen in memory.
 
     Parameters
@@ -119,7 +119,7 @@ def treat(
     posterior = prepare(specimen, **options, seed=plan.seed)
     drawn = draw_posterior(posterior, plan, progress=progress)
     draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
-    return Treated(posterior, draws, drawn.convergence.state)
+    return Variant(posterior, draws, drawn.convergence.state)
 
 
 def classical(options: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -128,46 +128,48 @@ def classical(options: Mapping[str, Any], name: str) -> dict[str, Any]:
     return {**options, "mounting": name, "priors": priors}
 
 
-def treated_three_ways(
+def sample_variants(
     specimen: Specimen,
     options: Mapping[str, Any],
     plan: Plan,
-    inferred: Treated | None = None,
+    inferred: Variant | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
-) -> dict[str, Treated]:
-    """A specimen under each of :data:`TREATMENTS`.
+) -> dict[str, Variant]:
+    """A specimen under each of :data:`VARIANTS`.
 
     Parameters
     ----------
     specimen, options, plan, progress
         As in :func:`treat`; the options are those of ``inferred``.
-    inferred : Treated, optional
+    inferred : Variant, optional
         Where it was sampled before.
     """
-    first = inferred or treat(specimen, options, plan, progress)
-    treated = {TREATMENTS[0]: first}
-    for name in TREATMENTS[1:]:
-        treated[name] = treat(first.posterior.specimen, classical(options, name), plan, progress)
-    return treated
+    first = inferred or sample_variant(specimen, options, plan, progress)
+    variants = {VARIANTS[0]: first}
+    for name in VARIANTS[1:]:
+        variants[name] = sample_variant(
+            first.posterior.specimen, classical(options, name), plan, progress
+        )
+    return variants
 
 
-def ledger(treated: Mapping[str, Treated], stretches: Sequence[float] | None = None) -> Ledger:
+def ledger(variants: Mapping[str, Variant], stretches: Sequence[float] | None = None) -> Ledger:
     """Lay three treatments of one specimen side by side.
 
     Parameters
     ----------
-    treated : mapping
-        A :class:`Treated` for each of :data:`TREATMENTS`.
+    variants : mapping
+        A :class:`Variant` for each of :data:`VARIANTS`.
     stretches : sequence of float, optional
         Total equibiaxial stretches of the stresses; five up to the largest tested one if not
         given.
     """
-    inferred = treated["inferred"]
+    inferred = variants["inferred"]
     specimen = inferred.posterior.specimen
     chosen = default_stretches(inferred) if stretches is None else _checked(stretches)
-    every = {name: treated[name].draws for name in TREATMENTS}
+    every = {name: variants[name].draws for name in VARIANTS}
     some = {name: _thinned(draws) for name, draws in every.items()}
-    rows = _parameter_rows(inferred.posterior, every) + _stress_rows(treated, some, chosen)
+    rows = _parameter_rows(inferred.posterior, every) + _stress_rows(variants, some, chosen)
     table = pd.DataFrame(rows)
     lm = median_mounting(inferred.draws, specimen)
     at = table["total_stretch"].to_numpy(dtype=float)
@@ -175,11 +177,11 @@ def ledger(treated: Mapping[str, Treated], stretches: Sequence[float] | None = N
     place = np.full(len(table), "", dtype=object)
     place[known] = covered_stretches(specimen, lm).extrapolation(at[known], at[known])
     table.insert(3, "extrapolation", place)
-    states = {name: treated[name].state for name in TREATMENTS}
+    states = {name: variants[name].state for name in VARIANTS}
     return Ledger(table, states, specimen.name, inferred.posterior.quantities)
 
 
-def default_stretches(inferred: Treated) -> list[float]:
+def default_stretches(inferred: Variant) -> list[float]:
     """Five total equibiaxial stretches, evenly up to the largest tested one."""
     return equibiaxial_steps(largest_equibiaxial(inferred.draws, inferred.posterior.specimen))
 
@@ -223,9 +225,9 @@ def _values(scale: Scale, draws: pd.DataFrame) -> np.ndarray:
 
 
 def _stress_rows(
-    treated: Mapping[str, Treated], draws: Mapping[str, pd.DataFrame], stretches: Sequence[float]
+    variants: Mapping[str, Variant], draws: Mapping[str, pd.DataFrame], stretches: Sequence[float]
 ) -> list[dict[str, Any]]:
-    law = treated["inferred"].posterior.law
+    law = variants["inferred"].posterior.law
     stresses = {
         name: derived_quantities(frame, law, stretches, tensor=False)
         for name, frame in draws.items()
@@ -238,19 +240,19 @@ def _stress_rows(
             "total_stretch": quantity.stretch,
             "scale": quantity.name,
         }
-        rows.append(row | _compared({name: stresses[name][i].values for name in TREATMENTS}, None))
+        rows.append(row | _compared({name: stresses[name][i].values for name in VARIANTS}, None))
     return rows
 
 
 def _compared(values: Mapping[str, np.ndarray], scale: Scale | None) -> dict[str, float]:
     out: dict[str, float] = {}
-    for name in TREATMENTS:
+    for name in VARIANTS:
         q05, q50, q95 = np.quantile(values[name], [0.05, 0.5, 0.95])
         out |= {f"{name}_median": q50, f"{name}_q05": q05, f"{name}_q95": q95}
     moved = {name: v if scale is None else scale.to_scale(v) for name, v in values.items()}
     sd = float(moved["inferred"].std(ddof=1))
     out |= {"inferred_sd": sd}
-    for name in TREATMENTS[1:]:
+    for name in VARIANTS[1:]:
         # shift = (median of the treatment - median inferred) / sd inferred
         difference = float(np.median(moved[name]) - np.median(moved["inferred"]))
         out[f"shift_{name}_sd"] = difference / sd if sd > 0.0 else np.nan

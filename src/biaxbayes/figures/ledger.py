@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from biaxbayes.comparison.mounting_bias import TREATMENTS, Ledger
+from biaxbayes.comparison.mounting_bias import VARIANTS, Ledger
 from biaxbayes.figures.quantities import axis_text, number, quantity
 from biaxbayes.figures.style import PAGE_MM, RUNS, Style, blank_figure, colour, print_style
 
@@ -67,7 +67,7 @@ def _shifts(row: dict[Any, Any]) -> list[list[float]]:
     # (q - median inferred) / sd inferred, on the scale of the comparison
     return [
         [(transform(row[f"{name}_{q}"]) - transform(row["inferred_median"])) / sd for q in LEVELS]
-        for name in TREATMENTS
+        for name in VARIANTS
     ]
 
 
@@ -77,7 +77,7 @@ def _draw_stresses(ax: Axes, table: pd.DataFrame) -> None:
     for row in table.to_dict("records"):
         centre = row["inferred_median"]
         values.append(
-            [[100.0 * (row[f"{n}_{q}"] / centre - 1.0) for q in LEVELS] for n in TREATMENTS]
+            [[100.0 * (row[f"{n}_{q}"] / centre - 1.0) for q in LEVELS] for n in VARIANTS]
         )
         name = quantity(f"{row['quantity']} at {row['total_stretch']:.4g}").symbol
         labels.append(f"{name}\n({number(centre, row['inferred_q05'], row['inferred_q95'])} kPa)")

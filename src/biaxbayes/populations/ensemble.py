@@ -5,7 +5,7 @@ A chain holds the coordinates of every specimen and the means, donor effects and
 1. each specimen moves by its own density: differential evolution on an archive of the warm-up, and
    draws of a mixture fitted to it, whose likelihoods are computed a block ahead;
 2. all specimens move together along leading principal components of the stacked warm-up draws, or
-   apart along them (:class:`.tuning.Spreading`), group means and donor effects integrated out;
+   apart along them (:class:`Spreading`), group means and donor effects integrated out;
 3. some rounds without a likelihood: each specimen is offered draws of its own run, accepted on the
    ratio of the population's density to the run's prior (Lunn, Barrett, Sweeting and Thompson,
    JRSS C 62 (2013) 551); spreads, means and donor effects move as in :mod:`.hierarchy`. Where
@@ -25,7 +25,7 @@ import numpy as np
 
 from biaxbayes.compilation import compiled
 from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, log_marginal, update
-from biaxbayes.populations.tuning import Tuning, memberships
+from biaxbayes.sampling.proposal import TransportedMixture
 
 POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 1, 2, 3
 """Draws of the run (a round) and of the mixture offered to a specimen, and moves of all together, a
@@ -97,6 +97,97 @@ class Design:
         """Log density and centred values of specimen i."""
         log, values = self.individuals[i].density(u)
         return log, values - self.centre
+
+
+MIN_SHARE = 1e-9
+"""Specimens with a smaller share in a direction, relative to the largest, are left out of it."""
+
+
+def memberships(group: np.ndarray, donor: np.ndarray) -> list[np.ndarray]:
+    """Whose mean a specimen deviates from: that of its group, that of its donor.
+
+    Integers, shape (n,) each. Without donors that gave several specimens the group's alone; without
+    groups of several, none.
+    """
+    return [of for of in (group, donor) if len(np.unique(of)) < len(of)]
+
+
+@dataclass(frozen=True, eq=False)
+class Spreading:
+    """Tuning, by the warm-up, of moves that draw specimens apart or together.
+
+    They do what an sd is slow to do one specimen at a time: where single posteriors are long
+    ridges, an sd between specimens and the positions of all specimens on their ridges constrain
+    each other. Along a direction g of all specimens together (a principal component of the
+    warm-up) specimen i is at s_i; the deviations of the s_i from their mean over a group, or over
+    a donor, are multiplied by one factor, and the specimens move along g.
+
+    Attributes
+    ----------
+    centre, sd : ndarray, shape (n, dmax)
+        Of each specimen's coordinates.
+    steps : ndarray, shape (memberships, L)
+        Sds of the logs of the factors, by direction.
+    """
+
+    centre: np.ndarray
+    sd: np.ndarray
+    steps: np.ndarray
+
+    def moved(
+        self, u: np.ndarray, direction: np.ndarray, of: np.ndarray, log_factor: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates (C, n, dmax) drawn apart, and the log of the Jacobian, shape (C,).
+
+        Parameters
+        ----------
+        u : ndarray, shape (C, n, dmax)
+        direction : ndarray, shape (n, dmax)
+        of : ndarray, shape (n,)
+            Whose mean each specimen deviates from.
+        log_factor : ndarray, shape (C,)
+        """
+        along = direction / np.where(self.sd > 0.0, self.sd, 1.0) ** 2
+        share = (direction * along).sum(axis=1)
+        taking = share > MIN_SHARE * share.max()
+        share = np.where(taking, share, 0.0)
+        of = np.unique(of, return_inverse=True)[1]
+        cells = (of == np.arange(of.max() + 1)[:, None]).astype(float)
+        weight = cells @ share
+        projected = ((u - self.centre) * along).sum(axis=2) * taking
+        mean = (projected @ cells.T) / np.where(weight > 0.0, weight, 1.0)
+        s = projected / np.where(taking, share, 1.0)
+        off = np.where(taking, s - mean[:, of], 0.0)
+        by = np.expm1(log_factor)
+        new = u + (by[:, None] * off)[..., None] * direction
+        # deviations from a mean have one dimension less than there are specimens that take part
+        dimensions = taking.sum() - np.count_nonzero(weight)
+        return new, log_factor * float(dimensions)
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """Results of the warm-up that the moves use; frozen afterwards.
+
+    Attributes
+    ----------
+    archives : tuple of ndarray, shape (A, d)
+        Coordinates of each specimen, for differential evolution.
+    proposals : tuple of TransportedMixture
+        Empty before the first fit.
+    directions : ndarray, shape (L, n, dmax)
+        Principal components times their sd; none before the first fit.
+    steps : ndarray, shape (L,)
+        How far a joint move goes along each.
+    spreading : Spreading, optional
+        For moves that draw specimens apart or together along them.
+    """
+
+    archives: tuple[np.ndarray, ...]
+    proposals: tuple[TransportedMixture, ...]
+    directions: np.ndarray
+    steps: np.ndarray
+    spreading: Spreading | None = None
 
 
 @compiled()

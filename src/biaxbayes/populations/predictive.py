@@ -1,4 +1,4 @@
-"""What a population says of specimens and donors that were not tested."""
+"""Predictions for specimens and donors that were not tested."""
 
 from __future__ import annotations
 
@@ -84,9 +84,9 @@ class Hyper:
         blocks : sequence of tuple of int
             Values that may correlate.
         every : int
-            Take every so manieth sweep.
+            Use every n-th sweep.
         most : int, optional
-            At most so many draws, evenly.
+            Largest number of draws, evenly spaced.
         """
 
         def flat(a: np.ndarray, axes: int) -> np.ndarray:
@@ -132,7 +132,7 @@ class Hyper:
 
     @staticmethod
     def rows(size: int, most: int | None) -> np.ndarray:
-        """Rows that are taken of so many draws."""
+        """Indices of at most ``most`` of ``size`` draws, evenly spaced."""
         if most is None or size <= most:
             return np.arange(size)
         return np.linspace(0, size - 1, most).round().astype(int)
@@ -143,13 +143,13 @@ class Hyper:
         return len(self.mu)
 
     def thinned(self, most: int) -> Hyper:
-        """At most so many of the draws."""
+        """At most ``most`` of the draws, evenly spaced."""
         at = self.rows(self.draws, most)
         parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
         return Hyper(self.values, self.set_of, *(a[at] for a in parts))
 
     def repeated(self, times: int) -> Hyper:
-        """Each draw so many times, one after the other."""
+        """Each draw repeated, one copy after the other."""
         parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
         return Hyper(self.values, self.set_of, *(np.repeat(a, times, axis=0) for a in parts))
 
@@ -194,7 +194,7 @@ class Hyper:
         return ok
 
     def donors(self, group: int, rng: np.random.Generator) -> np.ndarray:
-        """Locations of new donors, one a draw, shape (M, p)."""
+        """Locations of new donors, one per draw, shape (M, p)."""
         out = np.array(self.mu[:, group])
         left = np.arange(self.draws)
         for _ in range(MOST_TRIES):
@@ -207,7 +207,7 @@ class Hyper:
         return out
 
     def specimens(self, location: np.ndarray, group: int, rng: np.random.Generator) -> np.ndarray:
-        """Specimens at locations, one a draw, shape (M, p)."""
+        """Specimens at locations, one per draw, shape (M, p)."""
         low, high = np.array([v.edges for v in self.values]).T
         sd = self.spread(group)
         out = np.clip(location, low, high)
@@ -223,7 +223,7 @@ class Hyper:
         return out
 
     def new_specimens(self, group: int, rng: np.random.Generator) -> np.ndarray:
-        """Specimens of new donors, one a draw, shape (M, p)."""
+        """Specimens of new donors, one per draw, shape (M, p)."""
         return self.specimens(self.donors(group, rng), group, rng)
 
     def covariance(self, group: int) -> np.ndarray:

@@ -17,8 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble
-from biaxbayes.populations.tuning import Spreading, Tuning
+from biaxbayes.populations.ensemble import (
+    FRESH_VISITS,
+    JOINT,
+    Design,
+    Ensemble,
+    Spreading,
+    Tuning,
+)
 from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
@@ -27,9 +33,9 @@ from biaxbayes.tasks import one_blas_thread
 LENGTH_ROUNDS = 2
 ARCHIVE, COMPONENTS, DIRECTIONS = 1500, 6, 6
 GROWTH, LEAST_GROWTH, MOST_GROWTH = 1.5, 1.1, 2.0
-"""Of the number of sweeps from one assessment to the next; the first where R-hat is too large."""
+"""Growth of the number of sweeps between assessments; the first while R-hat is too large."""
 AHEAD = 1.15
-"""Share of the sweeps that seem to be needed that is made before the next judgement."""
+"""Sweeps until the next assessment, relative to those that seem to be needed."""
 SPECIMENS_OWN = ("theta", "u", "effect")
 EVERY, MOST_BYTES = 2, 2**27
 """How often the specimens' values are kept: half as often whenever they take more memory."""
@@ -58,7 +64,7 @@ class Plan:
     rounds, round_sweeps : int
         Of the warm-up.
     first_block : int
-        Kept sweeps before the draws are judged for the first time.
+        Kept sweeps before convergence is assessed for the first time.
     """
 
     ess: float = 1000.0
@@ -140,7 +146,7 @@ class State:
 
 @dataclass(frozen=True)
 class Sampled:
-    """Judged draws of a population.
+    """Draws of a population with their convergence.
 
     Attributes
     ----------
@@ -173,8 +179,8 @@ def draw(
     Parameters
     ----------
     quantities : callable
-        What is judged of a history: dicts of arrays (ensembles, kept, chains) by name, each of
-        sweeps of its own.
+        Assessed quantities of a history: dicts of arrays (ensembles, kept, chains) by name, each
+        with its own sweeps.
     state : State, optional
         Where to go on.
     on_block : callable
@@ -191,28 +197,28 @@ def draw(
         else:
             for ensemble, member in zip(ensembles, state.members, strict=True):
                 _restore(ensemble, member)
-        history, judged = state.history, None
+        history, convergence = state.history, None
         while not state.finished and not stop():
-            _report_progress(progress, state, judged, plan)
+            _report_progress(progress, state, convergence, plan)
             sweeps = min(state.block, plan.max_steps - state.sweeps)
             new = _run_block(ensembles, pool, state, sweeps)
             history = new if history is None else history.followed_by(new)
             done = state.sweeps + sweeps
-            assessments = _assessed(quantities(history), plan.ess)
-            judged = _worst(assessments)
-            finished = judged.state == "converged" or done >= plan.max_steps
+            assessments = _assess(quantities(history), plan.ess)
+            convergence = _worst(assessments)
+            finished = convergence.state == "converged" or done >= plan.max_steps
             members = [_snapshot(e) for e in ensembles]
             block = _next_block(assessments, done, plan.ess)
             state = State(state.tuning, members, history, done, block, finished)
             on_block(state)
         if history is None:
             history = _run_block(ensembles, pool, state, EVERY)
-        if judged is None:
-            judged = _worst(_assessed(quantities(history), plan.ess))
-    return Sampled(history, judged, _acceptance(ensembles, state.sweeps), not state.finished)
+        if convergence is None:
+            convergence = _worst(_assess(quantities(history), plan.ess))
+    return Sampled(history, convergence, _acceptance(ensembles, state.sweeps), not state.finished)
 
 
-def _assessed(parts: list[dict[str, np.ndarray]], ess: float) -> list[Convergence]:
+def _assess(parts: list[dict[str, np.ndarray]], ess: float) -> list[Convergence]:
     return [assess(part, target_ess=ess) for part in parts]
 
 
@@ -229,24 +235,26 @@ def _worst(assessments: list[Convergence]) -> Convergence:
 
 
 def _next_block(assessments: list[Convergence], done: int, ess: float) -> int:
-    """Sweeps after which the draws may be good, by what they say so far."""
+    """Sweeps until the next assessment, from the diagnostics so far."""
     growth = GROWTH
-    judged = [c for c in assessments if c.names]
-    if judged and max(c.worst_rhat for c in judged) < RHAT_LIMIT:
-        few = max(ess / max(c.worst_ess, 1.0) for c in judged)
-        short = max(MIN_STEPS_PER_TAU * c.tau.max() / c.steps for c in judged)
+    assessed = [c for c in assessments if c.names]
+    if assessed and max(c.worst_rhat for c in assessed) < RHAT_LIMIT:
+        few = max(ess / max(c.worst_ess, 1.0) for c in assessed)
+        short = max(MIN_STEPS_PER_TAU * c.tau.max() / c.steps for c in assessed)
         growth = min(max(AHEAD * max(few, short), LEAST_GROWTH), MOST_GROWTH)
     return math.ceil((growth - 1.0) * done)
 
 
 def _report_progress(
-    progress: Callable[[Progress], None], state: State, judged: Convergence | None, plan: Plan
+    progress: Callable[[Progress], None], state: State, convergence: Convergence | None, plan: Plan
 ) -> None:
-    if judged is None:
+    if convergence is None:
         progress(Progress("sampling the population", 0.0))
         return
-    share = min(judged.worst_ess / plan.ess, 0.99)
-    text = f"sampling: R-hat {judged.worst_rhat:.3f}, {judged.worst_ess:.0f} effective draws"
+    share = min(convergence.worst_ess / plan.ess, 0.99)
+    text = (
+        f"sampling: R-hat {convergence.worst_rhat:.3f}, {convergence.worst_ess:.0f} effective draws"
+    )
     progress(Progress(text, share))
 
 
@@ -256,7 +264,9 @@ def _run_block(
     """Further sweeps of all ensembles."""
     every = EVERY if state.history is None else state.history.every
     run = partial(_run, tuning=state.tuning, done=state.sweeps, sweeps=sweeps, every=every)
-    return _joined(list(pool.map(run, ensembles)), every)
+    parts = [part.arrays() for part in pool.map(run, ensembles)]
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return History.from_arrays(whole, every)
 
 
 def _run(ensemble: Ensemble, tuning: Tuning, done: int, sweeps: int, every: int) -> History:
@@ -285,12 +295,6 @@ def _sweeps(ensemble: Ensemble, tuning: Tuning, sweeps: int) -> Iterator[int]:
         for k in range(several):
             ensemble.sweep(tuning, fresh, k * C * FRESH_VISITS)
             yield first + k
-
-
-def _joined(parts: list[History], every: int) -> History:
-    names = parts[0].arrays()
-    whole = {k: np.concatenate([p.arrays()[k] for p in parts]) for k in names}
-    return History.from_arrays(whole, every)
 
 
 # --- warm-up -------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,9 +37,6 @@ from biaxbayes.parameters import STRETCH, Parameter, Quantity
 from biaxbayes.populations.model import PooledValue
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.specimens import Source
-
-if TYPE_CHECKING:
-    pass
 
 CONSTANT = 1e-9
 PRIOR_DRAWS = 2**14

@@ -278,7 +278,7 @@ def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
         check_archive(path)
         with xr.open_datatree(path, engine="h5netcdf") as opened:
             tree = opened.load()
-        problem = _misfit(tree["posterior"], tree["sample_stats"], parameters)
+        problem = _schema_error(tree["posterior"], tree["sample_stats"], parameters)
     except SuspiciousArchive as error:
         raise RunError(f"{path}: is not the posterior of a run ({error})") from None
     except Exception as error:  # two libraries may raise whatever they like on foreign bytes
@@ -300,7 +300,7 @@ def stored_draws(tree: xr.DataTree) -> StoredDraws:
     return StoredDraws(quantities, stats, int(tree["posterior"]["walker"].max()) + 1)
 
 
-def _misfit(posterior: Any, stats: Any, parameters: Sequence[str]) -> str:
+def _schema_error(posterior: Any, stats: Any, parameters: Sequence[str]) -> str:
     """What the groups of an archive lack that every run has; empty when it is one."""
     for group, needed in ((posterior, parameters), (stats, ("lp", "tempered_log_likelihood"))):
         for name in needed:

@@ -3,8 +3,8 @@
 Those of a population's folder are written in the same way.
 
 Until the last file is written, what was in the folder before stays as it was. The folder with the
-new files is then renamed to a fixed name; from there on they are the run, and whoever comes
-next finishes moving them if a crash got in between.
+new files is then renamed to a fixed name; from there on they are the run, and the next process
+finishes moving them if a crash got in between.
 
 A run folder may come from a colleague or a download. Its provenance is data: types are checked,
 nothing in it is executed, and no name in it leads outside the folder.
@@ -29,7 +29,7 @@ from biaxbayes.options import CARD_PROGRAMS, CARD_UNITS, Settings
 from biaxbayes.runs.provenance import parse_options
 from biaxbayes.text_files import atomic_write_text, read_bytes, sync_folder
 
-# --- the files of a run appear together: written aside, then moved into place --------------------
+# --- the files of a run: written to a staging folder, then moved into place together ------------
 
 
 PROVENANCE = "provenance.json"
@@ -54,7 +54,7 @@ DERIVED = re.compile(
     rf"|(corner|stress-bands|identifiability|mounting|trace|profile)(-.+mm)?{PICTURE}"
     rf"|(population-forest|population-pairs|new-specimen-bands)(\.csv|{PICTURE})"
 )
-"""Files that are made of draws in their folder: worth nothing beside other draws."""
+"""Files derived from the draws of their folder: stale once the draws change."""
 PLAIN_NAME = re.compile(rf"({EVIDENCE}/)?[^./\\][^/\\]*")
 TEMPORARY = re.compile(r"\..+\.\d+\.tmp")
 """Names of files half-written, as :func:`atomic_write_bytes` chooses them."""
@@ -84,20 +84,20 @@ def staged(
     """
     remains = "what was there before is untouched, and `resume=True` continues"
     try:
-        aside = Path(tempfile.mkdtemp(prefix=WRITING, dir=folder))
+        staging = Path(tempfile.mkdtemp(prefix=WRITING, dir=folder))
         try:
-            yield aside
-            for path in _files(aside):
+            yield staging
+            for path in _files(staging):
                 _sync(path)
-            sync_folder(aside)
-            aside.replace(folder / READY)
+            sync_folder(staging)
+            staging.replace(folder / READY)
             sync_folder(folder)
         except BiaxbayesError as error:
-            # Named by where the file was to be, not by the passing folder it was written in.
-            problem = str(error).replace(f"{aside.name}{os.sep}", "")
+            # The error names the final path, not the staging folder.
+            problem = str(error).replace(f"{staging.name}{os.sep}", "")
             raise RunError(f"{problem}; {remains}") from None
         finally:
-            shutil.rmtree(aside, ignore_errors=True)
+            shutil.rmtree(staging, ignore_errors=True)
         on_removed(finish_moving(folder, record))
     except OSError as error:
         raise RunError(
@@ -289,7 +289,7 @@ def read_record(folder: Path) -> dict[str, Any]:
         If it is missing, damaged or not that of a run.
     """
     record = read_json(folder, PROVENANCE)
-    missing = _misfit(record, NEEDED) or _misfit(record, ALLOWED, optional=True)
+    missing = _schema_error(record, NEEDED) or _schema_error(record, ALLOWED, optional=True)
     if not missing:
         state = record["convergence"]["state"]
         record["convergence"]["state"] = EARLIER.get(state, state)
@@ -298,14 +298,14 @@ def read_record(folder: Path) -> dict[str, Any]:
     if not missing and not 0.0 < record["noise"]["beta"] < math.inf:
         missing = "noise: beta"
     if not missing:
-        # A converged run states them, and whatever run does states both.
+        # A converged run has both, any other run both or neither.
         stated = [record["convergence"][k] is not None for k in ("worst_ess", "worst_rhat")]
         if stated[0] != stated[1] or not (
             stated[0] or record["convergence"]["state"] != "converged"
         ):
             missing = "convergence: worst_ess, worst_rhat"
     if missing:
-        raise RunError(f"{folder / PROVENANCE}: is not that of a run (look at {missing!r})")
+        raise RunError(f"{folder / PROVENANCE}: is not that of a run (entry {missing!r})")
     try:
         Settings(**parse_options(record["settings"]))
     except (BiaxbayesError, TypeError) as error:
@@ -313,7 +313,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     return record
 
 
-def _misfit(record: object, needed: dict[str, Any], *, optional: bool = False) -> str:
+def _schema_error(record: object, needed: dict[str, Any], *, optional: bool = False) -> str:
     """The first entry that is missing or of another type; empty when there is none."""
     if not isinstance(record, dict):
         return "the whole"
@@ -322,7 +322,7 @@ def _misfit(record: object, needed: dict[str, Any], *, optional: bool = False) -
             if not optional:
                 return key
         elif isinstance(kind, dict):
-            inner = _misfit(record[key], kind, optional=optional)
+            inner = _schema_error(record[key], kind, optional=optional)
             if inner:
                 return f"{key}: {inner}"
         elif not isinstance(record[key], kind) or isinstance(record[key], bool):
@@ -369,7 +369,7 @@ def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
     """
     path = _inside(folder, name)
     if not path.is_file():
-        raise RunError(f"{path}: no such file; is the folder a run's, copied whole?")
+        raise RunError(f"{path}: is missing; was the run folder copied completely?")
     listed = record.get("files")
     wanted = listed.get(name) if isinstance(listed, dict) else None
     if wanted is None:

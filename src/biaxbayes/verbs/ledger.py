@@ -71,7 +71,7 @@ def ledger(
         As in :class:`LedgerPlan`, and for a specimen
         :class:`~biaxbayes.options.InferringOptions`.
     """
-    from biaxbayes.comparison.mounting_bias import Treated, treated_three_ways
+    from biaxbayes.comparison.mounting_bias import Variant, sample_variants
     from biaxbayes.comparison.mounting_bias import ledger as lay_out
     from biaxbayes.verbs.sample import Sampling
 
@@ -88,7 +88,7 @@ def ledger(
                 file=run.path,
                 remedy="give a run whose mounting is noisy, exact or free, or the specimen's CSV",
             )
-        inferred = Treated(posterior, run.draws, run.state)
+        inferred = Variant(posterior, run.draws, run.state)
     else:
         model, inferred = InferringOptions.from_values(model).keywords(), None
         specimen = inputs.open_specimen(source, mounting_force)  # type: ignore[arg-type]
@@ -97,10 +97,10 @@ def ledger(
     )
     for finding in prepared.findings if inferred is None else ():
         progress(Progress("fitting", note=str(finding)))
-    treated = treated_three_ways(
+    variants = sample_variants(
         prepared.specimen, prepared.options, prepared.plan, inferred, progress
     )
-    result = lay_out(treated, stretches or None)
+    result = lay_out(variants, stretches or None)
     if out is not None:
         from biaxbayes.figures.ledger import ledger_figure
         from biaxbayes.figures.style import save_pictures

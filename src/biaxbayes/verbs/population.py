@@ -19,6 +19,7 @@ import biaxbayes
 from biaxbayes.errors import BiaxbayesError, InputError, Interrupted, RunError, printable
 from biaxbayes.identifiability.verdict import NOT_IDENTIFIED
 from biaxbayes.options import PopulationOptions, takes_options
+from biaxbayes.populations.ensemble import Spreading, Tuning
 from biaxbayes.populations.model import (
     Grouping,
     PooledValue,
@@ -30,7 +31,6 @@ from biaxbayes.populations.result import Population, assessed_quantities
 from biaxbayes.populations.sampler import History, Plan, State, draw
 from biaxbayes.populations.specimens import Source, make_individual, pooled_names
 from biaxbayes.populations.text import contrast_rows, group_rows, spread_parts
-from biaxbayes.populations.tuning import Spreading, Tuning
 from biaxbayes.progress_bar import Progress, with_progress
 from biaxbayes.reports.words import counted
 from biaxbayes.runs import checkpoint
