@@ -227,7 +227,7 @@ def test_workbook(tmp_path, capsys):
     assert code == 2 and "no sheet 'C'" in err
     path.write_bytes(path.read_bytes()[:3000])
     code, _, err = biotester(path, out, capsys)
-    assert code == 2 and "no readable workbook" in err
+    assert code == 2 and "not a readable workbook" in err
 
 
 def test_a_sheet_a_protocol_is_one_command(tmp_path, capsys):

@@ -277,7 +277,7 @@ def test_matlab_files(tmp_path):
     assert holds(path, sheets=("test",))
     assert holds(path, sheets=("M",), columns=names)
     path.write_bytes(path.read_bytes()[:1500])
-    with pytest.raises(InputError, match="no readable MATLAB file"):
+    with pytest.raises(InputError, match="not a readable MATLAB file"):
         read(path)
 
 

@@ -121,10 +121,10 @@ def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
                 continue
             index = own[0]
         else:
-            found = table.by_stem(stem_of(target))
-            if found is None:
+            by_name = table.by_stem(stem_of(target))
+            if by_name is None:
                 continue
-            index = found
+            index = by_name
         unit, conflict = None, ""
         if quantity == "stretch":
             unit = _stretch_unit(table, index, target, given)

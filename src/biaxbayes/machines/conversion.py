@@ -45,24 +45,10 @@ class Conversion:
 def convert(
     paths: Sequence[Path], choice: Choice, *, header: Header, protocol_names: Sequence[str] = ()
 ) -> Conversion:
-    """Read machine exports as the protocols of one specimen.
+    """Read machine exports as the protocols of one specimen, as :func:`biaxbayes.convert` does.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Files of one specimen.
-    choice : Choice
-        What to take from each.
-    header : mapping
-        Header values by their key in a specimen file (``edge_x_mm``, ``geometry``,
-        ``load_noise_N``, ``layer`` ...).
-    protocol_names : sequence of str
-        One per protocol; from the names of the files (and of their sets or protocols) where empty.
-
-    Raises
-    ------
-    InputError
-        For files, columns and options that do not fit together.
+    ``header`` holds values by their key in a specimen file; without ``protocol_names`` protocols
+    are named after the files and their sets or protocols.
     """
     recordings: list[Recording] = []
     for path in paths:

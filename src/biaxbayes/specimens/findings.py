@@ -1,4 +1,4 @@
-"""What a check found out about a specimen: short name, severity, one sentence."""
+"""Findings about a specimen: short name, severity, one sentence."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ COLUMNS = {
     ),
     "stretch_y": Column("The same along y", NEEDED),
     "protocol": Column(
-        "Name of the loading path, the same in all its rows, which stand together", "one protocol"
+        "Name of the loading path, the same in all its rows, which are together", "one protocol"
     ),
     "time_s": Column("Time of the row; may not run backwards in a protocol", NONE),
     "force_x_N": Column("Force along x, tension positive, not tared after mounting", ONE_PAIR),

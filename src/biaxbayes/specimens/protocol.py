@@ -264,7 +264,7 @@ def rest_rows(stretch_x: np.ndarray, stretch_y: np.ndarray, load: np.ndarray | N
     """Number of leading rows at rest, at least one, from stretches (n,) and loads (n, 2).
 
     A row is at rest while both stretches stay at their first value (:func:`still_rows`) and
-    neither load has begun to rise: where the camera lags behind the load cell, the load rises
+    neither load rises yet: where the camera lags behind the load cell, the load rises
     while the stretch still rests. A load that falls there relaxes, and counts.
     """
     still = still_rows(stretch_x, stretch_y)

@@ -222,7 +222,7 @@ class Specimen:
 
     @property
     def load_resolution(self) -> float:
-        """Least load that a load cell tells apart, in :attr:`unit`: a millionth of the largest."""
+        """Resolution of the load cell, in :attr:`unit`: a millionth of the largest load."""
         return RESOLUTION * self.peak_load
 
     @property

@@ -24,14 +24,14 @@ MAX_PROTOCOLS = 1_000
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers by column, and where they stand.
+    """Numbers by column, and their places in the file.
 
     Attributes
     ----------
     columns : dict of str to ndarray, shape (n,)
         All columns of numbers.
     lines : ndarray of int, shape (n,)
-        Line of the file that each row stands in, counted from 1.
+        Line of the file of each row, from 1.
     groups : tuple of (str, slice)
         Rows of each protocol, in the order of the file.
     names_line : int
@@ -50,19 +50,16 @@ class Table:
 def read_table(
     lines: Sequence[str], first: int, path: Path, *, drop_missing: bool = False
 ) -> Table:
-    """Read the table whose column names stand in the line of index ``first``.
+    """Read the table whose column names are in the line of index ``first``.
 
     Rows in which a reading is missing are left out or refused. A refusal names row and column.
     """
     names = _column_names(lines[first], first + 1, path)
     rows, numbers = [], []
     for number, cells in rows_of(lines, path, first=first + 1):
-        if len(cells) != len(names) or not any(cells):
-            if not any(cell.strip() for cell in cells):
-                continue  # a blank line
-            cells = _trimmed(cells, names, number, path)
-        rows.append(cells)
-        numbers.append(number)
+        if any(cell.strip() for cell in cells):
+            rows.append(_row(cells, names, number, path))
+            numbers.append(number)
     if len(rows) < 2:
         raise InputError(
             "only 1 row of data" if rows else "no row of data below the column names",
@@ -90,7 +87,7 @@ def read_table(
 def _column_names(line: str, row: int, path: Path) -> list[str]:
     """Names of the columns, each known and there once, both stretches among them."""
 
-    def refusal(problem: str, remedy: str, column: str | None = None) -> InputError:
+    def error(problem: str, remedy: str, column: str | None = None) -> InputError:
         return InputError(problem, file=path, row=row, column=column, remedy=remedy)
 
     names = [name.strip() for name in cells_of(line)]
@@ -98,68 +95,60 @@ def _column_names(line: str, row: int, path: Path) -> list[str]:
         names.pop()  # separators at the end of the line
     for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
         if any(part.strip().strip('"') in COLUMNS for part in line.split(separator)[1:]):
-            raise refusal(
+            raise error(
                 f"the columns are separated by {word}",
                 "save it with commas and decimal points, or use 'biaxbayes convert --machine "
                 "generic'",
             )
     if len(names) > MAX_COLUMNS or not any(name in COLUMNS for name in names):
         count = f" ({len(names)} columns)" if len(names) > MAX_COLUMNS else ""
-        raise refusal(
+        raise error(
             f"not a specimen CSV: no column of the first line after the header is known{count}",
             "expected comma-separated column names such as "
             "stretch_x,stretch_y,force_x_N,force_y_N ('biaxbayes convert' reads machine exports)",
         )
     for name in names:
         if not name:
-            raise refusal("a column without a name", "write the table without row names or indices")
+            raise error("a column without a name", "write the table without row names or indices")
         if names.count(name) > 1:
-            raise refusal("column appears twice", "keep one", name[:60])
+            raise error("column appears twice", "keep one", name[:60])
         if name not in COLUMNS:
             _, hint = likely_name(name, COLUMNS)
-            raise refusal(
+            raise error(
                 "unknown column", f"{hint}known columns are {', '.join(COLUMNS)}", name[:60]
             )
     for name in STRETCHES:
         if name not in names:
-            raise refusal("missing column", "stretches are relative to the mounted state", name)
+            raise error("missing column", "stretches are relative to the mounted state", name)
     return names
 
 
-def _trimmed(cells: list[str], names: list[str], row: int, path: Path) -> list[str]:
-    """A row without the empty cells behind its last column; otherwise what is wrong with it."""
-    if not any(cell.strip() for cell in cells[len(names) :]) and len(cells) > len(names):
+def _row(cells: list[str], names: list[str], row: int, path: Path) -> list[str]:
+    """A row without empty cells behind its last column; one of another length is refused."""
+    if len(cells) >= len(names) and not any(cell.strip() for cell in cells[len(names) :]):
         return cells[: len(names)]
-    if cells[0].startswith("#"):
-        raise InputError(
-            "a header line below the column names",
-            file=path,
-            row=row,
-            remedy="header and comment lines stand above the table",
-        )
+    problem = f"{len(cells)} {'cell' if len(cells) == 1 else 'cells'} for {len(names)} columns"
     numbers = len(names) - ("protocol" in names)
-    if len(cells) == len(names) + numbers:
+    if cells[0].startswith("#"):
+        problem = "a header line below the column names"
+        remedy = "header and comment lines belong above the table"
+    elif len(cells) == len(names) + numbers:
         remedy = "the file seems to have decimal commas: write decimal points"
     elif len(cells) == 1:
         remedy = "the file may be cut off here, or use another separator than a comma"
     elif len(cells) < len(names):
         remedy = "the file may be cut off here; complete or remove the row"
     else:
-        remedy = "one number a column, with decimal points and no thousands separators"
-    raise InputError(
-        f"{len(cells)} {'cell' if len(cells) == 1 else 'cells'} for {len(names)} columns",
-        file=path,
-        row=row,
-        remedy=remedy,
-    )
+        remedy = "one number per column, with decimal points and no thousands separators"
+    raise InputError(problem, file=path, row=row, remedy=remedy)
 
 
 def _protocol_rows(
     labels: Sequence[str], lines: np.ndarray, path: Path
 ) -> tuple[tuple[str, slice], ...]:
-    """Rows of each protocol, which stand together."""
+    """Rows of each protocol, which must be together."""
 
-    def refusal(problem: str, start: int, remedy: str) -> InputError:
+    def error(problem: str, start: int, remedy: str) -> InputError:
         row = int(lines[start])
         return InputError(problem, file=path, row=row, column="protocol", remedy=remedy)
 
@@ -168,9 +157,9 @@ def _protocol_rows(
     for label, rows in groupby(labels):
         name, stop = one_line(label), start + sum(1 for _ in rows)
         if not name:
-            raise refusal("the name is empty", start, "fill it in")
+            raise error("the name is empty", start, "fill it in")
         if name in groups:
-            raise refusal(
+            raise error(
                 f"the rows of the protocols {', '.join(groups)[:200]} are mixed: protocol "
                 f"{name[:40]!r} comes back after another one",
                 start,
@@ -178,7 +167,7 @@ def _protocol_rows(
                 "name of its own",
             )
         if len(groups) == MAX_PROTOCOLS:
-            raise refusal(
+            raise error(
                 f"more than {MAX_PROTOCOLS} protocols",
                 start,
                 "the column names the loading path, the same in all its rows",
@@ -187,7 +176,7 @@ def _protocol_rows(
         start = stop
     for name, where in groups.items():
         if where.stop - where.start < 2:
-            raise refusal(
+            raise error(
                 f"protocol {name[:40]!r} has one row",
                 where.start,
                 "give the mounted state and at least one stretched state",
@@ -196,14 +185,14 @@ def _protocol_rows(
 
 
 def read_stretches(path: str | os.PathLike) -> np.ndarray:
-    """Read the columns stretch_x and stretch_y; others and lines that start with # are passed over.
+    """Stretches, shape (n, 2), from the columns stretch_x and stretch_y of a CSV.
 
-    Returns an array of shape (n, 2). A refusal names file, row, column and remedy.
+    Other columns and lines that start with # are skipped.
     """
     path = Path(path)
     lines = ["" if line.lstrip().startswith("#") else line for line in read_lines(path)]
     rows = ((row, cells) for row, cells in rows_of(lines, path) if "".join(cells).strip())
-    at_names, names = next(rows, (0, []))
+    names_row, names = next(rows, (0, []))
     if not names:
         raise InputError("has no rows", file=path, remedy="give stretch_x,stretch_y and numbers")
     names = [cell.strip() for cell in names]
@@ -212,7 +201,7 @@ def read_stretches(path: str | os.PathLike) -> np.ndarray:
             raise InputError(
                 "missing column" if column not in names else "column appears twice",
                 file=path,
-                row=at_names,
+                row=names_row,
                 column=column,
                 remedy="name the columns stretch_x,stretch_y",
             )
@@ -222,23 +211,21 @@ def read_stretches(path: str | os.PathLike) -> np.ndarray:
             raise InputError(
                 f"{len(cells)} cells where the header names {len(names)}", file=path, row=row
             )
-        stretches.append([_stretch(cells[names.index(c)], path, row, c) for c in STRETCHES])
+        for column in STRETCHES:
+            cell = cells[names.index(column)]
+            try:
+                value = number_in(cell)
+            except ValueError:
+                value = 0.0
+            if not STRETCH_RANGE[0] <= value <= STRETCH_RANGE[1]:
+                raise InputError(
+                    f"{cell.strip()[:40]!r} is not a stretch",
+                    file=path,
+                    row=row,
+                    column=column,
+                    remedy=STRETCH_REMEDY,
+                )
+            stretches.append(value)
     if not stretches:
-        raise InputError("has no rows", file=path, remedy="give one state of stretch a row")
-    return np.array(stretches)
-
-
-def _stretch(cell: str, path: Path, row: int, column: str) -> float:
-    try:
-        value = number_in(cell)
-    except ValueError:
-        value = 0.0
-    if not STRETCH_RANGE[0] <= value <= STRETCH_RANGE[1]:
-        raise InputError(
-            f"{cell.strip()[:40]!r} is not a stretch",
-            file=path,
-            row=row,
-            column=column,
-            remedy=STRETCH_REMEDY,
-        )
-    return value
+        raise InputError("has no rows", file=path, remedy="give one state of stretch per row")
+    return np.array(stretches).reshape(-1, 2)

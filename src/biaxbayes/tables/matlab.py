@@ -23,13 +23,7 @@ COMPRESSED = 15
 
 
 def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
-    """Numeric variables of a MATLAB file as sheets.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged, would take too much memory, or holds no numeric vectors.
-    """
+    """Numeric variables of a MATLAB file as sheets."""
     try:
         if raw.startswith(b"MATLAB 7.3"):
             variables = _hdf5_variables(raw, path)
@@ -39,18 +33,21 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
         raise
     except Exception as error:  # a damaged file fails in many ways inside scipy and h5py
         raise InputError(
-            f"is no readable MATLAB file ({type(error).__name__})",
+            f"is not a readable MATLAB file ({type(error).__name__})",
             file=path,
             remedy="save it again, or write the table as CSV",
         ) from None
-    sheets_by_name = {name: _sheet(columns, name) for name, columns in _tables(variables).items()}
-    if not sheets_by_name:
+    by_name = {}
+    for name, columns in _tables(variables).items():
+        numbers = np.column_stack([column.astype(float) for column in columns.values()])
+        by_name[name] = sheet_of([list(columns), *numbers.tolist()], f"variables of {name}")
+    if not by_name:
         raise InputError(
             "holds no numeric vectors or matrices",
             file=path,
             remedy="a MATLAB table or timetable: save it with writetable(T, 'name.csv')",
         )
-    return sheets_by_name
+    return by_name
 
 
 def _version5_variables(raw: bytes, path: Path) -> dict[str, Any]:
@@ -73,31 +70,34 @@ def _version5_variables(raw: bytes, path: Path) -> dict[str, Any]:
 
 
 def _hdf5_variables(raw: bytes, path: Path) -> dict[str, Any]:
+    """Arrays of a file and of its groups, transposed as MATLAB shows them.
+
+    Links out of the file are not followed.
+    """
     import h5py
+
+    cells = 0
+
+    def variables_of(group: Any, depth: int) -> dict[str, Any]:
+        nonlocal cells
+        variables: dict[str, Any] = {}
+        for name in group:
+            if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue
+            item = group[name]
+            if isinstance(item, h5py.Group) and depth == 0:
+                variables[name] = variables_of(item, depth + 1)
+            elif isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
+                if item.is_virtual or item.external or "MATLAB_empty" in item.attrs:
+                    continue
+                cells += item.size
+                if cells > MAX_CELLS:
+                    raise too_large(f"holds more than {MAX_CELLS:,} numbers", path)
+                variables[name] = item[()].T
+        return variables
 
     with h5py.File(io.BytesIO(raw), "r") as file:
-        return _hdf5_group(file, path, [0])
-
-
-def _hdf5_group(group: Any, path: Path, cells: list[int], depth: int = 0) -> dict[str, Any]:
-    """Arrays of a group, turned as MATLAB shows them; links out of the file are not followed."""
-    import h5py
-
-    variables: dict[str, Any] = {}
-    for name in group:
-        if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            continue
-        item = group[name]
-        if isinstance(item, h5py.Group) and depth == 0:
-            variables[name] = _hdf5_group(item, path, cells, depth + 1)
-        elif isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
-            if item.is_virtual or item.external or "MATLAB_empty" in item.attrs:
-                continue
-            cells[0] += item.size
-            if cells[0] > MAX_CELLS:
-                raise too_large(f"holds more than {MAX_CELLS:,} numbers", path)
-            variables[name] = item[()].T
-    return variables
+        return variables_of(file, 0)
 
 
 def _tables(variables: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:
@@ -126,12 +126,7 @@ def _tables(variables: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _vector(value: Any) -> np.ndarray | None:
-    """A vector of at least three numbers, from a row or a column; None of anything else."""
+    """A vector of at least three numbers, from a row or a column; None for anything else."""
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu" or value.size < 3:
         return None
     return value.ravel() if max(value.shape) == value.size else None
-
-
-def _sheet(columns: Mapping[str, np.ndarray], name: str) -> Sheet:
-    numbers = zip(*(column.astype(float).tolist() for column in columns.values()), strict=True)
-    return sheet_of([list(columns), *map(list, numbers)], f"variables of {name}")

@@ -27,7 +27,7 @@ ALL_SHEETS = "all"
 SHOWN_COLUMNS = 30
 MAX_COLUMNS = 2_000
 SAMPLE = 200
-"""Rows that tell the form of a table."""
+"""Rows from which the form of a table is read."""
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 MISSING = ("", "nan", "na", "n/a", "#n/a", "-", "--", "---", "null", "none")
 """Cells, in lower case, of a reading that is not there."""
@@ -44,7 +44,7 @@ class Table:
     columns : tuple of sequence of str
         Cells by column.
     lines : ndarray of int, shape (n,)
-        Line (or row of the sheet) that each row stands in, from 1.
+        Line (or row of the sheet) of each row, from 1.
     decimal_comma : bool
     unit_row : tuple of str
         Cells of a row of units below the names, where there is one.
@@ -73,13 +73,7 @@ class Table:
         return f"found {shown}" + (f" and {more} more" if more > 0 else "")
 
     def column(self, wanted: str) -> int:
-        """Index of a column by its name; letter case and spaces do not matter.
-
-        Raises
-        ------
-        InputError
-            If no column or more than one has the name; the message lists what was found.
-        """
+        """Index of the only column of a name; letter case and spaces do not matter."""
         for key in (str.strip, _bare):
             matches = [i for i, name in enumerate(self.names) if key(name) == key(wanted)]
             if len(matches) == 1:
@@ -94,13 +88,7 @@ class Table:
         raise InputError(f"no column {wanted[:60]!r}", file=self.path, remedy=self.listing)
 
     def by_stem(self, stem: str) -> int | None:
-        """Index of the column whose name without its unit is ``stem``; None where none is.
-
-        Raises
-        ------
-        InputError
-            If there are several.
-        """
+        """Index of the only column whose name without its unit is ``stem``; None without one."""
         matches = [i for i, name in enumerate(self.names) if stem_of(name) == stem]
         if len(matches) > 1:
             names = " and ".join(self.names[i] for i in matches)
@@ -121,13 +109,7 @@ class Table:
         return self.unit_row[index].strip() if index < len(self.unit_row) else ""
 
     def unit(self, index: int) -> Unit | None:
-        """The unit of a column; None without one.
-
-        Raises
-        ------
-        InputError
-            If the column has two units of one quantity, as ``Force [N] (lbf)``.
-        """
+        """The unit of a column; two of one quantity, as ``Force [N] (lbf)``, are refused."""
         units = self.units(index)
         for first, second in combinations(units, 2):
             if first.quantity == second.quantity and first.factor != second.factor:
@@ -158,13 +140,7 @@ class Table:
         return True
 
     def numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
-        """Numbers of a column, of all rows or of some.
-
-        Raises
-        ------
-        InputError
-            Naming row and column of a cell that is no number.
-        """
+        """Numbers of a column, of all rows or of some; any other cell is refused."""
         values = self.sparse_numbers(index, rows)
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:
@@ -175,51 +151,26 @@ class Table:
 
     def sparse_numbers(self, index: int, rows: np.ndarray | None = None) -> np.ndarray:
         """As :meth:`numbers`, with NaN where a reading is missing."""
-        cells = self.text(index, rows)
-        plain = cells
-        if self.decimal_comma:
-            # A point among decimal commas separates thousands: 1.034 is 1034.
-            plain = [cell.replace(".", "x").replace(",", ".") for cell in cells]
-        try:
-            quick = np.fromiter(map(float, plain), dtype=float, count=len(plain))
-        except ValueError:
-            return self._carefully(plain, cells, index, rows)
-        # float() takes 'inf', and '1_000' for a number
-        if np.isfinite(quick).all() and "_" not in "".join(cells):
-            return quick
-        return self._carefully(plain, cells, index, rows)
-
-    def _carefully(
-        self, plain: list[str], cells: list[str], index: int, rows: np.ndarray | None
-    ) -> np.ndarray:
-        """Numbers of cells one by one, so that the first fault can be named."""
-        values = np.full(len(cells), np.nan)
-        for at, cell in enumerate(plain):
-            if cell.lower() in MISSING:
-                continue
+        values = []
+        for at, cell in enumerate(self.text(index, rows)):
+            plain = cell
+            if self.decimal_comma:
+                # A point among decimal commas separates thousands: 1.034 is 1034.
+                plain = cell.replace(".", "x").replace(",", ".")
             try:
-                values[at] = number_in(cell)
+                values.append(number_in(plain))
             except ValueError:
-                row = int(self.lines[at if rows is None else rows[at]])
-                raise bad_cell(cells[at], self.path, row, self.names[index]) from None
-        return values
+                if cell.lower() not in MISSING:
+                    row = int(self.lines[at if rows is None else rows[at]])
+                    raise bad_cell(cell, self.path, row, self.names[index]) from None
+                values.append(np.nan)
+        return np.array(values)
 
     def without_missing(self, indices: Sequence[int], *, drop: bool, remedy: str) -> Table:
-        """The rows that have a reading in each of some columns.
+        """The rows that have a reading in each of some columns of numbers.
 
-        Parameters
-        ----------
-        indices : sequence of int
-            Columns of numbers.
-        drop : bool
-            Whether rows that lack a reading are left out and counted in ``notes``; else they are
-            refused, all in one message.
-        remedy : str
-            How to ask for leaving them out.
-
-        Raises
-        ------
-        InputError
+        With ``drop`` the others are left out and counted in ``notes``; without it they are refused,
+        all in one message with the ``remedy`` that leaves them out.
         """
         lacks = np.array([np.isnan(self.sparse_numbers(i)) for i in indices])
         rows = np.flatnonzero(lacks.any(axis=0))
@@ -233,23 +184,17 @@ class Table:
             notes = (*self.notes, note)
             return replace(self, columns=columns, lines=self.lines[complete], notes=notes)
         column = indices[int(np.argmax(lacks[:, rows[0]]))]
+        mend = "remove the rows"
+        problem = f"{rows.size} of {self.rows} rows lack a reading (the cell is empty or not a "
+        problem += f"finite number): {where}"
         if rows.size == 1 or not complete:
-            row = int(self.lines[rows[0]])
             problem, mend = cell_fault(self.columns[column][int(rows[0])])
-            raise InputError(
-                problem,
-                file=self.path,
-                row=row,
-                column=self.names[column],
-                remedy=f"{mend}, or {remedy}",
-            )
         raise InputError(
-            f"{rows.size} of {self.rows} rows lack a reading (the cell is empty or not a finite "
-            f"number): {where}",
+            problem,
             file=self.path,
             row=int(self.lines[rows[0]]),
             column=self.names[column],
-            remedy=f"remove the rows, or {remedy}",
+            remedy=f"{mend}, or {remedy}",
         )
 
 
@@ -272,16 +217,7 @@ def _bare(name: str) -> str:
 def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table], dict[str, str]]:
     """Tables of a file by the name of their sheet, and why other sheets hold none.
 
-    Parameters
-    ----------
-    path : Path
-    sheets : sequence of str
-        Sheets to read, or ``all``; needed where more than one holds a table.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or the sheets that are wanted hold no table.
+    ``sheets`` names those to read, or is ``all``; it is needed if more than one holds a table.
     """
     available = read_sheets(path)
     wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
@@ -317,13 +253,7 @@ def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table
 
 
 def table_of(sheet: Sheet, path: Path) -> Table:
-    """Names, an optional row of units, and the body of a table, below any preamble.
-
-    Raises
-    ------
-    InputError
-        If there are no numbers or no names, or a row has other cells than there are names.
-    """
+    """Names, an optional row of units, and the body of a table, below any preamble."""
     rows, lines = sheet.rows, sheet.lines
     start = _first_row_of_numbers(rows, path)
     numeric = _numeric_columns(rows[start:])
@@ -336,7 +266,7 @@ def table_of(sheet: Sheet, path: Path) -> Table:
     elif start == 0 or not _are_names(rows[at_names], numeric):
         shown = ", ".join(rows[max(at_names, 0)])[:60]
         raise InputError(
-            f"has no line of column names: {shown!r} stands in their place",
+            f"has no line of column names: {shown!r} is in their place",
             file=path,
             row=lines[max(at_names, 0)],
             remedy="add a line that names the columns, with their units",

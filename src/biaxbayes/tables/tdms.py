@@ -11,13 +11,7 @@ from biaxbayes.tables.sheets import MAX_CELLS, Sheet, sheet_of, too_large
 
 
 def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
-    """All groups of a TDMS file.
-
-    Raises
-    ------
-    InputError
-        If npTDMS is missing, the file is damaged or would take too much memory.
-    """
+    """All groups of a TDMS file."""
     try:
         import nptdms
     except ImportError:
@@ -42,7 +36,7 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
         raise
     except Exception as error:  # a damaged file fails in many ways inside npTDMS
         raise InputError(
-            f"is no readable TDMS file ({type(error).__name__})",
+            f"is not a readable TDMS file ({type(error).__name__})",
             file=path,
             remedy="export it as CSV",
         ) from None

@@ -1,6 +1,6 @@
 """Units and kinds of strain behind column names and header keys, and misspelt names.
 
-The table of units is the only one: help, messages and documentation list what stands here.
+This table of units is the only one: help, messages and documentation list it.
 """
 
 from __future__ import annotations
@@ -184,21 +184,10 @@ def strain_kinds(column: str) -> set[str]:
 
 
 def likely_name(name: str, known: Iterable[str], cutoff: float = 0.75) -> tuple[str, str]:
-    """The known name that an unknown one is likely meant to be, and a hint that says so.
+    """The known name that an unknown one is likely meant to be, and a hint that ends with a space.
 
-    Parameters
-    ----------
-    name : str
-    known : iterable of str
-    cutoff : float
-        Least likeness, as for :func:`difflib.get_close_matches`.
-
-    Returns
-    -------
-    likely : str
-        Empty where no name is near, or those near are of another quantity.
-    hint : str
-        Ends with a space; where the names differ in their unit it says how to scale the values.
+    Both are empty if no name is near (``cutoff`` of :func:`difflib.get_close_matches`), or those
+    near are of another quantity. Where units differ the hint says how to scale the values.
     """
     given = unit_of_column(name)
     for likely in difflib.get_close_matches(name[:60], known, n=3, cutoff=cutoff):

@@ -32,13 +32,7 @@ MAX_LABELS = 60_000
 
 
 def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
-    """All worksheets of a workbook.
-
-    Raises
-    ------
-    InputError
-        If python-calamine is missing, the file is damaged or would take too much memory.
-    """
+    """All worksheets of a workbook."""
     try:
         import python_calamine
     except ImportError:
@@ -66,7 +60,7 @@ def sheets(raw: bytes, path: Path) -> dict[str, Sheet]:
         raise
     except BaseException as error:  # a damaged file fails in many ways; a panic of Rust is one
         raise InputError(
-            f"is no readable workbook ({type(error).__name__})",
+            f"is not a readable workbook ({type(error).__name__})",
             file=path,
             remedy="save it again as .xlsx, or as CSV",
         ) from None
