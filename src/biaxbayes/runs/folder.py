@@ -369,7 +369,7 @@ def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
     """
     path = _inside(folder, name)
     if not path.is_file():
-        raise RunError(f"{path}: is missing; was the run folder copied completely?")
+        raise RunError(f"{path}: no such file; was the run folder copied completely?")
     listed = record.get("files")
     wanted = listed.get(name) if isinstance(listed, dict) else None
     if wanted is None:
