@@ -21,6 +21,7 @@ from itertools import combinations, permutations
 import numpy as np
 import pandas as pd
 
+from biaxbayes.error_model import error_model, error_sd
 from biaxbayes.identifiability.marginals import LEVELS, Scale, parameter_scales
 from biaxbayes.identifiability.same_curves import SameCurves, same_curves
 from biaxbayes.laws.law import Law
@@ -277,9 +278,11 @@ def _term(scale: Scale, coefficient: float, product: bool) -> str:
 
 
 def _error_kPa(posterior: Posterior, draws: pd.DataFrame) -> float:
-    """Median error sd as a stress."""
-    noise = float(np.median(draws["noise_sd"]))
-    return noise / float(posterior.specimen.area.min())
+    """Error sd of a reading at the median load, as a stress, at the medians of the draws."""
+    specimen, errors = posterior.specimen, error_model(draws)
+    load = np.median(np.abs(np.concatenate([specimen.load(p) for p in specimen.protocols])))
+    values = {p.name: float(np.median(draws[p.name])) for p in errors.parameters}
+    return float(error_sd(errors, values, load)) / float(specimen.area.min())
 
 
 def path_words(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law) -> str:
