@@ -121,6 +121,7 @@ def test_dispersion_and_angle_in_their_chart_against_quadrature():
     assert found.log_evidence == pytest.approx(expected, abs=4.5 * found.error + 0.01)
 
 
+@pytest.mark.long
 def test_the_prior_of_coupled_parameters_is_normalised():
     """The exponents of Fung's law with b_x b_y > b_xy^2: b_xy is normal, cut at sqrt(b_x b_y)."""
     fixed = {"c0": 3.0, "b_x": 9.0, "b_y": 25.0, "noise_sd": 0.05}

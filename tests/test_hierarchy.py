@@ -67,6 +67,7 @@ def test_means_and_effects_are_integrated_out(b):
         assert found[c] == pytest.approx(known, rel=1e-9)
 
 
+@pytest.mark.long
 def test_donors_of_other_counts_and_groups_of_other_spreads():
     """Some donors alike, some not, a group that a donor lacks: by the covariance of the whole."""
     rng = np.random.default_rng(3)
@@ -241,6 +242,7 @@ def test_dividing_out_the_runs_prior_matters(sampled):
     assert abs(drawn["mean"].mean() - mean) < 0.25 * sd
 
 
+@pytest.mark.long
 def test_one_seed_the_same_bytes_whatever_comes_between():
     design, _ = normal_design()
     quick = QUICK | {"first_block": 24, "max_steps": 60, "chains": 8}

@@ -317,6 +317,7 @@ def test_workers_with_other_versions_are_refused(scheduler, monkeypatch):
         list(Cluster(scheduler).run(tasks.square, [1]))
 
 
+@pytest.mark.long
 def test_a_scheduler_that_goes_is_one_line():
     local = local_cluster(1)
     running = Cluster(local.scheduler_address).run(tasks.square, list(range(10**6)))

@@ -196,6 +196,7 @@ def test_a_finished_population_is_refused_and_stays(study, found, tmp_path, caps
     assert manifest(folder) == before and not runs.exists()
 
 
+@pytest.mark.long
 def test_a_population_is_replaced_whole(study, found, tmp_path, quick, monkeypatch):
     monkeypatch.setattr(population_files, "_draw_figures", lambda *arguments: None)
     folder = shutil.copytree(found.folder, tmp_path / "out")
@@ -267,6 +268,7 @@ def test_a_contrast_says_whether_the_groups_differ(found):
         assert own["direction"].isna().all()
 
 
+@pytest.mark.long
 def test_one_specimen_per_donor_has_a_total_spread_only(study, tmp_path, quick):
     name, members = members_of_study(study)
     apart = [replace(m, donor=f"D{k}") for k, m in enumerate(members)]

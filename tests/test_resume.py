@@ -324,6 +324,7 @@ def sealed(body):
     return hashlib.sha256(body).digest() + body
 
 
+@pytest.mark.long
 def test_a_damaged_checkpoint_is_reported_and_the_one_before_used(halfway, expected, capsys):
     raw = (halfway / NAME).read_bytes()
     (halfway / NAME).write_bytes(raw[: len(raw) // 2])
@@ -334,12 +335,14 @@ def test_a_damaged_checkpoint_is_reported_and_the_one_before_used(halfway, expec
     assert compared(halfway) == expected
 
 
+@pytest.mark.long
 def test_a_library_call_warns_of_it(halfway):
     (halfway / NAME).write_bytes(b"")
     with pytest.warns(RuntimeWarning, match=f"{NAME} is empty; continuing from {PREVIOUS}"):
         biaxbayes.sample(SPECIMEN, out=halfway, seed=3, ess=4500, resume=True)
 
 
+@pytest.mark.long
 def test_with_the_newest_missing_the_one_before_is_used(halfway, expected):
     (halfway / NAME).unlink()
     assert sample(halfway, "--resume") == 0

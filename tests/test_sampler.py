@@ -230,6 +230,7 @@ def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, nois
             np.testing.assert_array_equal(resumed.quantities[quantity], values)
 
 
+@pytest.mark.long
 def test_thinning_keeps_every_so_many_steps_whatever_the_blocks(monkeypatch):
     """And a posterior that was drawn from before gives the same draws again."""
     from biaxbayes.sampling import sampler

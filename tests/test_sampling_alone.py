@@ -74,6 +74,7 @@ def test_both_modes_are_found_from_starts_near_each_and_weigh_what_they_should(s
 RIDGES = [two_ridges(8, share=share, bend=bend) for share in (0.3, 0.05) for bend in (0.0, 1.0)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", RIDGES, ids=lambda target: target.name)
 def test_two_ridges_that_one_map_cannot_hold_weigh_what_they_should(target):
     starts = 8.0 * np.eye(8)[:2]
