@@ -278,16 +278,21 @@ def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch):
 
 
 def local_cluster(workers):
+    """A cluster of this machine; once more where Dask's loop did not start within its 10 s."""
     from distributed import LocalCluster
 
-    return LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address=None,
-        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-        memory_limit=0,
-    )
+    options = {
+        "n_workers": workers,
+        "threads_per_worker": 1,
+        "host": "127.0.0.1",
+        "dashboard_address": None,
+        "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
+        "memory_limit": 0,
+    }
+    try:
+        return LocalCluster(**options)
+    except AssertionError:
+        return LocalCluster(**options)
 
 
 @pytest.fixture(scope="module")
