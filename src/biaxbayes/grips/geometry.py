@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from biaxbayes.errors import InputError
 from biaxbayes.fem.sheet_tester import Hooks
-from biaxbayes.specimens.keys import hook_count
+from biaxbayes.specimens.keys import HOOK_WIDTH_MM, hook_count
 from biaxbayes.specimens.specimen import Specimen
-
-WIDTH_MM = 2.0
-"""Diameter of the patch of tissue that a hook moves, where the file does not state it."""
 
 
 def stated_hooks(specimen: Specimen) -> Hooks:
@@ -35,7 +32,7 @@ def stated_hooks(specimen: Specimen) -> Hooks:
     inset = float(stated["grip_inset_mm"])
     shortest = min(edges_mm(specimen))
     spacing = float(stated.get("grip_spacing_mm", shortest / (count + 1.0)))
-    width = float(stated.get("grip_width_mm", min(WIDTH_MM, 2.0 * inset, spacing)))
+    width = float(stated.get("grip_width_mm", min(HOOK_WIDTH_MM, 2.0 * inset, spacing)))
     span = (count - 1) * spacing + width
     if width > 2.0 * inset:
         problem = f"hooks that move {width:g} mm of tissue reach over an edge {inset:g} mm away"

@@ -23,6 +23,7 @@ STRETCH_RANGE = (0.2, 5.0)
 """Stretches that a biaxial test of soft tissue can reach."""
 GEOMETRIES = ("unloaded", "mounted")
 STRETCHES_FROM = ("markers", "grips")
+HOOK_WIDTH_MM = 2.0
 REFERENCES = ("each protocol", "common")
 """What measured stretches are relative to: the first rows of each protocol, or one state."""
 
@@ -123,7 +124,10 @@ KEYS = {
         "Distance of the hooks from the edge; required with `grips`", NONE, EDGE_MM, extra=True
     ),
     "grip_width_mm": Key(
-        "Diameter of the patch of tissue that a hook moves", "2", EDGE_MM, extra=True
+        "Diameter of the patch of tissue that a hook moves",
+        f"{HOOK_WIDTH_MM:g}, less where hooks are closer to each other or to the edge",
+        EDGE_MM,
+        extra=True,
     ),
     "grip_spacing_mm": Key(
         "Distance between neighbouring hooks",
