@@ -51,10 +51,7 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def implementation(generic: Any, numba_type: Any) -> Callable[..., Any] | None:
-    """What compiled code runs for a generic function, by numba's type of the first argument.
-
-    The body of an ``overload`` of a ``functools.singledispatch`` over types of ``NamedTuple``.
-    """
+    """Compiled implementation of a generic function by numba's type of the first argument."""
     kind = getattr(numba_type, "instance_class", object)
     return generic.dispatch(kind) if kind in generic.registry else None
 
@@ -68,11 +65,7 @@ FREE_BYTES = 100_000_000
 
 
 def _cache_folder() -> Path | None:
-    """Folder for this version of the sources, in the user's cache or in ``NUMBA_CACHE_DIR``.
-
-    None, and a warning, where it cannot be written. A folder with a damaged file, which a power cut
-    can leave, is emptied.
-    """
+    """Cache folder of this version of the sources; None, with a warning, if not writable."""
     digest = hashlib.sha256(Path(__file__).read_bytes())
     for pattern in COMPILED:
         for source in sorted(Path(__file__).parent.glob(pattern)):
@@ -117,10 +110,7 @@ _deciding = threading.Lock()
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """As ``numba.njit(**options)``, and cached between runs in :data:`CACHE`.
-
-    Numba asks for the folder where a function is decorated: its setting is ours until then alone.
-    """
+    """``numba.njit`` with our cache folder, which numba reads as it decorates a function."""
 
     def decorated(function: Callable[..., Any]) -> Any:
         config: Any = numba.config
@@ -141,11 +131,7 @@ FILLED = "filled"
 
 @contextlib.contextmanager
 def first_alone() -> Iterator[None]:
-    """Let one process fill an empty cache while the others that use it wait.
-
-    Numba's cache is not made for several processes that compile the same function at once. Where
-    the folder cannot be locked, nobody waits.
-    """
+    """Let one process fill an empty cache first: numba's cache allows no concurrent writers."""
     if CACHE is None or (CACHE / FILLED).exists():
         yield
         return

@@ -24,17 +24,7 @@ class BiaxbayesError(Exception):
 
 
 class InputError(BiaxbayesError):
-    """Something the user gave cannot be used.
-
-    Parameters
-    ----------
-    problem : str
-        What is wrong.
-    file, row, column : optional
-        Where. Rows are counted as an editor counts lines, from 1.
-    remedy : str, optional
-        What to do about it.
-    """
+    """Unusable input: the problem, its place (rows from 1, as an editor counts), the remedy."""
 
     def __init__(
         self,
@@ -83,15 +73,7 @@ class NotConverged(BiaxbayesError):
 
 
 class Interrupted(BiaxbayesError):
-    """The user stopped the computation; what was done is saved.
-
-    Parameters
-    ----------
-    problem : str
-    signal : int
-        The number of the signal that stopped it, which gives the exit code; Ctrl-C where it is
-        not known.
-    """
+    """The user stopped the computation; what was done is saved."""
 
     exit_code = 130
 
@@ -112,14 +94,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def as_options(text: str, flags: Mapping[str, str] | None = None) -> str:
-    """A message in which arguments, `name` or `name=value`, are written as options.
-
-    Parameters
-    ----------
-    text : str
-    flags : mapping, optional
-        Options by their arguments, where they differ in more than hyphens.
-    """
+    """Write arguments, `name` or `name=value`, as command-line options; `flags` for exceptions."""
 
     def option(match: re.Match[str]) -> str:
         name, value = match["name"], match["value"]

@@ -30,11 +30,10 @@ STOP_SECONDS = 0.5
 
 
 class Executor(Protocol):
-    """Applies a function to tasks. In a ``with`` block its workers stay from one run to the next.
+    """Applies a function to tasks and yields the outcomes as they come, in any order.
 
-    ``run`` yields outcomes as they come, in any order. An exception of the function is raised by
-    it. Once ``stop()`` is true, which is asked twice a second, nothing further is handed out, and
-    what is under way is still yielded.
+    In a ``with`` block its workers stay between runs. Once ``stop()`` is true, nothing further
+    starts, and running tasks are still yielded.
     """
 
     def __enter__(self) -> Self: ...
@@ -55,21 +54,9 @@ class Executor(Protocol):
 def executor_for(
     workers: int | None = None, scheduler: str | None = None, *, isolated: bool = False
 ) -> Executor:
-    """The executor that the options of a command ask for.
+    """Executor for `workers` processes (default as many as processors, at most four) or Dask.
 
-    Parameters
-    ----------
-    workers : int, optional
-        Processes of this machine; default the number of processors, at most four.
-    scheduler : str, optional
-        Address of a Dask scheduler to use instead, as ``tcp://host:8786``.
-    isolated : bool
-        A single worker is a process of its own as well, so that its death is not ours.
-
-    Raises
-    ------
-    InputError
-        If both or an impossible number are given, or this process may not start others.
+    `isolated`: a single worker is a process too, so that its death is not ours.
     """
     if scheduler is not None:
         if workers is not None:
@@ -115,11 +102,7 @@ class InThisProcess:
 
 
 class Processes:
-    """Processes of this machine, spawned: they share nothing with this one.
-
-    Each is a pool of its own: where one breaks, it is known which task was under way, and the
-    others go on.
-    """
+    """Spawned processes, each a pool of its own: if one breaks, its task is known."""
 
     def __init__(self, count: int) -> None:
         self.count = count

@@ -22,29 +22,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """State of long work.
-
-    Attributes
-    ----------
-    phase : str
-    share : float or None
-        Of the target; None where unknown.
-    note : str
-        Printed wherever the progress is shown.
-    """
+    """State of long work."""
 
     phase: str
-    share: float | None = None
+    share: float | None = None  # of the target; None: unknown
     note: str = ""
 
 
 def live_bar(console: Console) -> Bar:
-    """A bar of one task: phase, share where it is known, time spent, time left where it is known.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-    """
+    """A rich bar of one task: phase, share, time spent and left."""
     from rich.progress import (
         BarColumn,
         ProgressColumn,
@@ -82,12 +68,7 @@ def live_bar(console: Console) -> Bar:
 
 @contextlib.contextmanager
 def shown_progress(console: Console) -> Iterator[Callable[[Any], None]]:
-    """Show a live line while the block runs; yields what to call with each Progress.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-    """
+    """Show a live line while the block runs; yields what to call with each Progress."""
     with live_bar(console) as bar:
         task = bar.add_task("starting", total=None)
 
@@ -156,11 +137,7 @@ Verb = TypeVar("Verb", bound=Callable[..., Any])
 
 
 def with_progress(verb: Verb) -> Verb:
-    """Let a verb show its progress on a terminal or in a notebook.
-
-    Its ``progress`` may then be a callable, as before; True or False for a line or none; by
-    default there is one on a terminal and in a notebook.
-    """
+    """Let `progress` be True or False; by default show it on a terminal and in a notebook."""
 
     @functools.wraps(verb)
     def watched(*arguments: Any, progress: Any = None, **options: Any) -> Any:
@@ -188,11 +165,7 @@ class StoppedAtOnce(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def progress_line(*, quiet: bool) -> Iterator[Callable[[Any], None]]:
-    """A live line with phase, share and times; yields what to call with each Progress.
-
-    Where the line cannot be live (a file, a dumb terminal), there is a line of text each minute.
-    Notes are printed in any case.
-    """
+    """Live line, or a line of text per minute if the output cannot be live; yields the callback."""
     if quiet:
         yield _print_note
         return
@@ -216,10 +189,7 @@ MINUTE = 60.0
 
 @contextlib.contextmanager
 def minute_lines(every: float = MINUTE) -> Iterator[Callable[[Progress], None]]:
-    """Print notes at once, and the phase, share and minutes spent once a minute.
-
-    The lines come from a thread, so that a long step without any news shows that it runs.
-    """
+    """Print notes at once and the progress each minute, by a thread: also during long steps."""
     latest = Progress("starting")
     begin, done = time.monotonic(), threading.Event()
 
@@ -245,14 +215,9 @@ def minute_lines(every: float = MINUTE) -> Iterator[Callable[[Progress], None]]:
 
 @contextlib.contextmanager
 def graceful_stop() -> Iterator[Callable[[], int]]:
-    """Turn the first Ctrl-C, SIGTERM or hang-up into a request; the second acts at once.
+    """Yield a function for the signal received (or 0); a second signal acts at once.
 
-    Signals that were ignored at the start (nohup, a shell's background job) stay ignored.
-
-    Yields
-    ------
-    callable
-        The number of the signal that requested a stop, else 0.
+    Ignored signals (nohup, a background job) stay ignored.
     """
     signal_number = 0
     if threading.current_thread() is not threading.main_thread():

@@ -39,11 +39,7 @@ _blas_limit: Any = None
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Let linear algebra take one thread: matrices are small.
-
-    The setting is that of the process: threads that ask for it at the same time share it, and the
-    last of them takes it back.
-    """
+    """Limit linear algebra of the process to one thread, until the last caller leaves."""
     global _blas_users
     with _blas_lock:
         if _blas_users == 0:

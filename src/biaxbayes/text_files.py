@@ -143,10 +143,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def number_in(text: str) -> float:
-    """The finite number that a cell holds; ValueError if it holds anything else.
-
-    Python's own reading takes ``1_000`` for a number.
-    """
+    """The finite number in a cell, else ValueError; unlike float(), refuses ``1_000``."""
     if "_" in text:
         raise ValueError("not a plain number")
     value = float(text)
@@ -207,10 +204,7 @@ def cells_of(line: str) -> list[str]:
 def rows_of(
     lines: Sequence[str], path: Path, *, first: int = 0, separator: str = ",", kind: str = "a CSV"
 ) -> Iterator[tuple[int, list[str]]]:
-    """Number of each line from index ``first``, counted from 1 as an editor does, and its cells.
-
-    ``kind`` is what the file should be, for the error about an open quotation mark.
-    """
+    """Line numbers from 1 and cells, from index `first`; `kind` of file is named in errors."""
     # Lines that the csv module took together had a quotation mark open between them.
     number = first
     reader = csv.reader(islice(lines, first, None), delimiter=separator, skipinitialspace=True)
@@ -233,11 +227,7 @@ def rows_of(
 
 
 def atomic_write_bytes(path: Path, data: bytes | memoryview) -> None:
-    """Write a file so that its name never shows half of it, surviving a power cut.
-
-    Temporary name in the same folder, fsync, rename, fsync of the folder. If it cannot be written,
-    what was there before is untouched.
-    """
+    """Write a file whole or not at all, also on a power cut: temporary name, fsync, rename."""
     if not path.name or path.is_dir():
         raise InputError("is a folder, not a file", file=path, remedy="name a file")
     if not path.parent.is_dir():
@@ -282,10 +272,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def read_csv(path: Path, **how: Any) -> pd.DataFrame:
-    """A table that this program wrote, by :func:`pandas.read_csv`; comments above it are skipped.
-
-    Older versions wrote lines of comment before the names.
-    """
+    """Read a table of this program; comments above it, from older versions, are skipped."""
     import pandas as pd
 
     def unmarked(cell: Any) -> Any:
@@ -298,15 +285,7 @@ def read_csv(path: Path, **how: Any) -> pd.DataFrame:
 
 
 def write_csv(path: Path, table: pd.DataFrame, *, digits: int | None = None) -> None:
-    r"""Write a table with column names, without its index, in full or not at all.
-
-    Parameters
-    ----------
-    path : Path
-    table : DataFrame
-    digits : int, optional
-        Significant digits of floating-point numbers; without it as many as read back the same.
-    """
+    """Write a table without its index, atomically; `digits` are significant, default all."""
 
     def marked(cell: Any) -> Any:
         """A text that a spreadsheet would compute, marked as text by an apostrophe."""
@@ -336,10 +315,7 @@ def rows_text(rows: Iterable[Sequence]) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
-    """A table for a terminal: each column as wide as its widest cell, two spaces between them.
-
-    Rows may end early; the columns in ``right`` are set flush right.
-    """
+    """Lines of a table for a terminal; columns in `right` are right-aligned."""
     columns = range(max(map(len, rows), default=0))
     widths = [max(len(row[k]) for row in rows if k < len(row)) for k in columns]
     return [
@@ -355,10 +331,7 @@ def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[
 
 
 def os_error_text(error: OSError) -> str:
-    """An error of the operating system in one line, with its path.
-
-    Numba does not say which file it could not write into the cache of compiled code.
-    """
+    """An error of the operating system in one line with its path."""
     where, remedy = error.filename, ""
     frames = traceback.walk_tb(error.__traceback__)
     if any(frame.f_globals.get("__name__") == "numba.core.caching" for frame, _ in frames):

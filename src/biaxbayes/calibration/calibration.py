@@ -41,38 +41,19 @@ WRONG_SD = 1.2
 
 @dataclass(frozen=True)
 class Study:
-    """A calibration study; with an index, it determines a replication.
+    """A calibration study; with an index, it determines a replication."""
 
-    Attributes
-    ----------
-    specimen : Specimen
-        Whose protocols, dimensions and load noise are used; its loads are not.
-    options : mapping
-        Keyword arguments of :class:`Posterior`, without its priors.
-    priors : mapping
-        Of every parameter, drawn from and sampled with.
-    ess : float
-        Required effective sample size of the worst quantity.
-    max_steps, ensembles, walkers, population, first_block : int
-        As in :class:`~biaxbayes.sampling.sampler.Plan`, and smaller than there: a replication
-        needs a few hundred effective draws, not thousands.
-    broken : str
-        Empty, or one of :data:`BREAKS`, to show that the study notices: ``determinant`` leaves
-        the change of variables out of the density, ``noise`` simulates with a sd 20 % larger
-        than the true value says.
-    """
-
-    specimen: Specimen
-    options: Mapping[str, Any]
-    priors: Mapping[str, Prior | float | Tie]
+    specimen: Specimen  # protocols, dimensions and load noise are used, its loads are not
+    options: Mapping[str, Any]  # of the posterior, without priors
+    priors: Mapping[str, Prior | float | Tie]  # of every parameter, drawn from and sampled with
     seed: int = CalibrationPlan.seed
-    ess: float = CalibrationPlan.ess
+    ess: float = CalibrationPlan.ess  # required of the worst quantity
     max_steps: int = 2_000
     ensembles: int = 2
     walkers: int = 32
     population: int = 2048
     first_block: int = 64
-    broken: str = ""
+    broken: str = ""  # one of BREAKS to show that the study notices, or empty
 
     @property
     def quantities(self) -> Quantities:
@@ -119,35 +100,17 @@ class Study:
 
 @dataclass(frozen=True)
 class Replication:
-    """One simulated specimen, sampled and ranked.
-
-    Attributes
-    ----------
-    state : str
-        Of the draws; ``failed`` when there are none.
-    reason : str
-        Why the state is not ``converged``.
-    truth : dict of str to float
-        True values by the names of ``summary.csv``, and ``log_likelihood`` at them.
-    rank : dict of str to int
-        Rank of the true value among :data:`RANKED_DRAWS` draws; empty when failed.
-    below : dict of str to float
-        Share of all draws below the true value.
-    median, sd : dict of str to float
-        Of the posterior.
-    rejected : int
-        Draws from the prior rejected for want of a stable mounted state.
-    """
+    """One simulated specimen, sampled and ranked."""
 
     index: int
-    state: str
+    state: str  # of the draws, or failed
     reason: str
-    truth: dict[str, float]
-    rank: dict[str, int] = field(default_factory=dict)
-    below: dict[str, float] = field(default_factory=dict)
+    truth: dict[str, float]  # by the names of summary.csv, with log_likelihood
+    rank: dict[str, int] = field(default_factory=dict)  # of the true value among RANKED_DRAWS draws
+    below: dict[str, float] = field(default_factory=dict)  # share of all draws below the true value
     median: dict[str, float] = field(default_factory=dict)
     sd: dict[str, float] = field(default_factory=dict)
-    rejected: int = 0
+    rejected: int = 0  # draws from the prior without a stable mounted state
     worst_ess: float = float("nan")
     worst_rhat: float = float("nan")
     beta: float = float("nan")
@@ -155,18 +118,7 @@ class Replication:
 
 
 def replicate(study: Study, index: int) -> Replication:
-    """Draw true values, simulate, sample, rank.
-
-    Parameters
-    ----------
-    index : int
-        Of the replication. Study and index determine the result.
-
-    Returns
-    -------
-    Replication
-        ``failed`` when nothing could be sampled, with the reason; nothing is raised for it.
-    """
+    """Draw true values, simulate, sample and rank; study and index determine the result."""
     clock = time.perf_counter()
     rules = study.rules()
     rng = np.random.default_rng([study.seed, index])
@@ -244,20 +196,7 @@ def run_replications(
     executor: Executor | None = None,
     stop: Callable[[], object] = lambda: False,
 ) -> Iterator[Replication]:
-    """Yield replications as they finish; their order depends on the executor, they do not.
-
-    Parameters
-    ----------
-    executor : Executor, optional
-        Default: this process.
-    stop : callable
-        Asked between replications; what is under way is still yielded.
-
-    Raises
-    ------
-    RunError
-        If workers keep dying.
-    """
+    """Yield replications as they finish; RunError if workers keep dying."""
     left = list(indices)
     if executor is not None and not isinstance(executor, InThisProcess) and left:
         # The first is made here: what it compiles, the workers find in the cache.

@@ -56,15 +56,7 @@ def _allowed(replications: int, draws: int, level: float) -> tuple[tuple[int, in
 
 
 def probability_inside(replications: int, draws: int, level: float) -> float:
-    """Probability, under uniform ranks, that every tail probability exceeds a level.
-
-    Parameters
-    ----------
-    replications, draws : int
-        N and L.
-    level : float
-        Between 0 and 1.
-    """
+    """Probability, under uniform ranks, that every tail probability exceeds `level`."""
     allowed = _allowed(replications, draws, level)
     if not allowed:
         return 0.0
@@ -92,13 +84,7 @@ def probability_inside(replications: int, draws: int, level: float) -> float:
 
 @lru_cache(maxsize=64)
 def band_level(replications: int, draws: int, coverage: float = 0.95) -> float:
-    """Pointwise level at which the bands hold all ranks at once with at least a coverage.
-
-    Returns
-    -------
-    float
-        The largest level, to a relative 1e-3.
-    """
+    """Largest pointwise level (to 1e-3) at which the bands hold all ranks with this coverage."""
     low, high = np.log((1.0 - coverage) / (10.0 * draws)), np.log(1.0 - coverage)
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
@@ -117,18 +103,7 @@ def count_band(
 
 
 def uniformity_p_value(ranks: np.ndarray, draws: int) -> float:
-    """Probability that uniform ranks leave uniformity as far behind somewhere as these.
-
-    Parameters
-    ----------
-    ranks : ndarray of int, shape (replications,)
-        Between 0 and ``draws``.
-
-    Returns
-    -------
-    float
-        Below 0.05 exactly when the ranks leave the 95 % band somewhere.
-    """
+    """p-value of uniform ranks; below 0.05 exactly if the ranks leave the 95 % band."""
     ranks = np.asarray(ranks)
     worst = float(tail_probabilities(rank_counts(ranks, draws), ranks.size).min())
     return 1.0 - probability_inside(ranks.size, draws, min(worst, 1.0))
@@ -142,15 +117,7 @@ LEVELS = (0.50, 0.80, 0.90, 0.95)
 
 @dataclass(frozen=True)
 class Coverage:
-    """Observed coverage of central intervals of one probability.
-
-    Attributes
-    ----------
-    level : float
-        Expected coverage.
-    observed, low, high : float
-        Share of replications, and its 95 % binomial (Clopper-Pearson) interval.
-    """
+    """Observed coverage of central intervals, with its 95 % Clopper-Pearson interval."""
 
     level: float
     observed: float
@@ -159,15 +126,7 @@ class Coverage:
 
 
 def coverage(below: np.ndarray, level: float) -> Coverage:
-    """Coverage of the central interval.
-
-    Parameters
-    ----------
-    below : ndarray, shape (replications,)
-        Share of each posterior below the true value.
-    level : float
-        Probability of the interval.
-    """
+    """Coverage of central intervals from the shares of each posterior below the true value."""
     n = below.size
     hits = int(np.count_nonzero(np.abs(below - 0.5) <= 0.5 * level))
     low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
@@ -185,21 +144,7 @@ SIGNIFICANT = 0.05
 
 
 def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
-    """Uniformity and coverage of every ranked quantity.
-
-    Parameters
-    ----------
-    ranks : DataFrame
-        One row a replication and quantity, with ``parameter``, ``unit``, ``rank``, ``below``.
-    draws : int
-        Draws that a true value was ranked among.
-
-    Returns
-    -------
-    DataFrame
-        ``parameter``, ``unit``, ``replications``, ``uniformity_p``, ``inside_band``, and for
-        each probability ``coverage_50``, its binomial interval ``_low`` and ``_high``.
-    """
+    """Uniformity and coverage of every quantity, from one row per replication and quantity."""
     rows = []
     for name, group in ranks.groupby("parameter", sort=False):
         p = uniformity_p_value(group["rank"].to_numpy(dtype=int), draws)
@@ -218,15 +163,6 @@ def calibration_table(ranks: pd.DataFrame, draws: int) -> pd.DataFrame:
 
 
 def verdict(table: pd.DataFrame) -> tuple[bool, float]:
-    """Whether the ranks of all quantities together are compatible with uniform ones.
-
-    Returns
-    -------
-    calibrated : bool
-        Whether ``p`` is at least 0.05.
-    p : float
-        Smallest p-value times the number of quantities (Bonferroni: one parameter in twenty
-        leaves its own band by chance).
-    """
+    """Whether all ranks together are uniform, and the Bonferroni-corrected smallest p-value."""
     p = min(float(table["uniformity_p"].min()) * len(table), 1.0)
     return p >= SIGNIFICANT, p

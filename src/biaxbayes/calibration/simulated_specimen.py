@@ -32,22 +32,12 @@ SAME_ROOT = 1e-6
 
 @dataclass(frozen=True)
 class Rules:
-    """What stays the same in every replication.
-
-    Attributes
-    ----------
-    specimen : Specimen
-        Whose protocols, dimensions and load noise are used.
-    priors : mapping
-        Of every unknown, by the names that the posterior uses.
-    mounts : tuple of str
-        Label of each mounted state.
-    """
+    """What all replications share."""
 
     specimen: Specimen
     settings: Settings
     priors: Mapping[str, Prior | float | Tie]
-    mounts: tuple[str, ...]
+    mounts: tuple[str, ...]  # labels of the mounted states
 
     @property
     def quantities(self) -> Quantities:
@@ -68,11 +58,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class SimulatedSpecimen(Specimen):
-    """A specimen whose mounting readings have a stated sd.
-
-    The sd of a measured specimen's mounting reading may be estimated from its rows at rest; in
-    a study it is the one that the readings were simulated with.
-    """
+    """A specimen whose mounting readings have the sd that they were simulated with."""
 
     reading: tuple[tuple[float, float], ...] = ()
     reading_sd: tuple[tuple[float, float], ...] = ()
@@ -92,25 +78,11 @@ def _rebuild(fields: dict[str, Any]) -> SimulatedSpecimen:
 
 
 def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float], int]:
-    """True values from the prior, cut to the support of the posterior.
+    """Draw from the prior cut to the support of the posterior; also return the number rejected.
 
-    The posterior is zero where the law has no such material (Fung's with an indefinite form), where
-    no stable mounted state exists inside the bracket, and, where the mounting force is sampled,
-    where the state that balances it is not the one that Newton's method finds from the unloaded
-    state. Such draws are rejected whole, so that the true values follow the prior times that
-    indicator, which is the prior that the posterior uses.
-
-    Returns
-    -------
-    truth : dict
-        By the names of ``summary.csv``, mounting forces included.
-    rejected : int
-        Draws that were rejected before.
-
-    Raises
-    ------
-    ValueError
-        If a thousand draws in a row are rejected.
+    The posterior is zero where the law has no such material, where no stable mounted state exists
+    in the bracket, and, if the mounting force is sampled, where Newton's method finds another
+    state from the unloaded one. Rejecting such draws gives the prior that the posterior uses.
     """
     for rejected in range(1000):
         truth = _from_prior(rules.priors, rules.quantities, rng)
@@ -122,20 +94,7 @@ def draw_truth(rules: Rules, rng: np.random.Generator) -> tuple[dict[str, float]
 def simulate_specimen(
     rules: Rules, truth: Mapping[str, float], rng: np.random.Generator, *, noise_factor: float = 1.0
 ) -> SimulatedSpecimen:
-    """Readings of the true values on the specimen's own protocols.
-
-    Parameters
-    ----------
-    truth : mapping
-        From :func:`draw_truth`.
-    noise_factor : float
-        Times the true noise sd: other than one only to show that a wrong sd is noticed.
-
-    Returns
-    -------
-    SimulatedSpecimen
-        Rows at rest all hold the mounting reading.
-    """
+    """Simulate readings of `truth` on the specimen's protocols with `noise_factor` times the sd."""
     specimen = rules.specimen
     forces = np.array([_pair(truth, "force", m) for m in rules.mounts])
     _, sd = specimen.mounting_readings(shared=rules.shared)
@@ -221,17 +180,7 @@ WIDENED = 2.0
 
 
 def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Tie]:
-    """Prior of tissue that reaches stresses like this specimen's on its protocols.
-
-    The largest measured stretch and the peak stress set the scales of the law's
-    :meth:`~biaxbayes.laws.law.Law.scaled_prior`. The noise sd is around 0.5 % of the peak load of
-    *this* specimen, whatever a simulated one's peak is.
-
-    Returns
-    -------
-    dict
-        Natural units, as in a priors file.
-    """
+    """Prior of tissue with similar stresses on these protocols; noise around 0.5 % of the peak."""
     stretch = 1.02 * max(
         float(max(p.stretch_x.max(), p.stretch_y.max())) for p in specimen.protocols
     )
@@ -252,18 +201,7 @@ def protocol_prior(specimen: Specimen, law: Law) -> dict[str, Prior | float | Ti
 def local_prior(
     draws: Mapping[str, np.ndarray], wide: Mapping[str, Prior | float | Tie], known: Quantities
 ) -> dict[str, Prior | float | Tie]:
-    """Prior around a posterior: its marginals, each twice as wide, independent of one another.
-
-    Parameters
-    ----------
-    draws : mapping of str to ndarray
-        Draws of the specimen's own posterior. Those of several mounted states are pooled.
-    wide : mapping
-        The priors it was sampled with; never exceeded in width, and kept where not a
-        distribution.
-    known : Quantities
-        What each name of the draws is.
-    """
+    """Independent priors twice as wide as the marginals of `draws`, never wider than `wide`."""
     out: dict[str, Prior | float | Tie] = {}
     for name, prior in wide.items():
         own = [q for q in known.of_parameter(name) if q.name in draws]

@@ -15,11 +15,7 @@ COLUMNS = 4
 
 
 def rank_figure(ranks: pd.DataFrame, draws: int, style: Style = None) -> Figure:
-    """One panel per quantity: the empirical distribution of the ranks less the uniform one.
-
-    The grey band holds all of a uniform study's curve with probability 0.95. ``ranks`` has a row
-    per replication and quantity with ``parameter``, ``unit`` and ``rank`` among so many draws.
-    """
+    """Draw the empirical distribution of the ranks less the uniform one, a panel per quantity."""
     groups = list(ranks.groupby("parameter", sort=False))
     rows = -(-len(groups) // COLUMNS)
     with print_style(style):

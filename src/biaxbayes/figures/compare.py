@@ -79,10 +79,7 @@ class Row:
 def forest_figure(
     comparison: Comparison, *, width_mm: float = PAGE_MM, style: Style = None
 ) -> Figure:
-    """Medians with intervals of 50 and 90 % of every run, one panel per quantity.
-
-    Open symbols stand for what a run does not identify.
-    """
+    """Draw medians with 50 and 90 % intervals of every run; open symbols are not identified."""
     rows = [*_parameter_rows(comparison), *_derived_rows(comparison)]
     labels = [plain(label, 16) for label in comparison.labels]
     with print_style(style):

@@ -38,10 +38,7 @@ DATA: dict[str, Any] = {"color": "0.3", "mfc": "none", "mew": 0.5, "ms": 2.5}
 
 
 def fits_figure(specimen: Specimen, fits: Sequence[FitResult]) -> Figure:
-    """Loads with the fitted ones, and below measured minus fitted, for the first six protocols.
-
-    The fits of ``zeroed`` are drawn with the mounting force put back on.
-    """
+    """Draw measured and fitted loads, and residuals, of the first six protocols."""
     count = min(len(specimen.protocols), MAX_PROTOCOLS)
     columns = min(3, count)
     blocks = -(-count // columns)

@@ -67,10 +67,7 @@ def law_misfit_figure(
 def law_mounting_figure(
     compared: LawComparison, *, width_mm: float = PAGE_MM, style: Style = None
 ) -> Figure | None:
-    """Mounting stretches, law by law: median and 90 % interval; None where none is inferred.
-
-    Grey is the interval reported for the tissue, whatever its law.
-    """
+    """Draw the mounting stretches by law, grey the reported interval; None if none is inferred."""
     rows, places = _judged_rows(compared)
     names = [q.name for q in Quantities(()).of_kind(STRETCH) if f"{q.name}_q50" in rows]
     if not names:

@@ -27,11 +27,7 @@ LARGEST_LINEAR, LINEAR = 15.0, 2.0
 
 
 def ledger_figure(ledger: Ledger, *, width_mm: float = PAGE_MM, style: Style = None) -> Figure:
-    """Medians and 90 % intervals of the three treatments.
-
-    Left the parameters, in standard deviations of the inferred posterior; right the stresses,
-    relative to the inferred median.
-    """
+    """Draw parameters in sd of the inferred posterior, and stresses over the inferred median."""
     rows = max(len(ledger.parameters), len(ledger.stresses))
     with print_style(style):
         figure = blank_figure(width_mm, ROW_MM * rows + 20.0)

@@ -42,10 +42,7 @@ def forest_figure(
     width_mm: float = PAGE_MM,
     style: Style = None,
 ) -> Figure:
-    """Every specimen alone (grey) and pooled (coloured), below them the group and a new specimen.
-
-    One panel per parameter, from the tables of ``specimens.csv`` and ``population.csv``.
-    """
+    """Draw every specimen alone (grey) and pooled (coloured), the group and a new specimen."""
     rows: list[tuple[str, str, int]] = []
     for k, group in enumerate(groups["group"].unique()):
         members = specimens.loc[specimens["group"] == group, "specimen"].unique()
@@ -135,14 +132,9 @@ def band_figure(
     width_mm: float = PAGE_MM,
     style: Style = None,
 ) -> Figure:
-    """Equibiaxial Cauchy stress of a new specimen over the equibiaxial records, group by group.
+    """Draw equibiaxial Cauchy stress of a new specimen over the records, a panel per group.
 
-    Parameters
-    ----------
-    bands : DataFrame
-        Columns group, total_stretch, and cauchy_x, cauchy_y with q05, q50, q95.
-    records : sequence of (group, stretch (n, 2), stress (n, 2))
-        Total stretches and Cauchy stresses (kPa) of the tested specimens.
+    `records` are (group, total stretch (n, 2), Cauchy stress in kPa (n, 2)).
     """
     groups = list(bands["group"].unique())
     with print_style(style):

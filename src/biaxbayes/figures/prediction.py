@@ -50,13 +50,7 @@ def stress_figure(
     width_mm: float = COLUMN_MM,
     style: Style = None,
 ) -> Figure:
-    """Stress against stretch with both bands; dashed where nothing was tested.
-
-    Below, the bands less their median: beside the stress itself they are often too narrow to see.
-    From 120 mm the directions stand side by side. ``table`` is that of
-    :func:`biaxbayes.prediction.stress.predict_stress` at stretches of a ``reference`` (total or
-    measured), ``measured`` that of :func:`biaxbayes.prediction.stress.measured_stress`.
-    """
+    """Draw stress against stretch with both bands, and below the bands less their median."""
     stress = "cauchy" if "cauchy_x_kPa_median" in table else "piola"
     along, label, name = _abscissa(table, reference)
     read = measured if measured is not None and len(measured) else None
@@ -125,12 +119,7 @@ def inflation_figure(
     width_mm: float = COLUMN_MM,
     style: Style = None,
 ) -> Figure:
-    """Pressure against outer diameter with both bands; dashed where nothing was tested.
-
-    Below, or beside, the bands less their median, which they hardly leave on the scale of the test.
-    ``table`` is that of :func:`biaxbayes.prediction.inflation.predict_pressure` or
-    :func:`biaxbayes.prediction.inflation.predict_diameter`.
-    """
+    """Draw pressure against outer diameter with both bands, and the bands less their median."""
     upright = "pressure_kPa_median" in table
     stem, other = ("pressure_kPa", "outer_diameter_mm")[:: 1 if upright else -1]
     along, median = table[other].to_numpy(), table[f"{stem}_median"]

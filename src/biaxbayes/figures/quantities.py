@@ -62,10 +62,7 @@ def axis_text(q: Quantity) -> AxisText:
 
 
 def quantity(name: str, unit: str = "", known: Quantities | None = None) -> AxisText:
-    """Axis of a column of the draws, or of what follows from them, such as ``cauchy_x at 1.2``.
-
-    An unknown name stands as it is.
-    """
+    """Axis of a column of the draws, or of what follows from them, such as ``cauchy_x at 1.2``."""
     match = known_or_default(known, unit).get(name)
     if match is not None:
         return axis_text(match)
@@ -87,11 +84,7 @@ def axis_span(q: AxisText, *values: np.ndarray, include: tuple[float, ...] = ())
 def corner_columns(
     draws: pd.DataFrame, known: Quantities | None = None
 ) -> dict[str, tuple[AxisText, np.ndarray]]:
-    """Material parameters and mounting stretches that vary, with their axes.
-
-    Where each protocol has a mounted state of its own, the mean over them stands for all, its
-    symbol under a bar: the mounting figure shows them one by one.
-    """
+    """Parameters and mounting stretches (the mean over several mounted states) that vary."""
     out: dict[str, tuple[AxisText, np.ndarray]] = {}
     judged = known_or_default(known).of_kind(MATERIAL, STRETCH)
     for p in dict.fromkeys(q.parameter for q in judged):

@@ -21,10 +21,7 @@ MAX_PANELS = 24
 
 
 def specimen_figure(specimen: Specimen) -> Figure:
-    """Draw the first 24 protocols with common axes; the rows at rest in black.
-
-    Of longer curves 300 rows are drawn, evenly chosen.
-    """
+    """Draw the first 24 protocols, at most 300 rows each; the rows at rest in black."""
     protocols = specimen.protocols[:MAX_PANELS]
     columns = 2 if len(protocols) == 4 else min(3, len(protocols))
     rows = math.ceil(len(protocols) / columns)

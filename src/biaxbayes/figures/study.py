@@ -28,10 +28,7 @@ NOTE = "within the law; filled: identified or bounded; open: neither; cross: fix
 
 
 def study_figure(table: pd.DataFrame, *, width_mm: float = PAGE_MM, style: Style = None) -> Figure:
-    """Medians and 90 % intervals of every specimen of a study table, one panel per quantity.
-
-    Open symbols stand for parameters that the specimen does not identify.
-    """
+    """Draw medians and 90 % intervals of every specimen; open symbols are not identified."""
     drawn = table[np.isfinite(table["q50"].astype(float))]
     layers = list(dict.fromkeys(table["layer"]))
     specimens = table.drop_duplicates("specimen")[["specimen", "layer"]]

@@ -108,11 +108,7 @@ _IGNORED = ("backend", "backend_fallback", "interactive", "toolbar", "timezone")
 
 
 def read_style(path: Path | str) -> dict[str, Any]:
-    """Settings of a matplotlib style file (``.mplstyle``, lines ``key: value``).
-
-    The first colour of ``axes.prop_cycle`` is that of direction x (and of the run), the second that
-    of direction y (and of a run compared with it).
-    """
+    """Read a ``.mplstyle`` file; its first two colours are those of directions x and y."""
     path = Path(path)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -203,10 +199,7 @@ def add_note(figure: Figure, text: str) -> None:
 
 
 def figure_bytes(figure: Figure, suffix: str, style: Style = None) -> bytes:
-    """The figure as a file of a kind (pdf, svg, png): letters as text, equal for equal figures.
-
-    ``style`` are the settings that it was drawn with; some act when a figure is written.
-    """
+    """Figure as a reproducible pdf, svg or png; some settings of `style` act only on writing."""
     out = io.BytesIO()
     undated: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     with print_style(style), warnings.catch_warnings():

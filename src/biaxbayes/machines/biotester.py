@@ -20,13 +20,11 @@ LEAST_TRACKED = 5
 
 
 def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
-    """Take the branch of a cycle from each wanted set of a BioTester export.
+    """Take the branch of a cycle from each selected set of a BioTester export.
 
-    The columns are ``Cycle`` (1-Preload, 1-Stretch, 1-Hold, 1-Recover ...), ``XForce_mN``,
-    ``YForce_mN``, and the rake (``XSize_um``, ``XDisplacement_um`` ...) or tracked points (``X1``,
-    ``Y1`` to ``X4``, ``Y4``); optionally ``SetName`` and ``Time_S``. Cycles are counted in each
-    set. A branch is the Stretch phase, the Recover phase reversed, or both; Hold, Preload and
-    Rest are left out. Columns, sets, cycles or points that are missing or not clear are refused.
+    Columns: Cycle (1-Preload, 1-Stretch, 1-Hold, 1-Recover ...), XForce_mN, YForce_mN, and the
+    rake (XSize_um, XDisplacement_um ...) or tracked points (X1, Y1 to X4, Y4); optionally SetName
+    and Time_S. A branch is the Stretch phase, the reversed Recover phase, or both.
     """
     numbers, phases = _phases(table)
     taken = []
@@ -173,10 +171,7 @@ def _branch(table: Table, cycle: RecordedCycle, branch: str) -> np.ndarray:
 def _stretches(
     table: Table, rows: np.ndarray, choice: Choice, gauge: Gauge
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, list[str], list[str]]:
-    """Rows with their stretches, gradient, the origin of these, and what they assume.
-
-    From the tracked points where there are any, otherwise from the rake, unless chosen.
-    """
+    """Rows with their stretches, gradient, origin and assumptions; by default of tracked points."""
     points = _tracked_points(table, rows, required=choice.stretch_from == "tracked")
     if points is None or choice.stretch_from == "rake":
         stretch, assumptions = _rake_stretch(table, rows, gauge)
@@ -214,11 +209,7 @@ def _tracked_points(table: Table, rows: np.ndarray, *, required: bool) -> np.nda
 
 
 def _deformation_gradient(points: np.ndarray, table: Table, rows: np.ndarray) -> np.ndarray:
-    """In-plane deformation gradient of points by least squares, shape (n, 2, 2).
-
-    The reference is the mean position over the rows at rest, which are determined from a first
-    estimate relative to the first row.
-    """
+    """In-plane deformation gradient of points by least squares, (n, 2, 2), from rows at rest."""
     reference = points[0]
     for _ in range(2):
         X = reference - reference.mean(axis=0)

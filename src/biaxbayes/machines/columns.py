@@ -55,25 +55,19 @@ STRESS_WORDS = {
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table with the unit that it is in (None for text).
-
-    ``conflict`` says how the unit that the user gives differs from the column's own.
-    """
+    """A column of the table with its unit (None for text)."""
 
     index: int
     name: str
     unit: Unit | None
-    conflict: str = ""
+    conflict: str = ""  # how the unit that the user gives differs from the column's
 
     def __str__(self) -> str:
         return self.name if self.unit is None else f"{self.name} ({self.unit.name})"
 
 
 def parse_columns(texts: Sequence[str]) -> dict[str, str]:
-    """Columns by target, from texts of ``target=column[:unit]`` with commas between them.
-
-    Commas inside a column's name need no quotation marks: a pair ends where ``,target=`` follows.
-    """
+    """Columns by target from ``target=column[:unit],...``; a column name may contain commas."""
     wanted: dict[str, str] = {}
     for text in texts:
         pairs = cells_of(text) if '"' in text else re.split(r",(?=\s*\w+\s*=)", text)
@@ -100,12 +94,7 @@ def parse_columns(texts: Sequence[str]) -> dict[str, str]:
 
 
 def column_map(table: Table, wanted: Mapping[str, str]) -> dict[str, Column]:
-    """The wanted columns of a table, and those that are called like a target.
-
-    A target that is not wanted is looked for under its own name, in any unit (``force_x_mN``);
-    shear under ``F12`` and ``F21``. Columns that are missing or ambiguous, or whose unit or kind
-    is not clear, are refused.
-    """
+    """The requested columns of a table, and others with the name of a target in any unit."""
     loads_named = any(TARGETS[target] in ("force", "stress") for target in wanted)
     columns: dict[str, Column] = {}
     for target, quantity in TARGETS.items():

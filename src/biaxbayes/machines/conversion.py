@@ -27,10 +27,7 @@ FIELDS = ("layer", "axis_x", "axis_y", *DIMENSIONS, "reference")
 
 @dataclass(frozen=True)
 class Conversion:
-    """A specimen, and the recordings that it was made from.
-
-    ``recorded`` are its protocols with stretches as measured, before they were divided.
-    """
+    """A specimen, and its recordings with the stretches as measured."""
 
     specimen: Specimen
     recordings: tuple[Recording, ...]
@@ -45,11 +42,7 @@ class Conversion:
 def convert(
     paths: Sequence[Path], choice: Choice, *, header: Header, protocol_names: Sequence[str] = ()
 ) -> Conversion:
-    """Read machine exports as the protocols of one specimen, as :func:`biaxbayes.convert` does.
-
-    ``header`` holds values by their key in a specimen file; without ``protocol_names`` protocols
-    are named after the files and their sets or protocols.
-    """
+    """Read machine exports as one specimen, as :func:`biaxbayes.convert` does."""
     recordings: list[Recording] = []
     for path in paths:
         in_file = _recordings(path, choice, header)

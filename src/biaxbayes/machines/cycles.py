@@ -37,10 +37,7 @@ class RecordedCycle:
 def recorded_cycles(
     stretch: np.ndarray, load: np.ndarray, labels: Sequence[str] | None, table: Table
 ) -> list[RecordedCycle]:
-    """Cycles by the labels of a column where there is one, else by the curves themselves.
-
-    The last rise of a labelled cycle counts. A record whose last cycle never rises is refused.
-    """
+    """Cycles by the labels of a column, otherwise from the curves."""
     if labels is None:
         groups = {"": np.arange(len(stretch))}
     else:
@@ -87,11 +84,7 @@ def cycle_label(labels: Sequence[str], number: int) -> str | None:
 def by_ratio(
     stretch: np.ndarray, load: np.ndarray, recorded: Sequence[RecordedCycle]
 ) -> dict[str, list[int]]:
-    """Numbers of the cycles of each ratio x:y, in the order in which they first appear.
-
-    The ratio is that of the stretches or of the loads at the peaks, whichever a machine holds
-    steadier from cycle to cycle. A record of one ratio has the name ``""``.
-    """
+    """Cycle numbers by the ratio x:y of peak stretches or loads, whichever is steadier."""
     ways = []
     for curves in (stretch, load):
         peaks = np.array([curves[c.loading[-1]] - curves[c.loading[0]] for c in recorded])
@@ -128,10 +121,7 @@ def by_ratio(
 def settling(
     before: tuple[np.ndarray, np.ndarray], last: tuple[np.ndarray, np.ndarray]
 ) -> tuple[str, bool]:
-    """What changed between the loading branches of two cycles, in words, and whether it repeats.
-
-    Each branch is its stretches and its loads, shapes (n, 2).
-    """
+    """Change between the loading branches (stretch, load) of two cycles, and whether it repeats."""
     peaks = np.array([branch[1][-1] - branch[1][0] for branch in (before, last)])
     largest = np.abs(peaks[1]).max()
     # The curve: loads at the same sum of stretches, where both cycles have it.

@@ -15,24 +15,12 @@ mounted at such a stretch; shorter is likely in cm."""
 
 @dataclass(frozen=True)
 class Gauge:
-    """Lengths in x and y between marks or grips that displacements and distances refer to.
+    """Lengths in x and y that displacements and distances refer to."""
 
-    Attributes
-    ----------
-    given_mm : (float or None, float or None)
-        Gauge lengths that the user gives.
-    edges_mm : (float, float) or None
-        What is taken in place of a gauge length that is not given.
-    geometry : str
-        State that the edges were measured in.
-    at : {"", "zero", "start"}
-        As ``gauge_at`` of :class:`biaxbayes.machines.choice.Choice`.
-    """
-
-    given_mm: tuple[float | None, float | None] = (None, None)
-    edges_mm: tuple[float, float] | None = None
-    geometry: str = "unloaded"
-    at: str = ""
+    given_mm: tuple[float | None, float | None] = (None, None)  # by the user
+    edges_mm: tuple[float, float] | None = None  # used in place of a length that is not given
+    geometry: str = "unloaded"  # state of the edges
+    at: str = ""  # `gauge_at` of Choice
 
     def from_displacement(
         self, moved_mm: np.ndarray, first_mm: float, k: int, column: str, file: object

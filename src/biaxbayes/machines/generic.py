@@ -27,11 +27,7 @@ PER_CENT_RANGE = 0.01
 
 
 def recordings(table: Table, choice: Choice, gauge: Gauge) -> list[Recording]:
-    """Take the branch of a cycle from each protocol of a table.
-
-    The cycle is one of the mapped cycle column, or of those that the curves themselves show.
-    Columns, cells, cycles or branches that are missing or not clear are refused.
-    """
+    """Take the branch of a cycle from each protocol of a table."""
     columns = column_map(table, parse_columns(choice.columns))
     table = table.without_missing(
         [column.index for column in columns.values() if column.unit is not None],

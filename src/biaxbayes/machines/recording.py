@@ -9,50 +9,22 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Rows of one loading path, converted.
+    """Rows of one loading path, converted."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the protocol.
-    source : str
-        File, and set or protocol in it.
-    stretch, load : ndarray, shape (n, 2)
-        As measured: the stretch at rest need not be one. N or kPa.
-    columns : tuple of str
-        Raw columns of stretch x, y and load x, y.
-    stress_pair : {"force", "piola", "cauchy"}
-    time_s : ndarray, shape (n,), or None
-    gradient : ndarray, shape (n, 2, 2), or None
-        In-plane deformation gradient where the file has its off-diagonal components.
-    lines : ndarray of int, shape (n,)
-        Line of the raw file of each row.
-    rows_in_file : int
-        Rows that the branch was cut from.
-    cycle : str or None
-        Such as ``6 of 6``; None where the file holds one cycle only.
-    branch : str
-        Branch that was taken.
-    notes : tuple of str
-        How the file was read.
-    assumptions : tuple of str
-        What stretches and loads rest on; written into the specimen file.
-    """
-
-    name: str
-    source: str
-    stretch: np.ndarray
-    load: np.ndarray
-    columns: tuple[str, ...]
+    name: str  # of the protocol
+    source: str  # file, and set or protocol in it
+    stretch: np.ndarray  # (n, 2), as measured: at rest it need not be one
+    load: np.ndarray  # (n, 2), N or kPa
+    columns: tuple[str, ...]  # raw columns of stretch x, y and load x, y
     stress_pair: str
     time_s: np.ndarray | None
-    gradient: np.ndarray | None
-    lines: np.ndarray
-    rows_in_file: int
-    cycle: str | None
+    gradient: np.ndarray | None  # (n, 2, 2), if the file has its off-diagonal components
+    lines: np.ndarray  # of the raw file, from 1
+    rows_in_file: int  # that the branch was cut from
+    cycle: str | None  # such as "6 of 6"; None for a file of one cycle
     branch: str
-    notes: tuple[str, ...] = ()
-    assumptions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # how the file was read
+    assumptions: tuple[str, ...] = ()  # of stretches and loads; written into the specimen file
 
 
 def shear_angle_deg(gradient: np.ndarray) -> np.ndarray:

@@ -37,10 +37,7 @@ class Candidate(Protocol):
         """One simulated outcome a draw, shape (draws, readings)."""
 
     def log_likelihood(self, outcomes: np.ndarray, draws: pd.DataFrame) -> np.ndarray:
-        """Weighted log likelihood of each outcome for each draw, shape (outcomes, draws).
-
-        Up to a term that is the same for all draws.
-        """
+        """Weighted log likelihood, (outcomes, draws), up to a term common to all draws."""
 
     def response(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """Noise-free readings (draws, readings) and the mean variance of one (readings,)."""
@@ -53,19 +50,11 @@ class Candidate(Protocol):
 
 @dataclass(frozen=True)
 class Reading:
-    """Direct readings of quantities of a draw, with independent normal errors.
-
-    Attributes
-    ----------
-    quantities : tuple of str
-        Columns of the draws.
-    sd : float
-        Accuracy, in the unit of the quantity (degrees for alpha).
-    """
+    """Direct readings of columns of the draws, with independent normal errors."""
 
     name: str
     quantities: tuple[str, ...]
-    sd: float
+    sd: float  # in the unit of the quantity (degrees for alpha)
 
     def outcomes(self, draws: pd.DataFrame, rng: np.random.Generator) -> np.ndarray:
         """See :class:`Candidate`."""
@@ -103,28 +92,15 @@ class Reading:
 
 @dataclass(frozen=True)
 class FurtherProtocol:
-    """One more protocol on the same specimen, of the same machine.
-
-    Its rows are worth as much as those of the run: their errors are simulated with the
-    correlation that makes n rows worth beta n, and weighted by beta.
-
-    Attributes
-    ----------
-    stretch : ndarray, shape (n + 1, 2)
-        Measured stretches; the first is the mounted state.
-    mounting_sd : float
-        Of the mounting force's reading; zero where the run takes no such reading.
-    shared : bool
-        Whether all protocols have one mounted state, whose readings are then pooled.
-    """
+    """One more protocol on the same specimen and machine, its n rows again worth beta n."""
 
     name: str
     specimen: Specimen
-    stretch: np.ndarray
+    stretch: np.ndarray  # (n + 1, 2), measured; the first row is the mounted state
     beta: float
-    mounting_sd: float
+    mounting_sd: float  # of the reading of the mounting force; zero without one
     law: Law
-    shared: bool = True
+    shared: bool = True  # one mounted state for all protocols, readings pooled
 
     def _model(self, draws: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
         """Loads and variances of one reading, both (draws, rows, 2); the mounted state first."""
@@ -164,10 +140,10 @@ class FurtherProtocol:
         return curves
 
     def _pooled(self, reading: np.ndarray, mounting_load: np.ndarray) -> np.ndarray:
-        """Log likelihood of the mounting readings with one more, less that without, (outcomes, n).
+        """Change of the log likelihood of the mounting readings by one more, (outcomes, n).
 
-        Readings that disagree by more than their noise leave the mounting load less certain than
-        the noise alone says (:meth:`.Specimen.mounting_readings`).
+        Readings that disagree by more than their noise make the mounting load less certain
+        (:meth:`.Specimen.mounting_readings`).
         """
         own, sd = self.specimen.mounting_readings(shared=False)
         at_rest = [p.rest_rows > 0 for p in self.specimen.protocols]
@@ -241,25 +217,9 @@ def standard_candidates(
     kappa_sd: float = DesignOptions.kappa_sd,
     image_sd: float = DesignOptions.image_sd,
 ) -> list[Any]:
-    """Candidates that suit a specimen.
+    """Candidates for a specimen: protocols (ratios beside five standard ones), direct readings.
 
-    Parameters
-    ----------
-    ratios : tuple of (float, float)
-        Further ratios of the stretch beyond the mounted state, besides 1:1, 1:0.5, 0.5:1, 1:0
-        and 0:1.
-    further : float
-        Stretch beyond the mounted state of the one protocol that goes further, relative to the
-        largest tested one.
-    alpha_sd_deg, kappa_sd, image_sd : float
-        Accuracy of the fibre angle and dispersion from histology and of the mounting stretch
-        from an image.
-
-    Returns
-    -------
-    list of Candidate
-        Protocols reach the largest measured stretches; one that was measured already is a
-        repeat. Readings of fixed parameters are left out.
+    Protocols reach the largest measured stretches, one goes `further` times as far.
     """
     specimen, settings = posterior.specimen, posterior.settings
     ends = [np.array([p.stretch_x[-1], p.stretch_y[-1]]) - 1.0 for p in specimen.protocols]

@@ -44,9 +44,8 @@ def targets(
 ) -> dict[str, np.ndarray]:
     """Quantities whose spread is to shrink, on the scales of the verdicts.
 
-    Free material parameters and mounting stretches (C1, k1 and k2 in logs), the in-plane
-    structure tensor, and in logs the small-strain stiffness and the stress at a total equibiaxial
-    stretch (the largest tested one where none is given).
+    Parameters and mounting stretches (C1, k1, k2 as logs), in-plane structure tensor, and the
+    logs of small-strain stiffness and of the stress at a total equibiaxial stretch.
     """
     out = {}
     for scale in parameter_scales(posterior.priors, posterior.quantities, draws):
@@ -70,44 +69,22 @@ COMPONENTS = 3
 
 @dataclass(frozen=True)
 class Sharpened:
-    """What is known after an outcome.
-
-    Attributes
-    ----------
-    sd : ndarray, shape (quantities,)
-    log_evidence : float
-        log Z(y), the log of the mean of L over the run's posterior.
-    effective : float
-        Effective number of the points behind it.
-    """
+    """What is known after an outcome."""
 
     sd: np.ndarray
-    log_evidence: float
-    effective: float
+    log_evidence: float  # log of the mean likelihood over the run's posterior
+    effective: float  # number of points
 
 
 @dataclass
 class OutcomePosterior:
-    """Draws from the posteriors that outcomes of a candidate would lead to.
+    """Draws from the posteriors that outcomes of a candidate would lead to."""
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Posterior with the sampling coordinates of the draws; mounted states, if any, are shared
-        by all protocols.
-    draws : DataFrame
-        Of the run.
-    quantities : tuple of str
-        Of :func:`targets`.
-    stretch : float
-        The total equibiaxial stretch that these refer to.
-    """
-
-    posterior: Posterior
+    posterior: Posterior  # in the sampling coordinates of the draws; mounted states are shared
     candidate: Candidate
     draws: pd.DataFrame
     quantities: tuple[str, ...]
-    stretch: float
+    stretch: float  # total equibiaxial
     _log_normaliser: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -118,14 +95,7 @@ class OutcomePosterior:
     def after(
         self, outcome: np.ndarray, log_weight: np.ndarray, rng: np.random.Generator
     ) -> Sharpened | None:
-        """What an outcome leads to; None where no proposal comes near it.
-
-        Parameters
-        ----------
-        outcome : ndarray, shape (readings,)
-        log_weight : ndarray, shape (draws,)
-            Log likelihood of the outcome for each draw of the run.
-        """
+        """Posterior after an outcome, from its log likelihood by draw; None if no proposal fits."""
 
         def log_density(x: np.ndarray) -> np.ndarray:
             out = self.posterior.log_prob(x)
@@ -203,31 +173,16 @@ SOME_SHARE, SHARPENED, SPARSE = 0.02, 100, 200.0
 
 @dataclass(frozen=True)
 class Expected:
-    """What a candidate is expected to bring.
-
-    Attributes
-    ----------
-    gain, gain_error : float
-        Expected information gain, nats, and its Monte Carlo error.
-    reduction, error : ndarray, shape (quantities,)
-        Expected share by which the standard deviation shrinks, and its Monte Carlo error.
-    at_least : ndarray, shape (quantities,)
-        What the best linear estimate from the outcome achieves: a bound from below that needs
-        no reweighting.
-    effective : float
-        Median over the outcomes of the effective number of reweighted draws.
-    few : float
-        Share of outcomes with fewer than 20 effective draws.
-    """
+    """Expected benefit of a candidate."""
 
     name: str
-    gain: float
-    gain_error: float
-    reduction: np.ndarray
-    error: np.ndarray
-    at_least: np.ndarray
-    effective: float
-    few: float
+    gain: float  # nats
+    gain_error: float  # Monte Carlo
+    reduction: np.ndarray  # of the sd of each quantity, relative
+    error: np.ndarray  # Monte Carlo
+    at_least: np.ndarray  # lower bound by the best linear estimate, without reweighting
+    effective: float  # median effective number of reweighted draws
+    few: float  # share of outcomes with fewer than 20 effective draws
 
     @property
     def trusted(self) -> bool:
@@ -244,15 +199,7 @@ def expect(
     outcomes: int = OUTCOMES,
     posterior: Posterior | None = None,
 ) -> Expected | None:
-    """What one candidate is expected to bring; None where its loads overflow for some draws.
-
-    Parameters
-    ----------
-    quantities : dict of ndarray, shape (draws,)
-    posterior : Posterior, optional
-        Posterior of the draws, with their sampling coordinates. New ones are drawn for outcomes
-        that leave too few, where these are many.
-    """
+    """Expected benefit of a candidate; None if its loads overflow. With `posterior`, resample."""
     order = rng.permutation(len(draws))
     outer, inner = order[:outcomes], np.sort(order[outcomes : outcomes + DRAWS])
     if len(inner) < 4 * BLOCKS:
@@ -278,22 +225,13 @@ def expect(
 
 @dataclass(frozen=True)
 class _ByOutcome:
-    """Every outcome of a candidate, from all draws and from each of several blocks of them.
+    """Every outcome, from all draws and from blocks of them."""
 
-    Attributes
-    ----------
-    ratio : ndarray, shape (outcomes, quantities)
-        Standard deviation after the outcome, over that before.
-    gain, effective : ndarray, shape (outcomes,)
-    block_ratio : ndarray, shape (BLOCKS, outcomes, quantities)
-    block_gain : ndarray, shape (BLOCKS, outcomes)
-    """
-
-    ratio: np.ndarray
-    gain: np.ndarray
+    ratio: np.ndarray  # (outcomes, quantities), sd after over sd before
+    gain: np.ndarray  # (outcomes,)
     effective: np.ndarray
-    block_ratio: np.ndarray
-    block_gain: np.ndarray
+    block_ratio: np.ndarray  # (BLOCKS, outcomes, quantities)
+    block_gain: np.ndarray  # (BLOCKS, outcomes)
 
     @property
     def few(self) -> float:

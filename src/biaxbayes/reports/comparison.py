@@ -49,11 +49,7 @@ TERMS = (
 
 
 def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
-    """Write the tables, figures and the page of a comparison; the paths that were written.
-
-    The folder is made where it does not exist. More than six runs get no overlay, which nobody
-    could read.
-    """
+    """Write tables, figures (an overlay of at most six runs) and the page; return the paths."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -69,11 +69,7 @@ def explore_page(
     rows: Sequence[ReportRow] = (),
     report: str = "",
 ) -> str:
-    """The page as HTML: its scripts and its data inside, no network.
-
-    ``draws`` are all draws of the run, ``rows`` its reported table, ``report`` the report to link
-    to. Raises :class:`InputError` if there is no posterior to explore.
-    """
+    """The page as HTML, with scripts and data inside; InputError if there is nothing to explore."""
     if state == "unusable" or not can_be_explored(posterior.quantities, draws):
         raise InputError(
             "this run holds no posterior to explore",
@@ -145,34 +141,16 @@ def _numbered_in_order(page: str) -> str:
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity with panels of its own.
-
-    Attributes
-    ----------
-    name : str
-        As in ``summary.csv``, without a mounted state.
-    symbol, unit : str
-        The symbol as HTML.
-    values : ndarray, shape (draws,)
-        Values of the draws on the page; the mean over mounted states.
-    span : Span
-        Range of its axes.
-    ratio : bool
-        Whether its shifts are measured on a logarithmic scale.
-    reported : str
-        What the report says of it; empty for the mean over mounted states.
-    all_draws : str
-        Median and interval of all draws, within the law.
-    """
+    """A quantity with panels of its own."""
 
     name: str
-    symbol: Markup
+    symbol: Markup  # HTML
     unit: str
-    values: np.ndarray
+    values: np.ndarray  # of the draws on the page; the mean over mounted states
     span: Span
-    ratio: bool
-    reported: str
-    all_draws: str
+    ratio: bool  # shifts on a logarithmic scale
+    reported: str  # text of the report; empty for the mean over mounted states
+    all_draws: str  # median and interval of all draws, within the law
 
 
 def _axes(
@@ -364,19 +342,7 @@ def _draw_curve(
 
 @dataclass(frozen=True)
 class PriorControl:
-    """A prior with sliders: its quantities, and what the script needs.
-
-    Attributes
-    ----------
-    symbol : Markup
-        Symbols of the quantities that have it.
-    words, run : str
-        Their names, and the prior of the run in words.
-    numbers : list of str
-        Names of its two numbers.
-    data : dict
-        For the script: columns, unit, family and the two numbers of the run.
-    """
+    """A prior with sliders: symbols, names, its two numbers, and the values for the script."""
 
     symbol: Markup
     words: str

@@ -209,10 +209,7 @@ def results_paragraph(run: Run) -> str:
 
 
 def latex_table(run: Run) -> str:
-    """The reported table with booktabs rules; both paragraphs as comments.
-
-    Protocols that the law misses stand below the table.
-    """
+    """The reported table with booktabs rules; both paragraphs as comments."""
     name = latex_text(run.specimen.name)
     caption = f"{name}: reported 90\\,\\% intervals and 95\\,\\% bounds."
     if run.state != "converged":

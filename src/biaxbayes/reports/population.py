@@ -85,11 +85,7 @@ TERMS = (
 def population_page(
     folder: Path, tables: Mapping[str, pd.DataFrame], record: Mapping[str, Any]
 ) -> str:
-    """The page as HTML: no scripts, no network.
-
-    ``tables`` are ``groups``, ``specimens`` and ``contrasts``, ``record`` that of population.json;
-    the folder holds the figures.
-    """
+    """The page as HTML from the three tables and the record in population.json."""
     there = pictures(folder, tuple(FIGURES))
     own = tables["specimens"].drop_duplicates("specimen")
     state, reason = (record["convergence"][k] for k in ("state", "reason"))

@@ -44,13 +44,7 @@ class SuspiciousArchive(Exception):
 
 
 def check_archive(path: Path) -> None:
-    """Walk through an HDF5 file without reading its data.
-
-    Raises
-    ------
-    SuspiciousArchive
-        If it leads outside itself, loops, or claims more data than it could hold.
-    """
+    """Refuse an HDF5 file that links outside, loops, or claims more data than it can hold."""
     most = min(MOST_BYTES, MOST_COMPRESSION * path.stat().st_size)
     seen: set[int] = set()
     claimed = 0
@@ -118,12 +112,7 @@ def draw_table(quantities: Mapping[str, np.ndarray]) -> pd.DataFrame:
 def write_archive(
     path: Path, posterior: Posterior, draws: Draws, attributes: dict[str, Any], seed: int
 ) -> None:
-    """Write posterior.nc whole.
-
-    Groups: posterior, sample_stats, log_likelihood (pointwise, weighted as it was sampled, which
-    is what ``arviz.loo`` must take), log_likelihood_unweighted, posterior_predictive,
-    observed_data, constant_data.
-    """
+    """Write posterior.nc; its log likelihood is weighted as sampled, as ``arviz.loo`` needs it."""
     groups = _groups(posterior, draws, seed)
     for name, group in groups.items():
         group.attrs = attributes | _weighting(name, posterior)
@@ -135,10 +124,7 @@ def write_archive(
 
 
 def netcdf_bytes(groups: Mapping[str, xr.Dataset], attributes: Mapping[str, Any]) -> bytes:
-    """A netCDF file of groups, made in memory.
-
-    On a full disk the HDF5 library can crash the process while it closes a file.
-    """
+    """Make a netCDF file in memory: on a full disk HDF5 can crash the process on closing."""
     import h5netcdf
     from xarray.backends import H5NetCDFStore  # takes half a second
 
@@ -242,34 +228,15 @@ def _units(unit: str) -> dict[str, str]:
 
 
 class StoredDraws(NamedTuple):
-    """The draws of an archive.
-
-    Attributes
-    ----------
-    quantities, stats : dict of ndarray, shape (chains, draws)
-        By their names in the archive.
-    walkers : int
-        Of a chain, one after the other, all with as many draws.
-    """
+    """Draws of an archive by name, shape (chains, draws)."""
 
     quantities: dict[str, np.ndarray]
     stats: dict[str, np.ndarray]
-    walkers: int
+    walkers: int  # per chain, one after the other, all with the same number of draws
 
 
 def read_archive(path: Path, parameters: Sequence[str]) -> xr.DataTree:
-    """Read posterior.nc into memory.
-
-    Parameters
-    ----------
-    parameters : sequence of str
-        What it must hold: the parameters of the run's law.
-
-    Raises
-    ------
-    RunError
-        If it is missing or damaged.
-    """
+    """Read posterior.nc into memory; RunError if it is damaged or lacks one of the `parameters`."""
     if not path.is_file():
         raise RunError(f"{path}: no such file; is this a run folder?")
     try:

@@ -41,21 +41,7 @@ def save(
     identity: dict[str, Any],
     pack: Callable[[Any, dict[str, Any]], bytes] | None = None,
 ) -> None:
-    """Write a checkpoint into a folder.
-
-    Parameters
-    ----------
-    identity : dict
-        What the run is a run of (hashes and settings, JSON values); a checkpoint of anything
-        else will be refused.
-    pack : callable, optional
-        State and identity to bytes, for a state of another kind.
-
-    Raises
-    ------
-    RunError
-        If it cannot be written; the checkpoints that were there are untouched.
-    """
+    """Write a checkpoint with the identity of its run (hashes and settings as JSON values)."""
     path, following = folder / NAME, folder / FOLLOWING
     try:
         atomic_write_bytes(following, (pack or _pack)(state, identity))
@@ -76,25 +62,9 @@ def load(
     identity: dict[str, Any],
     reader: Callable[[bytes], tuple[Any, dict[str, Any]]] | None = None,
 ) -> tuple[Any | None, str]:
-    """Read the newest readable checkpoint of a folder.
+    """Read the newest intact checkpoint, or None, and a note if a damaged one was skipped.
 
-    Parameters
-    ----------
-    reader : callable, optional
-        Inverse of what :func:`save` was given.
-
-    Returns
-    -------
-    state : State or None
-        None where there is no checkpoint.
-    note : str
-        Empty, or that a damaged checkpoint was passed over.
-
-    Raises
-    ------
-    RunError
-        If the checkpoint belongs to another problem, naming what differs, or if none is
-        readable.
+    Raises RunError for a checkpoint of another run, or if none is readable.
     """
     damaged = []
     for name in NAMES:
@@ -179,13 +149,7 @@ def sealed(arrays: dict[str, np.ndarray], text: str) -> bytes:
 
 
 def opened(data: bytes) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Inverse of :func:`sealed`: the arrays, and what the text says.
-
-    Raises
-    ------
-    DamagedCheckpoint
-        If the bytes are not what was written.
-    """
+    """Arrays and text of :func:`sealed` bytes; DamagedCheckpoint if the bytes have changed."""
     digest, body = data[:32], data[32:]
     if hashlib.sha256(body).digest() != digest:
         raise DamagedCheckpoint("is damaged (its checksum is wrong)")
@@ -197,15 +161,7 @@ def opened(data: bytes) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
 
 def unpack(data: bytes) -> tuple[State, dict[str, Any]]:
-    """State and identity from the bytes of a checkpoint.
-
-    Raises
-    ------
-    DamagedCheckpoint
-        If the bytes are not what was written.
-    RunError
-        If they were written by another version of the format.
-    """
+    """State and identity of a checkpoint; RunError if another version wrote it."""
     arrays, stored = opened(data)
     try:
         if stored["format"] != FORMAT:

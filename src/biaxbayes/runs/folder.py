@@ -66,21 +66,10 @@ def staged(
     on_removed: Callable[[list[str]], None] = lambda names: None,
     record: str = PROVENANCE,
 ) -> Iterator[Path]:
-    """A fresh folder to write a run's files into; they replace the old ones at the end.
+    """Yield a fresh folder for the files of a run, which then replace the old ones together.
 
-    Parameters
-    ----------
-    folder : Path
-        The run folder, locked by the caller.
-    on_removed : callable
-        Called with the names of the files that were derived from the run before and were removed.
-    record : str
-        The file that lists the others and is moved last.
-
-    Raises
-    ------
-    RunError
-        If anything cannot be written; what was there before is untouched.
+    On failure the old files are untouched. `record` lists the others and is moved last;
+    `on_removed` gets the names of removed files that were derived from the previous run.
     """
     remains = "what was there before is untouched, and `resume=True` continues"
     try:
@@ -107,11 +96,7 @@ def staged(
 
 
 def finish_moving(folder: Path, record: str = PROVENANCE) -> list[str]:
-    """Move finished files into place, also those that a crash left waiting; no-op without any.
-
-    What was derived from the draws of another posterior is removed; its names are returned.
-    Arguments as in :func:`staged`.
-    """
+    """Move staged files into place, also after a crash; return the derived files removed."""
     ready = folder / READY
     if ready.is_symlink() or not ready.is_dir():
         return []
@@ -281,13 +266,7 @@ ALLOWED = {"priors": dict, "versions": dict, "files": dict}
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """The provenance of a run folder, checked.
-
-    Raises
-    ------
-    RunError
-        If it is missing, damaged or not that of a run.
-    """
+    """Read and check the provenance of a run folder."""
     record = read_json(folder, PROVENANCE)
     missing = _schema_error(record, NEEDED) or _schema_error(record, ALLOWED, optional=True)
     if not missing:
@@ -331,13 +310,7 @@ def _schema_error(record: object, needed: dict[str, Any], *, optional: bool = Fa
 
 
 def read_json(folder: Path, name: str) -> Any:
-    """A JSON file of a run folder.
-
-    Raises
-    ------
-    RunError
-        If it is missing, leads outside the folder, or is not JSON.
-    """
+    """Read a JSON file of a run folder; RunError if it is missing, leads outside or is not JSON."""
     path = _inside(folder, name)
     if not path.exists():
         raise RunError(
@@ -360,13 +333,7 @@ def _whole(text: str) -> int:
 
 
 def trusted_path(folder: Path, name: str, record: dict[str, Any]) -> Path:
-    """Path of a file of a run, known to be the one that the run wrote.
-
-    Raises
-    ------
-    RunError
-        If it is missing, leads outside the folder, or was changed since.
-    """
+    """Path of a file of a run; RunError if it is missing, leads outside or was changed."""
     path = _inside(folder, name)
     if not path.is_file():
         raise RunError(f"{path}: no such file; was the run folder copied completely?")
@@ -420,13 +387,7 @@ def other_kind(folder: Path) -> str:
 
 
 def names_in(folder: Path) -> set[str]:
-    """Names in a folder without hidden files; the folder is made where there is none.
-
-    Raises
-    ------
-    RunError
-        If it cannot be made or read.
-    """
+    """Make a folder if it is new, and return the names in it without hidden files."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return {p.name for p in folder.iterdir() if not p.name.startswith(".")}

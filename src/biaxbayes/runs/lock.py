@@ -22,19 +22,11 @@ NOT_A_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 @contextlib.contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder.
+    """Hold the lock of a folder; RunError if another live process holds it.
 
-    The lock is a file that the operating system locks and that says whose it is. A process that
-    dies, however it dies, loses the system's lock, so that what it leaves behind is known to be
-    stale even when its process id has been given to another. Where a file system has no locks
-    the process id and its starting time decide. An owner on another host cannot be looked
-    up from here and is always believed.
-
-    Raises
-    ------
-    RunError
-        If another live process, or one on another host, holds it, or if the folder cannot be
-        written.
+    The operating system releases its lock when a process dies, so a left-over file is known to
+    be stale even if its process id was reused. Without such locks the process id and its start
+    time decide. An owner on another host cannot be checked and counts as alive.
     """
     path = folder / NAME
     try:

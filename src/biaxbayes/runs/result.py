@@ -64,48 +64,22 @@ def file_of(table: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """Result of a run.
-
-    Attributes
-    ----------
-    state : {"converged", "tentative", "unusable"}
-    reported : tuple of Reported
-        What to report of every inferred parameter: one interval or bound, verdict and reason.
-    fit : str
-        How well the law fits the record.
-    advice : str
-        What would help most; empty where every parameter is identified.
-    warnings : tuple of str
-        Protocols that the parameters must not be used for.
-    findings : tuple of str
-        What was odd about the record before it was sampled.
-    better_law : str
-        A law that describes the record distinctly better; empty where none does.
-    thresholds : dict of float
-        Of the verdicts.
-    directions : tuple of dict
-        Of the posterior, the best known first: spread, loadings and a sentence.
-    summary : DataFrame
-        The posterior within the law, as in ``summary.csv``.
-    identifiability, law_fits, determined, same_curves, checks : DataFrame
-        Evidence; see :data:`TABLES`. Empty where there is none.
-    quantities : Quantities
-        What each name is.
-    """
+    """Result of a run: what to report, and its evidence (empty tables if there is none)."""
 
     law: str
-    state: str
+    state: str  # converged, tentative or unusable
     reported: tuple[Reported, ...]
-    fit: str
-    advice: str
-    warnings: tuple[str, ...]
-    findings: tuple[str, ...]
-    better_law: str
+    fit: str  # quality of fit
+    advice: str  # the most useful next measurement; empty if every parameter is identified
+    warnings: tuple[str, ...]  # protocols that the parameters must not be used for
+    findings: tuple[str, ...]  # of the specimen, before sampling
+    better_law: str  # a law that fits clearly better, or empty
     convergence: dict[str, Any]
-    thresholds: dict[str, float]
+    thresholds: dict[str, float]  # of the verdicts
+    # of the posterior, the best known first: spread, loadings and a sentence
     directions: tuple[dict[str, Any], ...]
     same_curves_in_words: str
-    summary: pd.DataFrame
+    summary: pd.DataFrame  # posterior within the law, as in summary.csv
     identifiability: pd.DataFrame
     law_fits: pd.DataFrame
     determined: pd.DataFrame
@@ -140,11 +114,7 @@ class RunResult:
 
     @property
     def stresses(self) -> pd.DataFrame:
-        """The stresses to report, as in ``report-stresses.csv``: median and 90 % interval.
-
-        The intervals hold the inferred error and, at total stretches, the uncertainty of the
-        mounting stretch.
-        """
+        """Stresses to report, as in ``report-stresses.csv``: median and 90 % interval."""
         if self.determined.empty:
             return pd.DataFrame()
         ends = {"tissue_low_90": "low", "tissue_high_90": "high"}
@@ -175,19 +145,7 @@ def run_result(
     convergence: Mapping[str, Any],
     findings: Sequence[str] = (),
 ) -> RunResult:
-    """Result of a run, from its draws and their verdicts.
-
-    Parameters
-    ----------
-    draws : DataFrame
-        Natural quantities, one row per draw.
-    summary : DataFrame
-        As in ``summary.csv``.
-    convergence : mapping
-        As in the provenance.
-    findings : sequence of str
-        What was odd about the record.
-    """
+    """Result of a run from its draws (natural quantities, one row per draw) and their verdicts."""
     specimen, law, settings = posterior.specimen, posterior.law, posterior.settings
     nothing = pd.DataFrame()
     usable, converged = verdicts.state != "unusable", verdicts.state == "converged"
@@ -265,13 +223,7 @@ def _advice(
 
 
 def write_result(result: RunResult, folder: Path) -> list[str]:
-    """Write ``results.json``, ``report.csv`` and the tables of evidence; the names of the files.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
-    """
+    """Write ``results.json``, ``report.csv`` and the tables of evidence; return the file names."""
     text = json.dumps(as_record(result), indent=1, ensure_ascii=False, allow_nan=False)
     atomic_write_text(folder / RESULTS, text + "\n")
     write_csv(folder / REPORT, result.to_frame(), digits=DIGITS)
@@ -329,13 +281,7 @@ def _finite(value: Any) -> Any:
 
 
 def result_from_record(record: Any, law: Law, quantities: Quantities, path: Path) -> RunResult:
-    """The result of a ``results.json``, which may be a stranger's.
-
-    Raises
-    ------
-    RunError
-        If it is not that of the run.
-    """
+    """Result from a ``results.json``, which is not trusted; RunError if it is not a run's."""
     try:
         plain = {name: str(record[name]) for name in PLAIN}
         tables = {name: _table(record["evidence"][name]) for name in TABLES}

@@ -23,10 +23,10 @@ class Cycle:
 
 
 def path_progress(stretch: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """How far a test has come, shape (n,): 0 at its first row and 1 about where it goes furthest.
+    """Progress of a test, shape (n,), from 0 at its first row to about 1 at its furthest point.
 
-    The mean of the path in stretch and the path in load, shapes (n, 2), each summed over both
-    directions: stretch alone wanders in load-controlled tests, load alone is flat in the toe.
+    Mean of the paths in stretch and load: stretch alone wanders in load-controlled tests,
+    load alone is flat in the toe.
     """
     total = np.zeros(len(stretch))
     for curves in (stretch, load):
@@ -44,10 +44,7 @@ def path_scatter(path: np.ndarray) -> float:
 
 
 def reversal(path: np.ndarray) -> int | None:
-    """The row of the peak from which a path turns back.
-
-    None while it drops by no more than 5 % of its range and its own scatter.
-    """
+    """Row of the peak before a drop by more than 5 % of the range and the scatter, or None."""
     if path.size < 3:
         return None
     # One wrong reading is not a branch: the median of three passes over it.
@@ -63,11 +60,7 @@ def reversal(path: np.ndarray) -> int | None:
 
 
 def cycles(path: np.ndarray) -> list[Cycle]:
-    """Cycles of a record: a rise and a fall of at least 30 % of the whole range each.
-
-    Rows at rest before a rise belong to its loading branch. A record that only rises is one
-    cycle without an unloading branch. The path is that of :func:`path_progress`.
-    """
+    """Cycles of a record: a rise and a fall of at least 30 % of the range; a mere rise is one."""
     range_ = float(np.ptp(path))
     # The valley is the lowest of many noisy rows: allow for both ends of the noise.
     level = 0.001 * range_ + 6.0 * path_scatter(path)

@@ -59,19 +59,7 @@ def check_specimen(specimen: Specimen | str | Path) -> tuple[Finding, ...]:
 
 
 def refuse_no_loading_curve(specimen: Specimen, file: object) -> tuple[Finding, ...]:
-    """Refuse what cannot be a loading curve, and return the serious findings.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    file : object
-        For the message; None refuses nothing.
-
-    Raises
-    ------
-    InputError
-        With the first finding that is an error.
-    """
+    """Return the serious findings; InputError for the first error, unless `file` is None."""
     findings = serious(check_specimen(specimen))
     errors = [f for f in findings if f.severity == "error"]
     if errors and file is not None:

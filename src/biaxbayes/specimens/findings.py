@@ -16,24 +16,12 @@ SERIOUS = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One result of a check.
+    """One result of a check."""
 
-    Attributes
-    ----------
-    code : str
-        Stable short name, such as ``tared``.
-    severity : {"error", "warning", "note"}
-        As in :data:`SEVERITIES`.
-    message : str
-        One sentence with the numbers it rests on.
-    protocol : str or None
-        The protocol that it concerns; None for the specimen.
-    """
-
-    code: str
-    severity: str
-    message: str
-    protocol: str | None = None
+    code: str  # stable short name, such as tared
+    severity: str  # one of SEVERITIES
+    message: str  # one sentence with its numbers
+    protocol: str | None = None  # None: the specimen
 
     def record(self) -> dict[str, str | None]:
         """The finding as plain values."""

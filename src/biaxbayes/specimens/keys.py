@@ -36,17 +36,13 @@ class Column(NamedTuple):
 
 
 class Key(NamedTuple):
-    """What a header key means, what holds without it, and which values it takes.
-
-    Outside of its range the unit or the value must be wrong; with neither range nor choices it
-    takes any text. The specimen keeps an ``extra`` key in its metadata.
-    """
+    """Meaning, default and allowed values of a header key; any text without range and choices."""
 
     words: str
     default: str
     range: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
-    extra: bool = False
+    extra: bool = False  # kept in the metadata
 
 
 COLUMNS = {

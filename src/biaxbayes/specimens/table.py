@@ -24,36 +24,19 @@ MAX_PROTOCOLS = 1_000
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers by column, and their places in the file.
-
-    Attributes
-    ----------
-    columns : dict of str to ndarray, shape (n,)
-        All columns of numbers.
-    lines : ndarray of int, shape (n,)
-        Line of the file of each row, from 1.
-    groups : tuple of (str, slice)
-        Rows of each protocol, in the order of the file.
-    names_line : int
-        Line of the column names.
-    notes : tuple of str
-        What was left out.
-    """
+    """Numbers by column, and their places in the file."""
 
     columns: dict[str, np.ndarray]
-    lines: np.ndarray
-    groups: tuple[tuple[str, slice], ...]
+    lines: np.ndarray  # of the file, from 1, for each row
+    groups: tuple[tuple[str, slice], ...]  # rows of each protocol, in the order of the file
     names_line: int
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was left out
 
 
 def read_table(
     lines: Sequence[str], first: int, path: Path, *, drop_missing: bool = False
 ) -> Table:
-    """Read the table whose column names are in the line of index ``first``.
-
-    Rows in which a reading is missing are left out or refused. A refusal names row and column.
-    """
+    """Read the table with its column names in line `first`; an error names row and column."""
     names = _column_names(lines[first], first + 1, path)
     rows, numbers = [], []
     for number, cells in rows_of(lines, path, first=first + 1):
@@ -185,10 +168,7 @@ def _protocol_rows(
 
 
 def read_stretches(path: str | os.PathLike) -> np.ndarray:
-    """Stretches, shape (n, 2), from the columns stretch_x and stretch_y of a CSV.
-
-    Other columns and lines that start with # are skipped.
-    """
+    """Stretches, shape (n, 2), from the columns stretch_x and stretch_y of a CSV."""
     path = Path(path)
     lines = ["" if line.lstrip().startswith("#") else line for line in read_lines(path)]
     rows = ((row, cells) for row, cells in rows_of(lines, path) if "".join(cells).strip())

@@ -31,36 +31,18 @@ LEAST_ROWS = 10
 
 @dataclass(frozen=True)
 class ThinnedSpecimen:
-    """A specimen with averaged rows.
-
-    Attributes
-    ----------
-    specimen : Specimen
-        Rows at rest as they are, the others averaged.
-    scatter : tuple of ndarray, shape (n_p, 2)
-        Mean square scatter of the loads in each averaged row about their trend, in the
-        squared unit of :meth:`Specimen.load`; zero where nothing was averaged.
-    weight : tuple of float
-        Rows of the record for each row left, by protocol.
-    """
+    """A specimen with averaged rows, those at rest unchanged."""
 
     specimen: Specimen
+    # mean square about the trend in each averaged row, (n_p, 2), load units squared
     scatter: tuple[np.ndarray, ...]
-    weight: tuple[float, ...]
+    weight: tuple[float, ...]  # rows of the record per row left, by protocol
 
 
 def rows_to_keep(specimen: Specimen, thin: int | str, *, automatic: bool) -> int:
-    """Rows of a protocol that longer ones are averaged to; 0 for all of them.
+    """Maximum number of rows per protocol; 0 keeps all. ``auto``: 100 if a protocol has over 200.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    thin : int, "none" or "auto"
-        A number is used as it is. ``auto`` averages to at most 100 rows per protocol where one
-        has more than 200.
-    automatic : bool
-        Whether ``auto`` may average at all: not where the readings count as independent, since
-        their number is part of the answer there.
+    `automatic` is False if readings are independent: then their number matters.
     """
     if thin == "auto":
         longest = max(p.rows - p.rest_rows for p in specimen.protocols)
@@ -80,10 +62,7 @@ def rows_to_keep(specimen: Specimen, thin: int | str, *, automatic: bool) -> int
 
 
 def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
-    """Average consecutive rows, to at most ``rows`` of each protocol beside those at rest.
-
-    With ``rows`` 0 all rows stay.
-    """
+    """Average consecutive rows to at most `rows` per protocol beside those at rest; 0 keeps all."""
     protocols, scatter, weight = [], [], []
     for protocol in specimen.protocols:
         count = protocol.rows - protocol.rest_rows
@@ -100,10 +79,7 @@ def thinned_specimen(specimen: Specimen, rows: int) -> ThinnedSpecimen:
 
 
 def averaged_specimen(specimen: Specimen, rows: int) -> Specimen:
-    """The specimen with rows averaged, and the load noise of its own rows.
-
-    Averaging removes the scatter of neighbouring rows from which the noise would be estimated.
-    """
+    """Average rows, and keep the load noise, which averaged rows do not show."""
     averaged = thinned_specimen(specimen, rows).specimen
     return replace(averaged, load_noise=specimen.noise_sd or None)
 
@@ -121,10 +97,10 @@ def _averaged(protocol: Protocol, starts: np.ndarray) -> Protocol:
 
 
 def _scatter(load: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Mean square about a straight line in each group of rows, shape (groups, 2).
+    """Mean square about a line in each group of rows, shape (groups, 2).
 
-    A line through k readings leaves k - 2 of k - 1 parts of their scatter. In groups of two
-    nothing is left of it; they get what the others of the record have.
+    A line through k readings leaves k - 2 of k - 1 parts. In groups of two nothing is left;
+    they get the value of the others.
     """
     out = np.full((len(starts), 2), np.nan)
     ends = [*starts[1:], len(load)]

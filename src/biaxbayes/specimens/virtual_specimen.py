@@ -284,32 +284,9 @@ def record_tests(
     source: str = "",
     grips: Mapping[str, float] | None = None,
 ) -> tuple[Specimen, Truth]:
-    """Record error-free tests (closed form or finite elements) with a machine's errors.
+    """Record error-free tests (first row: the mounted state) with the errors of a machine.
 
-    Parameters
-    ----------
-    tests : mapping of protocol name to VirtualTest or SheetTest
-        The first row of each is the mounted state.
-    material : GOH or CheckedMaterial
-    name : str
-        Name of the specimen.
-    mounting_stretch : (float, float)
-        Stretch of the mounted relative to the unloaded state.
-    dimensions : Dimensions
-        Unloaded dimensions, whatever ``machine.geometry`` is.
-    machine : Machine
-    seed : int
-        The same seed gives the same readings.
-    labels : mapping, optional
-        Header keys ``layer``, ``axis_x``, ``axis_y``.
-    source : str
-        Where the material comes from; part of the truth only.
-    grips : mapping, optional
-        How a finite-element specimen was gripped and measured; part of the truth only.
-
-    Returns
-    -------
-    Specimen, Truth
+    `dimensions` are unloaded, whatever `machine.geometry` is.
     """
     machine, labels = machine or Machine(), labels or {}
     rng = np.random.default_rng(seed)

@@ -21,25 +21,13 @@ __all__ = ["RUNS", "Entry", "read_entries"]
 
 @dataclass(frozen=True)
 class Entry:
-    """A specimen of the study as it was read.
-
-    Attributes
-    ----------
-    entry : StudySpecimen
-    slug : str
-        Name of its run folder.
-    specimen : Specimen or None
-    problem : str
-        Why it could not be read.
-    fingerprint : str
-        Of everything its run depends on.
-    """
+    """A specimen of the study, or the problem that kept it from being read."""
 
     entry: StudySpecimen
-    slug: str
+    slug: str  # name of the run folder
     specimen: Specimen | None = None
     problem: str = ""
-    fingerprint: str = ""
+    fingerprint: str = ""  # of everything that the run depends on
 
     @property
     def folder(self) -> str:

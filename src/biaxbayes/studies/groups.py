@@ -60,27 +60,11 @@ tests end."""
 
 
 def group_summaries(table: pd.DataFrame, own: Sequence[str] = ()) -> pd.DataFrame:
-    """Summaries across the specimens of a layer, of a donor, and of the whole study.
+    """Summarise the study table by layer, donor and study, never across values of `own` columns.
 
-    Specimens that differ in a column of the study's own, such as ``disease``, are never pooled.
-
-    Parameters
-    ----------
-    table : DataFrame
-        The study table, one row a specimen and quantity: specimen, donor, layer, state, kind,
-        quantity, unit, verdict, q50, scale and scale_sd.
-    own : sequence of str
-        The study's own columns.
-
-    Returns
-    -------
-    DataFrame
-        One row per group and quantity. ``identified`` specimens have converged and their verdict is
-        one of :data:`KNOWN`; the numbers are theirs. ``centre`` is the mean of their medians
-        (the geometric one where the scale is ``log``), ``lowest`` and ``highest`` the extreme
-        medians. ``sd_of_medians``, ``sd_within`` (root mean square of the posterior sd) and
-        ``sd_between`` are on the scale; sd_between^2 = max(sd_of_medians^2 - sd_within^2, 0) is
-        the variance between specimens that the posteriors' own width does not explain.
+    `centre` is the mean of the medians of identified specimens (geometric on a log scale).
+    `sd_between`^2 = max(`sd_of_medians`^2 - `sd_within`^2, 0) is the variance between specimens
+    that the width of the posteriors (root mean square sd `sd_within`) does not explain.
     """
     rows = []
     for group_by in ("layer", "donor", "all"):
@@ -144,20 +128,7 @@ def _summary(part: pd.DataFrame) -> dict[str, Any]:
 
 
 def layer_contrasts(distances: pd.DataFrame) -> pd.DataFrame:
-    """How layers differ, pair by pair within a donor, over all donors.
-
-    Parameters
-    ----------
-    distances : DataFrame
-        Distances of all donors, with ``layer_a`` and ``layer_b``.
-
-    Returns
-    -------
-    DataFrame
-        One row a pair of layers and quantity. ``pairs`` of specimens, those where both identify
-        the quantity, and in how many of these the 90 % interval of the difference b - a lies above
-        and below zero; the differences are medians, of the ``identified`` pairs.
-    """
+    """Summarise over donors how the layers of a donor differ: medians of identified pairs b - a."""
     if distances.empty:
         return pd.DataFrame(columns=list(CONTRAST_COLUMNS))
     same_for_all = distances["kind"].isin(KEPT) & (

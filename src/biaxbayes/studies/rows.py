@@ -23,13 +23,7 @@ NUMBERS = ("mean", "sd", "q05", "q50", "q95", "ess_bulk", "ess_tail", "rhat")
 
 
 def rows_of_run(run: Run) -> list[dict[str, Any]]:
-    """One row a quantity of a finished run.
-
-    ``scale_sd`` is the posterior standard deviation on the scale on which specimens are averaged:
-    of the natural logarithm for stiffnesses and exponents, as it is for everything else. It is
-    empty, as every number is, where the chains are unusable. The reported interval, verdict and
-    reason are those of the run.
-    """
+    """One row per quantity of a finished run; `scale_sd` is the sd of its log or of itself."""
     noise, convergence = run.provenance["noise"], run.provenance["convergence"]
     common = {
         "state": run.state,

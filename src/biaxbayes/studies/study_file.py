@@ -53,57 +53,29 @@ LONGEST = 120
 
 @dataclass(frozen=True)
 class StudySpecimen:
-    """One specimen of a study.
-
-    Attributes
-    ----------
-    file : Path
-    label : str
-        Unique in the study.
-    donor, layer : str or None
-        None: what the file's own header says.
-    seed : int
-    options : dict
-        Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`, with the priors.
-    mounting_force : (float, float) or None
-        Put back on a tared file, in the file's unit.
-    anyway : bool
-        Sample it even if its record cannot be a loading curve.
-    columns : mapping of str to str
-        What the specimen states in the columns that the study declares.
-    """
+    """One specimen of a study."""
 
     file: Path
-    label: str
-    options: Mapping[str, Any]
+    label: str  # unique in the study
+    options: Mapping[str, Any]  # of the posterior, with priors
     seed: int = SamplingPlan.seed
-    donor: str | None = None
+    donor: str | None = None  # None: from the header of the file
     layer: str | None = None
-    mounting_force: tuple[float, float] | None = None
-    anyway: bool = False
+    mounting_force: tuple[float, float] | None = None  # added back to a tared file, in its unit
+    anyway: bool = False  # sample even if it cannot be a loading curve
+    # values of the columns that the study declares
     columns: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Study:
-    """Specimens that are sampled and reported together.
-
-    Attributes
-    ----------
-    name : str
-    specimens : tuple of StudySpecimen
-    ess : float
-    max_steps : int
-        As in :class:`~biaxbayes.sampling.sampler.Plan`, of every specimen.
-    columns : tuple of str
-        What makes the groups of a population; empty for the layer.
-    """
+    """Specimens that are sampled and reported together."""
 
     name: str
     specimens: tuple[StudySpecimen, ...]
     ess: float = SamplingPlan.ess
     max_steps: int = SamplingPlan.max_steps
-    columns: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()  # of the groups of a population; empty: the layer
 
 
 @dataclass(frozen=True)
@@ -133,13 +105,7 @@ def study_of_files(
     max_steps: int = SamplingPlan.max_steps,
     anyway: bool = False,
 ) -> Study:
-    """A study of specimen files that share their options; the files' names are the labels.
-
-    Raises
-    ------
-    InputError
-        If a file is missing, or two have the same name.
-    """
+    """A study of specimen files with common options, labelled by their file names."""
     for path in files:
         _check_file(path, path)
     specimens = tuple(
@@ -162,13 +128,7 @@ def study_of_files(
 
 
 def read_study(path: Path) -> Study:
-    """Read a study file.
-
-    Raises
-    ------
-    InputError
-        Naming the file and the key that cannot be used.
-    """
+    """Read a study file; InputError names the file and the key that cannot be used."""
     table = read_toml(path)
     _check_keys(table, STUDY_KEYS, "a study", path)
     numbers = {

@@ -70,10 +70,7 @@ def _version5_variables(raw: bytes, path: Path) -> dict[str, Any]:
 
 
 def _hdf5_variables(raw: bytes, path: Path) -> dict[str, Any]:
-    """Arrays of a file and of its groups, transposed as MATLAB shows them.
-
-    Links out of the file are not followed.
-    """
+    """Arrays of a file and its groups, transposed as in MATLAB; links out are not followed."""
     import h5py
 
     cells = 0

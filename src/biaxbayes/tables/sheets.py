@@ -25,27 +25,14 @@ SAMPLE = 200
 
 @dataclass(frozen=True)
 class Sheet:
-    """Rows of text cells.
-
-    Attributes
-    ----------
-    rows : list of list of str
-        Those that are neither blank nor comments.
-    lines : list of int
-        Line of the file (row of the sheet) of each, from 1.
-    notes : list of str
-        How the file was read.
-    names : list of str
-        Column names from a comment line, as NumPy writes them.
-    text : bool
-        Whether cells were cut from lines of text, where a short row may be a file cut off.
-    """
+    """Rows of text cells without blank lines and comments."""
 
     rows: list[list[str]]
-    lines: list[int]
-    notes: list[str] = field(default_factory=list)
+    lines: list[int]  # of the file, or rows of the sheet, from 1
+    notes: list[str] = field(default_factory=list)  # how the file was read
+    # column names from a comment line, as NumPy writes them
     names: list[str] = field(default_factory=list)
-    text: bool = False
+    text: bool = False  # cut from lines of text, where a short row may be a truncated file
 
 
 READERS = (

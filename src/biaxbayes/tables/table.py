@@ -35,30 +35,15 @@ MISSING = ("", "nan", "na", "n/a", "#n/a", "-", "--", "---", "null", "none")
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text cells.
-
-    Attributes
-    ----------
-    path : Path
-    names : tuple of str
-    columns : tuple of sequence of str
-        Cells by column.
-    lines : ndarray of int, shape (n,)
-        Line (or row of the sheet) of each row, from 1.
-    decimal_comma : bool
-    unit_row : tuple of str
-        Cells of a row of units below the names, where there is one.
-    notes : tuple of str
-        What was noticed while reading: encoding, separator, decimal comma.
-    """
+    """A table of text cells."""
 
     path: Path
     names: tuple[str, ...]
-    columns: tuple[Sequence[str], ...]
-    lines: np.ndarray
+    columns: tuple[Sequence[str], ...]  # cells by column
+    lines: np.ndarray  # of the file, or rows of the sheet, from 1
     decimal_comma: bool = False
-    unit_row: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    unit_row: tuple[str, ...] = ()  # below the names, if there is one
+    notes: tuple[str, ...] = ()  # encoding, separator, decimal comma
 
     @property
     def rows(self) -> int:
@@ -167,11 +152,7 @@ class Table:
         return np.array(values)
 
     def without_missing(self, indices: Sequence[int], *, drop: bool, remedy: str) -> Table:
-        """The rows that have a reading in each of some columns of numbers.
-
-        With ``drop`` the others are left out and counted in ``notes``; without it they are refused,
-        all in one message with the ``remedy`` that leaves them out.
-        """
+        """Rows without gaps in these columns: others are dropped with a note, or refused."""
         lacks = np.array([np.isnan(self.sparse_numbers(i)) for i in indices])
         rows = np.flatnonzero(lacks.any(axis=0))
         if not rows.size:
@@ -215,10 +196,7 @@ def _bare(name: str) -> str:
 
 
 def read_tables(path: Path, sheets: Sequence[str] = ()) -> tuple[dict[str, Table], dict[str, str]]:
-    """Tables of a file by the name of their sheet, and why other sheets hold none.
-
-    ``sheets`` names those to read, or is ``all``; it is needed if more than one holds a table.
-    """
+    """Tables by sheet, and why other sheets hold none; `sheets` selects by name, or ``all``."""
     available = read_sheets(path)
     wanted = () if tuple(sheets) == (ALL_SHEETS,) else tuple(sheets)
     if sheets and "" in available:

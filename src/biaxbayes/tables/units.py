@@ -15,10 +15,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: what it measures, and its size in N, kPa, mm, s or as a fraction.
-
-    For a kind of strain, ``quantity`` is the kind: a key of :data:`STRAINS`.
-    """
+    """A unit: its quantity (for strain a key of STRAINS), and its size in N, kPa, mm, s or 1."""
 
     name: str
     quantity: str
@@ -101,11 +98,7 @@ SHARE = re.compile(
 
 
 def split_units(column: str) -> tuple[str, list[Unit]]:
-    """A column name without its units, and the units: ``Force X [mN]``, ``F_mN``, ``P, N/mm2``.
-
-    A unit is in brackets, at the end, or a sign or word for per cent anywhere (``% Green strain``).
-    Those in brackets come first, the last of them before the others.
-    """
+    """Split a column name such as ``Force X [mN]`` or ``P, N/mm2`` into name and units."""
     units = []
     for pattern in (BOX, SHARE):
         for match in reversed(list(pattern.finditer(column))):
@@ -184,11 +177,7 @@ def strain_kinds(column: str) -> set[str]:
 
 
 def likely_name(name: str, known: Iterable[str], cutoff: float = 0.75) -> tuple[str, str]:
-    """The known name that an unknown one is likely meant to be, and a hint that ends with a space.
-
-    Both are empty if no name is near (``cutoff`` of :func:`difflib.get_close_matches`), or those
-    near are of another quantity. Where units differ the hint says how to scale the values.
-    """
+    """The likely intended name and a hint with a trailing space; both empty if no name is near."""
     given = unit_of_column(name)
     for likely in difflib.get_close_matches(name[:60], known, n=3, cutoff=cutoff):
         known_unit = unit_of_column(likely)

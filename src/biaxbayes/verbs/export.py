@@ -126,11 +126,7 @@ def _folder(run: Path, to: str, units: str, out: PathLike | None) -> Path:
 def _export_population(
     folder: Path, group: str, program: str, chosen: CardOptions, out: Path, anyway: bool
 ) -> pd.DataFrame:
-    """Cards of new specimens of a group, and in a folder of its own that of the mean curve.
-
-    The mean curve is that of the new specimen whose curves are nearest the median curves: means
-    of parameters one by one are no material of the group.
-    """
+    """Write cards of new specimens of a group; ``mean`` has the one nearest the median curves."""
     from biaxbayes.cards.export import export_cards
     from biaxbayes.laws import law_named
     from biaxbayes.parameters import mounting_names

@@ -149,10 +149,7 @@ def make_folder(path: PathLike) -> Path:
 def claim_folder(
     folder: Path, records: Collection[str], kind: str, own: Collection[str] = ()
 ) -> set[str]:
-    """Make the output folder of a verb and return the names in it; refuse a foreign folder.
-
-    A folder is the verb's if it holds one of the ``records``, or at most its ``own`` names.
-    """
+    """Make an output folder that is new, or holds one of `records` or nothing but `own` names."""
     from biaxbayes.runs.folder import names_in
 
     names = names_in(folder)

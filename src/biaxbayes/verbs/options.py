@@ -58,10 +58,7 @@ RATIO = Pair("ratio", ":", "1:0.5", zero=True)
 
 
 def options(table: type[Options], *names: str, **changes: dict[str, Any]) -> Decorator:
-    """Add options of a table to a command, in the order of ``names``; by default all.
-
-    ``changes`` are keyword arguments of ``click.option`` that differ from the table, by option.
-    """
+    """Add options of a table (default all); `changes` by option go to ``click.option``."""
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
         for name in reversed(names or tuple(options_of(table))):

@@ -107,22 +107,7 @@ def members_of_study(folder: Path) -> tuple[str, list[Member]]:
 
 @dataclass(frozen=True)
 class PopulationFound:
-    """A finished population.
-
-    Attributes
-    ----------
-    name : str
-    folder : Path
-        Holds ``population.csv``, ``specimens.csv``, ``contrasts.csv`` and ``population.nc``.
-    state : str
-        ``converged``, ``tentative`` or ``unusable``; ``reason`` says why.
-    reason : str
-    groups, specimens, contrasts : DataFrame
-        The tables.
-    notes : list of str
-    left_out : dict of str to str
-        Reasons by specimen.
-    """
+    """Result of a population: state with reason, tables, and reasons by specimen left out."""
 
     name: str
     folder: Path

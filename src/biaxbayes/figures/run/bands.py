@@ -66,12 +66,7 @@ def bands_figure(
     width_mm: float = PAGE_MM,
     style: Style = None,
 ) -> Figure:
-    """Load against measured stretch with both bands, and below the residuals about the median.
-
-    One panel per protocol (the first 12). All readings are drawn, of protocols of more than 200
-    rows every n-th. The loads of a ``truth`` (material and mounting stretches by the names of the
-    draws) are dashed; :class:`~biaxbayes.errors.InputError` if it lacks one.
-    """
+    """Draw load against measured stretch with both bands, and residuals, for up to 12 protocols."""
     shown = replace(specimen, protocols=specimen.protocols[: shown_protocols(specimen, width_mm)])
     table = bands(
         shown, draws, settings=settings, probability=probability, max_rows=ROWS, max_draws=DRAWS
@@ -167,11 +162,7 @@ def residual_unit(table: pd.DataFrame, unit: str) -> tuple[float, str]:
 
 
 def abscissa(test: dict[str, pd.DataFrame]) -> tuple[dict[str, np.ndarray], str]:
-    """What to draw the curves of a test in x and y against, and its name.
-
-    Each direction's own stretch, if the model is a curve over it; else (a fixed direction, or a
-    path that turns back) the stretch of the leading direction; else the number of the row.
-    """
+    """Abscissae of the curves in x and y and their name: own stretch, leading stretch or row."""
     own = {axis: part["stretch"].to_numpy() for axis, part in test.items()}
     leading = max(own, key=lambda axis: float(np.ptp(own[axis])))
     shared = dict.fromkeys(own, own[leading])

@@ -75,32 +75,10 @@ def corner_figure(
     known: Quantities | None = None,
     law: str = "",
 ) -> Figure:
-    """Pairwise and marginal posterior of the material parameters and mounting stretches.
+    """Draw the pairwise and marginal posterior of material parameters and mounting stretches.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        One row per draw, columns as in ``summary.csv``. Constant columns are left out.
-    truth : mapping, optional
-        Known values by the same names, drawn as dashed lines.
-    compare : DataFrame, optional
-        Draws of another run, drawn as outlines.
-    names : (str, str)
-        Names of the run and of the compared one, for the legend.
-    parameters : sequence of str, optional
-        The quantities to draw; all by default.
-    probability : float
-        Content of the shaded interval of each quantity: central, or one-sided where the draws
-        pile up at a physical edge.
-    known : Quantities, optional
-        What each name is, where it is not the default law with one mounted state.
-    law : str
-        Name of the law of the run, for the legend.
-
-    Raises
-    ------
-    InputError
-        If nothing varies, a parameter is not there, or the panels do not fit the width.
+    `truth` is dashed, the draws `compare` of another run are outlined. `probability` is the
+    content of the shaded interval, one-sided if the draws pile up at a physical limit.
     """
     runs = [draws] if compare is None else [draws, compare]
     truth = {k: float(v) for k, v in (truth or {}).items() if np.isfinite(v)}
@@ -157,12 +135,7 @@ def overlay_figure(
     style: Style = None,
     known: Quantities | None = None,
 ) -> Figure:
-    """Pairwise and marginal posteriors of several runs, or of groups of specimens.
-
-    The filled region holds 50 %, the outline 90 % of a run's draws. Each run is smoothed on the
-    range of its own draws, so that a narrow one stays narrow beside a wide one. ``points`` are
-    drawn over the pairs, for each run the values by name.
-    """
+    """Draw the posteriors of several runs: 50 % filled, 90 % outlined; `points` over the pairs."""
     columns = _columns(runs, known=known, include=points)
     if not columns:
         raise InputError("no parameter of these runs varies, so there is nothing to draw")

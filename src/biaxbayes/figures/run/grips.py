@@ -30,13 +30,7 @@ TWO_SD = 2.0
 def grips_figure(
     specimen: Specimen, ratios: pd.DataFrame, *, width_mm: float = PAGE_MM, style: Style = None
 ) -> Figure:
-    """Sketch of the unloaded sheet and its hooks; load on the hooks over that of a uniform test.
-
-    Parameters
-    ----------
-    ratios : DataFrame
-        As in ``grips.csv`` of a run folder; bands are two standard deviations over the posterior.
-    """
+    """Sketch the sheet and its hooks; draw the hook load over the uniform one, with two sd."""
     names = ratios["protocol"].drop_duplicates().to_list()[:MAX_PROTOCOLS]
     columns = min(3, len(names))
     rows = -(-len(names) // columns)

@@ -59,11 +59,7 @@ def mounting_figure(
     width_mm: float = PAGE_MM,
     style: Style = None,
 ) -> Figure:
-    """Joint posterior of the mounting stretches; posterior of the mounting force and its reading.
-
-    From 120 mm the panels stand side by side. ``truth`` are known values by the names of the draws.
-    Raises :class:`~biaxbayes.errors.InputError` if the run did not infer the mounted state.
-    """
+    """Draw the mounting stretches, and the posterior of the mounting force with its reading."""
     if not mounting_labels(draws, specimen):
         raise InputError(
             "this run does not infer the mounting stretch, so there is no mounted state to draw",

@@ -39,12 +39,7 @@ def profile_figure(
     width_mm: float = PAGE_MM,
     style: Style = None,
 ) -> Figure:
-    """One row per profile, with a title such as the layer.
-
-    From left to right the deviance with the threshold and interval, and the values that the
-    stiffnesses (relative to the best fit), angle and dispersion, and the mounting stretches take;
-    below 120 mm two and two.
-    """
+    """Draw a row per profile: deviance with threshold, and the values of the other parameters."""
     lines = 1 if width_mm >= SIDE_BY_SIDE_MM else 2
     height = HEAD_MM + (ROW_MM if lines == 1 else NARROW_MM) * lines * len(profiles)
     with print_style(style):

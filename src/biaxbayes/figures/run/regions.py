@@ -37,20 +37,7 @@ VISIBLE = 20_000
 def regions(
     ax: Axes, pair: Sequence[np.ndarray], axes: Sequence[Span], hue: str, *, filled: bool | None
 ) -> None:
-    """Draw a joint posterior as regions of given content.
-
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes
-    pair : two ndarray, shape (n,)
-        Draws in x and y.
-    axes : two Span
-        Ranges that they are smoothed on.
-    hue : str
-    filled : bool or None
-        Three shaded regions, or the outline of the one that holds 90 %, or None: the region of
-        50 % in that outline.
-    """
+    """Draw a joint posterior: shaded (True), the 90 % outline (False), or 50 % in it (None)."""
     import corner  # imports ArviZ, which takes a second or two
 
     shown = evenly_chosen(len(pair[0]), VISIBLE)
@@ -74,11 +61,10 @@ def regions(
 
 
 def _smooth(along: np.ndarray, bins: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Draws of a pair counted in cells and smoothed, the wider the fewer lie about a draw.
+    """Smoothed density in cells and at the draws; the kernel widens where the density is low.
 
-    The density in the cells, and at the draws. Width of the kernel (Abramson 1982):
-    h (f90 / f)^(1/2) where the density f is below that at the edge of the region of 90 %. One
-    width for all leaves islands of single draws.
+    Width (Abramson 1982): h (f90 / f)^(1/2) where the density f is below f90, that at the
+    edge of the 90 % region. A single width leaves islands of single draws.
     """
     inside = np.all((along >= 0.0) & (along <= 1.0), axis=0)
     cell = [
@@ -98,10 +84,7 @@ def _smooth(along: np.ndarray, bins: Sequence[int]) -> tuple[np.ndarray, np.ndar
 
 
 def cells(along: np.ndarray) -> list[int]:
-    """Cells of each axis, such that a kernel of so many cells is as wide as it should be.
-
-    Scott's h = sd n^(-1/6) for a pair, narrower on a ridge so that it stays narrow.
-    """
+    """Cells per axis for Scott's kernel h = sd n^(-1/6), narrower on a ridge."""
     sd, n = np.array([max(robust_sd(u), 1e-6) for u in along]), along.shape[1]
     r = np.corrcoef(np.clip(along, 0.0, 1.0))[0, 1] if n > 2 else 0.0
     # sd of one quantity where the other is known: sd sqrt(1 - r^2); halfway to it, in logs

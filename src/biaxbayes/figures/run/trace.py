@@ -42,29 +42,9 @@ def trace_figure(
     style: Style = None,
     known: Quantities | None = None,
 ) -> Figure:
-    """Traces of the ensembles, and the ranks of each ensemble's draws among all.
+    """Draw the traces of the ensembles (median, 5 to 95 % of walkers) and the ranks of their draws.
 
-    Left: median and 5 % to 95 % range over the walkers of each ensemble, step by step. Right: how
-    the draws of each ensemble spread over the ranks of all draws; ensembles that sample the same
-    distribution run along 1.
-
-    Parameters
-    ----------
-    chains : mapping of str to ndarray, shape (ensembles, steps, walkers)
-    names : sequence of str, optional
-        Rows; by default the material parameters, the first mounted state, the noise and the log
-        density, as far as they vary.
-    unit : str
-        Unit of the specimen's loads.
-    rhat : mapping, optional
-        Split R-hat by name, printed in the rows.
-    known : Quantities, optional
-        What each name is, where it is not the default law with one mounted state.
-
-    Raises
-    ------
-    InputError
-        If nothing varies, or a name is not there.
+    `chains` by name have shape (ensembles, steps, walkers).
     """
     quantities = known_or_default(known, unit)
     rows = list(names) if names is not None else _default_rows(chains, quantities)
