@@ -90,17 +90,25 @@ class Cluster:
                 time.sleep(POLL_SECONDS)
 
     def _connected(self) -> Client:
-        from distributed import Client
+        from distributed import Client, Security
+        from distributed.comm import get_address_host_port, normalize_address
 
         try:
+            # Refused before there is a client: one that fails half-way is closed by the garbage
+            # collector, which waits for ever where it does so while the next client starts.
+            address = normalize_address(self.address)
+            get_address_host_port(address)
+            certificates = Security().get_connection_args("client").get("ssl_context")
+            if address.startswith("tls://") and certificates is None:
+                raise ValueError("Dask's configuration names no TLS certificates")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that versions of Dask differ a little
                 # Never the default: what else writes files here must not ask the cluster.
-                return Client(self.address, timeout=CONNECT_SECONDS, set_as_default=False)
+                return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
+            reason = type(error).__name__ if isinstance(error, OSError) else str(error)
             raise InputError(
-                f"`scheduler` {self.address[:80]}: no Dask scheduler answers there "
-                f"({type(error).__name__})",
+                f"`scheduler` {self.address[:80]}: no Dask scheduler answers there ({reason})",
                 remedy="start one with 'dask scheduler' and give the address that it prints",
             ) from None
 
