@@ -15,7 +15,7 @@ from biaxbayes.errors import InputError
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.profile.conditional_fit import Target
-from biaxbayes.identifiability.profile.curve import ProfileCurve, axis_of
+from biaxbayes.identifiability.profile.curve import ProfileCurve, profile_axis
 from biaxbayes.identifiability.profile.profile import THRESHOLD, profile_likelihood, profiles
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
@@ -258,7 +258,7 @@ def test_sweeping_back_gives_nothing_lower():
     best = table.iloc[int(table["deviance"].argmin())][names].to_numpy(dtype=float, copy=True)
     best[3] = np.cos(np.radians(best[3])) ** 2
     curve = ProfileCurve(
-        target, axis_of(GOH_LAW.parameter("kappa"), 4, GOH_LAW), target.best({}, best, 0.005)
+        target, profile_axis(GOH_LAW.parameter("kappa"), 4, GOH_LAW), target.best({}, best, 0.005)
     )
     curve.extend(-1)
     curve.extend(1)

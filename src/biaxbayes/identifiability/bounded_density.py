@@ -24,19 +24,11 @@ TOUCHING = 0.5
 
 @dataclass(frozen=True)
 class Span:
-    """Range of one axis of a figure.
-
-    Attributes
-    ----------
-    closed_low, closed_high : bool
-        Whether an end is a physical edge with mass at it.
-    log : bool
-        Whether the axis is logarithmic; ``low`` and ``high`` are natural values all the same.
-    """
+    """Range of one axis of a figure, in natural values."""
 
     low: float
     high: float
-    closed_low: bool = False
+    closed_low: bool = False  # a physical edge with mass at it
     closed_high: bool = False
     log: bool = False
 
@@ -61,10 +53,7 @@ def span(
     log: bool = False,
     include: tuple[float, ...] = (),
 ) -> Span:
-    """Range that shows the draws of one or more runs and the values to include.
-
-    The range ends at a physical edge if draws come close; a logarithmic axis needs positive draws.
-    """
+    """Range of the draws of one or more runs and of values to include; it ends at a near edge."""
     log = log and all(float(c.min()) > 0.0 for c in columns) and all(v > 0 for v in include)
     moved = [np.log(c) if log else c for c in columns]
     seen = [float(np.log(v)) if log else v for v in include]
@@ -83,11 +72,7 @@ def span(
 
 
 def curve(values: np.ndarray, axis: Span) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed density along one axis: natural values (m,) and density (m,).
-
-    The values are evenly spaced on the axis, its ends included; the density is per unit of length
-    of the axis (per logarithm on a logarithmic one).
-    """
+    """Smoothed density (m,) per unit of the axis, at natural values (m,) evenly spaced on it."""
     u = axis.forward(values)
     counts, _ = np.histogram(u, BINS, (0.0, 1.0))
     # Silverman's rule with a robust sd: h = 0.9 sd n^(-1/5)
@@ -119,10 +104,7 @@ def at_edges(density: np.ndarray, axis: Span) -> tuple[bool, bool]:
 def interval(
     values: np.ndarray, piled: tuple[bool, bool], probability: float = CONTENT
 ) -> tuple[float, float]:
-    """Central interval, or one-sided where the draws pile up at one physical edge.
-
-    A central interval would exclude the edge, which is where the density is highest.
-    """
+    """Central interval, or one-sided where the draws pile up at one physical edge."""
     tail = 1.0 - probability
     if piled == (True, False):
         return float(values.min()), float(np.quantile(values, probability))

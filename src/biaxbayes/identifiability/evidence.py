@@ -38,11 +38,7 @@ def evidence_of_run(
     *,
     refits: Refits = mounting_refits,
 ) -> dict[str, Evidence]:
-    """Evidence on the parameters of a posterior from its draws, by name.
-
-    ``draws`` are some of ``all_draws``, with ``log_likelihood``; medians and intervals are those of
-    all draws.
-    """
+    """Evidence by name from some of the draws; medians and intervals are of all draws."""
     evidence = evidence_of_draws(
         free,
         draws,
@@ -75,12 +71,7 @@ def evidence_of_draws(
     distances: Mapping[str, float],
     thresholds: Thresholds,
 ) -> dict[str, Evidence]:
-    """Evidence on parameters from draws and priors, by name.
-
-    ``draws`` are some of ``all_draws``, whose medians and intervals are given. ``log_components``
-    are log prior and log likelihood of each draw, for power-scaling; ``distances`` say how near to
-    a physical edge counts as near, by kind of parameter.
-    """
+    """Evidence by name; `log_components` are log prior and log likelihood of each draw."""
     values = np.column_stack([s.to_scale(draws[s.name].to_numpy(dtype=float)) for s in free])
     by_prior, by_data = (power_scaling.sensitivity(values, log) for log in log_components)
     partners = find_partners(values, tuple(s.name for s in free))

@@ -26,11 +26,7 @@ STARTS = 4
 def quick_fit(
     specimen: Specimen, *, law: str = FitOptions.law, fibre_switch: bool = False
 ) -> FitResult:
-    """The best fit of a law to a thinned record.
-
-    It infers the mounting stretch where the file allows it; a tared file is fitted with its
-    mounted state as reference.
-    """
+    """The best fit to a thinned record; a tared file is fitted without a mounting stretch."""
     few = thinned(specimen)
     if specimen.is_tared:
         return fit(few, "standard", starts=STARTS, law=law, fibre_switch=fibre_switch)
@@ -38,10 +34,7 @@ def quick_fit(
 
 
 def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
-    """How closely the best fit of a law follows the record, in the words of a run's result.
-
-    A warning where the misfit passes 7 % of the largest load, else a note.
-    """
+    """How closely the best fit follows the record: a warning beyond 7 % of the largest load."""
     called = best.material.law.called
     misfits = [float(np.sqrt((part**2).mean())) for part in best.residuals]
     rms = best.rms
@@ -89,11 +82,7 @@ def swapped_columns(
     fibre_switch: bool = False,
     best: FitResult | None = None,
 ) -> Finding | None:
-    """Exchange x and y of the load where a fit misses badly; a finding if that fits better.
-
-    ``residuals`` are those of a fit of the specimen as it is, ``best`` is its :func:`quick_fit` if
-    known.
-    """
+    """A finding if a fit with `residuals` misses badly and exchanging x and y of the load helps."""
     peak = specimen.peak_load
     bad = max(NOTICEABLE * peak, BEYOND_NOISE * specimen.noise_sd)
     if not root_mean_square(residuals) > bad:

@@ -44,15 +44,7 @@ INTERVAL = (0.05, 0.95)
 
 @dataclass(frozen=True)
 class Scale:
-    """A parameter, its prior and the scale to compare them on.
-
-    Attributes
-    ----------
-    quantity : Quantity
-        What it is, and in which mounted state.
-    prior : Prior, DrawnPrior, Tie or float
-        A number where the parameter was fixed.
-    """
+    """A parameter with its prior (a number if fixed) and the scale to compare them on."""
 
     quantity: Quantity
     prior: Prior | DrawnPrior | Tie | float
@@ -125,12 +117,7 @@ SADDLE, MODE_MASS = 0.7, 0.05
 
 @dataclass(frozen=True)
 class Density:
-    """A density on a grid.
-
-    Attributes
-    ----------
-    x, height : ndarray, shape (m,)
-    """
+    """A density on a grid, shapes (m,)."""
 
     x: np.ndarray
     height: np.ndarray
@@ -151,10 +138,7 @@ class Density:
 
 
 def density(sample: np.ndarray, limits: tuple[float, float] = (-np.inf, np.inf)) -> Density:
-    """Density of a sample, reflected at limits.
-
-    Its grid spans the sample, and reaches a limit that is near.
-    """
+    """Density of a sample, reflected at limits; its grid reaches a limit that is near."""
     low, high = float(sample.min()), float(sample.max())
     beyond = max(BEYOND * (high - low), 1e-9 * max(1.0, abs(low)))
     low, high = max(low - beyond, limits[0]), min(high + beyond, limits[1])
@@ -168,12 +152,7 @@ def count_modes(
     limits: tuple[float, float] = (-np.inf, np.inf),
     whole: Density | None = None,
 ) -> int:
-    """Number of separate peaks, such that Monte Carlo noise does not add any.
-
-    A peak counts if the lowest point between it and any higher one is below 70 % of it and if
-    5 % of the draws lie in it; in the whole sample, whose density may be given, and in both of two
-    interleaved halves.
-    """
+    """Number of peaks that the whole sample and two interleaved halves show."""
     fewest = _peaks(whole or density(sample, limits))
     for half in (sample[::2], sample[1::2]):
         if fewest > 1 and half.size:
@@ -216,31 +195,15 @@ BOUND_TAIL = 0.05  # share of a prior that counts as near a bound
 
 @dataclass(frozen=True)
 class Edge:
-    """One end of a parameter's range.
+    """One end of a parameter's range."""
 
-    Attributes
-    ----------
-    side : int
-        0 for the low end, 1 for the high one.
-    value : float
-        Natural value at the end; for a range without end the prior's 2.5 % or 97.5 % point.
-    kind : {"physical", "user", "prior"}
-        A property of the model, a bound in the priors, or merely where the prior thins out.
-    distance : float
-        How near counts as near, in the parameter's unit.
-    mass, prior_mass : float
-        Share of the draws and of the prior that near.
-    support : float
-        Likelihood there over its maximum.
-    """
-
-    side: int
-    value: float
-    kind: str
-    distance: float
-    mass: float
-    prior_mass: float
-    support: float
+    side: int  # 0 low, 1 high
+    value: float  # natural; without an end the prior's 2.5 % or 97.5 % point
+    kind: str  # "physical" (of the law), "user" (bound of the prior) or "prior" (its tail)
+    distance: float  # what counts as near, in the parameter's unit
+    mass: float  # share of the draws that near
+    prior_mass: float  # share of the prior that near
+    support: float  # averaged likelihood there over its maximum
 
     def meaning(self, parameter: Parameter) -> str:
         """What a material at a physical edge is."""
@@ -265,76 +228,34 @@ def edge_distances(draws: pd.DataFrame, specimen: Specimen, law: Law) -> dict[st
 def find_edges(
     scale: Scale, natural: np.ndarray, likelihood: Density, distance: float | None
 ) -> tuple[Edge, ...]:
-    """Both ends of a parameter's range; none for a mirror.
-
-    ``likelihood`` is the density of the draws' cumulative prior probability, ``distance`` that of
-    :func:`edge_distances`.
-    """
-    prior = scale.prior
+    """Both ends of a parameter's range, none for a mirror; `likelihood` is over the prior's cdf."""
+    prior, parameter = scale.prior, scale.parameter
     assert isinstance(prior, Prior | DrawnPrior)
     out = []
     for side in (0, 1):
-        bound = (prior.low, prior.high)[side]
-        physical = _edge(scale.parameter, side)
-        if physical is not None and abs(bound - physical) < 1e-12:
-            bound = np.inf  # the physical end itself
-        if bound == 0.0 and scale.parameter.kind == STRETCH:
-            bound = -np.inf  # a stretch is positive, which is no one's choice
-        if np.isfinite(bound):
-            out.append(_end(prior, natural, likelihood, side, float(bound)))
-        elif scale.parameter.mirror:
+        end, bound = parameter.range[side], (prior.low, prior.high)[side]
+        physical = parameter.kind == MATERIAL and np.isfinite(end)
+        by_user = np.isfinite(bound) and not (physical and abs(bound - end) < 1e-12)
+        if bound == 0.0 and parameter.kind == STRETCH:
+            by_user = False  # a stretch is positive, which is no one's choice
+        if parameter.mirror and not by_user:
             continue
-        elif physical is not None:
-            out.append(_physical(prior, natural, likelihood, side, physical, distance))
+        tail = BOUND_TAIL if by_user else PRIOR_TAIL
+        threshold = float(prior.ppf(np.array([tail if side == 0 else 1.0 - tail]))[0])
+        if by_user:
+            kind, value, near = "user", float(bound), abs(threshold - float(bound))
+        elif physical:
+            assert distance is not None
+            kind, value, near = "physical", end, distance
+            threshold = end + distance if side == 0 else end - distance
+        else:  # where the prior thins out
+            kind, value, near = "prior", threshold, 0.0
+        below = float(prior.cdf(np.array([threshold]))[0])
+        prior_mass = below if side == 0 else 1.0 - below
+        mass = float((natural <= threshold if side == 0 else natural >= threshold).mean())
+        if kind == "prior":
+            support = min(mass / prior_mass / likelihood.peak, 1.0)
         else:
-            out.append(_end(prior, natural, likelihood, side))
+            support = likelihood.at(float(side)) / likelihood.peak
+        out.append(Edge(side, value, kind, near, mass, prior_mass, support))
     return tuple(out)
-
-
-def _edge(parameter: Parameter, side: int) -> float | None:
-    """The physical end of a material parameter's range, mirrors included; None where it is open."""
-    end = parameter.range[side]
-    return end if parameter.kind == MATERIAL and np.isfinite(end) else None
-
-
-def _near(
-    prior: Prior | DrawnPrior, natural: np.ndarray, side: int, threshold: float
-) -> tuple[float, float]:
-    """Mass of the draws and of the prior beyond a threshold."""
-    below = float(prior.cdf(np.array([threshold]))[0])
-    if side == 0:
-        return float((natural <= threshold).mean()), below
-    return float((natural >= threshold).mean()), 1.0 - below
-
-
-def _physical(
-    prior: Prior | DrawnPrior,
-    natural: np.ndarray,
-    likelihood: Density,
-    side: int,
-    value: float,
-    distance: float | None,
-) -> Edge:
-    assert distance is not None
-    threshold = value + distance if side == 0 else value - distance
-    mass, prior_mass = _near(prior, natural, side, threshold)
-    support = likelihood.at(float(side)) / likelihood.peak
-    return Edge(side, value, "physical", distance, mass, prior_mass, support)
-
-
-def _end(
-    prior: Prior | DrawnPrior,
-    natural: np.ndarray,
-    likelihood: Density,
-    side: int,
-    bound: float | None = None,
-) -> Edge:
-    """A bound in the priors, or without one the place where the prior thins out."""
-    tail = PRIOR_TAIL if bound is None else BOUND_TAIL
-    threshold = float(prior.ppf(np.array([tail if side == 0 else 1.0 - tail]))[0])
-    mass, prior_mass = _near(prior, natural, side, threshold)
-    if bound is None:
-        support = min(mass / prior_mass / likelihood.peak, 1.0)
-        return Edge(side, threshold, "prior", 0.0, mass, prior_mass, support)
-    support = likelihood.at(float(side)) / likelihood.peak
-    return Edge(side, bound, "user", abs(threshold - bound), mass, prior_mass, support)

@@ -28,10 +28,9 @@ twice the sd. Alone a normal prior moves it by 0.7 of that, with as much from th
 
 
 def sensitivity(values: np.ndarray, log_component: np.ndarray | None) -> np.ndarray:
-    """Distance that each marginal moves per doubling of the power of one component, shape (d,).
+    """Distance (d,) that the marginals of draws (n, d) move per doubling of a component's power.
 
-    ``values`` (n, d) are draws on the sampling scales, ``log_component`` the log prior or log
-    likelihood of each; above 0.05 counts as sensitive. NaN where the component is not known.
+    Above 0.05 counts as sensitive; NaN where the component is not known.
     """
     if log_component is None:
         return np.full(values.shape[1], np.nan)
@@ -50,10 +49,7 @@ def sensitivity(values: np.ndarray, log_component: np.ndarray | None) -> np.ndar
 
 
 def _distance(x: np.ndarray, weights: np.ndarray) -> float:
-    """Cumulative Jensen-Shannon distance between sorted draws and the same draws weighted.
-
-    The larger of that of x and that of -x: P and Q are counted from the left or from the right.
-    """
+    """Cumulative Jensen-Shannon distance of sorted draws to the same weighted: of x or of -x."""
     p = np.arange(1, len(x)) / len(x)
     q = np.cumsum(weights)[:-1] / weights.sum()
     width = np.diff(x)
@@ -61,20 +57,14 @@ def _distance(x: np.ndarray, weights: np.ndarray) -> float:
 
 
 def _divergence(p: np.ndarray, q: np.ndarray, width: np.ndarray) -> float:
-    """Cumulative Jensen-Shannon divergence relative to its bound, the integral of P + Q.
-
-    integral of P log2(P / M) + Q log2(Q / M), M = (P + Q) / 2
-    """
+    """Integral of P log2(P / M) + Q log2(Q / M), M = (P + Q) / 2, over its bound, that of P + Q."""
     middle = 0.5 * (p + q)
     bits = (rel_entr(p, middle) + rel_entr(q, middle)) / np.log(2.0)
     return float(width @ bits) / float(width @ (p + q))
 
 
 def ends_by_prior(values: np.ndarray, log_prior: np.ndarray) -> tuple[bool, bool]:
-    """Whether the prior of a parameter decides the low and the high end of its 90 % interval.
-
-    ``log_prior`` is that of the parameter alone at each draw.
-    """
+    """Whether the prior, given by its log at each draw, decides the (low, high) end."""
     order = np.argsort(values, kind="stable")
     values, centred = values[order], (log_prior - log_prior.mean())[order]
     low, high = (

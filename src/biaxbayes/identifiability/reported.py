@@ -85,11 +85,7 @@ def reported(
     thresholds: Thresholds,
     contradicted_priors: Sequence[str] = (),
 ) -> tuple[Reported, ...]:
-    """What to report of the inferred parameters, in their order, without fixed and tied ones.
-
-    Where the user's prior of a parameter of the law contradicts the data, the others make up for
-    it, and none is identified.
-    """
+    """Rows of the inferred parameters, in their order, without fixed and tied ones."""
     intervals = {
         p.name: _widened(p, p.evidence, fits, law, thresholds)
         for p in parameters
@@ -129,21 +125,11 @@ def mounting_row(name: str, interval: MountingInterval | None) -> Reported:
 
 @dataclass(frozen=True)
 class _Widened:
-    """Evidence on a parameter with its interval widened for the model error of the law.
+    """Evidence on a parameter with its interval widened for the model error of the law."""
 
-    Attributes
-    ----------
-    evidence : Evidence
-        Interval and posterior sd are the widened ones.
-    open_sides : frozenset of int
-        Sides (0 low, 1 high) on which the interval does not exclude the end of the range.
-    factor : float
-        Factor by which the interval is widened about its median.
-    """
-
-    evidence: Evidence
-    open_sides: frozenset[int]
-    factor: float
+    evidence: Evidence  # interval and posterior sd are the widened ones
+    open_sides: frozenset[int]  # 0 low, 1 high: ends of the range that are not excluded
+    factor: float  # by which the interval is widened about its median
 
 
 def _widened(
@@ -166,10 +152,7 @@ def _widened(
 def _material_row(
     p: ParameterVerdict, wide: _Widened, unknown: set[str], law: Law, thresholds: Thresholds
 ) -> Reported:
-    """What to report of a parameter of the law, by the first rule that applies.
-
-    ``unknown`` are the parameters that may lie at an end of their range, or anywhere in it.
-    """
+    """The row of a parameter of the law; `unknown` are those that may lie at an end or anywhere."""
     e, open_sides, scale = wide.evidence, wide.open_sides, p.scale
     meaningless = bool(p.meaningless)
     again = decide(e, thresholds, meaningless=meaningless)  # for the widened interval
@@ -237,21 +220,11 @@ WIDE = 8.0
 
 @dataclass(frozen=True)
 class ReportRow:
-    """One row of the reported table, as text.
-
-    Attributes
-    ----------
-    interval : str
-        ``1.0149 to 1.0212``, ``above 1.0071``, ``below 0.21`` or a dash.
-    unit : str
-        Empty for pure numbers.
-    verdict, reason, partners
-        As in :class:`Reported`.
-    """
+    """One row of the reported table, as text."""
 
     quantity: Quantity
-    interval: str
-    unit: str
+    interval: str  # `1.0149 to 1.0212`, `above 1.0071`, `below 0.21` or a dash
+    unit: str  # empty for pure numbers
     verdict: str
     reason: str
     partners: tuple[str, ...] = ()
@@ -296,10 +269,7 @@ def report_frame(reported: Sequence[Reported], quantities: Quantities) -> pd.Dat
 
 
 def interval_text(low: float, high: float, parameter: Parameter) -> str:
-    """An interval or a bound as text, without its unit.
-
-    Both ends have two digits of the width of the interval; a bound has the digits of its parameter.
-    """
+    """An interval with two digits of its width, or a bound with the digits of its parameter."""
     if math.isnan(low) and math.isnan(high):
         return DASH
     if math.isnan(high):
@@ -317,7 +287,7 @@ def interval_text(low: float, high: float, parameter: Parameter) -> str:
 
 
 def row_lines(rows: Sequence[ReportRow], most: int | None = None) -> list[str]:
-    """The table for a terminal, one line per parameter; at most so many, the last says so."""
+    """Aligned lines for a terminal; the last says how many rows beyond `most` are left out."""
     cells = [(printable(r.name), r.interval, r.unit, r.verdict, printable(r.reason)) for r in rows]
     if most is not None and len(cells) > most:
         more = len(cells) - most + 1

@@ -13,12 +13,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import (
-    BalancedMounting,
-    LoadResiduals,
-    Readings,
-    readings,
-)
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings, readings
 from biaxbayes.options import Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
@@ -30,31 +25,14 @@ STEPS = 12
 
 @dataclass(frozen=True)
 class SameCurves:
-    """A path of materials along which the curves stay.
+    """A path of materials along which the curves stay."""
 
-    Attributes
-    ----------
-    moved : str
-        The parameter that was fixed at each value.
-    materials : DataFrame
-        C1, k1 (kPa), k2, alpha (degrees), kappa along the path.
-    mounting_stretch : ndarray, shape (p, 2, m)
-        One pair a mounted state; ones where it was not inferred.
-    mounting_load : ndarray, shape (2, m)
-        The same along the whole path, in the specimen's unit; zeros where not inferred.
-    change_kPa : float
-        Largest change of any stress (load over the section that the file states) between the
-        first material and any other, over all rows of all protocols.
-    largest_kPa : float
-        Largest stress of the first material.
-    """
-
-    moved: str
-    materials: pd.DataFrame
-    mounting_stretch: np.ndarray
-    mounting_load: np.ndarray
-    change_kPa: float
-    largest_kPa: float
+    moved: str  # the parameter that was fixed at each value
+    materials: pd.DataFrame  # natural values (kPa, degrees), one row per point
+    mounting_stretch: np.ndarray  # (points, 2, m); ones where not inferred
+    mounting_load: np.ndarray  # (2, m), of the whole path; zeros where not inferred
+    change_kPa: float  # largest change of any stress of all rows from the first material to another
+    largest_kPa: float  # largest stress of the first material
 
     def to_frame(self) -> pd.DataFrame:
         """Materials and mounting stretches, one row a point of the path."""
@@ -72,12 +50,9 @@ def same_curves(
     settings: Settings,
     moved: str,
     values: tuple[float, float],
-    free: tuple[str, ...] | None = None,
+    free: tuple[str, ...],
 ) -> SameCurves:
-    """Follow the curves of a draw while one of its parameters moves between two natural values.
-
-    ``free`` are the parameters that may follow; the others stay.
-    """
+    """Move one parameter of a draw between two natural values; those in `free` follow."""
     ridge = _Ridge(draw, specimen, settings, moved, free)
     here = ridge.to_fit(float(draw[moved]))
     low, high = (ridge.to_fit(v) for v in values)
@@ -115,14 +90,13 @@ class _Ridge:
         specimen: Specimen,
         settings: Settings,
         moved: str,
-        free: tuple[str, ...] | None,
+        free: tuple[str, ...],
     ) -> None:
         self.law = settings.material_law
         names = self.law.names
         self.moved = names.index(moved)
-        loose = names if free is None else free
         self.free = np.array(
-            [i for i, n in enumerate(names) if n != moved and n in loose], dtype=int
+            [i for i, n in enumerate(names) if n != moved and n in free], dtype=int
         )
         self.balanced = settings.infers_mounting
         self.values = tuple(float(draw[n]) for n in names)
@@ -160,11 +134,9 @@ class _Ridge:
         before, here = self.origin, self.origin
         for value in values:
             guess = here[self.free] + 0.9 * (here - before)[self.free]
-            fitted = None
-            for start in (guess, here[self.free]):
-                fitted = self._fit(value, start)
-                if fitted is not None:
-                    break
+            fitted = self._fit(value, guess)
+            if fitted is None:
+                fitted = self._fit(value, here[self.free])
             if fitted is None:
                 break
             before, here = here, fitted

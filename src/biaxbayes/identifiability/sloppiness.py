@@ -43,21 +43,11 @@ NEAR_THREE = 1.1  # or, where no three come so near, this close to that given th
 
 @dataclass(frozen=True)
 class Partners:
-    """The parameters that one trades with.
+    """The parameters that one trades with."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Those that explain much alone first.
-    spread_given_all : float
-        Standard deviation given all other parameters, over the marginal one.
-    spread_given_partners : float
-        The same given the partners alone.
-    """
-
-    names: tuple[str, ...]
-    spread_given_all: float
-    spread_given_partners: float
+    names: tuple[str, ...]  # those that explain much alone first
+    spread_given_all: float  # sd given all other parameters, over the marginal one
+    spread_given_partners: float  # the same given the partners alone
 
 
 def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partners]:
@@ -66,17 +56,16 @@ def find_partners(values: np.ndarray, names: tuple[str, ...]) -> dict[str, Partn
     few = values[::step]
     spread = few.std(axis=0)
     z = (few - few.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
-    known = _Regressions.from_draws(
-        np.clip(z, -6.0, 6.0)
-    )  # a far draw must not steer the polynomial
+    # a far draw must not steer the polynomial
+    known = _Regressions.from_draws(np.clip(z, -6.0, 6.0))
     pair = np.ones((len(names), len(names)))
     for i, j in permutations(range(len(names)), 2):
         pair[i, j] = known.spread(i, (j,))
     pair = np.minimum(pair, pair.T)
-    return {name: _partners_of(known, j, names, pair[j]) for j, name in enumerate(names)}
+    return {name: _best_partners(known, j, names, pair[j]) for j, name in enumerate(names)}
 
 
-def _partners_of(
+def _best_partners(
     known: _Regressions, target: int, names: tuple[str, ...], pair: np.ndarray
 ) -> Partners:
     """The fewest parameters that explain about as much of one as all others, or as any three."""
@@ -100,21 +89,11 @@ def _partners_of(
 
 @dataclass(frozen=True)
 class _Regressions:
-    """Sums of squares and products of all terms, from which every regression follows.
+    """Sums of products of all terms, from which every regression follows."""
 
-    Attributes
-    ----------
-    gram : ndarray, shape (m, m)
-        Products of the terms: one, the first three powers of each parameter, all products of two.
-    power : ndarray, shape (d, 3)
-        Columns of the powers of each parameter.
-    product : ndarray, shape (d, d)
-        Columns of the products; those of a parameter with itself are not used.
-    """
-
-    gram: np.ndarray
-    power: np.ndarray
-    product: np.ndarray
+    gram: np.ndarray  # (m, m), of: one, the first three powers of each parameter, products of two
+    power: np.ndarray  # (d, 3): columns of the powers
+    product: np.ndarray  # (d, d): columns of the products of two different ones
     draws: int
 
     @classmethod
@@ -159,45 +138,24 @@ FACTOR = 0.7  # in ln: wider is given as a factor
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction in scaled parameter space.
+    """A direction in scaled parameter space."""
 
-    Attributes
-    ----------
-    loadings : dict of float
-        By parameter, per prior standard deviation; the squares sum to one.
-    spread : float
-        Posterior standard deviation along it, in prior standard deviations.
-    """
-
-    loadings: dict[str, float]
-    spread: float
+    loadings: dict[str, float]  # by parameter, per prior sd; the squares sum to one
+    spread: float  # posterior sd along it, in prior sds
     words: str
 
 
 @dataclass(frozen=True)
 class Sloppiness:
-    """Directions of a posterior, the stiffest first.
-
-    Attributes
-    ----------
-    path : SameCurves
-        Along the sloppy direction.
-    words : str
-        What moves along it and what that changes.
-    """
+    """Directions of a posterior, the stiffest first."""
 
     directions: tuple[Direction, ...]
-    path: SameCurves
-    words: str
+    path: SameCurves  # along the sloppy direction
+    words: str  # what moves along it and what that changes
 
 
 def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
-    """Find the directions and follow the sloppy one.
-
-    The path moves the parameter with the largest loading on the sloppy direction over its 90 %
-    interval, from the curves of the median draw. None where no material parameter is free, or two
-    are tied: the curves cannot be followed without releasing the tie.
-    """
+    """Find the directions and follow the sloppy one; None without free or with tied parameters."""
     few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
     scales = [
         s

@@ -27,44 +27,28 @@ AXES: dict[int | None, str] = {0: "_x", 1: "_y"}
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Every number that a verdict depends on, but for the widths of sharp intervals.
+    """Every number a verdict depends on; the widths of sharp intervals are `Parameter.sharp`."""
 
-    Those are of the parameters (:attr:`~biaxbayes.parameters.Parameter.sharp`).
-
-    Attributes
-    ----------
-    edge_support : float
-        An end of the range is open where the averaged likelihood there is at least this
-        share of its maximum: exp(-1.92), the edge of a 95 % likelihood interval.
-    combination_spread : float
-        A parameter is traded where knowing its partners cuts its standard deviation to this
-        share, or less.
-    traded_width : float
-        A traded parameter is known on its own where its interval is at most so many times as wide
-        as a sharp one; where a partner may lie at an end of its range, at most as wide. Chosen on
-        seeds 0 to 35 of the study of what is reported.
-    one_sided_excluded : float
-        One-sided needs data that exclude at least this share of the prior.
-    contraction, prior_excluded : float
-        Prior-dominated where the variance shrinks by less than the first; with separate peaks
-        only if the data exclude less than the second of the prior as well. A contraction of 0.75
-        is a spread of half the prior's; for normal densities the data then count three times as
-        much as the prior.
-    refit_errors : float
-        Where the model misses smoothly, so many times the change of the mounting stretch that
-        balances the largest miss near the mounted state are added to the range of the refits.
-    refit_share : float
-        A mounting stretch is not identified where its interval is less than this share of that
-        range.
-    """
-
+    # an end of the range is open where the averaged likelihood there is at least this share of its
+    # maximum: exp(-1.92), the edge of a 95 % likelihood interval
     edge_support: float = 0.147
+    # a parameter is traded where knowing its partners cuts its sd to this share
     combination_spread: float = 0.5
+    # a traded parameter is known on its own if its interval is at most this many times as wide as a
+    # sharp one (1 if a partner may lie at an end of its range). Chosen on seeds 0 to 35 of the
+    # study of reported intervals
     traded_width: float = 2.0
+    # the share of the prior that the data have to exclude for a one-sided verdict
     one_sided_excluded: float = 0.25
+    # prior-dominated where the variance shrinks by less than this; 0.75 is half the prior's sd: for
+    # normal densities the data then count three times as much as the prior
     contraction: float = 0.75
+    # with separate peaks, prior-dominated only if less of the prior is excluded as well
     prior_excluded: float = 0.5
+    # errors added to the range of the refits: changes of the mounting stretch that balance the
+    # largest miss near the mounted state
     refit_errors: float = 1.645
+    # contradicted where the interval is less than this share of the range of the refits
     refit_share: float = 0.5
 
     def items(self, parameters: Iterable[Parameter]) -> list[tuple[str, float]]:
@@ -79,39 +63,23 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is known of a sampled parameter; spreads are on its sampling scale.
-
-    Attributes
-    ----------
-    median, low, high : float
-        Median and 90 % interval, natural units.
-    prior_excluded : float
-        Share of the prior where the averaged likelihood is below ``edge_support`` of its maximum.
-    prior_sensitivity, likelihood_sensitivity : float
-        By power-scaling.
-    refits : (float, float), optional
-        Range of a mounting stretch in fits to parts of a record that the model misses.
-    by_prior : (bool, bool)
-        Whether its own prior decides the low and the high end of the interval of a mounting
-        stretch.
-    prior_density, posterior_density : Density, optional
-        On the sampling scale, for figures.
-    """
+    """Diagnostics of a sampled parameter; spreads are on its sampling scale."""
 
     parameter: Parameter
     median: float
-    low: float
+    low: float  # 90 % interval, natural units
     high: float
     prior_sd: float
     posterior_sd: float
-    prior_excluded: float
+    prior_excluded: float  # share of the prior where the likelihood is below `edge_support`
     edges: tuple[Edge, ...]
     partners: Partners
     modes: int
-    prior_sensitivity: float
+    prior_sensitivity: float  # by power-scaling, as the next
     likelihood_sensitivity: float
+    # of a mounting stretch: range of fits to parts of the record
     refits: tuple[float, float] | None = None
-    by_prior: tuple[bool, bool] = (False, False)
+    by_prior: tuple[bool, bool] = (False, False)  # the prior decides the (low, high) end
     prior_density: Density | None = field(default=None, repr=False)
     posterior_density: Density | None = field(default=None, repr=False)
 
@@ -137,31 +105,15 @@ class Evidence:
 
 @dataclass(frozen=True)
 class ParameterVerdict:
-    """The verdict on one parameter within the law, from the posterior and the prior alone.
-
-    What is reported follows from it: :class:`~biaxbayes.identifiability.reported.Reported`.
-
-    Attributes
-    ----------
-    posterior_verdict : str
-        One of :data:`VERDICTS`, :data:`NO_VERDICT` or :data:`FIXED`.
-    words : str
-        The same as a sentence.
-    evidence : Evidence or None
-        None where the parameter was fixed or tied, or the draws are unusable.
-    mounting : MountingInterval or None
-        For a mounting stretch, the interval that all laws agree on.
-    meaningless : str
-        Where the data do not exclude an end of another parameter at which this one means nothing:
-        words that say so.
-    """
+    """The verdict on one parameter within the law; :class:`Reported` is what follows from it."""
 
     scale: Scale
-    posterior_verdict: str
-    words: str
-    evidence: Evidence | None = None
+    posterior_verdict: str  # from posterior and prior alone: one of VERDICTS, NO_VERDICT or FIXED
+    words: str  # the same as a sentence
+    evidence: Evidence | None = None  # None if fixed or tied, or if draws are unusable
+    # of a mounting stretch: the interval all laws agree on
     mounting: MountingInterval | None = None
-    meaningless: str = ""
+    meaningless: str = ""  # text, if another parameter may lie where this one is undefined
 
     @property
     def name(self) -> str:
@@ -181,30 +133,16 @@ def decide(
     meaningless: bool = False,
     partner_at_end: bool = False,
 ) -> str:
-    """The verdict on a sampled parameter of converged draws.
-
-    A mounting stretch that the data contradict is not identified, whatever else. Else traded with
-    others comes first, unless the interval is narrow enough to use the parameter on its own.
-
-    Parameters
-    ----------
-    meaningless : bool
-        The data do not exclude that the parameter means nothing (an angle where the fibres are
-        isotropic): no value of it is excluded then, however narrow its posterior.
-    partner_at_end : bool
-        A parameter that it trades with may lie at a physical end of its range, or is not known. If
-        it lies there (aligned fibres), the ridge leads away from the truth, and only a sharp
-        interval is known on its own.
-    """
+    """The verdict on a sampled parameter of converged draws; the first condition that applies."""
     e, t = evidence, thresholds
     if e.is_contradicted(t):
         return NOT_IDENTIFIED
     traded = e.is_traded(t)
-    if meaningless:
+    if meaningless:  # undefined at an end that is not excluded: no value is, however narrow
         return COMBINATION if traded else NOT_IDENTIFIED
-    if traded and not e.parameter.is_sharp(
-        e.low, e.high, 1.0 if partner_at_end else t.traded_width
-    ):
+    # With a partner at an end (aligned fibres) the ridge may lead away from the truth.
+    widest = 1.0 if partner_at_end else t.traded_width
+    if traded and not e.parameter.is_sharp(e.low, e.high, widest):
         return COMBINATION
     ends = e.open_edges(t)
     if any(edge.kind != "physical" for edge in ends) or len(ends) == 2:
@@ -226,11 +164,7 @@ def assess_parameters(
     thresholds: Thresholds,
     mounting: Mapping[str, MountingInterval] | None = None,
 ) -> tuple[ParameterVerdict, ...]:
-    """Verdicts on parameters from the evidence: one rule, wherever the draws are from.
-
-    ``evidence`` has none of fixed parameters and of unusable draws; ``mounting`` are the intervals
-    of the mounting stretches that all laws agree on.
-    """
+    """Verdicts on parameters; `evidence` lacks fixed parameters and those of unusable draws."""
     meaningless = _meaningless(law, evidence, thresholds)
     at_end = {
         name
@@ -258,7 +192,7 @@ def assess_parameters(
 def _meaningless(
     law: Law, evidence: Mapping[str, Evidence], thresholds: Thresholds
 ) -> dict[str, str]:
-    """Parameters that may mean nothing, because an end of another one is open; words for it."""
+    """Parameters that are undefined at an end of another one that is open, with a text."""
     out = {}
     for name, causes in law.meaningless.items():
         possible = [
@@ -290,17 +224,7 @@ def verdict_sentence(
     *,
     meaningless: str = "",
 ) -> str:
-    """One sentence on one parameter.
-
-    Parameters
-    ----------
-    evidence : Evidence, optional
-        None for a fixed or tied parameter.
-    state : {"converged", "tentative", "unusable"}
-        State of the run.
-    meaningless : str
-        As in :class:`ParameterVerdict`.
-    """
+    """One sentence on one parameter; no evidence for a fixed or tied one."""
     name, p, e = scale.name, scale.parameter, evidence
     if verdict == NO_VERDICT:
         return f"{name}: no verdict, the chains have not converged ({state})"

@@ -53,17 +53,9 @@ OPEN = float("nan")
 
 @dataclass(frozen=True)
 class MountingInterval:
-    """What is reported of one mounting stretch of the tissue.
+    """The reported interval of one mounting stretch of the tissue."""
 
-    Attributes
-    ----------
-    low, high : float
-        NaN where an end is open.
-    reason : str
-        Why these ends, in words.
-    """
-
-    low: float
+    low: float  # NaN where an end is open
     high: float
     reason: str
 
@@ -97,10 +89,7 @@ def widened(low: float, median: float, high: float, factor: float) -> tuple[floa
 def mounting_intervals(
     posterior: Posterior, fits: LawFits, evidence: Mapping[str, Evidence]
 ) -> dict[str, MountingInterval]:
-    """What is reported of the mounting stretches of the tissue, by name.
-
-    ``evidence`` is that within the law of the run, by name.
-    """
+    """Reported intervals of the mounting stretches by name, from `evidence` within the law."""
     law = posterior.law.name
     own = fits[law]
     out = {}
@@ -128,20 +117,7 @@ def interval_from_laws(
     *,
     by_prior: tuple[bool, bool] = (False, False),
 ) -> MountingInterval:
-    """What is reported of one mounting stretch from the fits of all laws.
-
-    Parameters
-    ----------
-    index, axis : int
-        Index of the mounted state, and 0 for x, 1 for y.
-    law : str
-        Law of a run, whose ``interval`` counts where the law is among those that fit the record.
-    interval : (float, float), optional
-        Interval within that law, its error that of the fit.
-    by_prior : (bool, bool)
-        Whether the prior decides the low and the high end of that interval: an end that rests
-        on it is open.
-    """
+    """Interval of one mounting stretch from the fits of all laws; `axis` is 0 for x, 1 for y."""
     compared = fits.compared
     at = np.array([f.mounting_stretch[index, axis] for f in compared])
     own_error = ERRORS * np.array([f.sd[index, axis] for f in compared])
@@ -160,21 +136,13 @@ def interval_from_predictions(
     *,
     smooth: bool,
 ) -> MountingInterval:
-    """What is reported of one mounting stretch from laws that predict the record equally well.
+    """Interval of one mounting stretch from laws that predict the record about equally well.
 
-    Stacking weights measure predictions within the tested range, not in the toe region. So it is
-    the union of the intervals of the laws that predict what was left out about as well as the best,
-    each with the allowance for a further law.
-
-    Parameters
-    ----------
-    intervals : mapping of str to (float, float, float)
-        5, 50 and 95 % of each law's posterior.
-    density : mapping of str to float
-        Log density of what was left out, nats.
-    smooth : bool
-        Whether the law that predicts best misses the record smoothly: its posterior does not know
-        of that, so no value is reported.
+    Stacking weights measure predictions within the tested range, not in the toe region: the
+    interval is the union of those of the laws, each with the allowance for a further law.
+    ``intervals`` are 5, 50 and 95 % of each posterior, ``density`` is the log density of what was
+    left out, nats. If the best law misses the record smoothly, which its posterior does not know,
+    no value is reported.
     """
     ordered = sorted(intervals, key=lambda law: -density[law])
     near = [law for law in ordered if density[ordered[0]] - density[law] <= NEAR_DENSITY]
@@ -195,11 +163,7 @@ def _reported(
     *,
     smooth: bool = False,
 ) -> MountingInterval:
-    """A value, a lower end or nothing, with the reason.
-
-    ``best`` is the best law's own stretch, ``laws`` are those compared, ``at_prior`` which ends
-    rest on the prior.
-    """
+    """A value, a lower end or nothing; `at_prior` are the ends that rest on the prior."""
     low, high = ends
     those = f"the laws that {verb} best" if len(laws) > 1 else "the only law"
     more = [f"{len(laws) - NAMED_LAWS} more"] if len(laws) > NAMED_LAWS else []

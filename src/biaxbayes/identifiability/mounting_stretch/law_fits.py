@@ -34,19 +34,11 @@ LEAST_SHARE = 2e-3
 
 @dataclass(frozen=True)
 class LawFits:
-    """Fits of all laws to the record of a posterior, and the noise beside them.
+    """Fits of all laws to one record."""
 
-    Attributes
-    ----------
-    fits : tuple of LawFit
-        The best first.
-    noise, peak : float
-        Sd of a reading by the load cell, and largest load, in the unit of the specimen.
-    """
-
-    fits: tuple[LawFit, ...]
-    noise: float
-    peak: float
+    fits: tuple[LawFit, ...]  # the best first
+    noise: float  # sd of a reading by the load cell, unit of the specimen
+    peak: float  # largest load
 
     @classmethod
     def from_fits(cls, fits: Sequence[LawFit], specimen: Specimen) -> LawFits:
@@ -59,11 +51,7 @@ class LawFits:
 
     @property
     def fitting(self) -> tuple[LawFit, ...]:
-        """Those that describe the record about as well as the best, the mounting reading included.
-
-        A law whose misfit is a little larger is not thrown out by that alone: the rows of a
-        smooth misfit count for few independent readings.
-        """
+        """Fits about as close as the best, or not distinguishable from it by chi-square."""
         best = self.fits[0]
         least = max(best.rms, self.noise, 1e-300)
 
@@ -86,7 +74,7 @@ class LawFits:
 
     @property
     def least_difference(self) -> float:
-        """Misfits that differ by less than the noise, or by this share of the peak, do not."""
+        """Smallest difference between misfits that counts."""
         return max(self.noise, LEAST_SHARE * self.peak)
 
     def to_frame(self, mounts: Sequence[str] = ("",)) -> pd.DataFrame:
@@ -133,11 +121,7 @@ def fit_laws(
     starts: int = 3,
     own: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> LawFits | None:
-    """Fit laws to a record under the same mounting constraint; None if no law can be fitted.
-
-    Longer protocols are averaged to ``rows``. ``own`` are further arguments of
-    :func:`~biaxbayes.fitting.law_fit.fit_law` by law, as those of a run.
-    """
+    """Fit laws to an averaged record; `own` are further arguments of `fit_law` by law."""
     data = averaged_specimen(specimen, rows)
     common: dict[str, Any] = {
         "mounting": mounting,
@@ -150,11 +134,7 @@ def fit_laws(
 
 
 def better_law_message(fits: LawFits, law: str) -> str:
-    """Words on a law that describes the record distinctly better than one; else empty.
-
-    It misses by three quarters as much, or it fits without a smooth misfit and the other does not
-    fit.
-    """
+    """Text on a law that fits distinctly better, or without smooth misfit; else empty."""
     best, own = fits.fits[0], fits[law]
     if own is None or best.law == law:
         return ""
@@ -171,17 +151,18 @@ QUICK_ROWS, QUICK_STARTS = 20, 2
 """Enough to distinguish laws that differ distinctly."""
 
 
-def quick_better_law(specimen: Specimen, law: str = DEFAULT_LAW) -> str:
+def quick_better_law(specimen: Specimen) -> str:
     """Words on a law that describes a record distinctly better, by quick fits; else empty."""
     mounting = "ignored" if specimen.is_tared else "noisy"
 
     def fitted(laws: Sequence[str]) -> LawFits | None:
         return fit_laws(specimen, laws, mounting=mounting, rows=QUICK_ROWS, starts=QUICK_STARTS)
 
-    own = fitted((law,))
+    own = fitted((DEFAULT_LAW,))
     # no law misses by less than the noise
     if own is None or own.fits[0].rms - own.noise < own.least_difference:
         return ""
-    others = fitted(tuple(name for name in LAWS if name != law))
+    others = fitted(tuple(name for name in LAWS if name != DEFAULT_LAW))
     fits = (*own.fits, *(others.fits if others else ()))
-    return better_law_message(replace(own, fits=tuple(sorted(fits, key=lambda f: f.rms))), law)
+    ordered = tuple(sorted(fits, key=lambda f: f.rms))
+    return better_law_message(replace(own, fits=ordered), DEFAULT_LAW)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from biaxbayes.fitting.constrained import constrained_fit
-from biaxbayes.fitting.effective_readings import SMOOTH_RUNS, misses_smoothly
+from biaxbayes.fitting.effective_readings import misses_smoothly
 from biaxbayes.fitting.residuals import readings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.parameters import mounting_names
@@ -39,27 +39,15 @@ PRIOR_TAIL = 0.001
 
 @dataclass(frozen=True)
 class MountingRefits:
-    """Mounting stretches of fits to parts of a record.
+    """Mounting stretches of fits to parts of a record, by name."""
 
-    Attributes
-    ----------
-    stretch : dict of ndarray, shape (fits,)
-        By the name of the mounting stretch: its value in every fit that has it.
-    error : dict of float
-        By name: the change of the mounting stretch that balances the largest miss near the
-        mounted state.
-    """
-
-    stretch: dict[str, np.ndarray]
-    error: dict[str, float]
+    stretch: dict[str, np.ndarray]  # (fits,): the value in every fit that has it
+    error: dict[str, float]  # change that balances the largest miss near the mounted state
 
     def range(
         self, name: str, interval: tuple[float, float], errors: float, prior: Prior | DrawnPrior
     ) -> tuple[float, float]:
-        """Range of an interval and all refits, with so many errors on either side.
-
-        It goes no further than the prior, as for a stretch that was seen in an image.
-        """
+        """Range of an interval and all refits with their errors, cut to the prior."""
         values = self.stretch[name]
         margin = errors * self.error[name]
         low, high = interval
@@ -71,11 +59,7 @@ class MountingRefits:
 
 
 def mounting_refits(posterior: Posterior) -> MountingRefits | None:
-    """Fit parts of the record alone, and see where the mounting stretch goes.
-
-    None where it was not inferred, or where the residuals do not show that the model misses
-    smoothly: then nothing is contradicted.
-    """
+    """Fit parts of the record alone; None if no mounting stretch or no smooth misfit."""
     if not posterior.settings.infers_mounting:
         return None
     if not misses_somewhere(posterior.fit.residuals):
@@ -101,9 +85,9 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
     return MountingRefits(stretch, work.errors())
 
 
-def misses_somewhere(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) -> bool:
+def misses_somewhere(residuals: Sequence[np.ndarray]) -> bool:
     """Whether a model misses a record smoothly, as a whole or near the mounted state."""
-    return misses_smoothly(residuals, sd) or misses_smoothly([_toe(r) for r in residuals], sd)
+    return misses_smoothly(residuals) or misses_smoothly([_toe(r) for r in residuals])
 
 
 def _toe(residual: np.ndarray) -> np.ndarray:

@@ -30,33 +30,20 @@ MIN_SD = 1e-9  # of the peak load: the misfit of exact data
 
 @dataclass(frozen=True, eq=False)
 class ConditionalFit:
-    """A conditional optimum.
+    """A conditional optimum."""
 
-    Attributes
-    ----------
-    unknowns : ndarray, shape (p + 2 m,)
-        Coordinates that fits move in, then mounting stretches in x and in y.
-    deviance : float
-        Infinite where no fit was found.
-    error_sd : float
-        In the unit of the specimen's loads.
-    """
-
-    unknowns: np.ndarray
-    deviance: float
-    error_sd: float
+    unknowns: np.ndarray  # (p + 2 m,): fit coordinates, then mounting stretches in x and in y
+    deviance: float  # infinite where there is no fit
+    error_sd: float  # in the unit of the loads
 
 
 @dataclass(eq=False)
 class ReadMounting(LoadResiduals):
-    """The material and the mounting stretches are unknown; the mounting load has a reading.
+    """Material and mounting stretches unknown, the mounting load has a reading."""
 
-    ``unknown`` are indices into the law's coordinates, then lm_x..., lm_y...; the rest is fixed at
-    ``point`` and ``mounting_stretch``.
-    """
-
-    reading: np.ndarray = field(default_factory=lambda: np.zeros((2, 1)))
+    reading: np.ndarray = field(default_factory=lambda: np.zeros((2, 1)))  # (2, m)
     reading_sd: np.ndarray = field(default_factory=lambda: np.ones((2, 1)))
+    # indices into fit coordinates, then lm_x..., lm_y...
     unknown: np.ndarray = field(default_factory=lambda: np.arange(0))
 
     def all(self, unknowns: np.ndarray) -> np.ndarray:
@@ -87,15 +74,7 @@ class ReadMounting(LoadResiduals):
 
 
 class Target:
-    """The likelihood of a specimen as a function of fixed parameters.
-
-    Parameters
-    ----------
-    beta : float
-        Weight n_eff / n of the readings.
-    fixed : dict of int to float
-        Unknowns that stay, by index, with cos^2 for the angle.
-    """
+    """The likelihood as a function of fixed parameters (by index, in fit coordinates)."""
 
     def __init__(
         self, specimen: Specimen, settings: Settings, beta: float, fixed: dict[int, float]
@@ -133,11 +112,7 @@ class Target:
         rounds: int = ROUNDS,
         steps: int = STEPS,
     ) -> ConditionalFit:
-        """The lowest deviance with some unknowns fixed, from a starting point.
-
-        ``error_sd`` is a first value that settles by itself; ``rounds`` and ``steps`` limit its
-        updates and the steps of each least squares.
-        """
+        """The lowest deviance with some unknowns fixed; `error_sd` is a first value."""
         point = np.array(start, dtype=float)
         for index, value in {**self.fixed, **fixed_values}.items():
             point[index] = value

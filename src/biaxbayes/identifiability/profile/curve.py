@@ -27,20 +27,12 @@ STEPS_OF_STRETCH = (0.0005, 1e-6, 0.01)
 
 @dataclass(frozen=True)
 class Axis:
-    """Scale and range of a profiled parameter.
+    """Scale and range of a profiled parameter."""
 
-    Attributes
-    ----------
-    index : int
-        Position among the unknowns of the fit: the law's coordinates, then mounting stretches.
-    low, high : float
-        Range on the axis: natural logs, degrees, or natural values.
-    """
-
-    index: int
+    index: int  # among the unknowns of the fit: fit coordinates, then mounting stretches
     parameter: Parameter
     law: Law
-    low: float
+    low: float  # range on the axis: natural logs, degrees or natural values
     high: float
     first_step: float
     least_step: float
@@ -96,7 +88,7 @@ class Axis:
         return at <= self.low if side < 0 else at >= self.high
 
 
-def axis_of(parameter: Parameter, index: int, law: Law) -> Axis:
+def profile_axis(parameter: Parameter, index: int, law: Law) -> Axis:
     """Axis of a parameter at a position among the unknowns."""
     if parameter.logarithmic:
         ends, steps = (float(np.log(LEAST)), float(np.log(parameter.largest))), STEPS_OF_SCALE
@@ -128,13 +120,7 @@ CLOSE = 0.01  # of a point to the threshold, in deviance
 
 
 class ProfileCurve:
-    """Points of a profile in the order of the axis.
-
-    Parameters
-    ----------
-    best : ConditionalFit
-        The overall optimum.
-    """
+    """Points of a profile in the order of the axis, from the overall optimum."""
 
     def __init__(self, target: Target, axis: Axis, best: ConditionalFit) -> None:
         self.target, self.axis = target, axis
@@ -142,12 +128,7 @@ class ProfileCurve:
         self.fits = [best]
 
     def run(self) -> None:
-        """Extend the curve until the profile is complete.
-
-        Continuation follows one branch of fits; where another one is lower (kappa on its bound on
-        the first, inside on the second, say) it would miss it. So the whole range is fitted from
-        fresh starts too, and lower points are continued from.
-        """
+        """Extend the curve until the profile is complete."""
         self._continue()
         if self._anchor():
             self._fill()

@@ -22,7 +22,7 @@ import pandas as pd
 
 from biaxbayes.errors import InputError, NotConverged, RunError
 from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, Target
-from biaxbayes.identifiability.profile.curve import THRESHOLD, ProfileCurve, axis_of
+from biaxbayes.identifiability.profile.curve import THRESHOLD, ProfileCurve, profile_axis
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.parallel import executor_for
@@ -38,8 +38,6 @@ class Profile:
 
     Attributes
     ----------
-    known : Quantities
-        What each name is.
     table : DataFrame
         ``value`` (ascending, natural units), ``deviance`` above the minimum, ``error_sd`` and the
         values that all parameters and mounting stretches took.
@@ -121,7 +119,7 @@ def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
     """Profile of one parameter; see :func:`profiles`."""
     index = _index(posterior, parameter)
     target = Target(posterior.specimen, posterior.settings, posterior.beta, _fixed(posterior))
-    axis = axis_of(posterior.quantities[parameter].parameter, index, posterior.law)
+    axis = profile_axis(posterior.quantities[parameter].parameter, index, posterior.law)
     curve = ProfileCurve(target, axis, _optimum(posterior, target))
     curve.run()
     return _profile(curve, posterior, parameter)
