@@ -23,13 +23,13 @@ POOR_ACCEPTANCE = 0.03
 """Below this the independence move is not worth its density evaluations."""
 ROUND_STEPS = 16
 CHECKS = ((16, 3.0), (64, 3.0), (160, 2.5), (160, 2.5), (16, np.inf))
-"""Steps on which the final proposal is judged, and the excess below which it passes; else it is
+"""Steps on which the final proposal is assessed, and the excess below which it passes; else it is
 fitted once more. Tuned on processor time to 2,000 effective draws, the warm-up included: shipped
 specimens, three seeds, all ways of mounting and six laws."""
 COMPONENTS_OF_ROUNDS, COMPONENTS, MORE_COMPONENTS = 8, 12, 20
-"""Of the proposal of the rounds, of the final one, and of one that has been fitted again."""
+"""Components of the proposal of the rounds, of the final one, of one that is fitted again."""
 MAX_COMPONENTS = 24
-"""Of all parts together, where there are several."""
+"""Components of all parts together, where there are several."""
 LOW_EXCESS, HIGH_EXCESS = 1.6, 4.0
 """Excess: how far the largest log weights (their 0.998 quantile) lie above the median one. Below
 the first, mixing is good; above the second, walkers get stuck."""
@@ -49,21 +49,11 @@ cost more time than it saves."""
 
 @dataclass(frozen=True)
 class WarmUp:
-    """Result of a warm-up.
-
-    Attributes
-    ----------
-    rounds : int
-        Adaptation rounds.
-    acceptance : float
-        Acceptance of the independence move in the last round.
-    message : str
-        Empty, or a warning for the user.
-    """
+    """Result of a warm-up."""
 
     rounds: int
-    acceptance: float
-    message: str
+    acceptance: float  # of the independence move in the last round
+    message: str  # a warning for the user, or empty
 
 
 def warm_up(
@@ -78,22 +68,10 @@ def warm_up(
 
     Rounds of steps alternate with fits of the proposal to the newest pooled history, until the
     acceptance stops rising; if walkers could then be stuck for long, another is fitted with more
-    care. Differential evolution stays in the mix throughout.
-
-    Parameters
-    ----------
-    proposal : MixtureProposal
-        A first proposal.
-    spread : ndarray, shape (n, d)
-        Points spread wider than the density (:func:`.population_monte_carlo.tempered_points`). A
-        proposal too narrow there would leave walkers stuck; they make up a fifth of the points of
-        a final fit.
-    ridge_points : ndarray, shape (m, d)
-        Points of every ridge (:func:`.population_monte_carlo.ridge_points`). Where the first
-        proposal has several parts, every later one is fitted to them, too: few walkers may be on a
-        ridge.
-    progress : callable
-        Called with a short text at each round.
+    care. Differential evolution stays in the mix throughout. ``spread`` (n, d) are points wider
+    than the density (:func:`.tempered_points`), a fifth of the points of a final fit: a proposal
+    too narrow there would leave walkers stuck. ``ridge_points`` (m, d) are of every ridge; with
+    several of them every fit uses these, too, since few walkers may be on a ridge.
     """
     ensembles.proposal = proposal
     ensembles.set_share(0.7)
@@ -141,7 +119,7 @@ def _rounds(
 def _fits(
     ensembles: Ensembles, points: np.ndarray, log_prob: np.ndarray, spread: np.ndarray
 ) -> bool:
-    """Whether no walker would be stuck for long, among the points or where ``spread`` is."""
+    """Test that no walker would be stuck for long, among the points or where `spread` is."""
     assert ensembles.proposal is not None
     if ensembles.acceptance < ENOUGH_ACCEPTANCE:
         return False
@@ -158,10 +136,7 @@ def _final_fits(
     ridge_points: np.ndarray,
     progress: Callable[[str], None],
 ) -> tuple[float, float]:
-    """Fit the frozen proposal, once more on a longer history while its excess is large.
-
-    Returns its acceptance and its excess.
-    """
+    """Fit the frozen proposal, again while its excess is large; its acceptance and excess."""
     components = COMPONENTS
     acceptance = excess = 0.0
     for steps, limit in CHECKS:

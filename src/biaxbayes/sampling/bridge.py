@@ -26,22 +26,10 @@ ITERATIONS, SETTLED = 200, 1e-10
 def log_integral(
     log_prob: LogDensity, chain: np.ndarray, proposal: Proposal, *, seed: int = 0
 ) -> tuple[float, float]:
-    """Log integral of a density from its draws; for a posterior, the log evidence.
+    """Log integral of a density, and its error, from draws and a normalised proposal near it.
 
-    Parameters
-    ----------
-    log_prob : callable
-        Vectorised log density, unnormalised; -inf where it is zero.
-    chain : ndarray, shape (ensembles, steps, walkers, d)
-        Draws of the density.
-    proposal : Proposal
-        A normalised density near it.
-    seed : int
-        For the draws of the proposal.
-
-    Returns
-    -------
-    log_integral, error : float
+    ``chain`` are draws of the density, shape (ensembles, steps, walkers, d); for a posterior this
+    is the log marginal likelihood.
     """
     ensembles, steps, walkers, d = chain.shape
     stride = max(1, -(-ensembles * steps * walkers // LARGEST))
@@ -64,10 +52,10 @@ def _log_ratio(log_prob: LogDensity, proposal: Proposal, points: np.ndarray) -> 
 
 
 def bridge(draws_log_ratio: np.ndarray, proposal_log_ratio: np.ndarray) -> tuple[float, float]:
-    """Log integral of p and its error by bridge sampling.
+    """Log integral of p and its error from ln p - ln q.
 
-    The arguments are ln p - ln q, at draws of p (ensembles, steps, walkers) and at independent
-    draws of q (n,), there -inf where p is zero.
+    The first argument is at draws of p (ensembles, steps, walkers), the second at independent draws
+    of q (n,), there -inf where p is zero.
     """
     first, second = draws_log_ratio.ravel(), proposal_log_ratio
     n1 = first.size / autocorrelation_time(np.tanh(draws_log_ratio - np.median(first)))

@@ -1,4 +1,4 @@
-"""Whether the draws can be trusted.
+"""Convergence diagnostics of draws.
 
 R-hat and effective sample sizes are those of ArviZ (Vehtari et al., Bayesian Analysis 16 (2021)
 667). Ensembles, not walkers, are independent: for R-hat an ensemble is a chain, its early steps
@@ -26,10 +26,7 @@ MAX_STUCK = 1.0 / 3.0
 
 
 def split_rhat(draws: np.ndarray) -> float:
-    """Rank-normalised split R-hat of draws of shape (ensembles, steps, walkers).
-
-    Infinite when the ensembles do not move, or have no two halves.
-    """
+    """Rank-normalised split R-hat of draws (ensembles, steps, walkers); infinite if not known."""
     import arviz  # takes a second, which the help of a command need not wait for
 
     ensembles, steps, _ = draws.shape
@@ -41,11 +38,7 @@ def split_rhat(draws: np.ndarray) -> float:
 
 
 def effective_sample_size(draws: np.ndarray, **method: Any) -> float:
-    """Effective sample size of draws of shape (ensembles, steps, walkers).
-
-    Never more than the number of draws; that of the mean unless ``method`` and ``prob`` are given
-    as for :func:`arviz.ess`.
-    """
+    """Effective sample size of draws (ensembles, steps, walkers), at most their number."""
     return min(_effective_sample_size(draws, **method), float(draws.size))
 
 
@@ -56,7 +49,7 @@ def autocorrelation_time(draws: np.ndarray) -> float:
 
 
 def _effective_sample_size(draws: np.ndarray, **method: Any) -> float:
-    """As ArviZ gives it, also above the number of draws; 0 where it cannot be known."""
+    """The value of :func:`arviz.ess`, also above the number of draws; 0 where it is not known."""
     import arviz
 
     ensembles, steps, walkers = draws.shape
@@ -79,27 +72,16 @@ def longest_stuck(chain: np.ndarray) -> int:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Diagnostics of every quantity and the state of the run.
-
-    Attributes
-    ----------
-    ess_bulk, ess_tail, rhat, tau : ndarray, shape (quantities,)
-        ``tau`` is the autocorrelation time in stored steps, of the rank-normalised draws.
-    steps : int
-        Stored steps of each ensemble.
-    state : {"converged", "tentative", "unusable"}
-    reason : str
-        Why the state has not converged; empty when it is.
-    """
+    """Diagnostics of every quantity and the state of the run."""
 
     names: tuple[str, ...]
-    ess_bulk: np.ndarray
+    ess_bulk: np.ndarray  # (quantities,), as the next three
     ess_tail: np.ndarray
     rhat: np.ndarray
-    tau: np.ndarray
-    steps: int
-    state: str
-    reason: str
+    tau: np.ndarray  # autocorrelation time in stored steps, of the rank-normalised draws
+    steps: int  # stored steps of each ensemble
+    state: str  # "converged", "tentative" or "unusable"
+    reason: str  # why it has not converged; else empty
 
     @property
     def worst_ess(self) -> float:
@@ -119,21 +101,11 @@ def not_assessed(reason: str) -> Convergence:
 
 
 def assess(quantities: dict[str, np.ndarray], *, target_ess: float) -> Convergence:
-    """Diagnostics of draws, and whether they have converged.
+    """Diagnostics of quantities (ensembles, steps, walkers), without constant ones.
 
-    Parameters
-    ----------
-    quantities : dict of ndarray, shape (ensembles, steps, walkers)
-        Constant quantities are left out.
-    target_ess : float
-        Effective sample size required of the worst quantity.
-
-    Returns
-    -------
-    Convergence
-        ``converged``: R-hat below 1.01, ESS on target, chains longer than 25 autocorrelation
-        times and no walker that was stuck for a third of them. ``tentative``: R-hat below 1.05,
-        ESS above 100 and chains longer than two autocorrelation times. ``unusable`` otherwise.
+    ``converged``: R-hat below 1.01, ESS on target, chains longer than 25 autocorrelation times
+    and no walker that was stuck for a third of them. ``tentative``: R-hat below 1.05, ESS above
+    100 and chains longer than two autocorrelation times. ``unusable`` otherwise.
     """
     moving = {
         name: draws

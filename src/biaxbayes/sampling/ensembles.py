@@ -25,16 +25,7 @@ acceptance of a half, draws four proposals apart are nearly independent."""
 
 
 class Ensemble:
-    """One emcee ensemble with differential-evolution and adapted independence moves.
-
-    Parameters
-    ----------
-    log_density : callable
-        Vectorised: (n, d) coordinates to (n,) values.
-    start : ndarray, shape (walkers, d)
-    bounds : ndarray, shape (d, 2), optional
-        Bounds of the coordinates, for the independence move.
-    """
+    """One emcee ensemble with differential-evolution and adapted independence moves."""
 
     def __init__(
         self,
@@ -111,17 +102,7 @@ class Ensemble:
 
 
 class Ensembles:
-    """Several independent ensembles that share one proposal.
-
-    Parameters
-    ----------
-    starts : sequence of ndarray, shape (walkers, d)
-        One dispersed start per ensemble.
-    bounds : ndarray, shape (d, 2), optional
-        Bounds of the coordinates, for the independence move.
-    workers : int
-        Threads that advance ensembles at the same time.
-    """
+    """Independent ensembles, one per dispersed start (walkers, d), that share one proposal."""
 
     def __init__(
         self,
@@ -189,10 +170,7 @@ class Ensembles:
             member.independence.reset_counts()
 
     def adapt(self, history: np.ndarray, **options: Any) -> None:
-        """Fit the shared proposal to the pooled history of all ensembles, shape (n, d).
-
-        Options as of :meth:`.AdaptedIndependenceMove.adapt`.
-        """
+        """Fit the shared proposal to the pooled history of all ensembles, shape (n, d)."""
         lead = self.members[0].independence
         with one_blas_thread():
             lead.adapt(history, **options)

@@ -29,25 +29,9 @@ from biaxbayes.sampling.proposal import Proposal, fit_mixture_proposal
 class AdaptedIndependenceMove(emcee.moves.Move):
     """Metropolis-Hastings with a proposal fitted to the history of the ensemble.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the proposals.
-    sweeps : int
-        Proposals tried for each walker in one step. They are drawn and evaluated together, so
-        that a vectorised density is called once, and accepted or rejected in turn.
-    components : int
-        Largest number of mixture components.
-    bounds : ndarray, shape (d, 2), optional
-        Lower and upper bounds, infinite where there is none; proposals are folded there. The
-        move is exact without; with them no proposal is lost beyond a bound.
-
-    Attributes
-    ----------
-    proposal : MixtureProposal, TransportedMixture or None
-        None until :meth:`adapt` or assignment. A step without one is an error.
-    tried, accepted : int
-        Counts of proposals since :meth:`reset_counts`.
+    ``sweeps`` proposals are tried for each walker in one step: evaluated together, accepted or
+    rejected in turn. Proposals are folded at ``bounds`` (d, 2); the move is exact without them.
+    ``components`` limits the mixture.
     """
 
     def __init__(
@@ -87,21 +71,7 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         components: int | None = None,
         label: np.ndarray | None = None,
     ) -> None:
-        """Fit the proposal to a history of walkers, shape (n, d).
-
-        Parameters
-        ----------
-        history : ndarray, shape (n, d)
-        components : int, optional
-            In place of the limit of the constructor, for this fit.
-        label : int64 ndarray, shape (n,), optional
-            Groups of points, as in :func:`.proposal.fit_mixture_proposal`.
-
-        Raises
-        ------
-        RuntimeError
-            After :meth:`freeze`: adapting then would bias the draws.
-        """
+        """Fit the proposal to a history (n, d) of walkers; RuntimeError after :meth:`freeze`."""
         if self.frozen:
             raise RuntimeError("the proposal is frozen: its draws are already in use")
         self.proposal = fit_mixture_proposal(
@@ -149,10 +119,7 @@ def _accept(
     proposed_q: np.ndarray,
     log_u: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Sweep that each walker ends on, -1 where it stays; and the number of accepted proposals.
-
-    The walkers' log densities have the shape (walkers,), the proposals' (sweeps, walkers).
-    """
+    """The last accepted sweep of each walker, -1 if none; and the number accepted."""
     chosen = np.full(log_prob.shape, -1)
     accepted = 0
     # ln pi(x) - ln q(x), the importance weight of the point that a walker is at

@@ -24,22 +24,12 @@ coordinates was worse."""
 
 @dataclass(frozen=True)
 class StudentMixture:
-    """A mixture of K Student t components in d dimensions.
+    """A mixture of K Student t components in d dimensions."""
 
-    Attributes
-    ----------
-    weights : ndarray, shape (K,)
-    means : ndarray, shape (K, d)
-    factors : ndarray, shape (K, d, d)
-        Lower Cholesky factors L of the scale matrices.
-    inverses : ndarray, shape (K, d, d)
-        L^-1.
-    """
-
-    weights: np.ndarray
-    means: np.ndarray
-    factors: np.ndarray
-    inverses: np.ndarray = field(init=False)
+    weights: np.ndarray  # (K,)
+    means: np.ndarray  # (K, d)
+    factors: np.ndarray  # (K, d, d): lower Cholesky factors L of the scale matrices
+    inverses: np.ndarray = field(init=False)  # L^-1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inverses", np.linalg.inv(self.factors))
@@ -84,18 +74,10 @@ def squared_distances(x: np.ndarray, means: np.ndarray, inverses: np.ndarray) ->
 def fit_mixture(
     points: np.ndarray, rng: np.random.Generator, *, components: int = 6
 ) -> StudentMixture:
-    """Fit a Gaussian mixture by expectation maximisation and make its tails heavier.
+    """Fit a Gaussian mixture to points (n, d) by expectation maximisation.
 
-    The covariances of the Gaussians become the scale matrices of Student t distributions.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, d)
-        Finite, and roughly standardised.
-    rng : numpy.random.Generator
-        For the first groups, which are those of k-means.
-    components : int
-        Upper limit; fewer where the points could not determine them.
+    The covariances become the scale matrices of Student t distributions. There are fewer
+    ``components`` where the points, roughly standardised, could not determine them.
     """
     n, d = points.shape
     # A component needs several times d points to have a covariance worth the name.

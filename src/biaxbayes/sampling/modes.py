@@ -25,27 +25,11 @@ def local_mode(
     scale: np.ndarray,
     bounds: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Climb to a mode by damped Newton steps on finite differences.
+    """Climb to a mode (d,) by damped Newton steps on finite differences, inside the bounds.
 
-    The density costs microseconds and takes many points at once, so differences are cheaper
-    than a derivation would be worth. Steps stay inside the bounds.
-
-    Parameters
-    ----------
-    log_density : callable
-        Vectorised, (n, d) to (n,).
-    start : ndarray, shape (d,)
-        A point of positive density.
-    scale : ndarray, shape (d,)
-        Width beyond which a direction counts as not determined.
-    bounds : ndarray, shape (d, 2)
-
-    Returns
-    -------
-    mode : ndarray, shape (d,)
-    factor : ndarray, shape (d, d)
-        A square root of the covariance of the local Gaussian approximation, its widths limited
-        to ``scale``.
+    Many points at once cost microseconds, so differences are cheaper than a derivation would be
+    worth. Also returns a square root (d, d) of the covariance of the local Gaussian approximation,
+    its widths limited to ``scale``: beyond it a direction counts as not determined.
     """
     low = np.where(np.isfinite(bounds[:, 0]), bounds[:, 0] + 1e-3, -np.inf)
     high = np.where(np.isfinite(bounds[:, 1]), bounds[:, 1] - 1e-3, np.inf)
@@ -116,23 +100,12 @@ SAME_MODE = 2.0
 
 @dataclass(frozen=True)
 class Mode:
-    """A mode with Laplace's approximation there.
+    """A mode with Laplace's approximation there."""
 
-    Attributes
-    ----------
-    location : ndarray, shape (d,)
-    factor : ndarray, shape (d, d)
-        A square root of the local covariance, its widths limited.
-    log_mass : float
-        Laplace's approximation, log p(location) + ln |factor| + d/2 ln 2 pi.
-    height : float
-        log p(location).
-    """
-
-    location: np.ndarray
-    factor: np.ndarray
-    log_mass: float
-    height: float = 0.0
+    location: np.ndarray  # (d,)
+    factor: np.ndarray  # (d, d), square root of the local covariance, widths limited
+    log_mass: float  # log p(location) + ln |factor| + d/2 ln 2 pi
+    height: float = 0.0  # log p(location)
 
 
 def find_modes(
@@ -141,17 +114,16 @@ def find_modes(
     scale: np.ndarray,
     bounds: np.ndarray,
 ) -> list[Mode]:
-    """Climb from every start (n, d) and keep the different modes that matter.
-
-    The heaviest mode comes first; the list is empty where no start has a positive density.
-    ``scale`` (d,) is the width beyond which a direction counts as not determined.
-    """
+    """Climb from every start (n, d); the different modes that matter, the heaviest first."""
     # A start on a bound has its density, if any, next to it.
     inner = np.clip(starts, bounds[:, 0] + 1e-3, bounds[:, 1] - 1e-3)
-    modes = [
-        _climb(log_density, start, scale, bounds)
-        for start in inner[np.isfinite(log_density(inner))]
-    ]
+    modes = []
+    for start in inner[np.isfinite(log_density(inner))]:
+        location, factor = local_mode(log_density, start, scale, bounds)
+        height = float(log_density(location[None])[0])
+        _, log_volume = np.linalg.slogdet(factor)
+        log_mass = height + float(log_volume) + 0.5 * location.size * np.log(2.0 * np.pi)
+        modes.append(Mode(location, factor, log_mass, height))
     modes.sort(key=lambda mode: -mode.log_mass)
     distinct: list[Mode] = []
     for mode in modes:
@@ -171,9 +143,8 @@ BETWEEN = 33
 def separate_groups(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
     """Modes by the ridge that they lie on; in each group the first mode first.
 
-    Two modes are on one ridge where the density along the straight line between them, or between
-    others of the ridge, does not fall much below the lower one. A ridge that bends away from the
-    line may count as two.
+    The density along a straight line between two modes of a ridge does not fall much below the
+    lower one. A ridge that bends away from all lines may count as two.
     """
     groups: list[list[Mode]] = []
     for mode in modes:
@@ -193,21 +164,8 @@ def _on_one_ridge(log_density: LogDensity, one: Mode, other: Mode) -> bool:
     return bool(between.min() > min(one.height, other.height) - SADDLE)
 
 
-def _climb(
-    log_density: LogDensity,
-    start: np.ndarray,
-    scale: np.ndarray,
-    bounds: np.ndarray,
-) -> Mode:
-    location, factor = local_mode(log_density, start, scale, bounds)
-    height = float(log_density(location[None])[0])
-    _, log_volume = np.linalg.slogdet(factor)
-    log_mass = height + float(log_volume) + 0.5 * location.size * np.log(2.0 * np.pi)
-    return Mode(location, factor, log_mass, height)
-
-
 def _same(one: Mode, other: Mode) -> bool:
-    """Whether two modes are within the local widths of both."""
+    """Test whether two modes are within the local widths of both."""
     offset = one.location - other.location
     z = np.array([np.linalg.solve(m.factor, offset) for m in (one, other)])
     return bool((np.sqrt((z**2).mean(axis=1)) < SAME_MODE).all())

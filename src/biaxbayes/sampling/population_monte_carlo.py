@@ -20,11 +20,7 @@ import numpy as np
 
 from biaxbayes.errors import NotConverged
 from biaxbayes.sampling.modes import Mode, find_modes, separate_groups
-from biaxbayes.sampling.proposal import (
-    MixtureProposal,
-    first_proposal,
-    fit_mixture_proposal,
-)
+from biaxbayes.sampling.proposal import MixtureProposal, first_proposal, fit_mixture_proposal
 from biaxbayes.sampling.target import LogDensity, Target
 from biaxbayes.tasks import one_blas_thread
 
@@ -53,10 +49,8 @@ class Start:
     ----------
     proposal : MixtureProposal
         A proposal that fits the density, with a part for each ridge that lies apart.
-    points : ndarray, shape (n, d)
-        A population spread over the density.
-    log_weight : ndarray, shape (n,)
-        Log importance weight of each point; -inf where the density is zero.
+    points, log_weight : ndarray, shapes (n, d) and (n,)
+        A population with log importance weights, -inf where the density is zero.
     rng : numpy.random.Generator
         The generator of the search, which the warm-up continues with.
     """
@@ -127,35 +121,14 @@ def explore(
     population: int = POPULATION,
     components: int = SEARCH_COMPONENTS,
 ) -> tuple[MixtureProposal, np.ndarray, np.ndarray]:
-    """From a first proposal to one that fits a density.
+    """Adapt a first proposal to a density; the proposal, its last points and log weights.
 
     The first one is much wider than the density, so the weights are tempered: raised to the
-    largest power that keeps a share of the population effective, in each part of the proposal for
-    itself. All parts have as many points. A mode that no point of a generation comes near is lost;
-    :mod:`.modes` looks for them beforehand. A part is dropped when its total weight is
-    negligible and no single point dominates.
-
-    Parameters
-    ----------
-    log_density : callable
-        Vectorised, (n, d) to (n,); -inf where the density is zero.
-    bounds : ndarray, shape (d, 2)
-    population : int
-        Points of a generation; twice as many where there are several parts.
-    components : int
-        Largest number of mixture components of each part.
-
-    Returns
-    -------
-    proposal : MixtureProposal
-    population : ndarray, shape (n, d)
-    log_weight : ndarray, shape (n,)
-        Points of the last generation and their log weights.
-
-    Raises
-    ------
-    NotConverged
-        If no point has a positive density.
+    largest power that keeps a share of the population effective, separately in each part. All
+    parts get equally many points. A mode that no point of a generation comes near is lost;
+    :mod:`.modes` looks for them beforehand. A part is dropped when its total weight is negligible
+    and no single point dominates. ``components`` is the largest number of components per part.
+    Raises NotConverged if no point has a positive density.
     """
     best_share, stalled = 0.0, 0
     for _ in range(MAX_GENERATIONS):
@@ -177,25 +150,13 @@ def explore(
         tempered = np.where(
             inside, np.array(powers)[label] * np.where(inside, log_weight, 0.0), -np.inf
         )
-        proposal = _fitted(u, tempered, label, rng, bounds, components)
+        chosen = resample_ridges(tempered, label, len(u) // 2, rng)
+        most = components * (int(label.max()) + 1)
+        with one_blas_thread():
+            proposal = fit_mixture_proposal(
+                u[chosen], rng, bounds=bounds, components=most, label=label[chosen]
+            )
     return proposal, u, log_weight
-
-
-def _fitted(
-    u: np.ndarray,
-    log_weight: np.ndarray,
-    label: np.ndarray,
-    rng: np.random.Generator,
-    bounds: np.ndarray,
-    components: int,
-) -> MixtureProposal:
-    """A proposal with a part fitted to the weighted points of each ridge."""
-    chosen = resample_ridges(log_weight, label, len(u) // 2, rng)
-    most = components * (int(label.max()) + 1)
-    with one_blas_thread():
-        return fit_mixture_proposal(
-            u[chosen], rng, bounds=bounds, components=most, label=label[chosen]
-        )
 
 
 def _ridges(proposal: MixtureProposal, u: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
@@ -251,10 +212,7 @@ def resample(log_weight: np.ndarray, size: int, rng: np.random.Generator) -> np.
 
 
 def tempered_points(start: Start) -> np.ndarray:
-    """Points of a population spread wider than the density, shape (n, d).
-
-    Drawn by the square root of their weights: about twice the variance of each ridge.
-    """
+    """Points (n, d) drawn by the root of their weights: about twice the variance of each ridge."""
     half = len(start.points) // 2
     return start.points[resample(_tempered_log_weight(start), half, start.rng)]
 

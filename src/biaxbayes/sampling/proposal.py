@@ -31,19 +31,11 @@ BROAD_WEIGHT, BROAD_SCALE = 0.1, 2.0
 
 @dataclass(frozen=True)
 class TransportedMixture:
-    """A frozen proposal density in d dimensions.
-
-    Attributes
-    ----------
-    mixture : StudentMixture
-        In the reference coordinates.
-    bounds : ndarray, shape (d, 2)
-        Bounds of the reference coordinates; infinite where there is none.
-    """
+    """A frozen proposal density in d dimensions."""
 
     transport: TransportMap
-    mixture: StudentMixture
-    bounds: np.ndarray
+    mixture: StudentMixture  # in the reference coordinates
+    bounds: np.ndarray  # (d, 2), of the reference coordinates; infinite where there is none
 
     def sample(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Independent draws, shape (size, d)."""
@@ -88,10 +80,7 @@ class TransportedMixture:
 def first_proposal(
     means: np.ndarray, factors: Sequence[np.ndarray], weights: np.ndarray, bounds: np.ndarray
 ) -> TransportedMixture:
-    """A proposal from given Student t components, before there are points to fit.
-
-    ``factors`` (k, d, d) are square roots of the scale matrices, not necessarily triangular.
-    """
+    """A proposal from given components; `factors` are square roots of the scale matrices."""
     lower = [np.asarray(np.linalg.qr(f.T, mode="r")).T for f in factors]
     lower = [f * np.where(np.diag(f) < 0.0, -1.0, 1.0) for f in lower]
     mixture = StudentMixture(weights, means, np.array(lower))
@@ -128,12 +117,7 @@ def fit_transported_mixture(
 
 @dataclass(frozen=True)
 class MixtureProposal:
-    """A mixture of transported mixtures; the proposal density of the sampler.
-
-    Attributes
-    ----------
-    weights : ndarray, shape (p,)
-    """
+    """A mixture of transported mixtures; the proposal density of the sampler."""
 
     weights: np.ndarray
     parts: tuple[TransportedMixture, ...]
@@ -187,11 +171,7 @@ def fit_mixture_proposal(
     components: int = 20,
     label: np.ndarray | None = None,
 ) -> MixtureProposal:
-    """Fit a mixture proposal to points (n, d), one part to each group.
-
-    ``label`` is the group of each point, from zero, each with points; by default there is one
-    group. ``components`` is the largest number of mixture components of all parts together.
-    """
+    """Fit a mixture proposal to points (n, d), with one part for each label (from zero)."""
     if label is None:
         label = np.zeros(len(points), dtype=np.int64)
     share = np.bincount(label) / len(points)

@@ -59,9 +59,9 @@ class Plan:
     workers : int
         Threads that advance ensembles; the draws do not depend on it.
     population : int
-        Points of a generation of the search before the walkers start.
+        Points per generation of the search.
     first_block : int
-        Steps of each ensemble before the draws are assessed for the first time.
+        Steps of each ensemble before the first assessment.
     """
 
     ess: float = 2000.0
@@ -98,10 +98,8 @@ class State:
     chain : ndarray, shape (ensembles, stored steps, walkers, d)
     steps, thin : int
         Steps of each ensemble so far, of which every ``thin``-th is stored.
-    evaluations : int
-        Number of density evaluations by the ensembles, including the warm-up.
-    rejected : int64 ndarray
-        Counts of the target so far.
+    evaluations, rejected
+        Numbers of density evaluations so far, warm-up included; zero densities by reason.
     finished : bool
         Whether the draws have converged.
     """

@@ -32,25 +32,14 @@ REWEIGHTED = 3
 
 @dataclass(frozen=True)
 class TransportMap:
-    """A fitted map.
+    """A fitted map."""
 
-    Attributes
-    ----------
-    order : int64 ndarray, shape (d,)
-        Coordinate taken at each place.
-    centre, scale : ndarray, shape (d,)
-        In that order.
-    coefficients : ndarray, shape (d, f)
-        Row k holds p_k on the terms of :func:`mean_terms`; zero for other than predecessors.
-    widths : ndarray, shape (d, 2 d)
-        Row k holds s_k on z_1, z_1^2 - 1, z_2, z_2^2 - 1, ..., likewise.
-    """
-
-    order: np.ndarray
-    centre: np.ndarray
+    order: np.ndarray  # (d,): coordinate taken at each place
+    centre: np.ndarray  # (d,), in that order
     scale: np.ndarray
+    # (d, f): row k holds p_k on :func:`mean_terms`; zero for other than predecessors
     coefficients: np.ndarray
-    widths: np.ndarray
+    widths: np.ndarray  # (d, 2 d): row k holds s_k on z_1, z_1^2 - 1, z_2, z_2^2 - 1, ..., likewise
 
     def to_reference(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Reference coordinates r of points x, shape (n, d), and ln |dr/dx| of each."""
@@ -104,11 +93,7 @@ def width_terms(z: np.ndarray) -> np.ndarray:
 
 
 def fit_transport_map(points: np.ndarray, bounded: np.ndarray) -> TransportMap:
-    """Fit the map to points of shape (n, d).
-
-    Coordinates with a finite bound (``bounded``) come first and are only standardised, so that
-    their bounds stay where they are.
-    """
+    """Fit the map to points (n, d); bounded coordinates come first and are only standardised."""
     n, d = points.shape
     order = _order(points, bounded)
     x = points[:, order]
