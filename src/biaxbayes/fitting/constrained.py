@@ -20,12 +20,7 @@ import numpy as np
 from biaxbayes.errors import InputError, TaredSpecimen
 from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
-from biaxbayes.fitting.residuals import (
-    BalancedMounting,
-    LoadResiduals,
-    Readings,
-    readings,
-)
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings, readings
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
@@ -58,42 +53,15 @@ def constrained_fit(
 ) -> FitResult:
     """Least squares on the measured load, the mounting stretch solved for at every step.
 
-    Parameters
-    ----------
-    mounting : {"noisy", "exact", "ignored", "zeroed"}
-        ``noisy``: the mounting force is unknown, its reading one datum with the load cell's sd.
-        ``exact``: the reading is taken as exact, as in files without load noise. ``ignored`` and
-        ``zeroed``: the mounted state is taken as unloaded, loads as they are or less their
-        reading.
-    weighted : bool
-        Weight the rows by their effective number of independent readings.
-    mounting_stretch : {"shared", "per-protocol"}
-    fixed : mapping, optional
-        Fixed values, by the law's parameters in their own units.
-    starts : int
-        Number of starting points, the best of a random screening. May be 0 with ``initial``.
-    initial : Material, optional
-        A further starting point.
-    law : str
-        Name of the material law.
-    fibre_switch : bool
-        Fibres carry no compression, for laws that leave it open.
-    compiled : bool
-        Solve for the mounted state in compiled code. For a single fit, uncompiled code is faster
-        than loading the cache.
+    ``mounting`` noisy: the mounting force is unknown, its reading one datum with the load cell's
+    sd; exact: the reading is taken as exact, as in files without load noise; ignored, zeroed: the
+    mounted state is taken as unloaded, loads as they are or less their reading. ``weighted``: by
+    the effective number of independent readings. ``starts`` may be 0 with ``initial``, a further
+    one. ``compiled``: solve for the mounted state in compiled code; for a single fit, uncompiled
+    code is faster than loading the cache.
 
-    Returns
-    -------
-    FitResult
-        ``converged`` is False when no start could be evaluated (no mounting stretch balances
-        the reading); nothing is raised for numerical reasons.
-
-    Raises
-    ------
-    TaredSpecimen
-        If a prestretch is to be inferred from a file whose mounting force is zero.
-    InputError
-        For an unknown option or fixed parameter.
+    Not ``converged`` when no start could be evaluated (no mounting stretch balances the reading).
+    Raises TaredSpecimen, InputError for an unknown option or fixed parameter.
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
     setup = fit_setup(
@@ -105,7 +73,7 @@ def constrained_fit(
 
 @dataclass(frozen=True, eq=False)
 class FitSetup:
-    """What stays the same while a specimen is fitted."""
+    """Constant inputs of a fit."""
 
     data: Readings
     stretched: Readings
@@ -119,7 +87,7 @@ class FitSetup:
 
     @property
     def balanced(self) -> bool:
-        """Whether the mounting stretch is inferred."""
+        """True if the mounting stretch is inferred."""
         return self.mounting in ("exact", "noisy")
 
     def problem(self, scale: float | None = None) -> LoadResiduals:
@@ -175,7 +143,7 @@ def fit_setup(
     weighted: bool,
     compiled: bool,
 ) -> FitSetup:
-    """What stays the same while a specimen is fitted; options and fixed values are checked."""
+    """Inputs of a fit with checked options and fixed values."""
     if mounting not in FIT_MOUNTING:
         raise InputError(
             f"unknown mounting {mounting!r}", remedy=f"one of {', '.join(FIT_MOUNTING)}"
@@ -231,10 +199,7 @@ def minimum(
 def _reweighted(
     setup: FitSetup, exact: Descent, *, steps: int = 500, tolerance: float = 1e-10, **_: Any
 ) -> tuple[LoadResiduals, Descent]:
-    """Iteratively reweighted least squares with the mounting forces as unknowns.
-
-    Until neither the error sd w nor the weight beta of the rows changes.
-    """
+    """Reweighted least squares with unknown mounting forces, until w and beta are stable."""
     offsets = setup.data.mounting_load.size
     unknowns = np.concatenate([exact.unknowns, np.zeros(offsets)])
     infinite = np.full(offsets, np.inf)

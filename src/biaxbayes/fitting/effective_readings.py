@@ -20,21 +20,10 @@ SMOOTH_RUNS = 3.0  # standard deviations of the sign changes of independent erro
 
 
 def effective_size(residual: np.ndarray) -> float:
-    """Effective number of independent readings in one residual curve.
+    """Effective number of independent readings, 2 to n, of residuals (n,) along a path.
 
     Geyer's initial positive sequence: autocorrelations are summed in pairs while the sum of a
-    pair is positive.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (n,)
-        Residuals in the order of the path; their mean is not removed, since a constant
-        misfit is misfit too.
-
-    Returns
-    -------
-    float
-        Between 2 (or n, if smaller) and n.
+    pair is positive. The mean is not removed, since a constant misfit is misfit too.
     """
     n = residual.size
     if n < 4:
@@ -57,15 +46,7 @@ def effective_size(residual: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class EffectiveReadings:
-    """Effective number of readings, curve by curve.
-
-    Attributes
-    ----------
-    count : ndarray, shape (p, 2)
-        Readings of each protocol and direction.
-    effective : ndarray, shape (p, 2)
-        Independent readings that they are equivalent to.
-    """
+    """Numbers of readings and of the independent ones that they are equivalent to, (p, 2)."""
 
     count: np.ndarray
     effective: np.ndarray
@@ -84,10 +65,7 @@ class EffectiveReadings:
 def effective_readings(
     residuals: Sequence[np.ndarray], scale: Sequence[np.ndarray] | None = None
 ) -> EffectiveReadings:
-    """Effective readings of the residuals of a fit, one array (n_p, 2) per protocol.
-
-    ``scale`` is the standard deviation of each reading up to a factor, where it is not constant.
-    """
+    """Effective readings of residuals (n_p, 2) per protocol; ``scale`` are sds up to a factor."""
     count = np.array([[len(r), len(r)] for r in residuals], dtype=float)
     effective = np.array(
         [
@@ -98,11 +76,8 @@ def effective_readings(
     return EffectiveReadings(count, effective)
 
 
-def misses_smoothly(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) -> bool:
-    """Whether the signs of the residuals change too seldom for independent errors.
-
-    Over all curves (n_p, 2), by ``sd`` standard deviations. A curve without any miss says nothing.
-    """
+def misses_smoothly(residuals: Sequence[np.ndarray]) -> bool:
+    """True if the signs of residuals (n_p, 2) change too seldom for independent errors."""
     changes = steps = 0
     for part in residuals:
         if not part.any():
@@ -111,4 +86,4 @@ def misses_smoothly(residuals: Sequence[np.ndarray], sd: float = SMOOTH_RUNS) ->
         changes += int(np.count_nonzero(above[1:] != above[:-1]))
         steps += 2 * max(len(part) - 1, 0)
     # Signs of independent errors change at every step with probability 1/2.
-    return changes - 0.5 * steps < -sd * 0.5 * np.sqrt(steps)
+    return changes - 0.5 * steps < -SMOOTH_RUNS * 0.5 * np.sqrt(steps)

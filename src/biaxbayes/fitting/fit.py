@@ -14,12 +14,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import MOUNTING_STRETCH, constrained_fit, refuse_tared
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
-from biaxbayes.fitting.residuals import (
-    FreeMounting,
-    LoadResiduals,
-    Readings,
-    readings,
-)
+from biaxbayes.fitting.residuals import FreeMounting, LoadResiduals, Readings, readings
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
@@ -41,22 +36,11 @@ TOLERANCE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Alternation:
-    """Where an alternation ended.
+    """End of an alternation."""
 
-    Attributes
-    ----------
-    point : ndarray, shape (p,)
-        Coordinates of the fit.
-    mounting : ndarray, shape (2, m)
-    cost : float
-        Sum of squared Cauchy residuals over the squared scale.
-    iterations : int
-        Alternations.
-    """
-
-    point: np.ndarray
-    mounting: np.ndarray
-    cost: float
+    point: np.ndarray  # (p,), fit coordinates
+    mounting: np.ndarray  # (2, m)
+    cost: float  # sum of squared Cauchy residuals over the squared scale
     iterations: int
     converged: bool
 
@@ -87,16 +71,7 @@ def alternate(
 ) -> Alternation:
     """Alternate from one material until neither mounting stretch nor stress changes.
 
-    Parameters
-    ----------
-    point : ndarray, shape (p,)
-        Starting coordinates of the fit.
-    scale : float
-        Stress in kPa that residuals are measured in.
-    first : ndarray, shape (2, m), optional
-        Mounting stretches to fall back on while the material balances no root; default one.
-    tolerance : float
-        On the change of the mounting stretches and, relative, of the parameters.
+    ``first`` (2, m) are mounting stretches for materials that balance no root; default one.
     """
     lm = np.ones_like(data.mounting_load) if first is None else first
     cost, settled, count = np.inf, False, 0

@@ -1,4 +1,4 @@
-"""One law among others: how well it fits a record, where it puts the mounting stretch, how surely.
+"""Fit of one law to a record: its misfit, its mounting stretch and their errors.
 
 Two errors are computed at the least squares. That of the fit itself holds the noise of all
 readings, the mounting one among them, and the smooth misfit of the law
@@ -16,12 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.fitting.constrained import (
-    FitSetup,
-    fit_setup,
-    minimum,
-    starting_points,
-)
+from biaxbayes.fitting.constrained import FitSetup, fit_setup, minimum, starting_points
 from biaxbayes.fitting.effective_readings import effective_readings, misses_smoothly
 from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals
 from biaxbayes.fitting.smooth_misfit import pseudo_inverse, smooth_misfit
@@ -30,51 +25,28 @@ from biaxbayes.options import FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
 AMONG_LAWS: dict[str, Any] = {"finalists": 2, "steps": 100, "tolerance": 1e-8}
-"""How far laws are fitted that are compared with one another. A flat valley of Fung's or Lee-Sacks'
+"""Limits of fits that are compared with one another. A flat valley of Fung's or Lee-Sacks'
 law takes 500 steps to its floor; stopped like this, the rms of 56 fits to the shipped specimens lay
 at most 3 % above it, and the mounting stretches within a tenth of their sd."""
 
 
 @dataclass(frozen=True, eq=False)
 class LawFit:
-    """Where a law puts the mounting stretch of a record, and how well it describes it.
-
-    Attributes
-    ----------
-    rms : float
-        Misfit of the load, in the unit of the specimen.
-    rmse_kPa : float
-        As of a :class:`~biaxbayes.fitting.result.FitResult`.
-    mounting_stretch : ndarray, shape (m, 2)
-        One row, or one per protocol.
-    sd : ndarray, shape (m, 2)
-        Standard errors of the mounting stretches: noise of all readings and smooth misfit.
-    smooth : bool
-        Whether the signs of the residuals show that the law misses smoothly.
-    reading_chi2 : float
-        Sum of squares of the mounting readings' residuals, each over its sd.
-    independent : float
-        Independent readings that the rows are worth.
-    misfit : float
-        Sd of the law's smooth misfit, as a share of the load.
-    widening : dict of float
-        By material parameter: error of the fit over that of the posterior, at least one.
-    mounting_widening : ndarray, shape (m, 2), optional
-        The same of the mounting stretches, without any prior.
-    """
+    """Fit of a law to a record: its misfit and its mounting stretch."""
 
     law: str
-    rms: float
-    rmse_kPa: float
-    mounting_stretch: np.ndarray
-    sd: np.ndarray
-    smooth: bool
+    rms: float  # misfit of the load, unit of the specimen
+    rmse_kPa: float  # of the Cauchy stress
+    mounting_stretch: np.ndarray  # (m, 2): one row, or one per protocol
+    sd: np.ndarray  # (m, 2), standard errors: noise of all readings and smooth misfit
+    smooth: bool  # signs of the residuals show a smooth misfit
     converged: bool
-    reading_chi2: float = 0.0
-    independent: float = np.inf
-    misfit: float = 0.0
+    reading_chi2: float = 0.0  # squared residuals of the mounting readings over their sd
+    independent: float = np.inf  # effective number of readings
+    misfit: float = 0.0  # sd of the smooth misfit, as a share of the load
+    # by parameter: error of the fit over that of the posterior, at least one
     widening: Mapping[str, float] = field(default_factory=dict)
-    mounting_widening: np.ndarray | None = None
+    mounting_widening: np.ndarray | None = None  # (m, 2), the same without any prior
 
 
 def fit_law(
@@ -92,9 +64,8 @@ def fit_law(
 ) -> LawFit:
     """Least squares of a law on the measured load, with its errors.
 
-    Options as in :func:`~biaxbayes.fitting.constrained.constrained_fit`. ``prior_sd`` are prior
-    standard deviations of material parameters, for stiffnesses and exponents of the natural log and
-    for angles of cos^2; they limit the errors whose ratio is ``widening``.
+    Options as in :func:`.constrained_fit`. ``prior_sd`` (of logs, of cos^2 for angles) limits the
+    errors whose ratio is ``widening``.
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
     setup = fit_setup(

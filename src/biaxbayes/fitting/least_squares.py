@@ -36,19 +36,11 @@ STEPS, TOLERANCE = 500, 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where a descent ended.
-
-    Attributes
-    ----------
-    cost : float
-        Sum of squares; infinite where the start could not be evaluated.
-    iterations : int
-        Accepted steps.
-    """
+    """End of a descent."""
 
     unknowns: np.ndarray
-    cost: float
-    iterations: int
+    cost: float  # sum of squares; infinite if the start could not be evaluated
+    iterations: int  # accepted steps
     converged: bool
 
 
@@ -63,19 +55,8 @@ def descend(
 ) -> Descent:
     """Minimise the sum of squared residuals in a box.
 
-    Parameters
-    ----------
-    problem : Problem
-        May return residuals that are not finite: such a step is refused.
-    start, lower, upper : ndarray, shape (p,)
-    steps : int
-        Most steps tried.
-    tolerance : float
-        Ends when the predicted relative decrease of the cost, or the scaled gradient, is below.
-
-    Returns
-    -------
-    Descent
+    A step to residuals that are not finite is refused. Ends after ``steps`` trials, or when the
+    predicted relative decrease of the cost, or the scaled gradient, is below ``tolerance``.
     """
     with np.errstate(all="ignore"):
         return _descend(problem, np.clip(start, lower, upper), lower, upper, steps, tolerance)
@@ -133,10 +114,7 @@ def _descend(
 
 
 def _evaluate(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-    """Residual, its Jacobian, its sum of squares and the norms of the Jacobian's columns.
-
-    The sum is infinite if any is not finite.
-    """
+    """Residual, Jacobian, sum of squares (infinite if not finite), norms of the columns."""
     r, J = problem.evaluate(x)
     cost = float(r @ r)
     squares = np.einsum("ij,ij->j", J, J)
@@ -194,7 +172,7 @@ def _step(
 def _stationary(
     norms: np.ndarray, gradient: np.ndarray, free: np.ndarray, cost: float, cosine: float
 ) -> bool:
-    """Whether every free column is orthogonal to the residual, to the stated cosine."""
+    """Test that every free column is orthogonal to the residual, to the given cosine."""
     most = cosine * np.maximum(norms, SMALL) * math.sqrt(cost)
     return bool((np.abs(gradient) <= most)[free].all())
 
@@ -216,23 +194,9 @@ def best_descent(
     steps: int = STEPS,
     tolerance: float = TOLERANCE,
 ) -> Descent:
-    """A few steps from every start, then the best few to the end.
+    """Take a few steps from every start, then follow the best ``finalists``; the lowest end.
 
-    Parameters
-    ----------
-    problem : callable
-        Makes a fresh problem (problems remember their last evaluation).
-    starts : iterable of ndarray, shape (p,)
-    lower, upper : ndarray, shape (p,)
-    finalists : int
-        How many of them are followed to convergence.
-    steps, tolerance
-        Limits of the followed descents, as in :func:`descend`.
-
-    Returns
-    -------
-    Descent
-        The lowest; its cost is infinite when no start could be evaluated.
+    ``problem`` makes a fresh problem, since problems remember their last evaluation.
     """
     first = [
         descend(problem(), start, lower, upper, steps=FIRST_STEPS, tolerance=1e-8)

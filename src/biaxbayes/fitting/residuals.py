@@ -30,37 +30,18 @@ from biaxbayes.specimens.specimen import Specimen
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Rows of all protocols, one below the other.
+    """Rows of all protocols, one below the other."""
 
-    Attributes
-    ----------
-    stretch : ndarray, shape (2, n)
-        Measured stretches, relative to the mounted state.
-    load : ndarray, shape (2, n)
-        Force (N) or first Piola-Kirchhoff stress (kPa) in the file's geometry.
-    group : ndarray of int, shape (n,)
-        Which mounted state a row belongs to.
-    at_rest : ndarray of bool, shape (n,)
-        Rows recorded at the mounted state, before the test starts.
-    mounting_load, mounting_sd : ndarray, shape (2, m)
-        Reading of each mounted state and its standard deviation, in the unit of ``load``.
-    area : ndarray, shape (2,)
-        Load per kPa.
-    mounted : bool
-        Whether the dimensions refer to the mounted state.
-    rows : tuple of slice
-        The rows of each protocol.
-    """
-
-    stretch: np.ndarray
+    stretch: np.ndarray  # (2, n), measured: relative to the mounted state
+    # (2, n): force (N) or first Piola-Kirchhoff stress (kPa) in the file's geometry
     load: np.ndarray
-    group: np.ndarray
-    at_rest: np.ndarray
-    mounting_load: np.ndarray
-    mounting_sd: np.ndarray
-    area: np.ndarray
-    mounted: bool
-    rows: tuple[slice, ...]
+    group: np.ndarray  # (n,): index of the mounted state
+    at_rest: np.ndarray  # (n,): recorded at the mounted state, before the test starts
+    mounting_load: np.ndarray  # (2, m)
+    mounting_sd: np.ndarray  # (2, m)
+    area: np.ndarray  # (2,): load per kPa
+    mounted: bool  # dimensions refer to the mounted state
+    rows: tuple[slice, ...]  # of each protocol
 
     def forward(self, law: Law) -> ForwardModel:
         """The forward model of a law on the specimen."""
@@ -72,7 +53,7 @@ class Readings:
         return max(float(np.abs(self.load).max()), 1e-300)
 
     def thinned(self, per_protocol: int) -> Readings:
-        """At most so many stretched rows of each protocol, evenly chosen, the last included."""
+        """Evenly chosen stretched rows of each protocol, at most so many, the last included."""
         chosen_rows = []
         for rows in self.rows:
             index = np.arange(rows.start, rows.stop)
@@ -91,15 +72,12 @@ class Readings:
         )
 
     def stretched(self) -> Readings:
-        """Without the rows at rest, which enter a posterior through the mounting reading."""
+        """The readings without rows at rest, which enter a posterior as the mounting reading."""
         return self.thinned(self.at_rest.size)
 
 
 def readings(specimen: Specimen, *, shared: bool, zeroed: bool = False) -> Readings:
-    """Flatten a specimen; ``shared`` is one mounted state for all protocols, or one each.
-
-    ``zeroed`` subtracts each protocol's mounting reading from its loads.
-    """
+    """Flatten a specimen with one mounted state for all protocols, or one each."""
     source = specimen.zeroed() if zeroed else specimen
     loads = [source.load(p) for p in source.protocols]
     reading, sd = source.mounting_readings(shared=shared)
@@ -154,7 +132,7 @@ class LoadResiduals:
         return self.data.forward(self.law)
 
     def fit_coordinates(self, unknowns: np.ndarray) -> np.ndarray:
-        """Fit coordinates of the material (see :mod:`biaxbayes.laws.law`), fixed ones filled in."""
+        """Fit coordinates of the material, fixed ones filled in."""
         point = self.point.copy()
         point[self.free] = unknowns[: self.free.size]
         return point
@@ -225,8 +203,7 @@ class BalancedMounting(LoadResiduals):
     """The mounting stretch is the root of the force balance at the mounted state.
 
     With ``reading_sd`` (2, m) the mounting loads are unknowns too, in units of their sd from
-    their readings, and add one residual each. ``compiled`` as in
-    :meth:`.ForwardModel.mounting_roots`.
+    their readings, and add one residual each.
     """
 
     reading_sd: np.ndarray | None = None

@@ -1,4 +1,4 @@
-r"""How far a smooth misfit of the law moves a least-squares fit.
+r"""Effect of a smooth misfit of the law on a least-squares fit.
 
 Residuals of a curve are noise of sd s and a misfit of the law that varies smoothly along the path
 and grows with the load f,
@@ -32,18 +32,10 @@ NOISES = 12  # sds of the noise that are tried, from a third of the load cell's 
 
 @dataclass(frozen=True, eq=False)
 class SmoothMisfit:
-    """The misfit of a law, and what it does to the least squares.
+    """The misfit of a law and its effect on the least squares."""
 
-    Attributes
-    ----------
-    relative_sd : float
-        b: sd of the misfit over the load.
-    covariance : ndarray, shape (u, u)
-        Covariance of the unknowns that moved.
-    """
-
-    relative_sd: float
-    covariance: np.ndarray
+    relative_sd: float  # b: sd of the misfit over the load
+    covariance: np.ndarray  # (u, u), of the unknowns that moved
 
 
 def smooth_misfit(
@@ -54,20 +46,10 @@ def smooth_misfit(
     noise_sd: float,
     reading_sd: np.ndarray | None = None,
 ) -> SmoothMisfit:
-    """Estimate the smooth misfit of a least squares and the covariance that it leaves.
+    """Estimate the smooth misfit of a least squares and the covariance of its unknowns.
 
-    Parameters
-    ----------
-    data : Readings
-        The rows that were fitted.
-    residual : ndarray, shape (2 n + 2 m,)
-        Residuals of the rows over ``scale``, then of the mounting readings over their sd.
-    jacobian : ndarray, shape (2 n + 2 m, u)
-        By the unknowns that moved.
-    scale, noise_sd : float
-        Unit of the residuals, and sd of a reading by the load cell.
-    reading_sd : ndarray, shape (2, m), optional
-        Standard deviation of the mounting readings; None where they were not data.
+    ``residual`` (2 n + 2 m,) of the rows over ``scale``, then of the mounting readings over
+    ``reading_sd`` (2, m; None where they were not data); ``jacobian`` by the unknowns that moved.
     """
     rows = 2 * data.group.size
     misfit = misfit_vectors(data, residual[:rows], scale, reading_sd)

@@ -30,22 +30,10 @@ def screened_points(
     free: np.ndarray,
     with_mounting: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best of many random materials that differ from one another.
+    """The best of many random materials (count, p) that differ, with mounting stretches (count, 2).
 
-    Parameters
-    ----------
-    point : ndarray, shape (p,)
-        Values of the fixed ones among the law's coordinates.
-    free : ndarray of int
-        Indices of the others.
-    with_mounting : bool
-        Draw mounting stretches and let the mounting reading count; else they are one.
-
-    Returns
-    -------
-    points : ndarray, shape (count, p)
-    mounting : ndarray, shape (count, 2)
-        Mounting stretches of each point, the same for all groups.
+    ``point`` (p,) holds fixed values, ``free`` are the indices of the others. ``with_mounting``
+    draws mounting stretches and counts the mounting reading; else they are one.
     """
     few = data.thinned(ROWS)
     stretch, load = few.stretch, few.load

@@ -28,10 +28,10 @@ from biaxbayes.populations.hierarchy import Augmented, Block, Layout, augment, l
 from biaxbayes.sampling.proposal import TransportedMixture
 
 POOL_VISITS, FRESH_VISITS, JOINT_MOVES = 1, 2, 3
-"""Draws of the run (a round) and of the mixture offered to a specimen, and moves of all together, a
-sweep. The more of the run, the more a finite run decides."""
+"""Draws of the run offered to a specimen in a round, draws of the mixture and joint moves in a
+sweep. With more draws of the run, its finite number has more influence."""
 ROUNDS = 4
-"""Of draws of the run and of spreads and means in a sweep: they cost no likelihood."""
+"""Rounds in a sweep of draws of the run, spreads and means: they cost no likelihood."""
 JOINT = ("together", "apart", "apart in donors")
 """Kinds of moves of all together: alongside one another, and by what they deviate from."""
 SPREAD = 0.5
@@ -40,25 +40,17 @@ SPREAD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Individual:
-    """A specimen as the sampler knows it.
-
-    Attributes
-    ----------
-    density : callable
-        Coordinates (n, d) to the log density without the prior of the pooled values, (n,), and
-        those values, (n, p).
-    log_prior : callable
-        Pooled values (n, p) to the log prior density that the draws of the pool were under, (n,).
-    bounds : ndarray, shape (d, 2)
-    pool : ndarray, shape (ensembles, N, d)
-        Draws of the specimen's own posterior. Each ensemble has its own, so that the error of a
-        finite pool shows as a difference of ensembles.
-    """
+    """A specimen as the sampler knows it."""
 
     name: str
+    # coordinates (n, d) to the log density without the prior of the pooled values, (n,), and those
+    # values, (n, p)
     density: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    # pooled values (n, p) to the log prior (n,) that the draws of the pool were under
     log_prior: Callable[[np.ndarray], np.ndarray]
-    bounds: np.ndarray
+    bounds: np.ndarray  # (d, 2)
+    # (ensembles, N, d), draws of the specimen's own posterior: one pool per ensemble, so that the
+    # error of a finite pool shows as a difference of ensembles
     pool: np.ndarray
 
     @property
@@ -69,19 +61,11 @@ class Individual:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Specimens, groups and priors.
-
-    Attributes
-    ----------
-    blocks : tuple of (tuple of int, Layout)
-        Pooled values that may correlate with one another, by index, and their layout.
-    centre : ndarray, shape (p,)
-        Prior means of the groups.
-    """
+    """Specimens, groups and priors."""
 
     individuals: tuple[Individual, ...]
-    blocks: tuple[tuple[tuple[int, ...], Layout], ...]
-    centre: np.ndarray
+    blocks: tuple[tuple[tuple[int, ...], Layout], ...]  # pooled values that may correlate, by index
+    centre: np.ndarray  # (p,), prior means of the groups
 
     @property
     def layout(self) -> Layout:
@@ -104,11 +88,7 @@ MIN_SHARE = 1e-9
 
 
 def memberships(group: np.ndarray, donor: np.ndarray) -> list[np.ndarray]:
-    """Whose mean a specimen deviates from: that of its group, that of its donor.
-
-    Integers, shape (n,) each. Without donors that gave several specimens the group's alone; without
-    groups of several, none.
-    """
+    """Groupings (n,) whose means specimens deviate from: groups, and donors with several."""
     return [of for of in (group, donor) if len(np.unique(of)) < len(of)]
 
 
@@ -121,31 +101,18 @@ class Spreading:
     each other. Along a direction g of all specimens together (a principal component of the
     warm-up) specimen i is at s_i; the deviations of the s_i from their mean over a group, or over
     a donor, are multiplied by one factor, and the specimens move along g.
-
-    Attributes
-    ----------
-    centre, sd : ndarray, shape (n, dmax)
-        Of each specimen's coordinates.
-    steps : ndarray, shape (memberships, L)
-        Sds of the logs of the factors, by direction.
     """
 
-    centre: np.ndarray
+    centre: np.ndarray  # (n, dmax), of each specimen's coordinates
     sd: np.ndarray
-    steps: np.ndarray
+    steps: np.ndarray  # (memberships, L): sds of the logs of the factors, by direction
 
     def moved(
         self, u: np.ndarray, direction: np.ndarray, of: np.ndarray, log_factor: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates (C, n, dmax) drawn apart, and the log of the Jacobian, shape (C,).
+        """Coordinates (C, n, dmax) drawn apart, and the log of the Jacobian (C,).
 
-        Parameters
-        ----------
-        u : ndarray, shape (C, n, dmax)
-        direction : ndarray, shape (n, dmax)
-        of : ndarray, shape (n,)
-            Whose mean each specimen deviates from.
-        log_factor : ndarray, shape (C,)
+        ``direction`` (n, dmax), ``of`` (n,) whose mean each deviates from, ``log_factor`` (C,).
         """
         along = direction / np.where(self.sd > 0.0, self.sd, 1.0) ** 2
         share = (direction * along).sum(axis=1)
@@ -167,26 +134,13 @@ class Spreading:
 
 @dataclass(frozen=True, eq=False)
 class Tuning:
-    """Results of the warm-up that the moves use; frozen afterwards.
+    """Results of the warm-up that the moves use; frozen afterwards."""
 
-    Attributes
-    ----------
-    archives : tuple of ndarray, shape (A, d)
-        Coordinates of each specimen, for differential evolution.
-    proposals : tuple of TransportedMixture
-        Empty before the first fit.
-    directions : ndarray, shape (L, n, dmax)
-        Principal components times their sd; none before the first fit.
-    steps : ndarray, shape (L,)
-        How far a joint move goes along each.
-    spreading : Spreading, optional
-        For moves that draw specimens apart or together along them.
-    """
-
+    # (A, d) each: coordinates of each specimen, for differential evolution
     archives: tuple[np.ndarray, ...]
-    proposals: tuple[TransportedMixture, ...]
-    directions: np.ndarray
-    steps: np.ndarray
+    proposals: tuple[TransportedMixture, ...]  # empty before the first fit
+    directions: np.ndarray  # (L, n, dmax): principal components times their sd
+    steps: np.ndarray  # (L,): lengths of joint moves
     spreading: Spreading | None = None
 
 
@@ -201,22 +155,12 @@ def _distance2(theta, m, precision, p):
 
 
 class Values(NamedTuple):
-    """Coordinates and densities of specimens: those of the chains, or a pool of proposals.
+    """Coordinates and densities of specimens: those of the chains, or a pool of proposals."""
 
-    Attributes
-    ----------
-    u : ndarray, shape (chains, n, dmax) or (n, N, dmax)
-    theta : ndarray, shape (..., p)
-    log : ndarray, shape (...)
-        The specimens' own log densities.
-    weight : ndarray, shape (...)
-        Log of target over proposal, without the population's density.
-    """
-
-    u: np.ndarray
-    theta: np.ndarray
-    log: np.ndarray
-    weight: np.ndarray
+    u: np.ndarray  # (chains, n, dmax) or (n, N, dmax)
+    theta: np.ndarray  # (..., p)
+    log: np.ndarray  # (...): the specimens' own log densities
+    weight: np.ndarray  # (...): log of target over proposal, without the population's density
 
 
 @compiled(nogil=True)
@@ -250,13 +194,7 @@ def _visit(rng, current, pool, m, precision, offered, first):
 
 
 class Ensemble:
-    """Chains that share nothing but what was tuned.
-
-    Parameters
-    ----------
-    number : int
-        Which of the pools is its own.
-    """
+    """Chains that share only what was tuned; `number` selects the pool."""
 
     def __init__(
         self, design: Design, number: int, chains: int, seed: np.random.SeedSequence
@@ -292,14 +230,9 @@ class Ensemble:
         self.accepted: dict[str, np.ndarray] = {}
         for g in range(groups):
             self.mu[:, g] = self.theta[:, self.group == g].mean(axis=1)
-        self._pull_inside()
-
-    def _pull_inside(self) -> None:
-        """Means moved to where the model allows them, to begin with."""
-        for columns, layout in self.design.blocks:
+        for columns, layout in design.blocks:  # means start where the model allows them
             for k, column in enumerate(columns):
-                low, high = layout.low[k], layout.high[k]
-                self.mu[:, :, column] = np.clip(self.mu[:, :, column], low, high)
+                self.mu[:, :, column] = self.mu[:, :, column].clip(layout.low[k], layout.high[k])
 
     def _pool(self, number: int) -> Values:
         members = self.design.individuals
@@ -356,7 +289,7 @@ class Ensemble:
         return np.asarray((own @ off[..., None])[..., 0] * off).sum(axis=2)
 
     def _densities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Whether known, log density and values of every chain and specimen at u (C, n, dmax)."""
+        """Finite or not, log density and values of every chain and specimen at u (C, n, dmax)."""
         log, theta = np.empty_like(self.log), np.empty_like(self.theta)
         for i, d in enumerate(self.sizes):
             log[:, i], theta[:, i] = self.design.density(i, np.ascontiguousarray(u[:, i, :d]))
@@ -445,15 +378,10 @@ class Ensemble:
         return out
 
     def _block(self, number: int, theta: np.ndarray) -> Block:
-        """A block of the values ``theta`` (chains, n, p) and of the chains' common quantities.
-
-        Copies, but for correlations.
-        """
+        """Values of a block from `theta` (chains, n, p), and the chains' common quantities."""
         at = list(self.design.blocks[number][0])
-        (partial_donors, partial), (factor_donors, factor) = (
-            self.partial[number],
-            self.factor[number],
-        )
+        partial_donors, partial = self.partial[number]
+        factor_donors, factor = self.factor[number]
         return Block(
             np.ascontiguousarray(theta[..., at]),
             np.ascontiguousarray(self.mu[..., at]),

@@ -47,85 +47,42 @@ DONORS, SPECIMENS = 0, 1
 
 
 class Layout(NamedTuple):
-    """Who belongs to whom, and the priors of one block of values that may correlate.
+    """Who belongs to whom, and the priors of one block of values that may correlate."""
 
-    Attributes
-    ----------
-    group, donor : int64 ndarray, shape (n,)
-        Of each specimen.
-    set_of : int64 ndarray, shape (groups,)
-        Which set of spreads a group has.
-    low, high : ndarray, shape (b,)
-        The box, centred as the values are; infinite where there is no edge.
-    mean_sd : ndarray, shape (b,)
-        Prior sd of the groups' means.
-    donor_scale, specimen_scale : ndarray, shape (b,)
-        Scales of the half-normal priors of the sds.
-    eta_donors, eta_specimens : float
-        Of the LKJ priors; zero or less where there are no correlations.
-    """
-
-    group: np.ndarray
-    donor: np.ndarray
-    set_of: np.ndarray
+    group: np.ndarray  # (n,)
+    donor: np.ndarray  # (n,)
+    set_of: np.ndarray  # (groups,): set of spreads of each group
     donors: int
     sets: int
-    low: np.ndarray
+    low: np.ndarray  # (b,): the box, centred as the values; infinite where there is no edge
     high: np.ndarray
-    mean_sd: np.ndarray
-    donor_scale: np.ndarray
+    mean_sd: np.ndarray  # (b,): prior sd of the groups' means
+    donor_scale: np.ndarray  # (b,): scales of the half-normal priors of the sds
     specimen_scale: np.ndarray
-    eta_donors: float
+    eta_donors: float  # of the LKJ priors; zero or less without correlations
     eta_specimens: float
 
 
 class Block(NamedTuple):
-    """Values that may correlate, of all chains, and everything they have in common.
+    """Values that may correlate, of all chains, and everything they have in common."""
 
-    Attributes
-    ----------
-    theta : ndarray, shape (chains, n, b)
-        Values of the specimens.
-    mu : ndarray, shape (chains, groups, b)
-    effect : ndarray, shape (chains, donors, b)
-    sd_donors : ndarray, shape (chains, b)
-    partial_donors : ndarray, shape (chains, b (b - 1) / 2)
-        Canonical partial correlations of donor effects.
-    factor_donors : ndarray, shape (chains, b, b)
-        The Cholesky factor of their correlation matrix.
-    sd : ndarray, shape (chains, sets, b)
-        Of the specimens, as are the last two.
-    partial : ndarray, shape (chains, b (b - 1) / 2)
-    factor : ndarray, shape (chains, b, b)
-    """
-
-    theta: np.ndarray
-    mu: np.ndarray
-    effect: np.ndarray
-    sd_donors: np.ndarray
-    partial_donors: np.ndarray
-    factor_donors: np.ndarray
-    sd: np.ndarray
+    theta: np.ndarray  # (chains, n, b)
+    mu: np.ndarray  # (chains, groups, b)
+    effect: np.ndarray  # (chains, donors, b)
+    sd_donors: np.ndarray  # (chains, b)
+    partial_donors: np.ndarray  # (chains, b (b - 1) / 2): canonical partial correlations
+    factor_donors: np.ndarray  # (chains, b, b): Cholesky factor of the correlation matrix
+    sd: np.ndarray  # (chains, sets, b), of the specimens as the next two
     partial: np.ndarray
     factor: np.ndarray
 
 
 class Augmented(NamedTuple):
-    """Draws outside of the box that preceded those inside.
+    """Draws outside of the box that preceded those inside."""
 
-    Attributes
-    ----------
-    number : ndarray, shape (chains, n)
-        How many there are.
-    total : ndarray, shape (chains, n, b)
-        Their sums.
-    square : ndarray, shape (chains, sets, b, b)
-        Sums of their squares.
-    """
-
-    number: np.ndarray
-    total: np.ndarray
-    square: np.ndarray
+    number: np.ndarray  # (chains, n)
+    total: np.ndarray  # (chains, n, b), their sums
+    square: np.ndarray  # (chains, sets, b, b), sums of their squares
 
 
 @compiled()
@@ -169,7 +126,7 @@ def _augment(rng, layout, block, c, augmented):
 
 @compiled()
 def _allowed(layout, mu, effect, sd):
-    """Whether every location has enough of its normal inside the box."""
+    """Test that every location has enough of its normal inside the box."""
     for k in range(layout.low.size):
         if math.isinf(layout.low[k]) and math.isinf(layout.high[k]):
             continue
@@ -215,10 +172,7 @@ def _prepare(layout, block, c, augmented, work):
 
 @compiled(nogil=True)
 def log_marginal(layout, block, augmented):
-    """Log density of the specimens' values with means and donor effects integrated out.
-
-    Up to a constant, shape (chains,).
-    """
+    """Log density (chains,) of the specimens' values, means and effects integrated out."""
     C = block.theta.shape[0]
     out = np.empty(C)
     work = workspace(layout)
@@ -231,15 +185,12 @@ def log_marginal(layout, block, augmented):
 SLICE_WIDTH = 1.0
 MOST_STEPS = 8
 MOST_TRIES = 60
-"""Of a slice: then the interval is down to rounding, and the value stays where it was."""
+"""Tries of a slice: then the interval is down to rounding, and the value stays."""
 
 
 @compiled()
 def _log_density_of_sd(x, layout, work, own, side, s, k, factor):
-    """Log density of the log of one sd, means and effects integrated out; the sd is set to it.
-
-    ``own`` are the sds of donors, (1, b), or of specimens, (sets, b), ``side`` which of them.
-    """
+    """Log density of the log of one sd of `own` (sets, b), which is set to it."""
     b = layout.low.size
     own[s, k] = math.exp(x)
     if side == DONORS:
@@ -359,14 +310,8 @@ def update(rng, layout, block, augmented, cycles):
     """Move spreads, correlations, means and donor effects of all chains, in place.
 
     Sds move with means and donor effects integrated out and take these along; correlations move
-    given them. The specimens' values stay.
-
-    Parameters
-    ----------
-    augmented : Augmented
-        Drawn anew in every cycle but the first.
-    cycles : int
-        With no cycle, means and donor effects alone are drawn.
+    given them. The specimens' values stay. Without a cycle only means and effects are drawn;
+    ``augmented`` is drawn anew in every cycle but the first.
     """
     C, _, b = block.theta.shape
     work = workspace(layout)

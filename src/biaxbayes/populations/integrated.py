@@ -110,69 +110,37 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 
 class Sums(NamedTuple):
-    """Sums over the specimens of a chain and the augmented draws.
+    """Sums over the specimens of a chain and the augmented draws."""
 
-    Attributes
-    ----------
-    N : ndarray, shape (donors, groups); S : ndarray, shape (donors, groups, b)
-        Counts and sums.
-    Q : ndarray, shape (sets, b, b); ns : ndarray, shape (sets,)
-        Sums of squares, and counts.
-    pattern : int64 ndarray, shape (donors,); n_patterns : int64 ndarray, shape (1,)
-        Which counts a donor has, and how many different ones there are.
-    counts : ndarray, shape (patterns, groups); multiplicity : ndarray, shape (patterns,)
-        These counts, and how many donors have them.
-    first : ndarray, shape (patterns, groups, b)
-    second : ndarray, shape (patterns, groups, groups, b, b)
-        Sums over their donors of S_g, and of S_g S_h'.
-    total : ndarray, shape (groups, b)
-        Sums over all donors.
-    """
-
-    N: np.ndarray
-    S: np.ndarray
-    Q: np.ndarray
-    ns: np.ndarray
-    pattern: np.ndarray
-    n_patterns: np.ndarray
-    counts: np.ndarray
-    multiplicity: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
-    total: np.ndarray
+    N: np.ndarray  # (donors, groups), counts
+    S: np.ndarray  # (donors, groups, b)
+    Q: np.ndarray  # (sets, b, b), sums of squares
+    ns: np.ndarray  # (sets,), counts
+    pattern: np.ndarray  # (donors,): index of the pattern of counts of each donor
+    n_patterns: np.ndarray  # (1,)
+    counts: np.ndarray  # (patterns, groups)
+    multiplicity: np.ndarray  # (patterns,): how many donors have these counts
+    first: np.ndarray  # (patterns, groups, b): sum of S_g over their donors
+    second: np.ndarray  # (patterns, groups, groups, b, b): sum of S_g S_h'
+    total: np.ndarray  # (groups, b): sum over all donors
 
 
 class Precisions(NamedTuple):
-    """Inverse covariances of specimens by set (sets, b, b) and of donors (b, b).
+    """Inverse covariances of specimens and donors, and log determinants of the covariances."""
 
-    With the log determinants of the covariances, (sets,) and (1,), and work arrays.
-    """
-
-    P: np.ndarray
-    logdet: np.ndarray
-    omega: np.ndarray
-    logdet_donors: np.ndarray
+    P: np.ndarray  # (sets, b, b)
+    logdet: np.ndarray  # (sets,)
+    omega: np.ndarray  # (b, b)
+    logdet_donors: np.ndarray  # (1,)
     work: np.ndarray
 
 
 class Solved(NamedTuple):
-    """What drawing means and effects needs.
+    """Matrices that means and effects are drawn with, and two work arrays (b, b)."""
 
-    Attributes
-    ----------
-    A : ndarray, shape (patterns, b, b)
-        Covariance of a donor's effect given the means.
-    M : ndarray, shape (groups b, groups b)
-        Cholesky factor of the precision of the means.
-    r : ndarray, shape (groups b,)
-        Its inverse times the linear term of the means.
-    left, middle : ndarray, shape (b, b)
-        Work arrays.
-    """
-
-    A: np.ndarray
-    M: np.ndarray
-    r: np.ndarray
+    A: np.ndarray  # (patterns, b, b): covariance of a donor's effect given the means
+    M: np.ndarray  # (groups b, groups b): Cholesky factor of the precision of the means
+    r: np.ndarray  # (groups b,): its inverse times the linear term of the means
     left: np.ndarray
     middle: np.ndarray
 
@@ -366,10 +334,7 @@ def integrate(layout, work):
 
 @compiled()
 def draw_means(rng, layout, work, mu, effect):
-    """Means (groups, b) and donor effects (donors, b) from their normal, in place.
-
-    Turns ``solved.A`` into its Cholesky factors.
-    """
+    """Draw means (groups, b) and donor effects (donors, b) in place; factorises `solved.A`."""
     sums, precisions, solved = work
     D, G = sums.N.shape
     b = layout.low.size

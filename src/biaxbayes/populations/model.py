@@ -1,4 +1,4 @@
-"""What is pooled, on which scale and under which priors; who belongs to which group and donor.
+"""Pooled values with scales and priors; the group and donor of each specimen.
 
 The pooled values are the law's parameters: natural logs of positive scales, angles in degrees,
 bounded ones as they are, cut at their physical edges. The structural coordinates that single runs
@@ -43,7 +43,7 @@ from biaxbayes.text_files import read_toml
 
 LOG, LINEAR = "log", "linear"
 LARGER, SMALLER, OPEN = "larger", "smaller", "open"
-"""Of a contrast: whether its 90 % interval excludes that the groups are equal."""
+"""Directions of a contrast; open where its 90 % interval includes equal groups."""
 SD_LOG, SD_SHARE, SD_STRETCH = 0.5, 0.15, 0.02
 """Scales of the half-normal priors of sds: of a log, a share of a bounded range, of a stretch."""
 ETA = 2.0
@@ -53,25 +53,17 @@ SPECIMENS_PER_VALUE = 4
 
 @dataclass(frozen=True)
 class PooledValue:
-    """A parameter that specimens share a distribution of.
-
-    Attributes
-    ----------
-    mean, mean_sd : float
-        Normal prior of a group's mean, on the scale.
-    donor_scale, specimen_scale : float
-        Scales of the half-normal priors of the sds between donors and within them.
-    """
+    """A parameter whose distribution specimens share; means and scales are on its scale."""
 
     parameter: Parameter
-    mean: float
+    mean: float  # normal prior of a group's mean
     mean_sd: float
-    donor_scale: float
+    donor_scale: float  # of the half-normal priors of the sds between donors and within them
     specimen_scale: float
 
     @property
     def name(self) -> str:
-        """As in ``summary.csv``."""
+        """Name as in ``summary.csv``."""
         return self.parameter.name
 
     @property
@@ -126,15 +118,7 @@ def _default_mean(parameter: Parameter) -> tuple[float, float]:
 
 
 def pooled_values(law: Law, free: Sequence[str], *, mounting: bool = False) -> list[PooledValue]:
-    """The pooled values of a law, with default priors.
-
-    Parameters
-    ----------
-    free : sequence of str
-        Parameters that the runs sampled; fixed and tied ones have no spread.
-    mounting : bool
-        Pool the mounting stretches as well.
-    """
+    """The pooled values of a law with default priors, for the parameters that the runs sampled."""
     chosen = [p for p in law.parameters if p.name in free]
     if mounting:
         chosen += [p for p in MOUNTED if p.kind == STRETCH]
@@ -143,15 +127,9 @@ def pooled_values(law: Law, free: Sequence[str], *, mounting: bool = False) -> l
 
 @dataclass(frozen=True)
 class PopulationPriors:
-    """Priors that a user states in place of the defaults.
+    """User priors in place of the defaults, by parameter."""
 
-    Attributes
-    ----------
-    mean : mapping of str to (float, float)
-        Mean and sd on the scale, by parameter.
-    sd_donors, sd_specimens : mapping of str to float
-    """
-
+    # mean and sd on the scale
     mean: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     sd_donors: Mapping[str, float] = field(default_factory=dict)
     sd_specimens: Mapping[str, float] = field(default_factory=dict)
@@ -159,13 +137,7 @@ class PopulationPriors:
     eta_specimens: float = ETA
 
     def applied(self, values: Sequence[PooledValue]) -> list[PooledValue]:
-        """The values with these priors.
-
-        Raises
-        ------
-        InputError
-            For a prior of what is not pooled.
-        """
+        """The values with these priors; InputError for a prior of what is not pooled."""
         names = [v.name for v in values]
         for table, of in (
             ("mean", self.mean),
@@ -194,13 +166,7 @@ class PopulationPriors:
 
     @classmethod
     def read(cls, path: Path) -> PopulationPriors:
-        """Read a priors file; see the module's docstring.
-
-        Raises
-        ------
-        InputError
-            Naming the key that cannot be used.
-        """
+        """Read a priors file (see the module's docstring); InputError for a wrong key or value."""
         table = read_toml(path)
         known = ("mean", "sd_donors", "sd_specimens", "correlations")
         for key, value in table.items():
@@ -255,15 +221,7 @@ def _stated_mean(name: str, value: Any, path: Path) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Grouping:
-    """Who belongs to whom.
-
-    Attributes
-    ----------
-    labels : tuple of str
-        Of the specimens.
-    group, donor : tuple of str
-        Of each specimen.
-    """
+    """Label, group and donor of each specimen."""
 
     labels: tuple[str, ...]
     group: tuple[str, ...]
@@ -285,7 +243,7 @@ class Grouping:
 
     @property
     def one_specimen_per_donor(self) -> bool:
-        """Whether donors and specimens cannot be separated: only the prior splits their spread."""
+        """True if only the prior splits the spread into that of donors and that of specimens."""
         return len(self.donors) == len(self.labels)
 
     def donors_of(self, group: str) -> int:
@@ -300,15 +258,7 @@ def make_design(
     options: PopulationOptions,
     priors: PopulationPriors | None = None,
 ) -> Design:
-    """Lay a population out for the sampler.
-
-    Parameters
-    ----------
-    values : sequence of PooledValue
-        With their priors.
-    priors : PopulationPriors, optional
-        For the correlations.
-    """
+    """Arrays for the sampler; ``priors`` are of the correlations."""
     chosen = priors or PopulationPriors()
     donors, groups = grouping.donors, grouping.groups
     sets = len(groups) if options.spread == "by-group" else 1
@@ -349,7 +299,7 @@ def make_design(
 
 
 def correlated(option: str, count: int, values: int) -> bool:
-    """Whether correlations are inferred from so many specimens or donors."""
+    """True if correlations are inferred from this many specimens or donors."""
     if values < 2 or option == "never":
         return False
     return option == "always" or count >= SPECIMENS_PER_VALUE * values

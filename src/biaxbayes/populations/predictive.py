@@ -47,24 +47,15 @@ def _factors(partial: np.ndarray, b: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Hyper:
-    """Draws of means and spreads, on the model's scale; first axis the draw.
-
-    Attributes
-    ----------
-    set_of : ndarray, shape (groups,)
-    mu : ndarray, shape (M, groups, p)
-    sd_donors : ndarray, shape (M, p); sd : ndarray, shape (M, sets, p)
-    factor_donors, factor : ndarray, shape (M, p, p)
-        Cholesky factors of the correlations.
-    """
+    """Draws of means and spreads, on the model's scale; first axis the draw."""
 
     values: tuple[PooledValue, ...]
-    set_of: np.ndarray
-    mu: np.ndarray
-    sd_donors: np.ndarray
-    sd: np.ndarray
-    factor_donors: np.ndarray
-    factor: np.ndarray
+    set_of: np.ndarray  # (groups,)
+    mu: np.ndarray  # (M, groups, p)
+    sd_donors: np.ndarray  # (M, p)
+    sd: np.ndarray  # (M, sets, p)
+    factor_donors: np.ndarray  # (M, p, p), Cholesky factor of the correlations
+    factor: np.ndarray  # (M, p, p)
 
     @classmethod
     def from_history(
@@ -77,17 +68,7 @@ class Hyper:
         every: int = 1,
         most: int | None = None,
     ) -> Hyper:
-        """Draws of a history, in the order ensembles, sweeps, chains.
-
-        Parameters
-        ----------
-        blocks : sequence of tuple of int
-            Values that may correlate.
-        every : int
-            Use every n-th sweep.
-        most : int, optional
-            Largest number of draws, evenly spaced.
-        """
+        """At most `most` draws of every n-th sweep, in the order ensembles, sweeps, chains."""
 
         def flat(a: np.ndarray, axes: int) -> np.ndarray:
             taken = a[:, ::every]
@@ -110,20 +91,10 @@ class Hyper:
     def from_prior(
         cls, values: Sequence[PooledValue], layout: Layout, draws: int, rng: np.random.Generator
     ) -> tuple[Hyper, np.ndarray]:
-        """Draws of the prior, locations that the model excludes left out.
+        """Draws of the prior without correlations, which leave that of each value as it is.
 
-        Without correlations, which leave the prior of each value as it is.
-
-        Parameters
-        ----------
-        layout : Layout
-            Who belongs to whom.
-
-        Returns
-        -------
-        Hyper
-        ndarray, shape (draws, groups, p)
-            Locations of a tested donor's specimens in each group.
+        Locations that the model excludes are left out. Also returns locations (draws, groups, p)
+        of a tested donor's specimens.
         """
         parts = [_prior_of(v, layout, draws, rng) for v in values]
         mu, sd_donors, sd, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
@@ -143,7 +114,7 @@ class Hyper:
         return len(self.mu)
 
     def thinned(self, most: int) -> Hyper:
-        """At most ``most`` of the draws, evenly spaced."""
+        """Evenly spaced draws, at most ``most``."""
         at = self.rows(self.draws, most)
         parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
         return Hyper(self.values, self.set_of, *(a[at] for a in parts))
@@ -237,16 +208,11 @@ class Hyper:
     def conflict(
         self, theta: np.ndarray, group: int, rng: np.random.Generator
     ) -> tuple[float, np.ndarray]:
-        """Posterior predictive p of a specimen in its group: jointly, and value by value.
+        """Posterior predictive p of a specimen (M, p) in its group: jointly, and value by value.
 
-        The squared distance from the group's mean in units of the spread (donors included),
-        beside that of a specimen made anew by the same draw (Gelman, Meng and Stern 1996). A
-        specimen pulls its own group, so that p is rather too large.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (M, p)
-            The specimen's values in the same draws.
+        The squared distance from the group's mean in units of the spread (donors included), beside
+        that of a specimen made anew by the same draw (Gelman, Meng and Stern 1996). A specimen
+        pulls its own group, so that p is rather too large.
         """
         covariance = self.covariance(group)
         inverse = np.linalg.inv(covariance)

@@ -22,10 +22,7 @@ NATURAL_DRAWS, PRIOR_DRAWS = 2000, 2**14
 def assessed_quantities(
     grouping: Grouping, values: Sequence[PooledValue], history: History
 ) -> list[dict[str, np.ndarray]]:
-    """Quantities whose convergence is assessed: means, spreads, correlations; then specimens.
-
-    Arrays (ensembles, kept, chains) by name.
-    """
+    """Arrays (ensembles, kept, chains): means, spreads, correlations; then specimens."""
     names = [v.name for v in values]
     out: dict[str, np.ndarray] = {}
     for g, group in enumerate(grouping.groups):
@@ -50,15 +47,7 @@ def assessed_quantities(
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """A sampled population.
-
-    Attributes
-    ----------
-    left_out : dict of str to str
-        Reasons by specimen.
-    notes : list of str
-        What a reader of the numbers must know.
-    """
+    """A sampled population."""
 
     name: str
     sources: tuple[Source, ...]
@@ -67,8 +56,8 @@ class Population:
     design: Design = field(repr=False)
     sampled: Sampled = field(repr=False)
     seed: int
-    left_out: dict[str, str]
-    notes: list[str]
+    left_out: dict[str, str]  # reasons by specimen
+    notes: list[str]  # for readers of the numbers
 
     @property
     def law(self) -> Law:

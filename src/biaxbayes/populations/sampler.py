@@ -17,14 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from biaxbayes.populations.ensemble import (
-    FRESH_VISITS,
-    JOINT,
-    Design,
-    Ensemble,
-    Spreading,
-    Tuning,
-)
+from biaxbayes.populations.ensemble import FRESH_VISITS, JOINT, Design, Ensemble, Spreading, Tuning
 from biaxbayes.sampling.convergence import MIN_STEPS_PER_TAU, RHAT_LIMIT, Convergence, assess
 from biaxbayes.sampling.proposal import TransportedMixture, fit_transported_mixture
 from biaxbayes.sampling.sampler import Progress
@@ -38,7 +31,7 @@ AHEAD = 1.15
 """Sweeps until the next assessment, relative to those that seem to be needed."""
 SPECIMENS_OWN = ("theta", "u", "effect")
 EVERY, MOST_BYTES = 2, 2**27
-"""How often the specimens' values are kept: half as often whenever they take more memory."""
+"""The specimens' values are kept every second sweep, half as often when they take more memory."""
 STATES = ("converged", "tentative", "unusable")
 TOGETHER = 0.3
 """Acceptance that the joint moves are tuned to."""
@@ -48,64 +41,36 @@ FRESH_AT_ONCE = 32
 
 @dataclass(frozen=True)
 class Plan:
-    """Goal and budget of a run.
+    """Goal and budget of a run."""
 
-    Attributes
-    ----------
-    ess : float
-        Effective sample size of the worst quantity.
-    max_steps : int
-        Kept sweeps of each ensemble at which it gives up.
-    workers : int
-        Threads; the draws do not depend on it.
-    ensembles, chains : int
-        Independent ensembles, and chains of each: a chain that is long enough to tell its own
-        autocorrelation time is worth 25 draws, so that more of them would be of no use.
-    rounds, round_sweeps : int
-        Of the warm-up.
-    first_block : int
-        Kept sweeps before convergence is assessed for the first time.
-    """
-
-    ess: float = 1000.0
-    max_steps: int = 6000
+    ess: float = 1000.0  # of the worst quantity
+    max_steps: int = 6000  # of kept sweeps of each ensemble
     seed: int = 1
-    workers: int = 1
+    workers: int = 1  # threads; the draws do not depend on it
     ensembles: int = 4
+    # of each ensemble: one long enough for its autocorrelation time is worth 25 draws
     chains: int = 16
-    rounds: int = 4
+    rounds: int = 4  # of the warm-up
     round_sweeps: int = 24
-    first_block: int = 80
+    first_block: int = 80  # kept sweeps before the first assessment
 
 
 @dataclass(frozen=True)
 class History:
-    """Kept draws; first axes (ensembles, kept, chains).
+    """Kept draws; first axes (ensembles, kept, chains)."""
 
-    Attributes
-    ----------
-    mu : ndarray, shape (..., groups, p)
-        Centred.
-    sd_donors : ndarray, shape (..., p); sd : ndarray, shape (..., sets, p)
-    partial : tuple of ndarray, shape (..., 2, pairs)
-        Canonical partial correlations of donors and specimens, by block.
-    theta : ndarray, shape (..., n, p); u : ndarray, shape (..., n, dmax)
-        Values (centred) and coordinates of the specimens, every ``every``-th sweep.
-    effect : ndarray, shape (..., donors, p)
-        Likewise.
-    """
-
-    mu: np.ndarray
-    sd_donors: np.ndarray
-    sd: np.ndarray
+    mu: np.ndarray  # (..., groups, p), centred
+    sd_donors: np.ndarray  # (..., p)
+    sd: np.ndarray  # (..., sets, p)
+    # (..., 2, pairs): partial correlations of donors and specimens, by block
     partial: tuple[np.ndarray, ...]
-    theta: np.ndarray
-    u: np.ndarray
-    effect: np.ndarray
+    theta: np.ndarray  # (..., n, p), centred; as the next two of every `every`-th sweep
+    u: np.ndarray  # (..., n, dmax)
+    effect: np.ndarray  # (..., donors, p)
     every: int
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """By name, for a checkpoint."""
+        """The arrays by name, for a checkpoint."""
         plain = {k: getattr(self, k) for k in ("mu", "sd_donors", "sd", "theta", "u", "effect")}
         return plain | {f"partial{k}": v for k, v in enumerate(self.partial)}
 
@@ -127,7 +92,7 @@ class History:
         return whole
 
     def thinned(self) -> History:
-        """With the specimens' values of every other one of the sweeps that carry them."""
+        """The history without the specimens' values of every other sweep that has them."""
         halved = {name: getattr(self, name)[:, ::2].copy() for name in SPECIMENS_OWN}
         return replace(self, **halved, every=2 * self.every)
 
@@ -146,17 +111,11 @@ class State:
 
 @dataclass(frozen=True)
 class Sampled:
-    """Draws of a population with their convergence.
-
-    Attributes
-    ----------
-    acceptance : dict of ndarray
-        Accepted share by kind of move: ``pool``, ``own``, ``fresh`` by specimen, ``together``,
-        ``apart`` and ``apart in donors`` by direction.
-    """
+    """Draws of a population with their convergence."""
 
     history: History
     convergence: Convergence
+    # by kind of move, for each specimen or direction
     acceptance: dict[str, np.ndarray] = field(repr=False)
     interrupted: bool = False
 
@@ -174,17 +133,10 @@ def draw(
     progress: Callable[[Progress], None] = lambda p: None,
     stop: Callable[[], object] = lambda: False,
 ) -> Sampled:
-    """Draw from a population until the draws are good, or the plan ends.
+    """Draw from a population until the draws have converged, or the plan ends.
 
-    Parameters
-    ----------
-    quantities : callable
-        Assessed quantities of a history: dicts of arrays (ensembles, kept, chains) by name, each
-        with its own sweeps.
-    state : State, optional
-        Where to go on.
-    on_block : callable
-        Given the state after the warm-up and after every block.
+    ``quantities`` of a history are assessed: dicts of arrays (ensembles, kept, chains) by name,
+    each with its own sweeps. ``on_block`` is given the state after the warm-up and every block.
     """
     seeds = np.random.SeedSequence(plan.seed).spawn(plan.ensembles + 1)
     ensembles = [Ensemble(design, k, plan.chains, seeds[k]) for k in range(plan.ensembles)]
@@ -204,7 +156,7 @@ def draw(
             new = _run_block(ensembles, pool, state, sweeps)
             history = new if history is None else history.followed_by(new)
             done = state.sweeps + sweeps
-            assessments = _assess(quantities(history), plan.ess)
+            assessments = [assess(q, target_ess=plan.ess) for q in quantities(history)]
             convergence = _worst(assessments)
             finished = convergence.state == "converged" or done >= plan.max_steps
             members = [_snapshot(e) for e in ensembles]
@@ -214,12 +166,8 @@ def draw(
         if history is None:
             history = _run_block(ensembles, pool, state, EVERY)
         if convergence is None:
-            convergence = _worst(_assess(quantities(history), plan.ess))
+            convergence = _worst([assess(q, target_ess=plan.ess) for q in quantities(history)])
     return Sampled(history, convergence, _acceptance(ensembles, state.sweeps), not state.finished)
-
-
-def _assess(parts: list[dict[str, np.ndarray]], ess: float) -> list[Convergence]:
-    return [assess(part, target_ess=ess) for part in parts]
 
 
 def _worst(assessments: list[Convergence]) -> Convergence:
@@ -367,15 +315,9 @@ def _directions(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def _with_steps(tuning: Tuning, ensembles: list[Ensemble], points: np.ndarray) -> Tuning:
     """Lengths of the joint moves from the acceptance of the last round."""
     count, kinds = len(tuning.directions), len(ensembles[0].memberships)
-    before = [] if tuning.spreading is None else list(tuning.spreading.steps)
-    steps = np.array(
-        [
-            _steps(current, ensembles, name, count)
-            for current, name in zip(
-                [tuning.steps, *(before or [tuning.steps[:0]] * kinds)], JOINT, strict=False
-            )
-        ]
-    )
+    apart = np.empty((kinds, 0)) if tuning.spreading is None else tuning.spreading.steps
+    both = zip([tuning.steps, *apart], JOINT, strict=False)
+    steps = np.array([_steps(current, ensembles, name, count) for current, name in both])
     spreading = Spreading(points.mean(axis=0), points.std(axis=0), steps[1:]) if kinds else None
     return replace(tuning, steps=steps[0], spreading=spreading)
 

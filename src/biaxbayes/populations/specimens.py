@@ -27,19 +27,13 @@ from biaxbayes.populations.model import PooledValue
 from biaxbayes.runs.run import Run
 
 MOST_DRAWS = 1500
-"""Of a run for each ensemble."""
+"""Draws of a run for each ensemble."""
 LEAST_DRAWS = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A specimen's run as the population takes it.
-
-    Attributes
-    ----------
-    posterior : Posterior
-        Posterior with sampling coordinates that suit the draws.
-    """
+    """A specimen's run with sampling coordinates that suit its draws."""
 
     label: str
     run: Run
@@ -61,13 +55,7 @@ class Source:
 
 
 def pooled_names(sources: Sequence[Source]) -> tuple[str, ...]:
-    """Parameters that all runs sampled.
-
-    Raises
-    ------
-    InputError
-        If the runs differ in their law or in what they sampled.
-    """
+    """Parameters that all runs sampled; InputError if laws or sampled parameters differ."""
     first = sources[0]
     for source in sources[1:]:
         law, other = source.posterior.law, first.posterior.law
@@ -105,20 +93,7 @@ def _log_priors(kinds, rows, values):
 
 
 def make_individual(source: Source, values: Sequence[PooledValue], ensembles: int) -> Individual:
-    """A specimen for the sampler.
-
-    Parameters
-    ----------
-    ensembles : int
-        Of the population's sampler.
-
-    Raises
-    ------
-    RunError
-        If the run's draws are not those of its density.
-    InputError
-        If mounting stretches are to be pooled and this run has none, or several.
-    """
+    """A specimen for the sampler; RunError if the draws are not those of the density."""
     posterior = source.posterior
     slots = posterior.assembly.slots
     whole = posterior.assembly.problem

@@ -265,10 +265,7 @@ def bands_table(population: Population) -> pd.DataFrame:
 
 
 def equibiaxial_records(population: Population) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Equibiaxial records: group, total stretches and Cauchy stresses, (rows, 2) each.
-
-    At the median mounting stretch of the pooled draws.
-    """
+    """Equibiaxial records at the median mounting stretch: group, stretches, stresses (rows, 2)."""
     out = []
     for i, source in enumerate(population.sources):
         specimen = source.run.specimen
@@ -330,11 +327,7 @@ def _typical(
 def derived_rows(
     population: Population, g: int
 ) -> Iterator[tuple[str, str, str, dict[str, np.ndarray], dict[str, Any]]]:
-    """Structure tensor, stiffness and stress of a group: name, unit, scale, draws and verdict.
-
-    They are identified where the records narrow the median, to less than a factor of ten, as in a
-    study.
-    """
+    """Structure tensor, stiffness and stress of a group: name, unit, scale, draws and verdict."""
     hyper = population.hyper(CURVE_DRAWS)
     rng = population.rng(1 + g)
     M = hyper.draws

@@ -20,55 +20,30 @@ TOTAL_SPREAD = ("sd_total",)
 
 @dataclass(frozen=True)
 class GroupRow:
-    """A quantity of a group.
-
-    Attributes
-    ----------
-    median : str
-        Of the specimens of a typical donor.
-    reported : str
-        Its 90 % interval or its bound; a dash where it is not identified.
-    identified : bool
-        Whether the specimens give a value or a bound.
-    spreads, new : tuple of (str, str)
-        Medians and 90 % intervals of the sds (as factors for logs), of a new specimen and of a new
-        donor's median.
-    """
+    """A quantity of a group."""
 
     quantity: str
     unit: str
-    median: str
-    reported: str
+    median: str  # of the specimens of a typical donor
+    reported: str  # 90 % interval or bound; a dash if not identified
     verdict: str
-    identified: bool
-    spreads: tuple[tuple[str, str], ...]
+    identified: bool  # a value or a bound
+    spreads: tuple[tuple[str, str], ...]  # median and 90 % interval of each sd (a factor for logs)
     spread_verdicts: tuple[str, ...]
-    new: tuple[tuple[str, str], ...]
+    new: tuple[tuple[str, str], ...]  # the same of a new specimen and a new donor's median
 
 
 @dataclass(frozen=True)
 class ContrastRow:
-    """A quantity of group b compared with group a.
-
-    Attributes
-    ----------
-    kind : str
-        ``ratio``, or ``difference`` with its unit.
-    median, interval : str
-        With the ends of the 90 % interval.
-    direction : str
-        ``larger`` or ``smaller`` where the interval excludes no difference, else ``includes 1``
-        (of a ratio) or ``includes 0``; empty where the chains have not converged.
-    probability : str
-        Probability that it is larger in group b.
-    """
+    """A quantity of group b compared with group a."""
 
     quantity: str
-    kind: str
+    kind: str  # `ratio`, or `difference` with its unit
     median: str
-    interval: str
+    interval: str  # 90 %
+    # `larger`, `smaller`, else `includes 1` (ratio) or `includes 0`; empty if not converged
     direction: str
-    probability: str
+    probability: str  # that it is larger in group b
 
 
 def three_digits(value: float) -> str:

@@ -53,17 +53,7 @@ def mean_verdicts(
     top: float,
     state: str,
 ) -> dict[str, ParameterVerdict]:
-    """Verdicts on a group's means, by pooled value.
-
-    Parameters
-    ----------
-    hyper, prior : Hyper
-        Draws of the posterior and of the prior.
-    materials : DataFrame
-        The group's means of the same draws, as parameters of the law.
-    top : float
-        Largest equibiaxial total stretch, at which ends of ranges are near.
-    """
+    """Verdicts on a group's means by pooled value; ends of ranges are near at the stretch `top`."""
     own, before = hyper.typical(group), prior.typical(group)
     columns = {v.name: v.from_scale(own[:, k]) for k, v in enumerate(hyper.values)}
     scales = [
@@ -72,7 +62,7 @@ def mean_verdicts(
     ]
     ends = np.full((len(materials), 2), top)
     distances = law.edge_distances(law.material(materials), [ends])
-    verdicts = _judged(scales, columns, hyper.log_prior(), distances, law, state)
+    verdicts = _assessed(scales, columns, hyper.log_prior(), distances, law, state)
     return {name: unless_wide(p) for name, p in verdicts.items()}
 
 
@@ -103,11 +93,7 @@ def reported_text(p: ParameterVerdict) -> str:
 
 
 def spread_parameter(v: PooledValue, side: str) -> Parameter:
-    """The sd of a pooled value, on the scale of the model.
-
-    It is sharp where what is left open of it moves the 90 % interval of a new specimen by less than
-    a sharp interval of the value is wide.
-    """
+    """The sd of a pooled value; it is sharp if its uncertainty hardly widens a new specimen."""
     p = v.parameter
     width = math.log(p.sharp) if p.logarithmic else p.sharp
     return Parameter(
@@ -143,7 +129,7 @@ def spread_verdicts(
             scales.append(Scale(Quantity(p), half_normal))
             columns[p.name] = values
             distances[p.name] = p.sharp
-        verdicts = _judged(scales, columns, log_prior, distances, law, state)
+        verdicts = _assessed(scales, columns, log_prior, distances, law, state)
         # apart: it is a function of the other two, not something that they trade with
         p = spread_parameter(v, "sd_total")
         prior = DrawnPrior(
@@ -153,14 +139,14 @@ def spread_verdicts(
             )
         )
         total = {p.name: hyper.total_spread(group)[:, k]}
-        verdicts |= _judged(
+        verdicts |= _assessed(
             [Scale(Quantity(p), prior)], total, log_prior, {p.name: p.sharp}, law, state
         )
         out[v.name] = {side: verdicts[f"{side} of {v.name}"] for side in (*sides, "sd_total")}
     return out
 
 
-def _judged(
+def _assessed(
     scales: Sequence[Scale],
     columns: Mapping[str, np.ndarray],
     log_prior: np.ndarray,
@@ -184,16 +170,9 @@ def specimen_verdicts(
     prior: np.ndarray,
     state: str,
 ) -> dict[str, str]:
-    """Verdicts on a specimen's parameters and mounting stretches after pooling, by name.
+    """Verdicts on a specimen after pooling, by name; `prior` (M, p) are specimens on the scale.
 
     Mounting stretches keep the verdict of the run: pooling tells nothing of how laws differ.
-
-    Parameters
-    ----------
-    pooled : DataFrame
-        Natural quantities of the specimen, with ``log_likelihood``.
-    prior : ndarray, shape (M, p)
-        Specimens of the group drawn from the prior, on the scale.
     """
     own = {v.name: DrawnPrior(v.from_scale(prior[:, k])) for k, v in enumerate(values)}
     identification = identify_draws(
