@@ -30,7 +30,7 @@ from biaxbayes.comparison.law_weights import (
     _LeftOut,
     _part_table,
     _weights,
-    judged_laws,
+    weigh_laws,
 )
 from biaxbayes.comparison.mixture import mixture_bands, mixture_draws
 from biaxbayes.comparison.pooling import (
@@ -274,7 +274,7 @@ def test_bands_of_a_mixture_of_one_law_are_those_of_its_draws(two_laws):
     table = found["goh", WHOLE].draws
     middle = {("goh", WHOLE): replace(found["goh", WHOLE], draws=table.assign(C1=14.0))}
     one = np.array([1.0])
-    bands = mixture_bands(specimen, ["goh"], one, middle, posteriors, 0.9, 1.0)
+    bands = mixture_bands(specimen, ["goh"], one, middle, posteriors, 1.0)
     p = specimen.protocols[2]
     own = bands[(bands["protocol"] == p.name) & (bands["direction"] == "y")]
     lm = (1.01, 1.02)
@@ -350,7 +350,7 @@ def misses(specimen, k1, kappa):
 
 def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand():
     specimen, found = foretold()
-    judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     table, parts = judged.table.set_index("law"), judged.parts
     assert judged.converged and judged.left_out == {}
     assert list(table.index) == ["goh", "hgo", STACKED]
@@ -401,7 +401,7 @@ def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand()
 
 def test_weights_of_the_other_parts_alone_and_of_none():
     specimen, found = foretold()
-    judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     # of the first part, by the weights that the other two alone give
     others = np.array(
         [
@@ -422,17 +422,17 @@ def test_weights_of_the_other_parts_alone_and_of_none():
 
 def test_laws_that_failed_or_have_not_converged_are_said_to():
     specimen, found = foretold(hgo="tentative")
-    judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     assert not judged.converged and judged.left_out == {}
     specimen, found = foretold(hgo="failed")
-    judged = judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+    judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     assert not judged.converged
     assert judged.left_out == {"hgo": f"{WHOLE}: failed for a reason"}
     assert judged.table.set_index("law")["weight"]["goh"] == pytest.approx(1.0)
     assert np.isnan(judged.table.set_index("law")["weight"]["hgo"])
     specimen, found = foretold(hgo="failed", goh="unusable")
     with pytest.raises(NotConverged, match=r"no law could be sampled.*goh.*unusable for a reason"):
-        judged_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
+        weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
 
 
 def test_a_measured_mounting_stretch_is_stated_as_the_mixture_has_it():
@@ -440,7 +440,7 @@ def test_a_measured_mounting_stretch_is_stated_as_the_mixture_has_it():
     measured = replace(
         specimen, metadata={**specimen.metadata, "mounting_stretch_x": "1.01 +- 0.01"}
     )
-    judged = judged_laws(measured, {"noise": "independent"}, found, ["goh", "hgo"])
+    judged = weigh_laws(measured, {"noise": "independent"}, found, ["goh", "hgo"])
     row = judged.reported[0]
     assert row.name == "mounting_stretch_x" and row.reason == MEASURED
     assert [row.low, row.high] == pytest.approx([1.01, 1.01])

@@ -40,15 +40,7 @@ USE = [
 
 @dataclass(frozen=True)
 class AbaqusCard:
-    """A card read back, in its own units.
-
-    Attributes
-    ----------
-    label : str
-    C10, D, k1, k2, kappa : float
-    directions : ndarray, shape (2, 3)
-        Mean fibre directions in the global system.
-    """
+    """A card read back, in its own units."""
 
     label: str
     C10: float
@@ -56,7 +48,7 @@ class AbaqusCard:
     k1: float
     k2: float
     kappa: float
-    directions: np.ndarray
+    directions: np.ndarray  # (2, 3), mean fibre directions in the global system
 
     def energy(self, F: np.ndarray) -> np.ndarray:
         """Strain energy of deformation gradients of shape (..., 3, 3), real or complex."""
@@ -114,18 +106,12 @@ def write_abaqus(card: Card, version: str) -> str:
 
 
 def _number(value: float) -> str:
-    """At most 20 characters, the width Abaqus reads of a number."""
+    """A number of at most 20 characters, the width that Abaqus reads."""
     return f"{value:.12E}"
 
 
 def read_abaqus(text: str) -> AbaqusCard:
-    """Read a card back as Abaqus would: keyword lines, data lines, comments passed over.
-
-    Raises
-    ------
-    InputError
-        If the text is no card of this kind.
-    """
+    """Read a card as Abaqus would, without comments; InputError if it is not of this kind."""
     blocks: dict[str, tuple[dict[str, str], list[list[str]]]] = {}
     rows: list[list[str]] = []
     for line in text.splitlines():

@@ -16,14 +16,7 @@ from biaxbayes.laws.goh import GOH
 
 @dataclass(frozen=True)
 class UnitSystem:
-    """Units that belong together: force = mass length / time^2, stress = force / length^2.
-
-    Attributes
-    ----------
-    name, stress, length, force, mass, time : str
-    per_kPa : float
-        The stress unit's number for 1 kPa.
-    """
+    """Units that belong together: force = mass length / time^2, stress = force / length^2."""
 
     name: str
     stress: str
@@ -31,7 +24,7 @@ class UnitSystem:
     force: str
     mass: str
     time: str
-    per_kPa: float
+    per_kPa: float  # the stress unit's number for 1 kPa
 
     def __str__(self) -> str:
         return (
@@ -51,13 +44,7 @@ UNIT_SYSTEMS = {
 
 
 def unit_system(name: str) -> UnitSystem:
-    """Unit system by name.
-
-    Raises
-    ------
-    InputError
-        For a name that is not known.
-    """
+    """Unit system by name; InputError for an unknown one."""
     try:
         return UNIT_SYSTEMS[name]
     except KeyError:
@@ -85,33 +72,17 @@ TEXT = 200
 
 @dataclass(frozen=True)
 class Card:
-    """One material for a finite-element program.
+    """One material for a finite-element program."""
 
-    Attributes
-    ----------
-    label : str
-        Name of the material in the file: letters, digits and underscores.
-    material : GOH or CheckedMaterial
-        As written: no exponent of GOH below :data:`K2_FLOOR`.
-    units : UnitSystem
-    bulk_kPa : float or None
-        Bulk modulus; None for incompressible.
-    specimen, origin : str
-        Where the material comes from; any text.
-    prestretch : bool
-        Whether the mounting stretch was inferred, so that the material starts unloaded.
-    notes : tuple of str
-        What a user of this draw must know, in plain ASCII.
-    """
-
-    label: str
-    material: Any
+    label: str  # letters, digits and underscores
+    material: Any  # as written: no exponent of GOH below K2_FLOOR
     units: UnitSystem
-    bulk_kPa: float | None
-    specimen: str = ""
+    bulk_kPa: float | None  # None for incompressible
+    specimen: str = ""  # any text, as origin
     origin: str = ""
+    # the mounting stretch was inferred, so that the material starts unloaded
     prestretch: bool = True
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # plain ASCII
 
     def stress(self, value_kPa: float) -> float:
         """A stress in the units of the card."""
@@ -119,13 +90,7 @@ class Card:
 
 
 def exportable(material: GOH) -> tuple[GOH, tuple[str, ...]]:
-    """The material as the programs can take it, and notes on what was changed.
-
-    Raises
-    ------
-    InputError
-        If the material has no matrix stiffness, which both programs need.
-    """
+    """The material as the programs can take it, with notes; InputError if C1 is zero."""
     if not material.C1_kPa > 0.0:
         raise InputError(
             "C1 is zero: a material without matrix stiffness has no shear modulus",
@@ -163,14 +128,7 @@ def plain_text(text: str) -> str:
 def header_lines(card: Card, version: str, conventions: list[str]) -> list[str]:
     """The explanation at the top of a card: ASCII lines of at most 96 characters.
 
-    Parameters
-    ----------
-    card : Card
-    version : str
-        Of biaxbayes.
-    conventions : list of str
-        What this program means by its parameters. A line that starts with a blank is kept as
-        it is; others are wrapped.
+    A line of ``conventions`` that starts with a blank stays as it is; others are wrapped.
     """
     paragraphs = [
         f"biaxbayes {version}: material card",

@@ -21,24 +21,9 @@ STEP = 1e-30
 def biaxial_stress(
     energy: Callable[[np.ndarray], np.ndarray], stretch_x, stretch_y
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cauchy stresses of an incompressible planar biaxial state of an energy of F.
+    """Cauchy stresses (n,) of an incompressible planar biaxial state of an energy of F (n, 3, 3).
 
-    Parameters
-    ----------
-    energy : callable
-        Strain energy of deformation gradients of shape (n, 3, 3), complex.
-    stretch_x, stretch_y : array_like, shape (n,)
-        Total stretches.
-
-    Returns
-    -------
-    (ndarray, ndarray), shape (n,)
-        In the stress unit of the energy.
-
-    Raises
-    ------
-    ArithmeticError
-        If the state needs a shear stress: the card is not symmetric about the axes.
+    ArithmeticError if the state needs a shear stress: the card is not symmetric about the axes.
     """
     x, y = np.atleast_1d(stretch_x).astype(float), np.atleast_1d(stretch_y).astype(float)
     F = np.zeros((x.size, 3, 3))
@@ -68,21 +53,9 @@ def relative_deviation(
 ) -> float:
     """Largest deviation of a card's stress from the draw's, relative to the state's stress.
 
-    Parameters
-    ----------
-    energy : callable
-        Strain energy of the card, in its units.
-    per_kPa : float
-        The card's number for 1 kPa.
-    material : GOH or CheckedMaterial
-        The draw, without any change made for export. GOH is compared with the fibre switch, which
-        both programs have.
-    stretch_x, stretch_y : ndarray, shape (n,)
-        Total stretches; states with less than a millionth of the largest stress are left out.
-
-    Returns
-    -------
-    float
+    ``material`` is the draw, without any change made for export; GOH is compared with the fibre
+    switch, which both programs have. States with less than a millionth of the largest stress are
+    left out.
     """
     card = np.array(biaxial_stress(energy, stretch_x, stretch_y)) / per_kPa
     if isinstance(material, GOH):

@@ -59,43 +59,13 @@ def export_cards(
     origin: str = "posterior draw",
     overwrite: bool = False,
 ) -> pd.DataFrame:
-    """Write one material card per draw and a manifest, and check every card.
+    """Write a card for each row of the draws, equally weighted, and a manifest; check every card.
 
-    Parameters
-    ----------
-    draws : DataFrame
-        Posterior draws.
-    specimen : Specimen
-        Its states of stretch are those of the checks.
-    rows : sequence of int
-        Positions of the draws to write; each gets the same weight.
-    out : Path
-        Folder, made if it is missing.
-    program : {"abaqus", "febio"}
-    units : str
-        One of :data:`biaxbayes.cards.card.UNIT_SYSTEMS`.
-    bulk_ratio : float, optional
-        Bulk modulus over the larger of the matrix's shear modulus and the largest stress in the
-        tested range; the change of volume at that stress is about its inverse. Default:
-        incompressible for Abaqus, 1000 for FEBio.
-    origin : str
-        What the draws are, for the header.
-    overwrite : bool
-        Remove the cards of an earlier export in the same folder.
-
-    Returns
-    -------
-    DataFrame
-        The manifest: card, file, draw, weight, parameters, smallest fibre strain, what the fibre
-        switch changes, deviation found by the check.
-
-    Raises
-    ------
-    InputError
-        If an option is unknown, the folder holds an earlier export, or a material cannot be
-        written.
-    BiaxbayesError
-        If a card fails its check.
+    ``bulk_ratio`` is the bulk modulus over the larger of the matrix's shear modulus and the largest
+    stress in the tested range; the change of volume at that stress is about its inverse. Default:
+    incompressible for Abaqus, 1000 for FEBio. ``origin`` describes the draws in the header. Raises
+    InputError for an unknown option, an earlier export in the folder or a material that cannot be
+    written, BiaxbayesError if a card fails its check.
     """
     _check_law(law, program)
     if bulk_ratio is not None and not 0.0 < bulk_ratio < np.inf:

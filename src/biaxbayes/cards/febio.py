@@ -38,34 +38,20 @@ MATRIX, FIBRE, FUNG = "Mooney-Rivlin", "fiber-exp-pow-uncoupled", "Fung orthotro
 
 @dataclass(frozen=True)
 class Solid:
-    """One elastic material: the whole card, or a part of a mixture.
+    """One elastic material: the whole card, or a part of a mixture."""
 
-    Attributes
-    ----------
-    type : str
-        As FEBio names it.
-    values : mapping of str to float
-        Its parameters, in the units of the card.
-    axes : ndarray, shape (3, 3)
-        Material axes as rows; the first is the direction of a fibre material.
-    """
-
-    type: str
-    values: Mapping[str, float]
-    axes: np.ndarray
+    type: str  # FEBio's name
+    values: Mapping[str, float]  # in the units of the card
+    axes: np.ndarray  # (3, 3), material axes as rows; the first is the direction of a fibre
 
 
 # --- how a law is written ------------------------------------------------------------------------
 
 
 class Mixture(NamedTuple):
-    """How a law is written as a mixture.
+    """A law as a mixture."""
 
-    ``parts`` gives type, parameters that are stresses (kPa), other parameters and the angle of
-    the first axis from x (degrees) of every part, from the parameters of the law by name;
-    ``matrix_shear_kPa`` the shear modulus of its matrix; ``conventions`` words for the card.
-    """
-
+    # from parameters by name: type, stresses (kPa), other parameters, angle from x (degrees)
     parts: Callable[[Mapping[str, float]], list[Part]]
     matrix_shear_kPa: Callable[[Mapping[str, float]], float]
     conventions: tuple[str, ...]
@@ -150,13 +136,7 @@ MIXTURES = {
 
 
 def write_febio(card: Card, version: str) -> str:
-    """Text of the card: a file for ``<Material from="..."/>`` or to copy the material from.
-
-    Raises
-    ------
-    InputError
-        If the card has no bulk modulus, which every uncoupled material needs.
-    """
+    """Text of the card, to copy or for ``<Material from="..."/>``; needs a bulk modulus."""
     if card.bulk_kPa is None:
         raise InputError("FEBio needs a bulk modulus", remedy="give `bulk_ratio`, for example 1000")
     bulk = float(card.stress(card.bulk_kPa))
@@ -229,23 +209,12 @@ def _add_axes(node: ElementTree.Element) -> None:
 
 @dataclass(frozen=True)
 class FebioCard:
-    """A card read back, in its own units.
-
-    Attributes
-    ----------
-    label : str
-    type : str
-        Of the outermost material.
-    k : float
-        Bulk modulus.
-    solids : tuple of Solid
-        Whose isochoric energies add up; axes in the global system.
-    """
+    """A card read back, in its own units."""
 
     label: str
-    type: str
-    k: float
-    solids: tuple[Solid, ...]
+    type: str  # of the outermost material
+    k: float  # bulk modulus
+    solids: tuple[Solid, ...]  # their isochoric energies add up; axes in the global system
 
     def energy(self, F: np.ndarray) -> np.ndarray:
         """Strain energy of deformation gradients of shape (..., 3, 3), real or complex."""
@@ -261,13 +230,7 @@ class FebioCard:
 
 
 def read_febio(text: str) -> FebioCard:
-    """Read a card back.
-
-    Raises
-    ------
-    InputError
-        If the text is no card of this kind.
-    """
+    """Read a card back; InputError if the text is not a card of this kind."""
     try:
         node = ElementTree.fromstring(text.encode()).find("Material/material")
         kind = "" if node is None else node.get("type", "")

@@ -1,9 +1,8 @@
-"""Several runs side by side: what each determines, and how far apart they are.
+"""Comparison of runs: quantities that each determines, and distances between them.
 
 A difference in a parameter that one of the runs does not determine is no difference between
 tissues: the same curves could have been described by other values of it. The stresses, the
-stiffness and the structure tensor are compared as well, and each is judged by how much the data
-say about it.
+stiffness and the structure tensor are compared as well, each with how much the data determine it.
 """
 
 from __future__ import annotations
@@ -47,13 +46,7 @@ OPTIONS = {
 
 
 def differing_settings(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
-    """One sentence for each difference between runs that is not one of tissue.
-
-    Parameters
-    ----------
-    runs : sequence of (str, Posterior)
-        Labels and posteriors.
-    """
+    """One sentence for each difference, not of tissue, between runs with labels."""
     notes = []
     for option, words in OPTIONS.items():
         values = {label: getattr(p.settings, option) for label, p in runs}
@@ -111,8 +104,6 @@ WARNING = (
     "A difference in a quantity that is not identified in both runs is not a difference between "
     "tissues: other values of it describe the same curves."
 )
-DISJOINT = 0.99
-"""Kolmogorov distance from which two posteriors count as apart: no trade in a run bridges it."""
 PARAMETER = "parameter"
 
 
@@ -122,12 +113,8 @@ class Member:
 
     Attributes
     ----------
-    label : str
-    posterior : Posterior
-    draws : DataFrame
-    state : str
     reported : sequence of Reported
-        What the run reports of its parameters; judged by the draws alone where there is none.
+        What the run reports of its parameters; assessed by the draws alone where empty.
     """
 
     label: str
@@ -143,7 +130,6 @@ class Comparison:
 
     Attributes
     ----------
-    members : tuple of Member
     reported : tuple of sequence of Reported
         What each run reports.
     derived : tuple of list of Derived
@@ -151,11 +137,11 @@ class Comparison:
     identified : tuple of dict
         For each run, whether it identifies or bounds a quantity, by its key.
     distances : DataFrame
-        One row a pair of runs and quantity.
+        One row per pair of runs and quantity.
     stretches : list of float
         Total equibiaxial stretches that all runs reached.
     notes : list of str
-        Differences between the runs that are none of tissue.
+        Differences between the runs that are not of tissue.
     """
 
     members: tuple[Member, ...]
@@ -173,7 +159,7 @@ class Comparison:
 
     @property
     def converged(self) -> bool:
-        """Whether all runs are."""
+        """True if all runs have converged."""
         return all(m.state == "converged" for m in self.members)
 
     def matrix(self) -> pd.DataFrame:
@@ -226,36 +212,18 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
 def distances_between(
     members: Sequence[Member], reported: Sequence[Sequence[Reported]]
 ) -> tuple[pd.DataFrame, list[str]]:
-    """Distances between runs whose reports are known, and what else than the tissue differs.
-
-    Parameters
-    ----------
-    members : sequence of Member
-        As of :func:`compare`.
-    reported : sequence of sequence of Reported
-        What each run reports.
-
-    Raises
-    ------
-    InputError
-        As :func:`compare`.
-    """
+    """Distances between runs, and differences that are not of tissue; raises as :func:`compare`."""
     _check(members)
     result = _side_by_side(members, reported, Thresholds())
     return result["distances"], result["notes"]
 
 
 def reported_rows(member: Member, thresholds: Thresholds | None = None) -> Sequence[Reported]:
-    """What a run reports; without the fits of other laws where that is not known.
-
-    Parameters
-    ----------
-    thresholds : Thresholds, optional
-    """
+    """The report of a run; without the fits of other laws where it is not known."""
     if member.reported:
         return member.reported
-    judged = identify_draws(member.posterior, member.draws, member.state, thresholds=thresholds)
-    return judged.reported
+    assessed = identify_draws(member.posterior, member.draws, member.state, thresholds=thresholds)
+    return assessed.reported
 
 
 def _side_by_side(
@@ -284,13 +252,7 @@ def _side_by_side(
 
 
 def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
-    """Labels for runs: the layers if they differ, else the specimens, else the folders.
-
-    Parameters
-    ----------
-    folders : sequence of str
-        Names of the run folders.
-    """
+    """Labels for runs: the layers if they differ, else the specimens, else the folders' names."""
     layers = [s.layer for s in specimens]
     names = [s.name for s in specimens]
     for chosen in (layers, names, list(folders)):
@@ -327,7 +289,7 @@ def _derived(draws: pd.DataFrame, stretches: list[float], posterior: Posterior) 
 def _identified(
     member: Member, reported: Sequence[Reported], derived: list[Derived], thresholds: Thresholds
 ) -> dict[str, bool]:
-    """Whether a run identifies or bounds each quantity."""
+    """True for each quantity that a run identifies or bounds."""
     converged = member.state == "converged"
     out = {r.name: r.verdict in (IDENTIFIED, BOUNDED) for r in reported}
     stretches = [d.stretch for d in derived if d.kind == STRESS and d.name == "cauchy_x"]

@@ -1,4 +1,4 @@
-"""How far posteriors lie apart: from one another, and from their priors.
+"""Distances of posteriors from one another, and from their priors.
 
 A quantity that follows from the parameters has no prior of its own; its prior is what the
 parameters' priors make of it.
@@ -96,13 +96,7 @@ def equibiaxial_steps(largest: float) -> list[float]:
 
 
 def prior_material(posterior: Posterior, draws: pd.DataFrame) -> pd.DataFrame:
-    """Materials drawn from the priors of a run.
-
-    Parameters
-    ----------
-    draws : DataFrame
-        Its draws, for the names.
-    """
+    """Materials drawn from the priors of a run, with the names of its draws."""
     rng = np.random.default_rng(0)
     level = (np.arange(PRIOR_DRAWS) + 0.5) / PRIOR_DRAWS
     columns: dict[str, np.ndarray] = {}
@@ -131,13 +125,7 @@ def spread(quantity: Derived) -> float:
 
 
 def contractions(prior: Sequence[Derived], posterior: Sequence[Derived]) -> list[float]:
-    """Share by which the data shrink the variance of each quantity.
-
-    Parameters
-    ----------
-    prior, posterior : sequence of Derived
-        The same quantities of draws from both.
-    """
+    """Share by which the data shrink the variance of each quantity, given in the same order."""
     return [
         1.0 - (spread(after) / spread(before)) ** 2
         for before, after in zip(prior, posterior, strict=True)

@@ -32,19 +32,11 @@ MOST_DRAWS, MOST_DRAWS_OF_PART = 2000, 500
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a record that is left out.
+    """A part of a record that is left out."""
 
-    Attributes
-    ----------
-    name : str
-        Of the protocol, with the quarter where it has only one.
-    rows : slice
-        Of the protocol, those at rest included in the count and never left out.
-    """
-
-    name: str
+    name: str  # of the protocol, with the quarter of a single one
     protocol: int
-    rows: slice
+    rows: slice  # counted with those at rest, which are never left out
 
 
 def parts_of(specimen: Specimen) -> tuple[Part, ...]:
@@ -89,68 +81,36 @@ def only(specimen: Specimen, part: Part) -> Specimen:
 
 @dataclass(frozen=True)
 class Task:
-    """One law on one record.
-
-    Attributes
-    ----------
-    specimen : Specimen
-        Of the whole record.
-    part : Part or None
-        What is left out.
-    options : mapping
-        Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior` but the law, its priors
-        and its switch.
-    ess : float
-        Effective draws wanted.
-    """
+    """One law on one record."""
 
     law: str
-    specimen: Specimen
-    part: Part | None
-    options: Mapping[str, Any]
+    specimen: Specimen  # with the whole record
+    part: Part | None  # left out
+    options: Mapping[str, Any]  # of `Posterior`, without law, priors of the law and fibre switch
     seed: int
-    ess: float
+    ess: float  # effective sample size
     max_steps: int
 
     @property
     def name(self) -> str:
-        """Of the law and of what is left out."""
+        """Name of the law and of the left-out part."""
         return f"{self.law}, {self.part.name if self.part else WHOLE}"
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Draws of one law on one record.
+    """Draws of one law on one record."""
 
-    Attributes
-    ----------
-    state : str
-        Of the chains; ``failed`` where nothing could be drawn.
-    rmse_kPa : float
-        Of the deterministic fit to the record.
-    residuals : tuple of ndarray, shape (n_p, 2)
-        Of that fit.
-    draws : DataFrame
-        Columns as in ``summary.csv``; empty where nothing could be drawn.
-    """
-
-    state: str
+    state: str  # of the chains; `failed` if nothing could be drawn
     reason: str
-    rmse_kPa: float
-    residuals: tuple[np.ndarray, ...]
-    draws: pd.DataFrame
+    rmse_kPa: float  # of the deterministic fit
+    residuals: tuple[np.ndarray, ...]  # of that fit, (n_p, 2)
+    draws: pd.DataFrame  # as in summary.csv
 
 
 def sample_part(task: Task) -> Prediction:
-    """Fit and sample a law on a record without the part.
-
-    Returns
-    -------
-    Prediction
-        ``failed`` with its reason where nothing can be drawn; nothing is raised for it.
-    """
+    """Fit and sample a law on a record without the part; a failure is a state, not an error."""
     shown = task.specimen if task.part is None else without(task.specimen, task.part)
-    nothing = pd.DataFrame()
     rmse = float("nan")
     residuals: tuple[np.ndarray, ...] = ()
     try:
@@ -159,9 +119,9 @@ def sample_part(task: Task) -> Prediction:
         plan = Plan(ess=task.ess, max_steps=task.max_steps, seed=task.seed, workers=1)
         drawn = draw_posterior(posterior, plan)
     except (NotConverged, np.linalg.LinAlgError) as error:
-        return Prediction("failed", str(error), rmse, residuals, nothing)
+        return Prediction("failed", str(error), rmse, residuals, pd.DataFrame())
     count = MOST_DRAWS if task.part is None else MOST_DRAWS_OF_PART
     table = pd.DataFrame({k: v.ravel() for k, v in drawn.quantities.items()})
     table = table.iloc[evenly_chosen(len(table), count)].reset_index(drop=True)
-    judged = drawn.convergence
-    return Prediction(judged.state, judged.reason, rmse, residuals, table)
+    convergence = drawn.convergence
+    return Prediction(convergence.state, convergence.reason, rmse, residuals, table)

@@ -83,7 +83,7 @@ class LawComparison:
 
     @property
     def converged(self) -> bool:
-        """Whether every law has converged on every record."""
+        """True if every law has converged on every record."""
         states = self.table["state"][self.table["law"] != STACKED]
         return not self.left_out and bool((states == "converged").all())
 
@@ -96,53 +96,25 @@ class LawComparison:
 
 @dataclass(frozen=True)
 class _LeftOut:
-    """Predictions of a left-out part by all laws.
+    """Predictions of a left-out part by all laws."""
 
-    Attributes
-    ----------
-    worth : ndarray, shape (readings,)
-    log_density : ndarray, shape (laws, readings)
-    model, sd : list of ndarray, shape (draws, readings)
-        Of each law, in the unit of the specimen; without draws that overflow.
-    measured : ndarray, shape (readings,)
-    per_kPa : list of ndarray, shape (readings,)
-        Load per Cauchy stress at each law's median mounting stretch.
-    """
-
-    worth: np.ndarray
-    log_density: np.ndarray
+    worth: np.ndarray  # (readings,)
+    log_density: np.ndarray  # (laws, readings)
+    # of each law (draws, readings), unit of the specimen, without draws that overflow
     model: list[np.ndarray]
     sd: list[np.ndarray]
-    measured: np.ndarray
+    measured: np.ndarray  # (readings,)
+    # of each law (readings,): load per Cauchy stress at its median mounting stretch
     per_kPa: list[np.ndarray]
 
 
-def judged_laws(
+def weigh_laws(
     specimen: Specimen,
     options: Mapping[str, Any],
     predictions: Mapping[tuple[str, str], Prediction],
     laws: Sequence[str],
-    *,
-    probability: float = CONTENT,
 ) -> LawComparison:
-    """Weigh laws by what they predict.
-
-    Parameters
-    ----------
-    options : mapping
-        As of the tasks.
-    predictions : mapping
-        By law and name of the left-out part, :data:`WHOLE` for none.
-    laws : sequence of str
-        In the order of the table.
-    probability : float
-        Content of the bands.
-
-    Raises
-    ------
-    NotConverged
-        If no law can be used.
-    """
+    """Weigh laws by predictions by law and left-out part; NotConverged if none is usable."""
     parts = parts_of(specimen)
     names = (WHOLE, *(p.name for p in parts))
     bad = {
@@ -169,23 +141,23 @@ def judged_laws(
     # a part is predicted by a mixture that has not seen it
     blind = [_weights(left, [j for j in range(len(left)) if j != i]) for i in range(len(left))]
     learned = _sharpness(left, weight, range(len(left)))
-    levels = calibrated_levels(tails(probability), learned)
+    levels = calibrated_levels(tails(CONTENT), learned)
     table = _law_table(
         specimen, laws, used, predictions, left, weight, np.array(blind), draws, levels
     )
     return LawComparison(
         specimen.name,
         table,
-        _part_table(parts, used, left, weight, blind, probability),
+        _part_table(parts, used, left, weight, blind),
         draws,
-        mixture_bands(specimen, used, weight, predictions, posteriors, probability, learned),
+        mixture_bands(specimen, used, weight, predictions, posteriors, learned),
         _reported(specimen, table, best, predictions[best, WHOLE].residuals),
         bad,
     )
 
 
 def _sharpness(left: Sequence[_LeftOut], weight: np.ndarray, shown: Sequence[int] | range) -> float:
-    """That of a mixture on the parts that its weights are learned from."""
+    """The sharpness of a mixture on the parts that its weights are learned from."""
     probability = [
         mixed_probabilities(left[i].measured, left[i].model, left[i].sd, weight) for i in shown
     ]
@@ -310,12 +282,11 @@ def _part_table(
     left: Sequence[_LeftOut],
     weight: np.ndarray,
     blind: Sequence[np.ndarray],
-    probability: float,
 ) -> pd.DataFrame:
     """Each law, and the mixture that has not seen the part, on each part.
 
-    A band of the mixture is read at levels learned from the other parts. ``density_final_weights``
-    is the density with the weights of the whole record: what these gain by having seen the part.
+    ``density_final_weights`` is the density with the weights of the whole record: the difference is
+    what these gain by having seen the part.
     """
     rows = []
     for i, (part, own) in enumerate(zip(parts, left, strict=True)):
@@ -326,7 +297,7 @@ def _part_table(
         ):
             (density,), (square,) = _left_out_scores([own], [w])
             (seen,), _ = _left_out_scores([own], [final])
-            levels: tuple[float, ...] = tails(probability)
+            levels: tuple[float, ...] = tails(CONTENT)
             if law == STACKED:  # nor have the levels of its band seen the part
                 levels = calibrated_levels(levels, _sharpness(left, w, others))
             low, high = mixed_percentiles(own.model, own.sd, w, levels)

@@ -12,6 +12,7 @@ from biaxbayes.comparison.law_comparison import MOST_DRAWS, WHOLE, Prediction
 from biaxbayes.comparison.pooling import calibrated_levels, mixed_percentiles
 from biaxbayes.forward import MeasuredRows
 from biaxbayes.model.posterior import Posterior
+from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.bands import evenly_chosen, tails
 from biaxbayes.prediction.draws import protocol_mounting
@@ -27,13 +28,10 @@ def mixture_draws(
     predictions: Mapping[tuple[str, str], Prediction],
     posteriors: Mapping[str, Posterior],
 ) -> pd.DataFrame:
-    """Draws of every law by its weight, with what all laws share.
+    """Draws of every law by its weight, with the quantities that all laws share.
 
-    Returns
-    -------
-    DataFrame
-        A row a draw: ``law``, mounting stretches, small-strain stiffnesses and Cauchy stresses at
-        the largest measured stretches of each protocol, both in kPa.
+    Mounting stretches, small-strain stiffnesses and Cauchy stresses (kPa) at the largest measured
+    stretches of each protocol.
     """
     tables = []
     for law, count in zip(laws, np.round(weight * MOST_DRAWS).astype(int), strict=True):
@@ -65,33 +63,12 @@ def mixture_bands(
     weight: np.ndarray,
     predictions: Mapping[tuple[str, str], Prediction],
     posteriors: Mapping[str, Posterior],
-    probability: float,
     sharpness: float,
 ) -> pd.DataFrame:
-    """Bands of the mixture over the whole record, in the unit of the file.
+    """Bands of the mixture over the whole record, one row per reading, in the unit of the file.
 
     Both bands are read at the same levels, and a credible one ends where the predictive one does.
     No left-out reading tests the credible band.
-
-    Parameters
-    ----------
-    used : sequence of str
-        Laws of the mixture.
-    weight : ndarray, shape (laws,)
-    predictions : mapping
-        By law and name of the left-out part.
-    posteriors : mapping
-        By law.
-    probability : float
-        Content of the bands.
-    sharpness : float
-        Of the mixture (:func:`~biaxbayes.comparison.pooling.sharpness`).
-
-    Returns
-    -------
-    DataFrame
-        A row for each reading: ``protocol``, ``direction``, ``row``, ``stretch``, ``measured`` and
-        three columns a band, its ends and the median.
     """
     model, sd = [], []
     for law in used:
@@ -102,7 +79,7 @@ def mixture_bands(
         model.append(load.reshape(len(load), -1))
         sd.append(spread.reshape(len(load), -1))
     shape = measured.load.shape
-    levels = (tails(probability)[0], 0.5, tails(probability)[1])
+    levels = (tails(CONTENT)[0], 0.5, tails(CONTENT)[1])
     names = [f"q{100 * q:04.1f}".removesuffix(".0") for q in levels]
     read_at = calibrated_levels(levels, sharpness)
     credible = mixed_percentiles(model, [1e-300 * s for s in sd], weight, read_at)
@@ -133,14 +110,6 @@ def _row_numbers(rows: MeasuredRows) -> np.ndarray:
 
 
 def shared_stretches(table: pd.DataFrame, specimen: Specimen) -> list[str]:
-    """Names of the mounting stretches that a table of draws has.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns as in ``summary.csv``.
-    specimen : Specimen
-        Names the mounted states.
-    """
+    """Names of the mounting stretches that a table of draws has."""
     states = ("", *(p.name for p in specimen.protocols))
     return [n for s in states for n in mounting_names("stretch", s) if n in table]

@@ -1,4 +1,4 @@
-"""What ignoring the mounting stretch costs: the same specimen, sampled three ways.
+"""Cost of ignoring the mounting stretch: the same specimen, sampled three ways.
 
 ``inferred`` is the posterior with the mounting stretch as an unknown; ``ignored`` takes the mounted
 state for the reference and leaves the forces; ``zeroed`` subtracts the first reading as well.
@@ -39,9 +39,8 @@ class Variant:
 
     Attributes
     ----------
-    posterior : Posterior
     draws : DataFrame
-        Natural quantities, one row a draw.
+        Natural quantities, one row per draw.
     state : str
         ``converged``, ``tentative`` or ``unusable``.
     """
@@ -77,7 +76,7 @@ class Ledger:
 
     @property
     def converged(self) -> bool:
-        """Whether all three are."""
+        """True if all three have converged."""
         return set(self.states.values()) == {"converged"}
 
     @property
@@ -109,13 +108,7 @@ def sample_variant(
     plan: Plan,
     progress: Callable[[Progress], None] = lambda p: None,
 ) -> Variant:
-    """Sample a specimen in memory.
-
-    Parameters
-    ----------
-    options : mapping
-        Keyword arguments of :class:`~biaxbayes.model.posterior.Posterior`.
-    """
+    """Sample a specimen in memory; ``options`` are keyword arguments of ``Posterior``."""
     posterior = prepare(specimen, **options, seed=plan.seed)
     drawn = draw_posterior(posterior, plan, progress=progress)
     draws = pd.DataFrame({name: q.ravel() for name, q in drawn.quantities.items()})
@@ -135,15 +128,7 @@ def sample_variants(
     inferred: Variant | None = None,
     progress: Callable[[Progress], None] = lambda p: None,
 ) -> dict[str, Variant]:
-    """A specimen under each of :data:`VARIANTS`.
-
-    Parameters
-    ----------
-    specimen, options, plan, progress
-        As in :func:`treat`; the options are those of ``inferred``.
-    inferred : Variant, optional
-        Where it was sampled before.
-    """
+    """A specimen under each of :data:`VARIANTS`, with the options of ``inferred`` if given."""
     first = inferred or sample_variant(specimen, options, plan, progress)
     variants = {VARIANTS[0]: first}
     for name in VARIANTS[1:]:

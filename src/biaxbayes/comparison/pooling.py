@@ -38,19 +38,10 @@ _STEPS, _TOLERANCE = 20_000, 1e-10
 
 
 def stacking_weights(log_density: np.ndarray, worth: np.ndarray) -> np.ndarray:
-    """Weights of the mixture that predicts left-out readings best.
+    """Weights (models,) of the mixture that predicts left-out readings best.
 
-    Parameters
-    ----------
-    log_density : ndarray, shape (models, readings)
-        Log predictive density of each left-out reading; -inf where a model excludes it.
-    worth : ndarray, shape (readings,)
-        Independent readings that each is worth.
-
-    Returns
-    -------
-    ndarray, shape (models,)
-        Positive, of sum one.
+    ``log_density`` (models, readings) is -inf where a model excludes a reading; ``worth``
+    (readings,) are the independent readings that each counts for.
     """
     models = len(log_density)
     top = log_density.max(axis=0)
@@ -73,17 +64,7 @@ def stacking_weights(log_density: np.ndarray, worth: np.ndarray) -> np.ndarray:
 
 
 def weighted_density(log_density: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Log density of a mixture.
-
-    Parameters
-    ----------
-    log_density : ndarray, shape (models, readings)
-    weight : ndarray, shape (models,)
-
-    Returns
-    -------
-    ndarray, shape (readings,)
-    """
+    """Log density (readings,) of a mixture, from log densities (models, readings)."""
     with np.errstate(divide="ignore"):
         mixed: np.ndarray = np.logaddexp.reduce(log_density + np.log(weight)[:, None], axis=0)
     return mixed
@@ -95,20 +76,9 @@ def mixed_percentiles(
     weight: np.ndarray,
     levels: tuple[float, ...],
 ) -> list[np.ndarray]:
-    """Percentiles of a mixture: each law gives draws in proportion to its weight.
+    """Percentiles (readings,) of a mixture by level: laws give draws in proportion to their weight.
 
-    Parameters
-    ----------
-    model, sd : sequence of ndarray, shape (draws, readings)
-        Of each law: its curves, and the sds of readings about them, in one unit.
-    weight : ndarray, shape (laws,)
-    levels : tuple of float
-        Between 0 and 1.
-
-    Returns
-    -------
-    list of ndarray, shape (readings,)
-        One for each level, in the unit of the models.
+    ``model`` and ``sd`` of each law: curves and sds of readings about them, (draws, readings).
     """
     size = min(len(m) for m in model)
     counts = np.round(weight * size).astype(int)
@@ -125,7 +95,7 @@ def mixed_percentiles(
 # --- calibrated bands ----------------------------------------------------------------------------
 
 SHARPNESS_LOG_SD = 0.25
-"""Of the prior of c about 1, set with the aorta and the valve of the documentation in sight: parts
+"""Sd of the prior of ln c, set with the aorta and the valve of the documentation in sight: parts
 are few, and their readings miss together. Half and twice of it change the share of left-out
 readings in their bands by at most 0.08."""
 LEAST_SHARPNESS, LARGEST_SHARPNESS = 0.3, 20.0
@@ -135,21 +105,10 @@ _LEAST_PROBABILITY = 1e-9
 def mixed_probabilities(
     measured: np.ndarray, model: Sequence[np.ndarray], sd: Sequence[np.ndarray], weight: np.ndarray
 ) -> np.ndarray:
-    """Probability of the mixture below each reading.
+    """Probability (readings,) of the mixture below each reading; NaN where all draws overflow.
 
-    Parameters
-    ----------
-    measured : ndarray, shape (readings,)
-        In the unit of the models.
-    model, sd : sequence of ndarray, shape (draws, readings)
-        Of each law, as for :func:`mixed_percentiles`. Draws that overflow are left out.
-    weight : ndarray, shape (laws,)
-
-    Returns
-    -------
-    ndarray, shape (readings,)
-        A law all of whose draws overflow at a reading has no part in it there; NaN where no law
-        has.
+    Arguments as of :func:`mixed_percentiles`. A law all of whose draws overflow at a reading has
+    no part in the mixture there.
     """
     # F(y_i) = sum_k w_k mean_s Phi((y_i - m_ksi) / sd_ksi)
     each, share = [], []
@@ -164,20 +123,9 @@ def mixed_probabilities(
 
 
 def sharpness(probability: np.ndarray, worth: np.ndarray) -> float:
-    """The c of Beta(c, c) for the probabilities of left-out readings.
+    """The c of Beta(c, c) for the probabilities (readings,) of left-out readings; NaN is left out.
 
-    Parameters
-    ----------
-    probability : ndarray, shape (readings,)
-        Of :func:`mixed_probabilities`; NaN says nothing.
-    worth : ndarray, shape (readings,)
-        Independent readings that each is worth.
-
-    Returns
-    -------
-    float
-        Above 1 where readings lie nearer to the middle of the mixture than it says; between
-        :data:`LEAST_SHARPNESS` and :data:`LARGEST_SHARPNESS`.
+    Above 1 where readings lie nearer to the middle of the mixture than it predicts.
     """
     known = np.isfinite(probability)
     u, worth = probability[known], worth[known]
@@ -196,13 +144,5 @@ def sharpness(probability: np.ndarray, worth: np.ndarray) -> float:
 
 
 def calibrated_levels(levels: tuple[float, ...], sharpness: float) -> tuple[float, ...]:
-    """Levels of the mixture at which bands to these levels are read.
-
-    Parameters
-    ----------
-    levels : tuple of float
-        Between 0 and 1.
-    sharpness : float
-        Of :func:`sharpness`; 1 leaves the levels as they are.
-    """
+    """Levels of the mixture at which bands to these levels are read; sharpness 1 changes none."""
     return tuple(float(betaincinv(sharpness, sharpness, level)) for level in levels)

@@ -11,26 +11,15 @@ from biaxbayes.laws.materials import MaterialResponse
 
 @dataclass(frozen=True)
 class VirtualTest:
-    """Noise-free result of a virtual test, one protocol.
+    """Noise-free result of a virtual test, one protocol; all of shape (n,)."""
 
-    Attributes
-    ----------
-    measured_x, measured_y : ndarray, shape (n,)
-        Stretches relative to the mounted state; the first is one.
-    total_x, total_y : ndarray, shape (n,)
-        Stretches relative to the unloaded state.
-    force_x_N, force_y_N : ndarray, shape (n,)
-    piola_x_kPa, piola_y_kPa, cauchy_x_kPa, cauchy_y_kPa : ndarray, shape (n,)
-        True stresses with the unloaded state as reference.
-    """
-
-    measured_x: np.ndarray
+    measured_x: np.ndarray  # relative to the mounted state; the first is one
     measured_y: np.ndarray
-    total_x: np.ndarray
+    total_x: np.ndarray  # relative to the unloaded state
     total_y: np.ndarray
     force_x_N: np.ndarray
     force_y_N: np.ndarray
-    piola_x_kPa: np.ndarray
+    piola_x_kPa: np.ndarray  # true stresses with the unloaded state as reference
     piola_y_kPa: np.ndarray
     cauchy_x_kPa: np.ndarray
     cauchy_y_kPa: np.ndarray
@@ -50,29 +39,9 @@ def virtual_test(
 ) -> VirtualTest:
     """Stretch a homogeneous specimen from its mounted state in equal increments.
 
-    Parameters
-    ----------
-    material : GOH or CheckedMaterial
-    mounting_stretch : (float, float)
-        Stretch of the mounted state relative to the unloaded one.
-    total_stretch, measured_stretch : float or (float, float)
-        Largest stretch, relative to the unloaded or to the mounted state; give one of them.
-    ratio : (float, float)
-        Share of the stretch beyond the mounted state that each direction takes, as in a
-        ``1:0.5`` protocol.
-    increments : int
-        Number of equal increments; the record has one more row.
-    edge_x_mm, edge_y_mm, thickness_mm : float
-        Unloaded dimensions.
-
-    Returns
-    -------
-    VirtualTest
-
-    Raises
-    ------
-    ValueError
-        If both or none of the two stretches are given, or ``increments`` is below one.
+    ``mounting_stretch`` is relative to the unloaded state, the largest ``total_stretch`` or
+    ``measured_stretch`` (give one) to the unloaded or the mounted one; ``ratio`` is the share of
+    the stretch beyond the mounted state of each direction. The dimensions are unloaded ones.
     """
     if (total_stretch is None) == (measured_stretch is None):
         raise ValueError("give one of total_stretch and measured_stretch")
@@ -98,24 +67,10 @@ def virtual_test(
 def smooth_misfit(
     stretch: np.ndarray, relative_sd: float, rng: np.random.Generator, *, length: float = 0.25
 ) -> np.ndarray:
-    """Relative model error that varies smoothly along a path.
+    """Relative model error (n,) that varies smoothly along a monotone path (n,).
 
-    A squared-exponential Gaussian process over the path coordinate, scaled to 0-1.
-
-    Parameters
-    ----------
-    stretch : ndarray, shape (n,)
-        Any monotone path coordinate.
-    relative_sd : float
-        Standard deviation of the process.
-    rng : numpy.random.Generator
-    length : float
-        Correlation length in the 0-1 coordinate.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Multiply the true force by one plus this.
+    A squared-exponential Gaussian process over the path coordinate, scaled to 0-1, with a
+    correlation ``length`` there; multiply the true force by one plus this.
     """
     span = np.ptp(stretch)
     s = (stretch - stretch[0]) / (span if span > 0 else 1.0)

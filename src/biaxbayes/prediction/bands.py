@@ -28,13 +28,7 @@ MOST_STEPS = 60
 
 
 def tails(probability: float) -> tuple[float, float]:
-    """Lower and upper percentile of a central band.
-
-    Raises
-    ------
-    InputError
-        If the probability is not between 0 and 1.
-    """
+    """Lower and upper percentile of a central band; InputError if not between 0 and 1."""
     if not 0.0 < probability < 1.0:
         raise InputError(f"a probability of {probability:g} is not between 0 and 1")
     return 0.5 * (1.0 - probability), 0.5 * (1.0 + probability)
@@ -70,18 +64,10 @@ def band_columns(
 def mixture_percentiles(
     model: np.ndarray, noise: np.ndarray, levels: tuple[float, ...]
 ) -> list[np.ndarray]:
-    """Percentiles of the equal mixture of N(model, noise) over the draws, by root finding.
+    """Percentiles (m,) of the equal mixture of N(model, noise) over the draws, by root finding.
 
-    No random numbers are drawn, so the band has no Monte Carlo error of its own.
-
-    Parameters
-    ----------
-    model, noise
-        As in :func:`band_columns`.
-
-    Returns
-    -------
-    list of ndarray, shape (m,)
+    No random numbers are drawn, so the band has no Monte Carlo error of its own. Arguments as of
+    :func:`band_columns`.
     """
     step = -(-len(model) // MIXTURE_DRAWS)
     mean = np.ascontiguousarray(model[::step].T)
@@ -278,18 +264,7 @@ def curves_of_draws(
     settings: Settings | None = None,
     max_rows: int | None = None,
 ) -> list[DrawnCurves]:
-    """The curves whose percentiles :func:`bands` gives, one for each draw.
-
-    Parameters
-    ----------
-    specimen, draws, settings, max_rows
-        As in :func:`bands`.
-
-    Returns
-    -------
-    list of DrawnCurves
-        One a protocol.
-    """
+    """The curves whose percentiles :func:`bands` gives, one per draw; arguments as there."""
     settings, out = settings or Settings(), []
     forward = ForwardModel.from_specimen(specimen, settings.material_law)
     for protocol in compared_protocols(specimen, settings):

@@ -19,7 +19,7 @@ from biaxbayes.specimens.specimen import Specimen
 
 
 def mounting_labels(draws: pd.DataFrame, specimen: Specimen) -> tuple[str, ...]:
-    """Labels of the mounted states: none when it was not inferred, ``("",)`` when shared."""
+    """Labels of the mounted states: empty when not inferred, ``("",)`` when shared."""
     states = ("", *(p.name for p in specimen.protocols))
     return tuple(s for s in states if mounting_names("stretch", s)[0] in draws)
 
@@ -43,10 +43,10 @@ STATES = 60  # of each protocol, evenly along the record
 
 
 def common_states(draws: pd.DataFrame, specimen: Specimen) -> list[np.ndarray]:
-    """Total stretches at which draws are compared, one array (m, 2) a protocol.
+    """Total stretches (m, 2) per protocol at which draws are compared.
 
-    The measured stretches times the posterior median of the mounting stretch: the same states
-    for every draw, so that only the material differs.
+    The measured stretches times the posterior median of the mounting stretch: the same states for
+    every draw, so that only the material differs.
     """
     out = []
     for protocol in specimen.protocols:
@@ -57,19 +57,7 @@ def common_states(draws: pd.DataFrame, specimen: Specimen) -> list[np.ndarray]:
 
 
 def median_draw(draws: pd.DataFrame, specimen: Specimen, law: Law) -> int:
-    """Row of the draw whose stress curves lie nearest the median curves.
-
-    Parameters
-    ----------
-    draws : DataFrame
-        Posterior draws.
-
-    Returns
-    -------
-    int
-        Position in ``draws``. The distance is the sum of squares over directions and protocols,
-        each curve in units of the largest value of its median curve.
-    """
+    """Row of the draw whose stress curves, scaled to their peaks, lie nearest the median curves."""
     material = law.material(draws)
     distance = np.zeros(len(draws))
     for states in common_states(draws, specimen):
@@ -81,15 +69,10 @@ def median_draw(draws: pd.DataFrame, specimen: Specimen, law: Law) -> int:
 
 
 def most_probable_draw(draws: pd.DataFrame) -> int:
-    """Row of the draw with the highest posterior density (column ``lp``).
+    """Row of the draw with the highest density ``lp``; InputError if none is stored.
 
     A density depends on its coordinates: here ln C1, ln k1, ln k2, alpha and kappa, the mounted
     state and the logarithm of the noise.
-
-    Raises
-    ------
-    InputError
-        If the draws carry no density.
     """
     if "lp" not in draws:
         raise InputError(
@@ -99,13 +82,7 @@ def most_probable_draw(draws: pd.DataFrame) -> int:
 
 
 def random_draws(draws: pd.DataFrame, count: int, *, seed: int = 0) -> list[int]:
-    """Rows of a random sample without replacement, in rising order.
-
-    Raises
-    ------
-    InputError
-        If ``count`` is below one, or larger than the number of draws.
-    """
+    """Rows of a random sample without replacement, in rising order; InputError if too large."""
     if not 1 <= count <= len(draws):
         raise InputError(
             f"cannot choose {count} draws",
@@ -124,15 +101,7 @@ def chosen_draws(
     at: str = "median",
     seed: int = 0,
 ) -> tuple[list[int], str]:
-    """Positions of the draws to export, and what they are in words.
-
-    Parameters
-    ----------
-    count : int, optional
-        So many random draws; else one.
-    at : {"median", "map"}
-        Which one.
-    """
+    """Positions of the draws to export, and a text on them: ``count`` random ones, or one."""
     if count is not None:
         return random_draws(draws, count, seed=seed), f"random posterior draw, seed {seed}"
     if at == "map":

@@ -126,13 +126,7 @@ def _randomness(residual: np.ndarray) -> dict[str, float]:
 
 
 def misfit_in_words(table: pd.DataFrame) -> list[str]:
-    """What the check says, as sentences.
-
-    Parameters
-    ----------
-    table : DataFrame
-        From :func:`predictive_checks`.
-    """
+    """Sentences on the misfit, from the table of :func:`predictive_checks`."""
     if table.empty:
         return ["There are no readings beyond the mounted state to check the model with."]
     share = table["rms"] / table["peak"].clip(lower=1e-300)
@@ -174,17 +168,7 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
 
 
 def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
-    """One sentence for each protocol that the model misses; none where it misses none.
-
-    Parameters
-    ----------
-    checks : DataFrame
-        From :func:`predictive_checks`.
-    unit : str
-        Of the loads.
-    law : str
-        Of the run.
-    """
+    """One sentence for each protocol that the model misses; ``unit`` is of the loads."""
     missed = checks[checks["verdict"] == "misses"].to_dict("records")
     called, out = law_named(law).called, []
     for protocol in dict.fromkeys(row["protocol"] for row in missed):
@@ -199,16 +183,9 @@ def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> li
 
 
 def fit_in_words(checks: pd.DataFrame, unit: str, called: str) -> str:
-    """How well a law fits, in one sentence: its misfit beside the noise of a reading.
+    """One sentence on how well a law fits: its misfit beside the noise of a reading.
 
-    Parameters
-    ----------
-    checks : DataFrame
-        From :func:`predictive_checks`.
-    unit : str
-        Of the loads, N or kPa.
-    called : str
-        Name of the law in a sentence.
+    ``unit`` is of the loads (N or kPa), ``called`` the name of the law in a sentence.
     """
     if checks.empty:
         return "there are no readings beyond the mounted state to check the law with"
@@ -218,17 +195,7 @@ def fit_in_words(checks: pd.DataFrame, unit: str, called: str) -> str:
 
 
 def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
-    """The warnings, then what the rest of the checks says.
-
-    Parameters
-    ----------
-    checks : DataFrame
-        From :func:`predictive_checks`.
-    unit : str
-        Of the loads.
-    law : str
-        Of the run.
-    """
+    """The warnings, then sentences on the rest of the checks; see :func:`path_warnings`."""
     if checks.empty:
         return ["There are no readings beyond the mounted state to check the model with."]
     out = path_warnings(checks, unit, law)

@@ -59,11 +59,7 @@ class CoveredStretches:
         return RELATIVE_TOLERANCE * reach + self.shift + ABSOLUTE_TOLERANCE
 
     def extrapolation(self, stretch_x, stretch_y) -> np.ndarray:
-        """Where each state lies.
-
-        Parameters
-        ----------
-        stretch_x, stretch_y : array_like, shape (n,)
+        """Position of states (n,) relative to the tested ones.
 
         Returns
         -------
@@ -76,7 +72,7 @@ class CoveredStretches:
         label[_distance(self.hull, state) > self.slack] = OFF_PATH
         # A range's own ends count as tested to the rounding of the file only.
         label[(state < self.low - ABSOLUTE_TOLERANCE).any(axis=1)] = BELOW
-        # Not a number is no tested state either.
+        # NaN is not a tested state either.
         label[~(state <= self.high + ABSOLUTE_TOLERANCE).all(axis=1)] = BEYOND
         return label.astype(str)
 
@@ -91,10 +87,6 @@ def covered_stretches(
     mounting_stretch : (float, float) or ndarray, shape (protocols, 2)
         Factor from measured to total stretch, one for all or one for each protocol; (1, 1) for
         the range of measured stretches.
-
-    Returns
-    -------
-    CoveredStretches
     """
     factor = np.broadcast_to(np.asarray(mounting_stretch, float), (len(specimen.protocols), 2))
     state = np.vstack(
@@ -264,7 +256,7 @@ def measured_stress(
     protocol: str | None = None,
     stress: str = "cauchy",
 ) -> pd.DataFrame:
-    """What was measured along a path of stretches, as stresses.
+    """Measured stresses along a path of stretches.
 
     Parameters
     ----------
@@ -274,8 +266,8 @@ def measured_stress(
     Returns
     -------
     DataFrame
-        One row a reading of a protocol that runs along the path, at most 200 of each:
-        ``protocol``, ``stretch_x`` and ``stretch_y`` in the chosen reference, and of each
+        One row per reading of a protocol that runs along the path, at most 200 of each:
+        ``protocol``, ``stretch_x`` and ``stretch_y`` in the chosen reference, and for each
         direction medians over the draws such as ``cauchy_x_kPa`` and ``cauchy_x_kPa_residual``,
         the reading less the model at the state it was taken at. A file's sections and the mounting
         stretch, which make a stress of a reading, are those of each draw.
@@ -317,11 +309,8 @@ def prediction_mounting(
 ) -> np.ndarray:
     """Mounting stretches (n, 2): of a protocol, or the mean over the mounted states.
 
-    Raises
-    ------
-    InputError
-        If the protocol has no mounted state of its own, or, where one is ``needed``, none was
-        named and the run has several.
+    Raises InputError if the protocol has no mounted state of its own, or, where one is
+    ``needed``, none was named and the run has several.
     """
     labels = mounting_labels(draws, specimen)
     if labels in ((), ("",)):

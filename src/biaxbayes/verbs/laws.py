@@ -15,7 +15,7 @@ import pandas as pd
 
 import biaxbayes
 from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, Task, parts_of, sample_part
-from biaxbayes.comparison.law_weights import LawComparison, judged_laws
+from biaxbayes.comparison.law_weights import LawComparison, weigh_laws
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws import LAWS, law_named
 from biaxbayes.options import (
@@ -166,13 +166,13 @@ def compare_laws(
     ]
     if folder is None:
         predictions = _sampled(tasks, None, executor, progress, stop)
-        return judged_laws(specimen, common, predictions, laws)
+        return weigh_laws(specimen, common, predictions, laws)
     with folder_lock(folder):
         clear_leftovers(folder)
         _start(folder, specimen, common, laws, plan, resume)
         predictions = _sampled(tasks, folder / PARTS, executor, progress, stop)
         progress(Progress("weighing"))
-        result = judged_laws(specimen, common, predictions, laws)
+        result = weigh_laws(specimen, common, predictions, laws)
         _write(result, specimen, folder)
     return result
 
