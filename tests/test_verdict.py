@@ -101,8 +101,8 @@ def test_a_partner_that_may_lie_at_its_end_asks_for_a_sharp_interval():
 
 
 def test_what_may_mean_nothing_is_never_identified():
-    assert decide(SHARP, T, meaningless=True) == NOT_IDENTIFIED
-    assert decide(replace(SHARP, partners=TRADED), T, meaningless=True) == COMBINATION
+    assert decide(SHARP, T, undefined=True) == NOT_IDENTIFIED
+    assert decide(replace(SHARP, partners=TRADED), T, undefined=True) == COMBINATION
 
 
 def kappa(verdict: str, evidence: Evidence | None, prior: object = 0.1, **how: str) -> str:
@@ -174,7 +174,7 @@ def test_a_verdict_is_one_sentence(verdict, evidence, sentence):
 def test_sentences_say_ties_units_and_what_means_nothing():
     assert kappa(FIXED, None, Tie(0.5, "k1")) == "kappa: tied, 0.5 times k1"
     why = "means nothing at kappa 1/3"
-    assert kappa(NOT_IDENTIFIED, SHARP, meaningless=why).endswith(f"%; {why}")
+    assert kappa(NOT_IDENTIFIED, SHARP, undefined=why).endswith(f"%; {why}")
     e = replace(LOOSE, parameter=K1, low=10.0, high=19.9)
     told = verdict_sentence(Scale(Quantity(K1), 1.0), IDENTIFIED, e, T, "converged")
     assert told == "k1: identified, 10 to 19.9 kPa (90 %)"  # sharp: the ends' ratio is below 2

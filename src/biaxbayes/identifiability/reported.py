@@ -154,10 +154,10 @@ def _material_row(
 ) -> Reported:
     """The row of a parameter of the law; `unknown` are those that may lie at an end or anywhere."""
     e, open_sides, scale = wide.evidence, wide.open_sides, p.scale
-    meaningless = bool(p.meaningless)
-    again = decide(e, thresholds, meaningless=meaningless)  # for the widened interval
+    undefined = bool(p.undefined)
+    again = decide(e, thresholds, undefined=undefined)  # for the widened interval
     if again != NOT_IDENTIFIED and not unknown.isdisjoint(e.partners.names):
-        again = decide(e, thresholds, meaningless=meaningless, partner_at_end=True)
+        again = decide(e, thresholds, undefined=undefined, partner_at_end=True)
     widening = ""
     if wide.factor >= NAMED_WIDENING:
         widening = f"widened {wide.factor:.2g} times for the model error of {law.called}"
@@ -200,7 +200,7 @@ def _prior_reason(p: ParameterVerdict, e: Evidence, thresholds: Thresholds) -> s
     bounds = [edge.value for edge in e.open_edges(thresholds) if edge.kind == "user"]
     if bounds:
         return f"limited by the prior bound {p.scale.parameter.number(bounds[0])}"
-    return p.meaningless or PRIOR_DECIDES
+    return p.undefined or PRIOR_DECIDES
 
 
 def _end_reason(p: ParameterVerdict, open_sides: frozenset[int]) -> str:

@@ -113,7 +113,7 @@ class ParameterVerdict:
     evidence: Evidence | None = None  # None if fixed or tied, or if draws are unusable
     # of a mounting stretch: the interval all laws agree on
     mounting: MountingInterval | None = None
-    meaningless: str = ""  # text, if another parameter may lie where this one is undefined
+    undefined: str = ""  # text, if another parameter may lie where this one is undefined
 
     @property
     def name(self) -> str:
@@ -130,7 +130,7 @@ def decide(
     evidence: Evidence,
     thresholds: Thresholds,
     *,
-    meaningless: bool = False,
+    undefined: bool = False,
     partner_at_end: bool = False,
 ) -> str:
     """The verdict on a sampled parameter of converged draws; the first condition that applies."""
@@ -138,7 +138,7 @@ def decide(
     if e.is_contradicted(t):
         return NOT_IDENTIFIED
     traded = e.is_traded(t)
-    if meaningless:  # undefined at an end that is not excluded: no value is, however narrow
+    if undefined:  # undefined at an end that is not excluded: no value is, however narrow
         return COMBINATION if traded else NOT_IDENTIFIED
     # With a partner at an end (aligned fibres) the ridge may lead away from the truth.
     widest = 1.0 if partner_at_end else t.traded_width
@@ -165,7 +165,7 @@ def assess_parameters(
     mounting: Mapping[str, MountingInterval] | None = None,
 ) -> tuple[ParameterVerdict, ...]:
     """Verdicts on parameters; `evidence` lacks fixed parameters and those of unusable draws."""
-    meaningless = _meaningless(law, evidence, thresholds)
+    undefined = _undefined(law, evidence, thresholds)
     at_end = {
         name
         for name, e in evidence.items()
@@ -174,7 +174,7 @@ def assess_parameters(
     out = []
     for scale in scales:
         e, interval = evidence.get(scale.name), (mounting or {}).get(scale.name)
-        why = meaningless.get(scale.name, "")
+        why = undefined.get(scale.name, "")
         free = isinstance(scale.prior, Prior | DrawnPrior)
         verdict = NO_VERDICT if free else FIXED
         if e is not None:
@@ -183,18 +183,18 @@ def assess_parameters(
             partner = not at_end.isdisjoint(e.partners.names)
             verdict = NO_VERDICT
             if state == "converged":
-                verdict = decide(e, thresholds, meaningless=bool(why), partner_at_end=partner)
-        words = verdict_sentence(scale, verdict, e, thresholds, state, meaningless=why)
+                verdict = decide(e, thresholds, undefined=bool(why), partner_at_end=partner)
+        words = verdict_sentence(scale, verdict, e, thresholds, state, undefined=why)
         out.append(ParameterVerdict(scale, verdict, words, e, interval, why))
     return tuple(out)
 
 
-def _meaningless(
+def _undefined(
     law: Law, evidence: Mapping[str, Evidence], thresholds: Thresholds
 ) -> dict[str, str]:
     """Parameters that are undefined at an end of another one that is open, with a text."""
     out = {}
-    for name, causes in law.meaningless.items():
+    for name, causes in law.undefined_at.items():
         possible = [
             words
             for other, side, words in causes
@@ -222,7 +222,7 @@ def verdict_sentence(
     thresholds: Thresholds,
     state: str,
     *,
-    meaningless: str = "",
+    undefined: str = "",
 ) -> str:
     """One sentence on one parameter; no evidence for a fixed or tied one."""
     name, p, e = scale.name, scale.parameter, evidence
@@ -258,8 +258,8 @@ def verdict_sentence(
         else:
             share = 100.0 * max(e.contraction, 0.0)
             text += f"; the data reduce the prior variance by {share:.0f} %"
-    if meaningless:
-        text += f"; {meaningless}"
+    if undefined:
+        text += f"; {undefined}"
     if e.modes > 1:
         text += f"; {e.modes} separate peaks"
     if e.prior_sensitivity >= SENSITIVE and verdict != NOT_IDENTIFIED:

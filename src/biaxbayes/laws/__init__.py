@@ -27,22 +27,11 @@ LAWS = {
     "four-fibre": ("biaxbayes.laws.four_fibre", "FourFibreLaw"),
     "lee-sacks": ("biaxbayes.laws.lee_sacks", "LeeSacksLaw"),
 }
-"""Where a law stands, by its name."""
+"""Module and class of each law, by its name."""
 
 
 def law_named(name: str, *, fibre_switch: bool = False) -> Law:
-    """A law by its name.
-
-    Parameters
-    ----------
-    fibre_switch : bool
-        Fibres carry no compression, for laws that leave it open.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, or a switch that the law does not have.
-    """
+    """A law by its name; InputError for an unknown one, or a switch that the law does not have."""
     if name not in LAWS:
         near = get_close_matches(str(name), LAWS, 1)
         meant = f"did you mean {near[0]}? " if near else ""

@@ -25,7 +25,7 @@ _STRESS_SHARE, _EXPONENT = 0.01, 0.1
 """s over the largest stress of a specimen, and r; tuned on an aorta under five protocols."""
 LOG_EXPONENT = math.log(_EXPONENT)
 ROOT_WIDTH = 1.0
-"""Of dispersed starts, in u and v."""
+"""Width of dispersed starts, in u and v."""
 _LOG_2 = math.log(2.0)
 
 

@@ -175,7 +175,7 @@ def reference_state(alpha, kappa, X, Y, Z):
 
 
 class DispersedFibreLaw(Law):
-    """What laws with dispersed fibres share: parameters of the fibres and their chart."""
+    """Shared part of laws with dispersed fibres: parameters of the fibres and their chart."""
 
     has_switch = True
     fibre_parameters: ClassVar[tuple[Parameter, ...]] = (

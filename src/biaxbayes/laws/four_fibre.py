@@ -230,7 +230,7 @@ class FourFibreLaw(Law):
     amplitudes = ("c", "k1_x", "k1_y", "k1_d")
     exponents: ClassVar = {k2: f"{k2} E^2" for _, k2 in _FAMILIES}
     least_protocols = 2  # one leaves five or six regions along alpha
-    meaningless: ClassVar = {"alpha": (("k1_d", 0, "k1_d = 0"),)}
+    undefined_at: ClassVar = {"alpha": (("k1_d", 0, "k1_d = 0"),)}
 
     def constants_at_point(self, *point: Any) -> FourFibreConstants:
         """Constants at (c, k1_x, k2_x, k1_y, k2_y, k1_d, k2_d, cos^2 alpha)."""

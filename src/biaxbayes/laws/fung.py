@@ -155,7 +155,7 @@ class FungLaw(Law):
     condition = "b_x b_y has to be larger than b_xy^2"
 
     def holds(self, values: Mapping[str, Any]) -> Any:
-        """Whether the form is positive definite."""
+        """True where the form is positive definite."""
         return np.asarray(values["b_xy"]) ** 2 < np.asarray(values["b_x"]) * values["b_y"]
 
     def constants_at_point(self, c0, c, b_x, b_y, b_xy) -> FungConstants:
@@ -245,7 +245,7 @@ class FungLaw(Law):
 
     @property
     def near_amplitude_text(self) -> str:
-        """What counts as near for c0 and c, in words."""
+        """The distances of c0 and c as text."""
         return (
             f"c0 and c where they carry less than {STIFFNESS_SHARE:g} of the small-strain stiffness"
         )

@@ -150,7 +150,7 @@ class GOHLaw(DispersedFibreLaw):
     )
     amplitudes = ("C1", "k1")
     exponents: ClassVar = {"k2": "k2 E^2"}
-    meaningless: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"),)}
+    undefined_at: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"),)}
 
     def constants_at_point(self, C1, k1, k2, t, kappa) -> GOHConstants:
         """Constants at t = cos^2 alpha."""
@@ -196,7 +196,7 @@ class GOHLaw(DispersedFibreLaw):
 
     @property
     def near_amplitude_text(self) -> str:
-        """What counts as near for C1 and k1, in words."""
+        """The distances of C1 and k1 as text."""
         return (
             f"C1 and k1 where they carry less than {STIFFNESS_SHARE:g} of the small-strain "
             "stiffness"

@@ -141,7 +141,7 @@ class GOHExponentialLaw(DispersedFibreLaw):
     )
     amplitudes = ("C1", "k1")
     exponents: ClassVar = {"b": "b (I1 - 3)", "k2": "k2 E^2"}
-    meaningless: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"), ("k1", 0, "k1 = 0"))}
+    undefined_at: ClassVar = {"alpha": (("kappa", 1, "kappa = 1/3"), ("k1", 0, "k1 = 0"))}
 
     def constants_at_point(self, C1, b, k1, k2, t, kappa) -> GOHExponentialConstants:
         """Constants at t = cos^2 alpha."""

@@ -78,7 +78,7 @@ class HGOLaw(Law):
     ties = GOHLaw.ties
     amplitudes = ("C1", "k1")
     exponents: ClassVar = {"k2": "k2 E^2"}
-    meaningless: ClassVar = {"alpha": (("k1", 0, "k1 = 0"),)}
+    undefined_at: ClassVar = {"alpha": (("k1", 0, "k1 = 0"),)}
 
     def constants_at_point(self, C1, k1, k2, t) -> GOHConstants:
         """Constants at t = cos^2 alpha."""

@@ -169,7 +169,7 @@ class Holzapfel2005Law(Law):
     amplitudes = ("mu", "k1")
     exponents: ClassVar = {"k2": "k2 F"}
     near_shares: ClassVar = {"rho": 0.05}
-    meaningless: ClassVar = {"alpha": (("rho", 1, "rho = 1"), ("k1", 0, "k1 = 0"))}
+    undefined_at: ClassVar = {"alpha": (("rho", 1, "rho = 1"), ("k1", 0, "k1 = 0"))}
 
     def constants_at_point(self, mu, k1, k2, t, rho) -> Holzapfel2005Constants:
         """Constants at t = cos^2 alpha."""

@@ -1,12 +1,16 @@
-r"""What a material law is.
+r"""Base class of the material laws.
 
 The file of a law holds
 
 - a ``NamedTuple`` of its constants, with the energy and its first derivatives;
 - a ``NamedTuple`` of what its sampling coordinates depend on, with their transformation (both are
   registered with the generic functions of :mod:`biaxbayes.laws.response`);
-- a subclass of :class:`Law`: parameters with default priors, sampling coordinates, and what is
-  particular about its starting points and edges.
+- a subclass of :class:`Law`, with ``name``, ``title``, ``source``, ``description``, ``parameters``,
+  ``amplitudes``, ``exponents``, :meth:`~Law.constants_at_point`, :meth:`~Law.exponents_at`,
+  :meth:`~Law.coordinates`, :meth:`~Law.to_coordinates` and :meth:`~Law.typical`. The other members
+  have defaults.
+
+Fit coordinates are the parameters with cos^2 in place of angles; natural values have radians.
 """
 
 from __future__ import annotations
@@ -32,7 +36,7 @@ LOAD_SHARE = 0.05
 EXPONENT_DISTANCE = 0.1
 """An exponent below this at the largest stretch is nearly absent."""
 STIFFNESS_SHARE = 0.05
-"""The same share of the small-strain stiffness, for laws whose amplitudes are judged by that."""
+"""The same share of the small-strain stiffness, for laws that compare amplitudes with it."""
 LOWEST_DRAWS = 0.05
 """Fraction of the draws, those with the smallest amplitude, that its distance is computed from:
 amplitude and exponent are correlated, so that a small amplitude may carry as much load."""
@@ -44,20 +48,11 @@ INSIDE_SHARE, INSIDE_ANGLE = 0.02, 3.0  # of a range; degrees
 
 @dataclass(frozen=True, eq=False)
 class StressResponse:
-    """Cauchy stresses (kPa) at n states and their derivatives.
+    """Cauchy stresses (kPa) at n states and their derivatives."""
 
-    Attributes
-    ----------
-    stress : ndarray, shape (2, n)
-    by_coordinate : ndarray, shape (2, p, n)
-        By the coordinates of fits.
-    by_log_stretch : ndarray, shape (2, 2, n)
-        First axis the stress, second the total stretch; symmetric.
-    """
-
-    stress: np.ndarray
-    by_coordinate: np.ndarray
-    by_log_stretch: np.ndarray
+    stress: np.ndarray  # (2, n)
+    by_coordinate: np.ndarray  # (2, p, n), by fit coordinates
+    by_log_stretch: np.ndarray  # (2, 2, n): stress, total stretch; symmetric
 
     def split(self, at: int) -> tuple[StressResponse, StressResponse]:
         """The first ``at`` states and the others."""
@@ -69,34 +64,19 @@ class StressResponse:
 
 
 class SamplingLayout(NamedTuple):
-    """What sampling coordinates may depend on: constants of a specimen and of a search.
+    """Constants of a specimen and of a search that sampling coordinates may depend on."""
 
-    Attributes
-    ----------
-    free : tuple of str
-        Parameters that are sampled, neither fixed nor tied.
-    reference : (float, float, float)
-        Squared reference stretches (X, Y, Z), both in-plane ones above 1.
-    softening : float
-        Scale of the coordinates near isotropy.
-    structural : bool
-        Use coordinates that the data determine well, rather than the parameters themselves.
-    chart : bool
-        Whether a chart that is regular at the edges is wanted, where a law has one. With neither
-        the coordinates are the parameters: logs of scales, radians, the others as they are.
-    widest : (float, float, float)
-        As ``reference``, of the row of largest I1: a state that the specimen has been in.
-    peak_kPa : float
-        Largest stress of the specimen, a scale of stiffnesses.
-    """
-
-    free: tuple[str, ...]
+    free: tuple[str, ...]  # parameters that are neither fixed nor tied
+    # squared reference stretches (X, Y, Z), both in-plane ones above 1
     reference: tuple[float, float, float]
-    softening: float
-    structural: bool
+    softening: float  # scale of the coordinates near isotropy
+    structural: bool  # coordinates that the data determine well, rather than the parameters
+    # coordinates that are regular at the edges, if the law has any; with neither: logs of scales,
+    # radians, the others as they are
     chart: bool
+    # as `reference`, of the row of largest I1: a state that the specimen has been in
     widest: tuple[float, float, float]
-    peak_kPa: float
+    peak_kPa: float  # largest stress of the specimen, a scale of stiffnesses
 
     def sampled(self, *names: str) -> tuple[float, ...]:
         """1 for each parameter that is sampled in a structural coordinate, else 0."""
@@ -105,24 +85,17 @@ class SamplingLayout(NamedTuple):
 
 @dataclass(frozen=True)
 class Law(ABC):
-    """A material law.
-
-    Parameters
-    ----------
-    fibre_switch : bool
-        Fibres carry no compression, where the law leaves that open.
-    """
+    """A material law; only some have a ``fibre_switch``: fibres carry no compression."""
 
     fibre_switch: bool = False
 
     has_switch: ClassVar[bool] = False
-    """Whether the law leaves open what its fibres do in compression."""
+    """True if the law leaves open what its fibres do in compression."""
     name: ClassVar[str]
     title: ClassVar[str]
     abbreviation: ClassVar[str] = ""
     source: ClassVar[str]
     doi: ClassVar[str] = ""
-    """Of the source, where it has one."""
     description: ClassVar[str]
     """The law as the object of a sentence, for the methods of a paper; ``{load}`` is replaced by
     when fibres carry load, where the switch decides that."""
@@ -131,7 +104,7 @@ class Law(ABC):
     """Pairs of parameters of which the first can be tied to the second."""
     least_protocols: ClassVar[int] = 1
     """With fewer protocols its posterior has several modes of similar mass."""
-    meaningless: ClassVar[Mapping[str, tuple[tuple[str, int, str], ...]]] = {}
+    undefined_at: ClassVar[Mapping[str, tuple[tuple[str, int, str], ...]]] = {}
     """Parameters that are undefined where another is at an end of its range: the name of the other,
     the side (0 low, 1 high), and the material there as text; one entry for every such end."""
     amplitudes: ClassVar[tuple[str, ...]]
@@ -161,7 +134,7 @@ class Law(ABC):
 
     @abstractmethod
     def constants_at_point(self, *point: Any) -> Any:
-        """Constants at the parameters in their order, with cos^2 in place of angles.
+        """Constants at fit coordinates: the parameters in their order, cos^2 in place of angles.
 
         In cos^2 a structure tensor is linear and an angle of 0 or 90 degrees is an ordinary bound;
         in the angle the stress is stationary there whatever the data say.
@@ -181,18 +154,7 @@ class Law(ABC):
         """The exponents of the law's exponentials at squared stretches."""
 
     def material(self, values: Any) -> Material:
-        """Materials at parameters by name, in their own units.
-
-        Parameters
-        ----------
-        values : mapping of str to array_like, or DataFrame
-            Other columns are ignored.
-
-        Returns
-        -------
-        Material
-            Of numbers, or of arrays of shape (n, 1) where the values have shape (n,).
-        """
+        """Materials at parameters by name, in their own units; shape (n,) becomes (n, 1)."""
         columns = []
         for p in self.parameters:
             value = np.asarray(values[p.name], dtype=float)
@@ -220,10 +182,7 @@ class Law(ABC):
     def checked_material(self, values: Mapping[str, float]) -> CheckedMaterial:
         """One material at parameters by name, with or without their unit.
 
-        Raises
-        ------
-        InputError
-            For a parameter that is unknown, given twice, missing or out of range.
+        InputError for a parameter that is unknown, given twice, missing or out of range.
         """
         labels = ", ".join(p.label for p in self.parameters)
         checked: dict[str, float] = {}
@@ -252,18 +211,13 @@ class Law(ABC):
         return None
 
     def check_condition(self, values: Mapping[str, Any]) -> None:
-        """Refuse numbers that do not meet :attr:`condition`, as far as they are given.
-
-        Raises
-        ------
-        InputError
-        """
+        """Raise InputError for given numbers that do not meet :attr:`condition`."""
         given = self.joint_parameters and set(self.joint_parameters) <= set(values)
         if given and not self.holds(values):
             raise InputError(f"no material of the law {self.name}: {self.condition}")
 
     def holds(self, values: Mapping[str, Any]) -> Any:
-        """Whether parameters meet :attr:`condition`; of numbers or arrays."""
+        """True where parameters, numbers or arrays, meet :attr:`condition`."""
         return True
 
     # --- sampling coordinates ---
@@ -292,7 +246,7 @@ class Law(ABC):
         return {}
 
     def has_isotropy_scale(self, coordinates: Any) -> bool:
-        """Whether the sampling coordinates have a scale that :meth:`softening` suits."""
+        """True if the sampling coordinates have a scale that :meth:`softening` suits."""
         return False
 
     def softening(self, values: Mapping[str, Any]) -> float:
@@ -303,16 +257,16 @@ class Law(ABC):
 
     @property
     def lower(self) -> np.ndarray:
-        """Lower bounds of the coordinates of fits."""
+        """Lower bounds of the fit coordinates."""
         return np.array([0.0 if p.mirror else max(p.low, -p.largest) for p in self.parameters])
 
     @property
     def upper(self) -> np.ndarray:
-        """Upper bounds of the coordinates of fits."""
+        """Upper bounds of the fit coordinates."""
         return np.array([1.0 if p.mirror else min(p.high, p.largest) for p in self.parameters])
 
     def coordinate(self, i: int, value: float) -> float:
-        """Coordinate that fits move in: cos^2 of an angle, the others as they are."""
+        """Fit coordinate of parameter i: cos^2 of an angle, the others as they are."""
         if self.parameters[i].mirror:
             # cos^2 of 90 degrees is 4e-33 in floating point, not the bound it stands for
             return 0.0 if value == 90.0 else float(np.cos(np.deg2rad(value)) ** 2)
@@ -327,15 +281,15 @@ class Law(ABC):
         return min(max(float(coordinate), p.low), p.high) if p.bounded else float(coordinate)
 
     def point(self, values: Sequence[float]) -> np.ndarray:
-        """Coordinates of fits, from parameters in their own units and order."""
+        """Fit coordinates, from parameters in their own units and order."""
         return np.array([self.coordinate(i, v) for i, v in enumerate(values)])
 
     def values(self, point: Any) -> tuple[float, ...]:
-        """Parameters in their own units and order, from the coordinates of fits."""
+        """Parameters in their own units and order, from fit coordinates."""
         return tuple(self.natural(i, v) for i, v in enumerate(point))
 
     def at_point(self, point: np.ndarray) -> PointMaterial:
-        """The material at coordinates of fits; complex coordinates are allowed."""
+        """The material at fit coordinates, which may be complex."""
         return PointMaterial(self, tuple(point))
 
     def clip_inside(self, values: Sequence[float]) -> tuple[float, ...]:
@@ -349,7 +303,7 @@ class Law(ABC):
         return tuple(float(v) for v in moved)
 
     def clip_point_inside(self, point: np.ndarray) -> np.ndarray:
-        """A point of the fits moved off its bounds."""
+        """Fit coordinates moved off their bounds."""
         ends = [
             self.point(self.clip_inside([p.range[side] for p in self.parameters]))
             for side in range(2)
@@ -357,26 +311,12 @@ class Law(ABC):
         return np.clip(point, np.minimum(*ends), np.maximum(*ends))
 
     def cauchy_of(self, constants: Any, stretch_x: Any, stretch_y: Any) -> np.ndarray:
-        """Cauchy stresses of constants that broadcast against the stretches.
-
-        Returns
-        -------
-        ndarray, shape (..., 2, n)
-            x and y on the last axis but one.
-        """
+        """Cauchy stresses (..., 2, n) of constants that broadcast against the stretches."""
         stress = cauchy_stress(constants, *squared_stretches(stretch_x, stretch_y))
         return np.stack(np.broadcast_arrays(*stress), axis=-2)
 
     def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
-        """Stresses and their derivatives at total stretches, by complex step.
-
-        Parameters
-        ----------
-        point : ndarray, shape (p,)
-            Coordinates of fits.
-        stretch : ndarray, shape (2, n)
-            Total stretches.
-        """
+        """Stresses and derivatives at fit coordinates (p,), stretches (2, n), by complex step."""
         p = point.size
         # one row per coordinate and log stretch, each with an imaginary step of its own
         step = 1j * STEP * np.eye(p + 2)
@@ -393,22 +333,10 @@ class Law(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Random materials for fits to start from, with one for every amplitude.
 
-        Exponents at the largest stretches are log-uniform from 0.01 to 30, which makes curves
-        more or less bent whatever the strain range; angles and shares are uniform. Some of them
-        are zero, or at an end of their range.
-
-        Parameters
-        ----------
-        largest : ndarray, shape (size, 2)
-            Largest total stretches.
-
-        Returns
-        -------
-        points : ndarray, shape (size, p)
-            Coordinates of fits.
-        features : ndarray, shape (size, k)
-            Coordinates in which chosen points have to differ: the exponents
-            first.
+        Exponents at the ``largest`` total stretches (size, 2) are log-uniform from 0.01 to 30,
+        which makes curves more or less bent whatever the strain range; angles and shares are
+        uniform. Some of them are zero, or at an end of their range. Returns fit coordinates (size,
+        p) and features (size, k) in which chosen points have to differ, the exponents first.
         """
         points, features = np.ones((size, len(self.parameters))), []
         for i, p in enumerate(self.parameters):
@@ -434,22 +362,14 @@ class Law(ABC):
     # --- priors, derived quantities, distances from edges ---
 
     def typical(self, stretch: float) -> dict[str, float]:
-        """Exponents' parameters, angles and shares of typical tissue.
-
-        All exponents are one at a total equibiaxial stretch.
-        """
+        """Exponents' parameters, angles and shares of tissue with exponents of one at a stretch."""
         raise NotImplementedError(f"the law {self.name} has no typical material")
 
     def scaled_prior(self, stretch: float, peak_kPa: float) -> dict[str, tuple[str, float, float]]:
-        """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch.
+        """Priors of tissue that reaches a nominal stress at a total equibiaxial stretch.
 
         At the medians (45 degrees, no dispersion) the exponents are one there, and matrix and
         exponentials carry 30 and 70 % of the stress.
-
-        Returns
-        -------
-        dict of str to (str, float, float)
-            Distribution and its two numbers, as :attr:`Parameter.prior`.
         """
         typical = {p.name: 45.0 for p in self.parameters if p.mirror} | self.typical(stretch)
         priors: dict[str, tuple[str, float, float]] = {}
@@ -476,14 +396,7 @@ class Law(ABC):
     def derived_at(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """The exponents at the largest of some total stretches, shape (n,) each.
-
-        Parameters
-        ----------
-        material : Material
-            Of n draws.
-        tops : sequence of ndarray, shape (n, 2)
-        """
+        """The exponents of n draws at the largest of some stretches (n, 2), shape (n,) each."""
         largest = self.largest_exponents(material.constants, tops)
         return {
             f"exponent {formula}": q
@@ -498,7 +411,7 @@ class Law(ABC):
 
     @property
     def near_edge_text(self) -> str:
-        """What :meth:`edge_distances` counts as near, as text."""
+        """The distances of :meth:`edge_distances` as text."""
         shares = [f"{name} nearer than {d:g}" for name, d in self.near_shares.items()]
         exponents = [
             f"{name} where {formula} at the largest stretch is below {EXPONENT_DISTANCE:g}"
@@ -508,7 +421,7 @@ class Law(ABC):
 
     @property
     def near_amplitude_text(self) -> str:
-        """The same for the amplitudes."""
+        """The distances of the amplitudes as text."""
         return (
             f"{' and '.join(self.amplitudes)} where they carry less than {LOAD_SHARE:g} of the "
             "stress at the largest stretch"
@@ -517,15 +430,7 @@ class Law(ABC):
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:
-        """Distances from a physical edge that count as near, by parameter, in natural units.
-
-        Parameters
-        ----------
-        material : Material
-            Of n draws.
-        tops : sequence of ndarray, shape (n, 2)
-            Largest total stretches of each protocol.
-        """
+        """Distances from an edge that count as near, natural units; ``tops`` (n, 2) by protocol."""
         exponents = {}
         largest = self.derived_at(material, tops)
         for name, formula in self.exponents.items():

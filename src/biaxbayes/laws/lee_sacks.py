@@ -181,7 +181,7 @@ class LeeSacksLaw(Law):
     amplitudes = ("c0", "c1")
     exponents: ClassVar = {"c2": "c2 (I1 - 3)^2", "c3": "c3 (I4 - 1)^2"}
     near_shares: ClassVar = {"delta": 0.02}
-    meaningless: ClassVar = {
+    undefined_at: ClassVar = {
         "alpha": (("delta", 1, "delta = 1"), ("c1", 0, "c1 = 0"), ("c3", 0, "c3 = 0"))
     }
 

@@ -46,13 +46,7 @@ class MaterialResponse:
         return sx / np.asarray(stretch_x), sy / np.asarray(stretch_y)
 
     def cauchy_by_log_stretch(self, stretch_x: Any, stretch_y: Any) -> Any:
-        """Derivatives of (s_x, s_y) by (ln l_x, ln l_y), kPa, by complex step.
-
-        Returns
-        -------
-        ndarray, shape (2, 2, ...)
-            First axis the stress, second the stretch; symmetric in the two.
-        """
+        """Derivatives (2, 2, ...) of (s_x, s_y) by (ln l_x, ln l_y), kPa, by complex step."""
         lx, ly = plain(stretch_x), plain(stretch_y)
         # d l / d ln l = l
         by_x = MaterialResponse.cauchy(self, lx * (1.0 + 1j * STEP), ly)
@@ -61,10 +55,7 @@ class MaterialResponse:
         return np.imag(np.array([[xx, xy], [yx, yy]])) / STEP
 
     def cauchy_by_parameter(self, stretch_x: Any, stretch_y: Any) -> np.ndarray:
-        """Derivatives of (s_x, s_y) by the parameters, by complex step; shape (2, p, ...).
-
-        The parameters are numbers here. Units are kPa per unit of the parameter, or radian.
-        """
+        """Derivatives (2, p, ...) of (s_x, s_y) by the parameters, kPa per unit or radian."""
         columns = []
         for i in range(len(self.theta)):
             moved = [complex(v) for v in self.theta]
@@ -76,16 +67,10 @@ class MaterialResponse:
 
 @dataclass(frozen=True)
 class Material(MaterialResponse):
-    """A law with values of its parameters, numbers or arrays: one material, or one per draw.
-
-    Attributes
-    ----------
-    theta : tuple
-        Natural values of the law's parameters in their order, angles in radians; arrays
-        broadcast against the stretches.
-    """
+    """A law with values of its parameters, numbers or arrays: one material, or one per draw."""
 
     law: Any
+    # natural values in their order, angles in radians; broadcast against the stretches
     theta: tuple[Any, ...]
 
 
@@ -93,13 +78,7 @@ class CheckedMaterial(Material):
     """A material that a user has given: a stress that cannot be computed is an error."""
 
     def cauchy(self, stretch_x: Any, stretch_y: Any) -> Any:
-        """Cauchy stresses (s_x, s_y) in kPa at total stretches.
-
-        Raises
-        ------
-        InputError
-            Where the stress is too large for a number, or a stretch is none.
-        """
+        """Cauchy stresses (s_x, s_y) in kPa at total stretches; InputError if not finite."""
         with np.errstate(all="ignore"):
             stress = super().cauchy(stretch_x, stretch_y)
         bad = ~np.isfinite(np.sum(np.broadcast_arrays(*stress), axis=0))
@@ -115,7 +94,7 @@ class CheckedMaterial(Material):
 
 @dataclass(frozen=True)
 class PointMaterial(MaterialResponse):
-    """A material at the coordinates that fits move in, which may be complex for derivatives."""
+    """A material at fit coordinates, which may be complex for derivatives."""
 
     law: Any
     point: tuple[Any, ...]

@@ -176,7 +176,7 @@ class MayNewmanLaw(Law):
     ties = (("k1", "c0"), ("c0", "k1"))
     amplitudes = ("c0", "k1")
     exponents: ClassVar = {"k2": "Q", "k3": "Q"}
-    meaningless: ClassVar = {"alpha": (("k3", 0, "k3 = 0"), ("k1", 0, "k1 = 0"))}
+    undefined_at: ClassVar = {"alpha": (("k3", 0, "k3 = 0"), ("k1", 0, "k1 = 0"))}
     joint_parameters = ("k2", "k3")
     condition = "k2 + k3 has to be larger than zero"
 

@@ -14,14 +14,7 @@ from biaxbayes.laws.goh import GOH
 
 @dataclass(frozen=True)
 class PublishedMaterial:
-    """A material with the test that it was determined from, as far as it is printed.
-
-    Attributes
-    ----------
-    mounting_stretch : (float, float)
-    thickness_mm, measured_stretch : float or None
-        None where the paper prints neither.
-    """
+    """A material with the test that it was determined from; None where the paper prints nothing."""
 
     material: Any
     source: str

@@ -11,56 +11,30 @@ from scipy.optimize import nnls
 from biaxbayes.laws.law import Law
 
 MATRIX_SHARE = 0.01
-"""Of the peak stress: least stiffness of the matrix to start from where prestretch is inferred.
+"""Least stiffness of the matrix to start from, over the peak stress, if prestretch is inferred.
 Without a matrix the mounted state is next to unbounded: a descent gets lost there."""
 
 
 class Screening(NamedTuple):
-    """Readings on which starting points are ranked, and what is drawn.
+    """Readings on which starting points are ranked, and the random materials."""
 
-    Attributes
-    ----------
-    stretch, load : ndarray, shape (2, n)
-        Measured stretches and loads.
-    area : ndarray, shape (2,)
-        Load per kPa.
-    with_mounting : bool
-        Draw mounting stretches; else they are one.
-    point : ndarray, shape (p,)
-        Values of the fixed coordinates of the fit.
-    free : ndarray of int
-        Indices of the others.
-    size : int
-        Number of materials.
-    load_factor : callable
-        Load per Cauchy stress at total stretches of shape (S, 2, n).
-    """
-
-    stretch: np.ndarray
-    load: np.ndarray
-    area: np.ndarray
-    with_mounting: bool
-    point: np.ndarray
-    free: np.ndarray
-    size: int
+    stretch: np.ndarray  # (2, n), measured
+    load: np.ndarray  # (2, n)
+    area: np.ndarray  # (2,), load per kPa
+    with_mounting: bool  # draw mounting stretches; else they are one
+    point: np.ndarray  # (p,), values of the fixed fit coordinates
+    free: np.ndarray  # indices of the others
+    size: int  # number of materials
+    # load per Cauchy stress at total stretches (S, 2, n)
     load_factor: Callable[[np.ndarray], np.ndarray]
 
 
 def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Many random materials with their best amplitudes.
+    """Many random materials with their best amplitudes, by nonnegative least squares.
 
-    The stress is linear in the amplitudes, so that nonnegative least squares gives the best ones.
-
-    Returns
-    -------
-    points : ndarray, shape (S, p)
-        Coordinates of fits.
-    mounting : ndarray, shape (S, 2)
-        Mounting stretches of each: slightly above one, and one for a fifth of them.
-    cost : ndarray, shape (S,)
-        Sum of squares; infinite where a material cannot be evaluated.
-    features : ndarray, shape (S, k)
-        Coordinates in which chosen points have to differ.
+    Returns fit coordinates (S, p), mounting stretches (S, 2; slightly above one, one for a fifth),
+    sums of squares (S,; infinite where a material cannot be evaluated), and features (S, k) in
+    which chosen points have to differ.
     """
     mounting = np.ones((data.size, 2))
     if data.with_mounting:
