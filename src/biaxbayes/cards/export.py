@@ -20,6 +20,7 @@ from biaxbayes.laws.dispersed_fibres import fibre_strain
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.law import Law
 from biaxbayes.laws.materials import MaterialResponse
+from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.prediction.draws import mounting_labels, protocol_mounting
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.text_files import atomic_write_text, write_csv
@@ -193,8 +194,7 @@ def _states(draw: pd.DataFrame, specimen: Specimen) -> np.ndarray:
     """Total stretches (m, 2) of the tested states for one draw."""
     out = []
     for protocol in specimen.protocols:
-        index = np.unique(np.linspace(0, protocol.rows - 1, STATES).round().astype(int))
-        measured = np.column_stack([protocol.stretch_x, protocol.stretch_y])[index]
+        measured = protocol.stretch[evenly_chosen(protocol.rows, STATES)]
         out.append(measured * protocol_mounting(draw, protocol))
     return np.vstack(out)
 

@@ -205,50 +205,23 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     """
     chosen = thresholds or Thresholds()
     _check(members)
-    reported = tuple(reported_rows(m, chosen) for m in members)
-    return Comparison(reported=reported, **_side_by_side(members, reported, chosen))
-
-
-def distances_between(
-    members: Sequence[Member], reported: Sequence[Sequence[Reported]]
-) -> tuple[pd.DataFrame, list[str]]:
-    """Distances between runs, and differences that are not of tissue; raises as :func:`compare`."""
-    _check(members)
-    result = _side_by_side(members, reported, Thresholds())
-    return result["distances"], result["notes"]
-
-
-def reported_rows(member: Member, thresholds: Thresholds | None = None) -> Sequence[Reported]:
-    """The report of a run; without the fits of other laws where it is not known."""
-    if member.reported:
-        return member.reported
-    assessed = identify_draws(member.posterior, member.draws, member.state, thresholds=thresholds)
-    return assessed.reported
-
-
-def _side_by_side(
-    members: Sequence[Member], reported: Sequence[Sequence[Reported]], thresholds: Thresholds
-) -> dict[str, Any]:
-    """The fields of a comparison beside what is reported."""
+    reported = tuple(
+        m.reported or identify_draws(m.posterior, m.draws, m.state, thresholds=chosen).reported
+        for m in members
+    )
     stretches = common_stretches(members)
     members = tuple(replace(m, draws=some_draws(m.draws)) for m in members)
     derived = tuple(_derived(m.draws, stretches, m.posterior) for m in members)
     identified = tuple(
-        _identified(*each, thresholds) for each in zip(members, reported, derived, strict=True)
+        _identified(*each, chosen) for each in zip(members, reported, derived, strict=True)
     )
     rows = [
         row
         for i, j in combinations(range(len(members)), 2)
         for row in _distances(members, derived, identified, i, j)
     ]
-    return {
-        "members": members,
-        "derived": derived,
-        "identified": identified,
-        "distances": pd.DataFrame(rows),
-        "stretches": stretches,
-        "notes": differing_settings([(m.label, m.posterior) for m in members]),
-    }
+    notes = differing_settings([(m.label, m.posterior) for m in members])
+    return Comparison(members, reported, derived, identified, pd.DataFrame(rows), stretches, notes)
 
 
 def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:

@@ -10,7 +10,6 @@ import pandas as pd
 
 from biaxbayes.comparison.law_comparison import MOST_DRAWS, WHOLE, Prediction
 from biaxbayes.comparison.pooling import calibrated_levels, mixed_percentiles
-from biaxbayes.forward import MeasuredRows
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
 from biaxbayes.parameters import mounting_names
@@ -87,12 +86,14 @@ def mixture_bands(
     credible = [np.clip(c, predictive[0], predictive[-1]) for c in credible]
     # a Cauchy stress is the nominal one times the measured stretch
     scale = measured.stretch if specimen.stress_pair == "cauchy" else np.ones(shape)
+    # number of each row within its protocol, those at rest not counted
+    row = np.arange(len(scale)) - np.searchsorted(measured.protocol, measured.protocol)
     tables = []
     for axis, direction in enumerate("xy"):
         cells: dict[str, Any] = {
             "protocol": [measured.names[i] for i in measured.protocol],
             "direction": direction,
-            "row": _row_numbers(measured),
+            "row": row,
             "stretch": measured.stretch[:, axis],
             "measured": measured.load[:, axis] * scale[:, axis],
         }
@@ -101,12 +102,6 @@ def mixture_bands(
                 cells[f"{kind}_{name}"] = value.reshape(shape)[:, axis] * scale[:, axis]
         tables.append(pd.DataFrame(cells))
     return pd.concat(tables, ignore_index=True)
-
-
-def _row_numbers(rows: MeasuredRows) -> np.ndarray:
-    """Number of each row within its protocol, those at rest not counted."""
-    first = np.searchsorted(rows.protocol, rows.protocol)
-    return np.arange(len(rows.protocol)) - first
 
 
 def shared_stretches(table: pd.DataFrame, specimen: Specimen) -> list[str]:

@@ -19,6 +19,7 @@ from biaxbayes.identifiability.determined import (
     derived_quantities,
     largest_equibiaxial,
     median_mounting,
+    some_draws,
 )
 from biaxbayes.identifiability.marginals import Scale, parameter_scales
 from biaxbayes.model.posterior import Posterior
@@ -153,7 +154,7 @@ def ledger(variants: Mapping[str, Variant], stretches: Sequence[float] | None = 
     specimen = inferred.posterior.specimen
     chosen = default_stretches(inferred) if stretches is None else _checked(stretches)
     every = {name: variants[name].draws for name in VARIANTS}
-    some = {name: _thinned(draws) for name, draws in every.items()}
+    some = {name: some_draws(draws, MOST_DRAWS) for name, draws in every.items()}
     rows = _parameter_rows(inferred.posterior, every) + _stress_rows(variants, some, chosen)
     table = pd.DataFrame(rows)
     lm = median_mounting(inferred.draws, specimen)
@@ -179,10 +180,6 @@ def _checked(stretches: Sequence[float]) -> list[float]:
                 remedy="state stretches such as 1.05; one is the unloaded state",
             )
     return sorted(set(map(float, stretches)))
-
-
-def _thinned(draws: pd.DataFrame) -> pd.DataFrame:
-    return draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
 
 
 def _parameter_rows(

@@ -102,9 +102,13 @@ def derived_quantities(
     return out
 
 
-def some_draws(draws: pd.DataFrame) -> pd.DataFrame:
-    """At most :data:`MOST_DRAWS` rows, evenly chosen."""
-    return draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+MOST_DRAWS = 8000
+"""Draws, evenly chosen, from which every derived quantity is computed."""
+
+
+def some_draws(draws: pd.DataFrame, most: int = MOST_DRAWS) -> pd.DataFrame:
+    """Every n-th draw, at most so many."""
+    return draws.iloc[:: -(-len(draws) // most)]
 
 
 def median_mounting(draws: pd.DataFrame, specimen: Specimen) -> np.ndarray:
@@ -127,8 +131,6 @@ def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
 # --- the table: determined.csv ------------------------------------------------------------------
 
 
-MOST_DRAWS = 8000
-"""Draws, evenly chosen, from which every derived quantity is computed."""
 MEASURED = " at the measured stretch"
 """Ending of a nominal stress whose stretches refer to the mounted state."""
 FARTHEST = 1.1

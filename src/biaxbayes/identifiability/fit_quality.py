@@ -11,6 +11,7 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.result import FitResult, misfit_sentence, root_mean_square
 from biaxbayes.options import FitOptions
+from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 
@@ -109,11 +110,7 @@ def thinned(specimen: Specimen, rows: int = ROWS) -> Specimen:
     protocols = []
     for p in specimen.protocols:
         moving = np.arange(p.rest_rows, p.rows)
-        if moving.size <= rows:
-            protocols.append(p)
-            continue
-        chosen = moving[np.unique(np.linspace(0, moving.size - 1, rows).round().astype(int))]
-        index = np.concatenate([np.arange(p.rest_rows), chosen])
+        index = np.concatenate([np.arange(p.rest_rows), moving[evenly_chosen(moving.size, rows)]])
         time = None if p.time_s is None else p.time_s[index]
         curves = (p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         x, y, fx, fy = (curve[index] for curve in curves)

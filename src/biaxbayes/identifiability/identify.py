@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from biaxbayes.identifiability.determined import some_draws
 from biaxbayes.identifiability.evidence import Refits, evidence_of_run
 from biaxbayes.identifiability.marginals import LEVELS, parameter_scales
 from biaxbayes.identifiability.mounting_stretch.interval import mounting_intervals
@@ -220,7 +221,7 @@ def identify_draws(
         In place of the posterior's own, for draws under other priors of the same likelihood.
     """
     chosen = thresholds or Thresholds()
-    few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+    few = some_draws(draws, MOST_DRAWS)
     scales = parameter_scales(priors or posterior.priors, posterior.quantities, few)
     free = tuple(s for s in scales if isinstance(s.prior, Prior | DrawnPrior))
     evidence = {}

@@ -22,6 +22,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.error_model import error_model, error_sd
+from biaxbayes.identifiability.determined import some_draws
 from biaxbayes.identifiability.marginals import LEVELS, Scale, parameter_scales
 from biaxbayes.identifiability.same_curves import SameCurves, same_curves
 from biaxbayes.laws.law import Law
@@ -156,7 +157,7 @@ class Sloppiness:
 
 def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     """Find the directions and follow the sloppy one; None without free or with tied parameters."""
-    few = draws.iloc[:: -(-len(draws) // MOST_DRAWS)]
+    few = some_draws(draws, MOST_DRAWS)
     scales = [
         s
         for s in parameter_scales(posterior.priors, posterior.quantities, few)

@@ -12,6 +12,7 @@ from scipy.special import ndtr, ndtri
 from biaxbayes.populations.hierarchy import LEAST_INSIDE, Layout
 from biaxbayes.populations.model import PooledValue
 from biaxbayes.populations.sampler import History
+from biaxbayes.prediction.bands import evenly_chosen
 
 MOST_TRIES = 1000
 PRIOR_TRIES = 50
@@ -74,7 +75,7 @@ class Hyper:
             taken = a[:, ::every]
             own = taken.shape[taken.ndim - axes :]
             flattened = taken.reshape(math.prod(taken.shape[: taken.ndim - axes]), *own)
-            return flattened[cls.rows(len(flattened), most)]
+            return flattened[evenly_chosen(len(flattened), most)]
 
         p = len(values)
         mu, sd_donors, sd = flat(history.mu, 2), flat(history.sd_donors, 1), flat(history.sd, 2)
@@ -101,13 +102,6 @@ class Hyper:
         whole = np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))
         return cls(tuple(values), layout.set_of, mu, sd_donors, sd, whole, whole), location
 
-    @staticmethod
-    def rows(size: int, most: int | None) -> np.ndarray:
-        """Indices of at most ``most`` of ``size`` draws, evenly spaced."""
-        if most is None or size <= most:
-            return np.arange(size)
-        return np.linspace(0, size - 1, most).round().astype(int)
-
     @property
     def draws(self) -> int:
         """Number of draws."""
@@ -115,7 +109,7 @@ class Hyper:
 
     def thinned(self, most: int) -> Hyper:
         """Evenly spaced draws, at most ``most``."""
-        at = self.rows(self.draws, most)
+        at = evenly_chosen(self.draws, most)
         parts = (self.mu, self.sd_donors, self.sd, self.factor_donors, self.factor)
         return Hyper(self.values, self.set_of, *(a[at] for a in parts))
 

@@ -15,6 +15,7 @@ from biaxbayes.populations.model import Grouping, PooledValue
 from biaxbayes.populations.predictive import Hyper
 from biaxbayes.populations.sampler import History, Sampled
 from biaxbayes.populations.specimens import Source
+from biaxbayes.prediction.bands import evenly_chosen
 
 NATURAL_DRAWS, PRIOR_DRAWS = 2000, 2**14
 
@@ -92,7 +93,7 @@ class Population:
         history = self.sampled.history
         theta = history.theta.reshape(-1, *history.theta.shape[3:])
         u = history.u.reshape(-1, *history.u.shape[3:])
-        at = Hyper.rows(len(theta), most)
+        at = evenly_chosen(len(theta), most)
         return theta[at] + self.design.centre, u[at]
 
     def natural(self, i: int, most: int = NATURAL_DRAWS) -> dict[str, np.ndarray]:

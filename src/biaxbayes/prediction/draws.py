@@ -12,6 +12,7 @@ import pandas as pd
 from biaxbayes.errors import InputError
 from biaxbayes.laws.law import Law
 from biaxbayes.parameters import mounting_names
+from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.specimens.protocol import Protocol
 from biaxbayes.specimens.specimen import Specimen
 
@@ -50,8 +51,7 @@ def common_states(draws: pd.DataFrame, specimen: Specimen) -> list[np.ndarray]:
     """
     out = []
     for protocol in specimen.protocols:
-        index = np.unique(np.linspace(0, protocol.rows - 1, STATES).round().astype(int))
-        measured = np.column_stack([protocol.stretch_x, protocol.stretch_y])[index]
+        measured = protocol.stretch[evenly_chosen(protocol.rows, STATES)]
         out.append(measured * np.median(protocol_mounting(draws, protocol), axis=0))
     return out
 

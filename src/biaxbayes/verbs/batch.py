@@ -22,7 +22,7 @@ from typing import Any
 import click
 
 import biaxbayes
-from biaxbayes.comparison.compare import Member, distances_between
+from biaxbayes.comparison.compare import Member, compare
 from biaxbayes.compilation import first_alone
 from biaxbayes.errors import (
     BiaxbayesError,
@@ -197,12 +197,11 @@ def compare_layers(task: LayerTask) -> ComparedLayers:
                 run = open_run(folder)
                 reported = run.result.reported
                 members.append(Member(label, run.posterior(), run.draws, run.state, reported))
-            table, notes = distances_between(members, [m.reported for m in members])
+            comparison = compare(members)
         except BiaxbayesError as error:
             return ComparedLayers(task.donor, notes=[f"no comparison: {error}"])
-    return compared_layers(
-        task.donor, dict(zip(task.labels, task.layers, strict=True)), table, notes
-    )
+    layers = dict(zip(task.labels, task.layers, strict=True))
+    return compared_layers(task.donor, layers, comparison.distances, comparison.notes)
 
 
 # --- the study -----------------------------------------------------------------------------------

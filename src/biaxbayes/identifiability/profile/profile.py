@@ -118,8 +118,13 @@ def profiles(posterior: Posterior, parameters: Sequence[str], *, workers: int = 
 def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
     """Profile of one parameter; see :func:`profiles`."""
     index = _index(posterior, parameter)
-    target = Target(posterior.specimen, posterior.settings, posterior.beta, _fixed(posterior))
-    axis = profile_axis(posterior.quantities[parameter].parameter, index, posterior.law)
+    law, fixed = posterior.law, {}
+    for i, name in enumerate(law.names):
+        prior = posterior.priors[name]
+        if isinstance(prior, int | float):
+            fixed[i] = law.coordinate(i, float(prior))
+    target = Target(posterior.specimen, posterior.settings, posterior.beta, fixed)
+    axis = profile_axis(posterior.quantities[parameter].parameter, index, law)
     curve = ProfileCurve(target, axis, _optimum(posterior, target))
     curve.run()
     return _profile(curve, posterior, parameter)
@@ -165,15 +170,6 @@ def _index(posterior: Posterior, parameter: str) -> int:
             remedy="use `mounting=noisy` to profile it",
         )
     return len(of_law) + flat.index(parameter)
-
-
-def _fixed(posterior: Posterior) -> dict[int, float]:
-    out = {}
-    for i, name in enumerate(posterior.law.names):
-        value = posterior.priors[name]
-        if isinstance(value, int | float):
-            out[i] = posterior.law.coordinate(i, float(value))
-    return out
 
 
 def _profile(curve: ProfileCurve, posterior: Posterior, parameter: str) -> Profile:
