@@ -163,7 +163,7 @@ class Comparison:
         return all(m.state == "converged" for m in self.members)
 
     def matrix(self) -> pd.DataFrame:
-        """What each run reports, one row per run and parameter."""
+        """Reports of all runs, one row per run and parameter."""
         tables = []
         for member, rows in zip(self.members, self.reported, strict=True):
             table = report_frame(rows, member.posterior.quantities)

@@ -1,1 +1,1 @@
-"""What the data determine: verdicts, profiles, combinations."""
+"""Identifiability: verdicts, profiles, combinations."""

@@ -94,7 +94,7 @@ def curve(values: np.ndarray, axis: Span) -> tuple[np.ndarray, np.ndarray]:
 
 
 def at_edges(density: np.ndarray, axis: Span) -> tuple[bool, bool]:
-    """Whether a density from :func:`curve` piles up at the (low, high) edge."""
+    """Test of the (low, high) edge for a density from :func:`curve` that piles up there."""
     high = TOUCHING * density.max()
     return bool(axis.closed_low and density[0] > high), bool(
         axis.closed_high and density[-1] > high

@@ -169,7 +169,7 @@ def table_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[float
 
 
 def mounting_measured(priors: Mapping[str, object]) -> bool:
-    """Whether the priors of a user hold the mounting stretch: it was measured then."""
+    """True if a user has set the prior of a mounting stretch, which means that it was measured."""
     return not {"mounting_stretch", *mounting_names("stretch")}.isdisjoint(priors)
 
 

@@ -1,4 +1,4 @@
-"""From draws and priors to the evidence that verdicts rest on."""
+"""Diagnostics of parameters, from draws and priors, that verdicts rest on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well a law fits a record: its misfit, and whether the loads of x and y are exchanged."""
+"""Quality of the fit of a law to a record: its misfit, and exchanged loads of x and y."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def quick_fit(
 
 
 def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
-    """How closely the best fit follows the record: a warning beyond 7 % of the largest load."""
+    """Finding on the misfit of the best fit: a warning beyond 7 % of the largest load."""
     called = best.material.law.called
     misfits = [float(np.sqrt((part**2).mean())) for part in best.residuals]
     rms = best.rms
@@ -106,7 +106,7 @@ def swapped_columns(
 
 
 def thinned(specimen: Specimen, rows: int = ROWS) -> Specimen:
-    """The same specimen with at most so many stretched rows per protocol, and all rest rows."""
+    """Specimen with at most this many stretched rows per protocol, and all rest rows."""
     protocols = []
     for p in specimen.protocols:
         moving = np.arange(p.rest_rows, p.rows)

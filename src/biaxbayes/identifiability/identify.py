@@ -1,4 +1,4 @@
-"""Which parameters the data determine: a verdict on each, with its evidence.
+"""Verdicts on the parameters of a run, with their evidence.
 
 The verdicts follow from the draws of a run, its priors and the fits of all laws to its record. What
 they mean and every threshold are in ``docs/identifiability.md``.
@@ -72,14 +72,14 @@ class Identifiability:
 
     @property
     def reported(self) -> tuple[Reported, ...]:
-        """What to report of every inferred parameter: one interval or bound, verdict and reason."""
+        """Rows of the inferred parameters: one interval or bound, verdict and reason each."""
         return reported(
             self.parameters, self.fits, self.law, self.thresholds, self.contradicted_priors
         )
 
     @property
     def better_law(self) -> str:
-        """Words on a law that describes the record distinctly better; empty where none does."""
+        """Text on a law that fits the record distinctly better; empty if none does."""
         return "" if self.fits is None else better_law_message(self.fits, self.law.name)
 
     @property

@@ -11,7 +11,7 @@ whether the data close the parameter's range on that side.
 
 Physical edges are those of the law, such as kappa at 0 (aligned fibres) and at 1/3 (isotropic), and
 stiffnesses and exponents towards 0 (no matrix, no fibres, no stiffening). At an edge the draws are
-judged by the likelihood with everything else averaged out, relative to its maximum: above
+assessed by the likelihood with everything else averaged out, relative to its maximum: above
 exp(-1.92) = 0.147, what a 95 % likelihood interval leaves in, the data do not exclude the edge. An
 angle of 0 or 90 degrees is a mirror of the material, not an edge. Bounds that a user set are no
 property of tissue and are listed apart.
@@ -51,12 +51,12 @@ class Scale:
 
     @property
     def name(self) -> str:
-        """As in the draws."""
+        """Name in the draws."""
         return self.quantity.name
 
     @property
     def parameter(self) -> Parameter:
-        """What it is."""
+        """The parameter, in whichever mounted state."""
         return self.quantity.parameter
 
     @property
@@ -71,7 +71,7 @@ class Scale:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether it is compared in natural logs."""
+        """True if it is compared in natural logs."""
         return self.parameter.logarithmic
 
     @property
@@ -206,7 +206,7 @@ class Edge:
     support: float  # averaged likelihood there over its maximum
 
     def meaning(self, parameter: Parameter) -> str:
-        """What a material at a physical edge is."""
+        """The material at a physical edge, as text."""
         return (parameter.at_low, parameter.at_high)[self.side]
 
 
@@ -217,7 +217,7 @@ def end_message(value: float, meaning: str) -> str:
 
 
 def edge_distances(draws: pd.DataFrame, specimen: Specimen, law: Law) -> dict[str, float]:
-    """How near to a physical edge counts as near, by parameter, in natural units."""
+    """Distances from a physical edge that count as near, by parameter, in natural units."""
     tops = []
     for protocol in specimen.protocols:
         lm = protocol_mounting(draws, protocol)

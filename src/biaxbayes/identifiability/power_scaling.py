@@ -64,7 +64,7 @@ def _divergence(p: np.ndarray, q: np.ndarray, width: np.ndarray) -> float:
 
 
 def ends_by_prior(values: np.ndarray, log_prior: np.ndarray) -> tuple[bool, bool]:
-    """Whether the prior, given by its log at each draw, decides the (low, high) end."""
+    """Test of the (low, high) end for one that the prior, by its log at each draw, decides."""
     order = np.argsort(values, kind="stable")
     values, centred = values[order], (log_prior - log_prior.mean())[order]
     low, high = (

@@ -1,4 +1,4 @@
-"""What to report of every parameter: one interval or bound, one verdict, one short reason.
+"""The reported table: one interval or bound, one verdict and one short reason per parameter.
 
 - `identified`: a two-sided interval, robust to the choice of law, to model error and to the prior
 - `bounded`: one limit
@@ -54,7 +54,7 @@ NAMED_WIDENING = 1.2
 
 @dataclass(frozen=True)
 class Reported:
-    """What to report of one parameter.
+    """Reported interval of one parameter.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ def reported(
 
 
 def mounting_row(name: str, interval: MountingInterval | None) -> Reported:
-    """What to report of a mounting stretch, from the interval that the laws agree on."""
+    """Row of a mounting stretch, from the interval that the laws agree on."""
     if interval is None:
         return Reported(name, "", OPEN, OPEN, NOT_IDENTIFIED, "no other law was fitted")
     bounded = BOUNDED if np.isfinite(interval.low) else NOT_IDENTIFIED
@@ -213,7 +213,7 @@ def _end_reason(p: ParameterVerdict, open_sides: frozenset[int]) -> str:
 # --- the rows as text ----------------------------------------------------------------------------
 
 DASH = "–"
-"""In place of an interval where nothing is reported."""
+"""Stands in place of an interval where nothing is reported."""
 WIDE = 8.0
 """Ratio of the ends of an interval from which each has two significant digits."""
 

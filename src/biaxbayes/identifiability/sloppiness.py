@@ -99,7 +99,7 @@ class _Regressions:
 
     @classmethod
     def from_draws(cls, z: np.ndarray) -> _Regressions:
-        """From standardised draws, shape (n, d)."""
+        """Regressions of standardised draws, shape (n, d)."""
         d = z.shape[1]
         product = np.zeros((d, d), dtype=int)
         columns = [np.ones(len(z)), *z.T, *(z**2).T, *(z**3).T]
@@ -245,7 +245,7 @@ def _error_kPa(posterior: Posterior, draws: pd.DataFrame) -> float:
 
 
 def path_words(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law) -> str:
-    """What moves together along a path, and what it changes."""
+    """Text on the parameters that move along a path, and the change of the curves."""
     first, last = path.materials.iloc[0], path.materials.iloc[-1]
     names = [path.moved, *(n for n in law.names if n != path.moved)]
     moves = [
@@ -274,7 +274,7 @@ def _rounded_up(value: float) -> float:
 
 
 def _move(parameter: Parameter, first: float, last: float) -> str:
-    """How one parameter moves; empty where it does not."""
+    """Text on the move of one parameter; empty if it does not move."""
     name = parameter.name
     if parameter.logarithmic:
         if min(first, last) <= 0.0:

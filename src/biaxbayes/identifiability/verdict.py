@@ -1,4 +1,4 @@
-"""From the evidence on a parameter to a verdict, with every threshold in one place."""
+"""Verdict on a parameter from its evidence, with every threshold in one place."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BOUNDED = "bounded"
 COMBINATION = "only in combination"
 NOT_IDENTIFIED = "not identified"
 VERDICTS = (IDENTIFIED, BOUNDED, COMBINATION, NOT_IDENTIFIED)
-"""What is reported; beside them :data:`NO_VERDICT` of chains that have not converged, and
+"""Reported verdicts; beside them :data:`NO_VERDICT` of chains that have not converged, and
 :data:`FIXED`."""
 NO_VERDICT = "no verdict"
 FIXED = "fixed"
@@ -89,11 +89,11 @@ class Evidence:
         return 1.0 - (self.posterior_sd / self.prior_sd) ** 2
 
     def is_traded(self, thresholds: Thresholds) -> bool:
-        """Whether the parameter is traded with its partners."""
+        """True if the parameter is traded with its partners."""
         return self.partners.spread_given_partners <= thresholds.combination_spread
 
     def is_contradicted(self, thresholds: Thresholds) -> bool:
-        """Whether fits to parts of the record contradict the interval of a mounting stretch."""
+        """True if fits to parts of the record contradict the interval of a mounting stretch."""
         if self.refits is None:
             return False
         return self.high - self.low < thresholds.refit_share * (self.refits[1] - self.refits[0])

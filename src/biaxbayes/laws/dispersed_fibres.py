@@ -209,7 +209,7 @@ class DispersedFibreLaw(Law):
         return {} if coordinates.chart > 0.0 else {"kappa": 0.06}
 
     def has_isotropy_scale(self, coordinates: Any) -> bool:
-        """Where the chart is used."""
+        """True if the chart is used."""
         return bool(coordinates.chart > 0.0)
 
     def softening(self, values: Mapping[str, Any]) -> float:

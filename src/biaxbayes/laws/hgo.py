@@ -90,7 +90,7 @@ class HGOLaw(Law):
         return (constants.k2 * fibre_strain(constants, X, Y, Z) ** 2,)
 
     def as_goh(self, values: Sequence[float]) -> GOH:
-        """The same without dispersion."""
+        """The equivalent GOH material, without dispersion."""
         C1, k1, k2, alpha = (float(v) for v in values)
         return GOH(C1, k1, k2, alpha, 0.0)
 

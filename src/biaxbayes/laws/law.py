@@ -103,7 +103,7 @@ class Law(ABC):
     ties: ClassVar[tuple[tuple[str, str], ...]] = ()
     """Pairs of parameters of which the first can be tied to the second."""
     least_protocols: ClassVar[int] = 1
-    """With fewer protocols its posterior has several modes of similar mass."""
+    """Number of protocols below which its posterior has several modes of similar mass."""
     undefined_at: ClassVar[Mapping[str, tuple[tuple[str, int, str], ...]]] = {}
     """Parameters that are undefined where another is at an end of its range: the name of the other,
     the side (0 low, 1 high), and the material there as text; one entry for every such end."""

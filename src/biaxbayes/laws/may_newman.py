@@ -181,7 +181,7 @@ class MayNewmanLaw(Law):
     condition = "k2 + k3 has to be larger than zero"
 
     def holds(self, values: Mapping[str, Any]) -> Any:
-        """Whether there is an exponent."""
+        """True if there is an exponent."""
         return np.asarray(values["k2"]) + values["k3"] > 0.0
 
     def constants_at_point(self, c0, k1, k2, k3, t) -> MayNewmanConstants:
@@ -240,7 +240,7 @@ class MayNewmanLaw(Law):
 
     @property
     def near_edge_text(self) -> str:
-        """What counts as near, in words."""
+        """The distances of the amplitudes as text."""
         return (
             "k2 and k3 where their part of the exponent at the largest stretch is below "
             f"{_EXPONENT_SHARE:g} of it; {self.near_amplitude_text}"

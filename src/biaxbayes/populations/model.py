@@ -48,7 +48,7 @@ SD_LOG, SD_SHARE, SD_STRETCH = 0.5, 0.15, 0.02
 """Scales of the half-normal priors of sds: of a log, a share of a bounded range, of a stretch."""
 ETA = 2.0
 SPECIMENS_PER_VALUE = 4
-"""With fewer specimens (or donors) for each pooled value, correlations are left out."""
+"""Specimens (or donors) per pooled value, below which correlations are left out."""
 
 
 @dataclass(frozen=True)

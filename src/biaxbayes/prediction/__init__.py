@@ -1,1 +1,1 @@
-"""What the posterior predicts, and where the model must not be used."""
+"""Predictions of the posterior, and checks of the model."""

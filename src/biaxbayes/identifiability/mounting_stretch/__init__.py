@@ -1,1 +1,1 @@
-"""Whether the data determine the mounting stretch, whatever law the tissue follows."""
+"""Mounting stretch of the tissue, whatever law it follows."""

@@ -1,4 +1,4 @@
-"""What to report of a mounting stretch, whatever law the tissue follows.
+"""Reported interval of a mounting stretch, whatever law the tissue follows.
 
 A posterior holds within its law. The way from the unloaded to the mounted state was not measured:
 each law extrapolates it in its own way, and laws that fit equally well may put the mounting stretch
@@ -38,7 +38,7 @@ FURTHER_LAW = 0.09
 ERRORS = 1.645
 """Standard errors on either side of a law's estimate: 5 and 95 %."""
 VALUE_WIDTH, FARTHEST_BELOW = 0.035, 0.3
-"""How wide a value may be, and how far below the best law a lower end."""
+"""Largest width of a value, and largest distance of a lower end below the best law."""
 # FURTHER_LAW and VALUE_WIDTH were tuned on 606 virtual specimens of seven kinds mounted at 1.02 to
 # 1.6, the law of the truth withheld, and 86 mounted at 1.005 to 1.05 with their law among the
 # others (seeds 0 to 13 and 200 to 229 of the study of toes); FARTHEST_BELOW on seeds 0 to 35 of
@@ -61,12 +61,12 @@ class MountingInterval:
 
     @property
     def is_value(self) -> bool:
-        """Whether both ends are known."""
+        """True if both ends are known."""
         return bool(np.isfinite(self.low) and np.isfinite(self.high))
 
 
 def measurement_advice(names: Sequence[str]) -> str:
-    """How to measure mounting stretches that are not identified, with lines for the header."""
+    """Advice on measuring mounting stretches that are not identified, with header lines."""
     lines = " and ".join(f"# {name}: VALUE +- SD" for name in names)
     return (
         "photograph two marks per axis before and after mounting, and write the ratio of their "
@@ -75,7 +75,7 @@ def measurement_advice(names: Sequence[str]) -> str:
 
 
 def prior_ends_message(by_prior: tuple[bool, bool]) -> str:
-    """Which ends of an interval the prior determines."""
+    """Text on the ends of an interval that the prior determines."""
     if all(by_prior):
         return "the prior determines both ends"
     return f"the prior determines the {'lower' if by_prior[0] else 'upper'} end"

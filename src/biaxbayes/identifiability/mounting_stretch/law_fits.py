@@ -29,7 +29,7 @@ one law alone does not show how far laws differ."""
 BETTER = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
 LEAST_SHARE = 2e-3
-"""Of the largest load: about what the calibration of a load cell leaves."""
+"""Share of the largest load: about the error that the calibration of a load cell leaves."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class LawFits:
 
     @property
     def compared(self) -> tuple[LawFit, ...]:
-        """Those whose mounting stretches count: all that fit, the two best at least."""
+        """Fits whose mounting stretches count: all that fit, the two best at least."""
         return self.fits[
             : max(FEWEST, *(i + 1 for i, f in enumerate(self.fits) if f in self.fitting))
         ]

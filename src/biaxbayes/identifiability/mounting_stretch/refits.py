@@ -1,4 +1,4 @@
-"""How far the mounting stretch moves when parts of a record are fitted alone.
+"""Mounting stretches of fits to parts of a record.
 
 The way from the unloaded to the mounted state is not measured. The law extrapolates it from the
 curves beyond, so a law that misses those curves gives a mounting stretch that is no more certain
@@ -86,7 +86,7 @@ def mounting_refits(posterior: Posterior) -> MountingRefits | None:
 
 
 def misses_somewhere(residuals: Sequence[np.ndarray]) -> bool:
-    """Whether a model misses a record smoothly, as a whole or near the mounted state."""
+    """True if a model misses a record smoothly, as a whole or near the mounted state."""
     return misses_smoothly(residuals) or misses_smoothly([_toe(r) for r in residuals])
 
 

@@ -45,11 +45,11 @@ class Axis:
 
     @property
     def mirrored(self) -> bool:
-        """Whether the curve goes on as its own image at the ends."""
+        """True if the curve continues as its mirror image at the ends."""
         return self.parameter.mirror
 
     def from_unknown(self, unknown: float) -> float:
-        """From an unknown of the fit to the axis."""
+        """Place on the axis of an unknown of the fit."""
         if self.parameter.logarithmic:
             return float(np.log(max(unknown, LEAST)))
         if self.parameter.kind == MATERIAL:
@@ -57,7 +57,7 @@ class Axis:
         return float(unknown)
 
     def to_unknown(self, at: float) -> float:
-        """From the axis to an unknown of the fit."""
+        """Unknown of the fit at a place on the axis."""
         natural = self.natural(at)
         if self.parameter.kind != MATERIAL:
             return natural
@@ -65,7 +65,7 @@ class Axis:
         return self.law.coordinate(self.index, min(max(natural, ends[0]), ends[1]))
 
     def natural(self, at: float) -> float:
-        """From the axis to natural units."""
+        """Natural value at a place on the axis."""
         if self.parameter.logarithmic:
             return 0.0 if at <= self.low else float(np.exp(at))
         return float(at)
@@ -84,7 +84,7 @@ class Axis:
         return np.clip(centre + np.array([-0.05, -0.02, 0.02, 0.05]), self.low, self.high)
 
     def at_end(self, at: float, side: int) -> bool:
-        """Whether a place is the end of the range on a side."""
+        """True if a place is the end of the range on a side."""
         return at <= self.low if side < 0 else at >= self.high
 
 
@@ -146,7 +146,7 @@ class ProfileCurve:
                 break
 
     def _anchor(self) -> bool:
-        """Fit afresh at places over the whole range; whether the profile was lower somewhere."""
+        """Fit from new starts over the whole range; True if the profile was lower somewhere."""
         is_lower = False
         for at in self.axis.anchors(self.at[self.lowest]):
             fixed_values = {self.axis.index: self.axis.to_unknown(float(at))}
@@ -242,7 +242,7 @@ class ProfileCurve:
         self.fits.insert(k, new_fit)
 
     def sweep(self) -> bool:
-        """Try every point from its neighbours on either side; whether anything got lower."""
+        """Fit every point from its neighbours on either side; True if any is lower."""
         better = False
         for order in (range(1, len(self.at)), range(len(self.at) - 2, -1, -1)):
             for k in order:
@@ -257,7 +257,7 @@ class ProfileCurve:
         return better
 
     def release(self) -> bool:
-        """Fit with the parameter free from the lowest point; whether that is lower."""
+        """Fit with the parameter free from the lowest point; True if that is lower."""
         lowest = self.fits[self.lowest]
         freed = self.target.best({}, lowest.unknowns, lowest.error_sd)
         if not freed.deviance < lowest.deviance:

@@ -66,7 +66,7 @@ class Profile:
 
     @property
     def quantity(self) -> Quantity:
-        """What is profiled."""
+        """The profiled quantity."""
         return self.known[self.parameter]
 
     @property
