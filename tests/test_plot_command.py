@@ -48,7 +48,7 @@ def test_verdicts_are_readable(run, width):
 @pytest.mark.long
 def test_the_corner_says_within_which_law(run):
     opened = open_run(run)
-    figure = corner_figure(opened.draws, width_mm=180.0, law=opened.law.called)
+    figure = corner_figure(opened.draws, width_mm=180.0, law=opened.law.short_name)
     assert any(text.startswith("posterior within GOH\n") for text, _ in in_view(figure))
 
 

@@ -374,7 +374,7 @@ class Quantities(Mapping[str, Quantity]):
         """Those of some kinds, in their order."""
         return tuple(q for q in self._known.values() if q.parameter.kind in kinds)
 
-    def judged(self) -> tuple[Quantity, ...]:
+    def assessed(self) -> tuple[Quantity, ...]:
         """Material parameters and mounting stretches: what verdicts are about."""
         return self.of_kind(MATERIAL, STRETCH)
 

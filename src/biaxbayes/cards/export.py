@@ -36,7 +36,7 @@ PROGRAMS: dict[str, tuple[Writer, Reader, str]] = {
 NO_CARD = {
     ("fung", "abaqus"): "Abaqus' Fung form has no neo-Hookean part, and c0 is above zero here",
 }
-"""Why there is no card, where more can be said than that a program has no such law."""
+"""Reasons for a missing card other than that the program does not have the law."""
 
 AGREEMENT = 1e-8
 """Largest relative deviation of a card's stress from the draw's."""

@@ -52,8 +52,7 @@ def differing_settings(runs: Sequence[tuple[str, Posterior]]) -> list[str]:
         values = {label: getattr(p.settings, option) for label, p in runs}
         if len(set(values.values())) > 1:
             notes.append(f"different options: {words} {_each(values)}")
-    judged = {q.parameter.name: None for _, p in runs for q in p.quantities.judged()}
-    for name in judged:
+    for name in {q.parameter.name: None for _, p in runs for q in p.quantities.assessed()}:
         priors = {label: _prior_text(p, name) for label, p in runs}
         if len({text for text in priors.values() if text}) > 1:
             notes.append(f"different priors of {name}: {_each(priors)}")

@@ -2,7 +2,7 @@
 
 Stacking (Yao, Vehtari, Simpson, Gelman, Bayesian Anal. 13 (2018) 917) chooses the mixture of
 predictive densities that predicts left-out readings best. With p_ki the density that model k gives
-to reading i, b_i what the reading is worth, and a Dirichlet prior (a, ..., a) towards equal
+to reading i, b_i its effective number of readings, and a Dirichlet prior (a, ..., a) towards equal
 weights,
 
     maximise  sum_i b_i ln sum_k w_k p_ki + (a - 1) sum_k ln w_k     over the simplex of w.
@@ -32,8 +32,7 @@ from biaxbayes.error_model import standard_cdf
 from biaxbayes.prediction.bands import evenly_chosen, mixture_percentiles
 
 PRIOR_READINGS = 1.0
-"""Readings that the Dirichlet prior is worth in all, a = 1 + 1 / models: further models do not make
-it stronger."""
+"""Readings in all that the Dirichlet prior is equivalent to, a = 1 + 1 / models."""
 _STEPS, _TOLERANCE = 20_000, 1e-10
 
 

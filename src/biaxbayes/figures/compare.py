@@ -62,7 +62,7 @@ def matrix_figure(
 
 def _judged(comparison: Comparison) -> dict[str, Quantity]:
     """Material parameters and mounting stretches of a shared state, of all runs."""
-    judged = (q for m in comparison.members for q in m.posterior.quantities.judged())
+    judged = (q for m in comparison.members for q in m.posterior.quantities.assessed())
     return {q.name: q for q in judged if not q.state}
 
 

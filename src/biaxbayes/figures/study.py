@@ -33,7 +33,7 @@ def study_figure(table: pd.DataFrame, *, width_mm: float = PAGE_MM, style: Style
     layers = list(dict.fromkeys(table["layer"]))
     specimens = table.drop_duplicates("specimen")[["specimen", "layer"]]
     specimens = specimens.sort_values("layer", key=lambda c: c.map(layers.index), kind="stable")
-    judged = [q.name for q in known_or_default(None).judged()]
+    judged = [q.name for q in known_or_default(None).assessed()]
     names = [n for n in (*judged, *DERIVED) if (drawn["quantity"] == n).any()]
     row_mm = min(ROW_MM, TALLEST_PANEL_MM / max(len(specimens), 1))
     if row_mm >= LEAST_LABEL_MM:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MINIMUM = 2.0  # a curve is worth at least this many readings, or its sd would be undefined
+MINIMUM = 2.0  # least n_eff of a curve, or its sd would be undefined
 SMOOTH_RUNS = 3.0  # standard deviations of the sign changes of independent errors
 
 

@@ -3,9 +3,9 @@
 Two errors are computed at the least squares. That of the fit itself holds the noise of all
 readings, the mounting one among them, and the smooth misfit of the law
 (:mod:`~biaxbayes.fitting.smooth_misfit`). That of the posterior is by its own curvature, rows
-weighed by what they are worth. Their ratio says how much wider than the posterior's an interval has
-to be. The prior limits both errors of a material parameter: where it, and not the data, ends an
-interval, a misfit of the law does not widen it.
+weighted by their effective number. Their ratio is the factor by which an interval is widened. The
+prior limits both errors of a material parameter: where it, and not the data, ends an interval, a
+misfit of the law does not widen it.
 """
 
 from __future__ import annotations
@@ -144,12 +144,12 @@ def _posterior_covariance(
     setup: FitSetup, r: np.ndarray, jacobian: np.ndarray, rows: int
 ) -> np.ndarray:
     """Inverse curvature of the posterior's misfit, w with the degrees of freedom that are left."""
-    worth, beta = float(rows), 1.0
+    n_eff, beta = float(rows), 1.0
     if setup.weighted:
         readings = effective_readings(setup.by_protocol(r))
-        worth, beta = readings.total, readings.beta
-    left = max(worth - setup.free.size, 1.0)
-    unit = max(float(np.sqrt(r[:rows] @ r[:rows] / rows * worth / left / beta)), 1e-12)
+        n_eff, beta = readings.total, readings.beta
+    left = max(n_eff - setup.free.size, 1.0)
+    unit = max(float(np.sqrt(r[:rows] @ r[:rows] / rows * n_eff / left / beta)), 1e-12)
     scaled = np.vstack([jacobian[:rows] / unit, jacobian[rows:]])
     root = pseudo_inverse(scaled)
     return root @ root.T

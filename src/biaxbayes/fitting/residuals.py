@@ -53,7 +53,7 @@ class Readings:
         return max(float(np.abs(self.load).max()), 1e-300)
 
     def thinned(self, per_protocol: int) -> Readings:
-        """Evenly chosen stretched rows of each protocol, at most so many, the last included."""
+        """Evenly chosen stretched rows of each protocol, the last included."""
         chosen_rows = []
         for rows in self.rows:
             index = np.arange(rows.start, rows.stop)

@@ -249,7 +249,7 @@ def _written(specimen: Specimen) -> tuple[np.ndarray, np.ndarray]:
     return np.array(out[:2]), np.array(out[2:])
 
 
-def misfit_sentence(called: str, rms: float, noise: float, peak: float, unit: str) -> str:
+def misfit_sentence(law_name: str, rms: float, noise: float, peak: float, unit: str) -> str:
     """The misfit of a law beside the noise of a reading: the words of `check` and of a run.
 
     ``rms`` of the residuals, ``noise`` (sd of a reading by the load cell) and ``peak`` load are in
@@ -257,7 +257,7 @@ def misfit_sentence(called: str, rms: float, noise: float, peak: float, unit: st
     """
     small = unit == "N" and rms < 0.1
     amount = f"{1e3 * rms:.2g} mN" if small else f"{rms:.2g} {unit}"
-    text = f"{called} misses this record by {amount} (root mean square)"
+    text = f"{law_name} misses this record by {amount} (root mean square)"
     if not noise > 0.0:
         return f"{text}, {100.0 * rms / max(peak, 1e-300):.2g} % of the peak"
     ratio = rms / noise

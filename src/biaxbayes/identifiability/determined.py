@@ -107,7 +107,7 @@ MOST_DRAWS = 8000
 
 
 def some_draws(draws: pd.DataFrame, most: int = MOST_DRAWS) -> pd.DataFrame:
-    """Every n-th draw, at most so many."""
+    """Every n-th draw, ``most`` at most."""
     return draws.iloc[:: -(-len(draws) // most)]
 
 

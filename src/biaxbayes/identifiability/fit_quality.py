@@ -36,19 +36,19 @@ def quick_fit(
 
 def misfit_finding(specimen: Specimen, best: FitResult) -> Finding:
     """Finding on the misfit of the best fit: a warning beyond 7 % of the largest load."""
-    called = best.material.law.called
+    law_name = best.material.law.short_name
     misfits = [float(np.sqrt((part**2).mean())) for part in best.residuals]
     rms = best.rms
     peak, unit = specimen.peak_load, specimen.unit
     if not np.isfinite(rms):
         return Finding(
-            "goh-misfit", "warning", f"the least-squares fit of {called} has no solution"
+            "goh-misfit", "warning", f"the least-squares fit of {law_name} has no solution"
         )
-    text = misfit_sentence(called, rms, specimen.noise_sd, peak, unit)
+    text = misfit_sentence(law_name, rms, specimen.noise_sd, peak, unit)
     if len(misfits) > 1:
         text += f"; most in {specimen.protocols[int(np.argmax(misfits))].name}"
     if rms > POOR * peak:
-        return Finding("goh-misfit", "warning", f"{text}. {_no_description(called)}")
+        return Finding("goh-misfit", "warning", f"{text}. {_no_description(law_name)}")
     return Finding("goh-misfit", "note", text)
 
 
@@ -58,15 +58,15 @@ def poor_fit(specimen: Specimen, fits: Sequence[FitResult]) -> str:
     peak = specimen.peak_load
     if not rms > POOR * peak:
         return ""
-    called = fits[0].material.law.called
-    text = misfit_sentence(called, rms, specimen.noise_sd, peak, specimen.unit)
-    return f"{text}. {_no_description(called)}"
+    law_name = fits[0].material.law.short_name
+    text = misfit_sentence(law_name, rms, specimen.noise_sd, peak, specimen.unit)
+    return f"{text}. {_no_description(law_name)}"
 
 
-def _no_description(called: str) -> str:
+def _no_description(law_name: str) -> str:
     return (
-        f"{called} does not describe this specimen (a misfit of more than {100 * POOR:g} % of the "
-        "largest load): do not use its parameters"
+        f"{law_name} does not describe this specimen (a misfit of more than {100 * POOR:g} % of "
+        "the largest load): do not use its parameters"
     )
 
 

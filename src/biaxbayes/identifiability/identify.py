@@ -53,7 +53,7 @@ class Identifiability:
     fits : LawFits or None
         Least squares of all laws under the same mounting constraint, of converged draws.
     contradicted_priors : tuple of str
-        Parameters of the law whose prior, stated by the user, contradicts the data.
+        Parameters of the law whose prior, set by the user, contradicts the data.
     """
 
     parameters: tuple[ParameterVerdict, ...]
@@ -96,13 +96,13 @@ class Identifiability:
 
         The range of the refits where they contradict the interval of the posterior.
         """
-        judged = (
-            (p.name, p.evidence) for p in self.parameters if p.posterior_verdict != NO_VERDICT
-        )
         return {
-            name: e.refits
-            for name, e in judged
-            if e is not None and e.refits is not None and e.is_contradicted(self.thresholds)
+            p.name: e.refits
+            for p in self.parameters
+            if p.posterior_verdict != NO_VERDICT
+            and (e := p.evidence) is not None
+            and e.refits is not None
+            and e.is_contradicted(self.thresholds)
         }
 
     def mounting_values(self) -> dict[str, tuple[float, float]]:

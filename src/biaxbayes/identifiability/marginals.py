@@ -104,8 +104,8 @@ def parameter_scales(
     draws: pd.DataFrame,
 ) -> tuple[Scale, ...]:
     """The material parameters and mounting stretches of a run, in the order of its columns."""
-    judged = {q.name: q for q in quantities.judged()}
-    return tuple(Scale(judged[n], priors[n]) for n in map(str, draws.columns) if n in judged)
+    known = {q.name: q for q in quantities.assessed()}
+    return tuple(Scale(known[n], priors[n]) for n in map(str, draws.columns) if n in known)
 
 
 # --- shape of a one-dimensional sample: its density, its peaks, and where it stays open ----------

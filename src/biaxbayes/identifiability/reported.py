@@ -160,7 +160,7 @@ def _material_row(
         again = decide(e, thresholds, undefined=undefined, partner_at_end=True)
     widening = ""
     if wide.factor >= NAMED_WIDENING:
-        widening = f"widened {wide.factor:.2g} times for the model error of {law.called}"
+        widening = f"widened {wide.factor:.2g} times for the model error of {law.short_name}"
     interval = f"its interval, {widening}," if widening else "its interval"
     partners = e.partners.names if e.is_traded(thresholds) else ()
     trades = f"trades with {listed(partners)}" if partners else ""

@@ -53,12 +53,12 @@ def structure_tensor_of(cos2, kappa):
 
 
 def dispersion_as_goh(kappa_ip: float, kappa_op: float, alpha_deg: float) -> tuple[float, float]:
-    """Angle and dispersion of GOH that an axis-aligned test cannot tell from two dispersions.
+    """Angle and dispersion of GOH of the same axis-aligned response as two dispersions.
 
     With the dispersion in the plane and out of it (Holzapfel et al., J. R. Soc. Interface 12 (2015)
     20150188) and one generalised strain, the structure tensor of two families at +-alpha is
     (A + B cos^2 alpha, A + B sin^2 alpha, 1 - 2 kappa_op). It is that of GOH at another angle
-    wherever its last component is the smallest. So histology is stated as a prior of GOH.
+    wherever its last component is the smallest. So histology is given as a prior of GOH.
 
     Parameters
     ----------

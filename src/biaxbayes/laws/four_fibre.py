@@ -4,7 +4,7 @@ r"""The four-fibre law: fibres along x, along y and along two diagonals in a neo
     E_x = max(X - 1, 0),  E_y = max(Y - 1, 0),  E_d = max(X cos^2 alpha + Y sin^2 alpha - 1, 0)
 
 with the squared stretches X, Y, Z, n_x = n_y = 1 and n_d = 2: the diagonal families at +alpha and
--alpha from x are alike, and an axis-aligned test gives both the same strain. Fibres carry no
+-alpha from x are equal, and an axis-aligned test gives both the same strain. Fibres carry no
 compression. Some papers print c and k1 / (2 k2) for the factors c / 2 and k1 / (4 k2): their
 numbers are half of those here.
 

@@ -120,7 +120,7 @@ class Law(ABC):
     """Parameters in the condition."""
 
     @property
-    def called(self) -> str:
+    def short_name(self) -> str:
         """The law as the subject of a sentence: its usual abbreviation, or its title."""
         return self.abbreviation or self.title
 

@@ -69,8 +69,8 @@ def sections(area, edge_x, edge_y, thickness):
 # --- the mounted state ---------------------------------------------------------------------------
 
 BRACKET = (0.3, 4.0)
-"""Mounting stretches are looked for between these; outside there is no root. Wider than any soft
-tissue is mounted, so that a prior that is stated wide is not cut."""
+"""Range of mounting stretches that is searched for a root; wider than any realistic one, so that
+wide priors are not truncated."""
 
 LOG_LOW, LOG_HIGH = float(np.log(BRACKET[0])), float(np.log(BRACKET[1]))
 MAX_STEPS = 40

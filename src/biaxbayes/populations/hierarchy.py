@@ -6,10 +6,10 @@ Specimen i of group g and donor d has values theta_i (p of them), cut at a box:
     b_d ~ N(0, Omega)        mu_g ~ N(m0, diag(s0^2))
     Sigma = diag(sd) R diag(sd)      sd_k ~ half-normal(a_k)      R ~ LKJ(eta)
 
-and Omega alike. Where the box cuts, the normaliser P(box | m_i, Sigma) stands in the density. It is
+and likewise Omega. Where the box cuts, the density has the normaliser P(box | m_i, Sigma). It is
 never computed: a cut normal is a normal whose draws outside of the box were thrown away, so these
-draws are made up again in every sweep (Rao, Lin and Dunson, Biometrika 103 (2016) 319) and count as
-further specimens, after which everything is normal. Group means and donor effects are then
+draws are simulated again in every sweep (Rao, Lin and Dunson, Biometrika 103 (2016) 319) and count
+as further specimens, after which everything is normal. Group means and donor effects are then
 integrated out while a spread is moved, and drawn exactly from their normal.
 
 A location m_i with less than 1 % of its normal inside the range of one of its values is excluded
@@ -41,7 +41,7 @@ from biaxbayes.populations.integrated import (
 
 LEAST_INSIDE = 0.01
 WIDE = 0.1
-"""A normal about the edge of a range that is so many sds wide has 0.04 of its mass inside."""
+"""Width of a range in sds; a normal about its edge has 0.04 of its mass inside."""
 LEAST_PARTIAL = -1.0 + 1e-9
 DONORS, SPECIMENS = 0, 1
 
@@ -311,7 +311,7 @@ def update(rng, layout, block, augmented, cycles):
 
     Sds move with means and donor effects integrated out and take these along; correlations move
     given them. The specimens' values stay. Without a cycle only means and effects are drawn;
-    ``augmented`` is drawn anew in every cycle but the first.
+    ``augmented`` is drawn again in every cycle but the first.
     """
     C, _, b = block.theta.shape
     work = workspace(layout)

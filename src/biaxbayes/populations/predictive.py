@@ -205,7 +205,7 @@ class Hyper:
         """Posterior predictive p of a specimen (M, p) in its group: jointly, and value by value.
 
         The squared distance from the group's mean in units of the spread (donors included), beside
-        that of a specimen made anew by the same draw (Gelman, Meng and Stern 1996). A specimen
+        that of a new specimen of the same draw (Gelman, Meng and Stern 1996). A specimen
         pulls its own group, so that p is rather too large.
         """
         covariance = self.covariance(group)

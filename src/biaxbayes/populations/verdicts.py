@@ -172,7 +172,7 @@ def specimen_verdicts(
 ) -> dict[str, str]:
     """Verdicts on a specimen after pooling, by name; `prior` (M, p) are specimens on the scale.
 
-    Mounting stretches keep the verdict of the run: pooling tells nothing of how laws differ.
+    Mounting stretches keep the verdict of the run: pooling shows nothing about differences of laws.
     """
     own = {v.name: DrawnPrior(v.from_scale(prior[:, k])) for k, v in enumerate(values)}
     identification = identify_draws(

@@ -135,9 +135,9 @@ def bands(
     probability : float
         Content of each band.
     max_rows : int, optional
-        At most so many rows of a protocol, evenly chosen.
+        Largest number of rows of a protocol, evenly chosen.
     max_draws : int
-        At most so many draws, evenly chosen.
+        Largest number of draws, evenly chosen.
 
     Returns
     -------

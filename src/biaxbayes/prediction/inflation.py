@@ -1,4 +1,4 @@
-r"""Inflation of a thin-walled tube at a fixed axial stretch, and what the posterior predicts of it.
+r"""Inflation of a thin-walled tube at a fixed axial stretch, and its posterior predictions.
 
 The wall is a membrane: radial stress neglected, deformation uniform through the wall, no
 residual stress (the tube is stress free at its unloaded mid radius R and wall thickness H).
@@ -226,7 +226,7 @@ def predict_pressure(
     *,
     probability: float = PredictionOptions.probability,
 ) -> pd.DataFrame:
-    """Pressure and reduced axial force of a tube at stated diameters, with bands.
+    """Pressure and reduced axial force of a tube at given diameters, with bands.
 
     The predictive band carries the residual of the biaxial test, as a stress of the wall, into
     the pressure; the noise of a pressure sensor is not in it.
@@ -262,7 +262,7 @@ def predict_pressure(
             "the pressure of some draws overflows",
             remedy="end at a smaller circumferential stretch",
         )
-    # p = P_t H / (R lt la): what a residual of the stress does to the pressure
+    # p = P_t H / (R lt la): effect of a residual of the stress on the pressure
     lever = tube.thickness_mm / (tube.mid_radius_mm * stretch * tube.axial_stretch)
     lm = prediction_mounting(draws, specimen, None)
     axis = "xy".index(tube.circumferential)
@@ -290,7 +290,7 @@ def predict_diameter(
     probability: float = PredictionOptions.probability,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Diameter of a tube at stated pressures, with bands.
+    """Diameter of a tube at given pressures, with bands.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def predictive_checks(
     settings : Settings, optional
         Those of the run.
     max_draws : int
-        At most so many draws, evenly chosen.
+        Largest number of draws, evenly chosen.
 
     Returns
     -------
@@ -170,28 +170,28 @@ def misfit_in_words(table: pd.DataFrame) -> list[str]:
 def path_warnings(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:
     """One sentence for each protocol that the model misses; ``unit`` is of the loads."""
     missed = checks[checks["verdict"] == "misses"].to_dict("records")
-    called, out = law_named(law).called, []
+    law_name, out = law_named(law).short_name, []
     for protocol in dict.fromkeys(row["protocol"] for row in missed):
         worst = max((r for r in missed if r["protocol"] == protocol), key=lambda r: r["share"])
         largest = f"{abs(worst['largest']):.2g} {unit} ({100 * worst['share']:.0f} % of its peak)"
         out.append(
-            f"{called} misses the {protocol} protocol by {worst['rms']:.2g} {unit} root mean "
+            f"{law_name} misses the {protocol} protocol by {worst['rms']:.2g} {unit} root mean "
             f"square and {largest} at most, in {worst['direction']} at a measured stretch of "
             f"{worst['at']:.3f}: do not use these parameters for that path where this matters."
         )
     return out
 
 
-def fit_in_words(checks: pd.DataFrame, unit: str, called: str) -> str:
+def fit_in_words(checks: pd.DataFrame, unit: str, law_name: str) -> str:
     """One sentence on how well a law fits: its misfit beside the noise of a reading.
 
-    ``unit`` is of the loads (N or kPa), ``called`` the name of the law in a sentence.
+    ``unit`` is of the loads (N or kPa), ``law_name`` the name of the law in a sentence.
     """
     if checks.empty:
         return "there are no readings beyond the mounted state to check the law with"
     rms = float(np.sqrt(np.average(checks["rms"] ** 2, weights=checks["readings"])))
     noise, peak = float(checks["noise"].iloc[0]), float(checks["peak"].max())
-    return misfit_sentence(called, rms, noise, peak, unit)
+    return misfit_sentence(law_name, rms, noise, peak, unit)
 
 
 def checks_in_words(checks: pd.DataFrame, unit: str, law: str = DEFAULT_LAW) -> list[str]:

@@ -107,7 +107,7 @@ def explore_page(
         template_variables={
             "name": cut(posterior.specimen.name),
             "law": posterior.law.title,
-            "law_called": posterior.law.called,
+            "law_called": posterior.law.short_name,
             "report": report,
             "state": state,
             "draws": len(few),

@@ -49,7 +49,7 @@ KNOWN_QUANTITIES = Quantities(all_parameters())
 def study_page(result: StudyResult) -> str:
     """The page as HTML: no scripts, no network; the links lead to the reports of the runs."""
     states = result.states
-    judged = [q for q in KNOWN_QUANTITIES.judged() if (result.table["quantity"] == q.name).any()]
+    judged = [q for q in KNOWN_QUANTITIES.assessed() if (result.table["quantity"] == q.name).any()]
     columns: list[str | Markup] = ["Specimen, layer, donor"]
     columns += [Markup.escape(cut(name, 40)) for name in result.own_columns]
     columns += ["State", *(Markup(">") + with_unit(q.name, q.unit) for q in judged)]

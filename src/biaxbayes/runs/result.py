@@ -170,7 +170,7 @@ def run_result(
         law=law.name,
         state=verdicts.state,
         reported=reported,
-        fit=fit_in_words(checks, specimen.unit, law.called) if usable else "",
+        fit=fit_in_words(checks, specimen.unit, law.short_name) if usable else "",
         advice=_advice(reported, verdicts, settings.mounting, posterior.quantities),
         warnings=tuple(path_warnings(checks, specimen.unit, law.name)) if usable else (),
         findings=tuple(findings),

@@ -195,7 +195,7 @@ class Run:
         chains = {name: np.ascontiguousarray(v) for name, v in self.chains.items()}
         names = tuple(n for n in posterior.parameter_names if n in chains)
         judged = replace(assess(chains, target_ess=0.0), state=self.state)
-        summary = summarise(chains, names, self.quantities, judged, self.law.called)
+        summary = summarise(chains, names, self.quantities, judged, self.law.short_name)
         verdicts = identify_run(posterior, self.draws, self.state)
         return run_result(
             verdicts, posterior, self.draws, summary, self.provenance["convergence"], self.findings

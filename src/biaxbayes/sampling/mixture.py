@@ -80,7 +80,7 @@ def fit_mixture(
     ``components`` where the points, roughly standardised, could not determine them.
     """
     n, d = points.shape
-    # A component needs several times d points to have a covariance worth the name.
+    # A component needs several times d points for a usable covariance.
     components = max(1, min(components, n // (5 * (d + 1))))
     centres, _ = kmeans(points, components, iter=STARTS, seed=rng)
     share = np.eye(len(centres))[vq(points, centres)[0]]  # (n, K): of each component in each point

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 CROSSED = 6
-"""Products of two different predecessors count among the first so many coordinates."""
+"""Number of leading coordinates whose products with each other are terms."""
 RIDGE = 1e-4
 WIDTH_RIDGE = 1e-2
 SATURATION = 4.0

@@ -103,7 +103,7 @@ def run_figure(run: Run, kind: str, **how: Any) -> Figure:
     how = {"width_mm": 180.0, "style": None, **how}
     match kind:
         case "corner":
-            return corner_figure(run.draws, known=run.quantities, law=run.law.called, **how)
+            return corner_figure(run.draws, known=run.quantities, law=run.law.short_name, **how)
         case "bands":
             return bands_figure(run.specimen, run.draws, settings=run.posterior().settings, **how)
         case "mounting":

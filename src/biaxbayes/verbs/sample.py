@@ -238,7 +238,7 @@ class Sampling:
             posterior.parameter_names,
             posterior.quantities,
             draws.convergence,
-            posterior.law.called,
+            posterior.law.short_name,
         )
         atomic_write_text(folder / "fit.json", record_text([posterior.fit.record()]))
         write_csv(folder / "summary.csv", summary, digits=8)
@@ -276,7 +276,7 @@ def write_figures(
     if result.state == "unusable":
         return
     bands = bands_figure(specimen, table, settings=posterior.settings)
-    save_pictures(corner_figure(table, known=known, law=posterior.law.called), folder, "corner")
+    save_pictures(corner_figure(table, known=known, law=posterior.law.short_name), folder, "corner")
     save_pictures(bands, folder, "stress-bands")
     save_pictures(identifiability_figure(verdicts, result.rows), folder, "identifiability")
     if can_be_explored(known, table):

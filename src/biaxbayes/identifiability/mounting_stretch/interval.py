@@ -47,7 +47,7 @@ NEAR_DENSITY = 3.0
 """Laws whose density of what was left out is within 3 nats (a factor of 20) of the best one predict
 it about as well; not tuned."""
 NAMED_LAWS = 4
-"""A reason names so many laws."""
+"""Largest number of laws that a reason names."""
 OPEN = float("nan")
 
 

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 ROWS = 60
 """Rows of a protocol that the laws are fitted to, averaged."""
 CLOSE_RMS = 1.15
-"""Laws whose misfit is within so many times that of the best, or of the noise, fit a record."""
+"""Laws whose misfit is within this factor of that of the best, or of the noise, fit a record."""
 CLOSE_CHI2 = 6.0
 """So does a law whose chi-square lies within this of the best: 2 ln 20, odds of one to twenty."""
 FEWEST = 2
-"""Mounting stretches are compared over the laws that fit, and over so many of the best at least:
+"""Mounting stretches are compared over the laws that fit, and over this many of the best at least:
 one law alone does not show how far laws differ."""
 BETTER = 0.75
 """Another law describes a record distinctly better where it misses by less than this share."""
