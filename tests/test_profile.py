@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from biaxbayes.errors import InputError
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.figures.style import figure_bytes
-from biaxbayes.identifiability.profile.conditional_fit import Target
+from biaxbayes.identifiability.profile.conditional_fit import ConditionalLikelihood
 from biaxbayes.identifiability.profile.curve import ProfileCurve, profile_axis
 from biaxbayes.identifiability.profile.profile import THRESHOLD, profile_likelihood, profiles
 from biaxbayes.laws.goh import GOH
@@ -252,13 +252,15 @@ def test_fixed_and_unknown_parameters_are_refused():
 
 def test_sweeping_back_gives_nothing_lower():
     posterior = traded()
-    target = Target(posterior.specimen, posterior.settings, posterior.beta, {})
+    likelihood = ConditionalLikelihood(posterior.specimen, posterior.settings, posterior.beta, {})
     table = traded_kappa().table
     names = [*PARAMETERS, "mounting_stretch_x", "mounting_stretch_y"]
     best = table.iloc[int(table["deviance"].argmin())][names].to_numpy(dtype=float, copy=True)
     best[3] = np.cos(np.radians(best[3])) ** 2
     curve = ProfileCurve(
-        target, profile_axis(GOH_LAW.parameter("kappa"), 4, GOH_LAW), target.best({}, best, 0.005)
+        likelihood,
+        profile_axis(GOH_LAW.parameter("kappa"), 4, GOH_LAW),
+        likelihood.best({}, best, 0.005),
     )
     curve.extend(-1)
     curve.extend(1)
@@ -268,9 +270,9 @@ def test_sweeping_back_gives_nothing_lower():
 
 def test_the_reading_enters_with_its_exact_derivative():
     posterior = determined()
-    target = Target(posterior.specimen, posterior.settings, 1.0, {})
+    likelihood = ConditionalLikelihood(posterior.specimen, posterior.settings, 1.0, {})
     x = np.array([9.0, 35.0, 4.0, 0.55, 0.12, 1.012, 1.017])
-    problem = target._problem(x, target.adjustable, 0.01)
+    problem = likelihood._problem(x, likelihood.adjustable, 0.01)
     J = problem.jacobian(x)
     for j, h in enumerate(1e-6 * np.abs(x)):
         step = np.zeros(7)

@@ -73,7 +73,7 @@ class ReadMounting(LoadResiduals):
         )
 
 
-class Target:
+class ConditionalLikelihood:
     """The likelihood as a function of fixed parameters (by index, in fit coordinates)."""
 
     def __init__(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaincinv
 
-from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, Target
+from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, ConditionalLikelihood
 from biaxbayes.laws.law import Law
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import CONTENT
@@ -122,8 +122,8 @@ CLOSE = 0.01  # of a point to the threshold, in deviance
 class ProfileCurve:
     """Points of a profile in the order of the axis, from the overall optimum."""
 
-    def __init__(self, target: Target, axis: Axis, best: ConditionalFit) -> None:
-        self.target, self.axis = target, axis
+    def __init__(self, likelihood: ConditionalLikelihood, axis: Axis, best: ConditionalFit) -> None:
+        self.likelihood, self.axis = likelihood, axis
         self.at = [axis.from_unknown(best.unknowns[axis.index])]
         self.fits = [best]
 
@@ -151,15 +151,17 @@ class ProfileCurve:
         for at in self.axis.anchors(self.at[self.lowest]):
             fixed_values = {self.axis.index: self.axis.to_unknown(float(at))}
             best = self.fits[self.lowest]
-            starts = [best.unknowns, *self.target.extra_starts(fixed_values, EXTRA_STARTS)]
+            starts = [best.unknowns, *self.likelihood.extra_starts(fixed_values, EXTRA_STARTS)]
             looks = [
-                self.target.best(fixed_values, start, best.error_sd, rounds=2, steps=LOOK)
+                self.likelihood.best(fixed_values, start, best.error_sd, rounds=2, steps=LOOK)
                 for start in starts
             ]
             looks.sort(key=lambda fit: fit.deviance)
             new_fit = looks[0]
             if new_fit.deviance < best.deviance + HOPELESS:
-                ends = [self.target.best(fixed_values, f.unknowns, f.error_sd) for f in looks[:2]]
+                ends = [
+                    self.likelihood.best(fixed_values, f.unknowns, f.error_sd) for f in looks[:2]
+                ]
                 new_fit = min(ends, key=lambda fit: fit.deviance)
             level = self.fits[self.lowest].deviance
             if self.at[0] <= at <= self.at[-1]:
@@ -204,12 +206,12 @@ class ProfileCurve:
             if a != b:
                 share = (at - a) / (b - a)
                 line = starts[0] + share * (starts[1] - starts[0])
-                starts = [np.clip(line, self.target.lower, self.target.upper), *starts]
+                starts = [np.clip(line, self.likelihood.lower, self.likelihood.upper), *starts]
         fixed_values = {self.axis.index: self.axis.to_unknown(at)}
         sd = self.fits[neighbours[0]].error_sd
         new_fit = ConditionalFit(starts[0], np.inf, sd)
         for start in starts[: 1 + (len(starts) > 1)]:
-            tried = self.target.best(fixed_values, start, sd)
+            tried = self.likelihood.best(fixed_values, start, sd)
             new_fit = tried if tried.deviance < new_fit.deviance else new_fit
         return new_fit
 
@@ -249,7 +251,7 @@ class ProfileCurve:
                 from_k = k - 1 if order.step > 0 else k + 1
                 fixed_values = {self.axis.index: self.axis.to_unknown(self.at[k])}
                 start = self.fits[from_k]
-                tried = self.target.best(fixed_values, start.unknowns, start.error_sd)
+                tried = self.likelihood.best(fixed_values, start.unknowns, start.error_sd)
                 if tried.deviance < self.fits[k].deviance - BETTER:
                     better = True
                 if tried.deviance < self.fits[k].deviance:
@@ -259,7 +261,7 @@ class ProfileCurve:
     def release(self) -> bool:
         """Fit with the parameter free from the lowest point; True if that is lower."""
         lowest = self.fits[self.lowest]
-        freed = self.target.best({}, lowest.unknowns, lowest.error_sd)
+        freed = self.likelihood.best({}, lowest.unknowns, lowest.error_sd)
         if not freed.deviance < lowest.deviance:
             return False
         at = self.axis.from_unknown(freed.unknowns[self.axis.index])

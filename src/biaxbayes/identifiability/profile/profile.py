@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.errors import InputError, NotConverged, RunError
-from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, Target
+from biaxbayes.identifiability.profile.conditional_fit import ConditionalFit, ConditionalLikelihood
 from biaxbayes.identifiability.profile.curve import THRESHOLD, ProfileCurve, profile_axis
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.options import CONTENT
@@ -123,26 +123,28 @@ def profile_likelihood(posterior: Posterior, parameter: str) -> Profile:
         prior = posterior.priors[name]
         if isinstance(prior, int | float):
             fixed[i] = law.coordinate(i, float(prior))
-    target = Target(posterior.specimen, posterior.settings, posterior.beta, fixed)
+    likelihood = ConditionalLikelihood(
+        posterior.specimen, posterior.settings, posterior.beta, fixed
+    )
     axis = profile_axis(posterior.quantities[parameter].parameter, index, law)
-    curve = ProfileCurve(target, axis, _optimum(posterior, target))
+    curve = ProfileCurve(likelihood, axis, _optimum(posterior, likelihood))
     curve.run()
     return _profile(curve, posterior, parameter)
 
 
-def _optimum(posterior: Posterior, target: Target) -> ConditionalFit:
+def _optimum(posterior: Posterior, likelihood: ConditionalLikelihood) -> ConditionalFit:
     """The overall best fit, from the deterministic one."""
     start = posterior.fit
     lm = np.clip(start.mounting_stretch, 0.9, 1.2).T
     if not posterior.settings.infers_mounting:
-        lm = np.ones((2, target.groups))
+        lm = np.ones((2, likelihood.groups))
     sd = start.rms
     law = posterior.law
     theta = law.point(start.material.values)
-    best = target.best({}, np.concatenate([theta, lm.ravel()]), sd)
+    best = likelihood.best({}, np.concatenate([theta, lm.ravel()]), sd)
     # Off the edges too: with a parameter at its bound others may hide a lower point.
     inner = law.clip_point_inside(theta)
-    other = target.best({}, np.concatenate([inner, lm.ravel()]), sd)
+    other = likelihood.best({}, np.concatenate([inner, lm.ravel()]), sd)
     best = other if other.deviance < best.deviance else best
     if not np.isfinite(best.deviance):
         raise NotConverged(f"{posterior.specimen.name}: no material fits this specimen")
@@ -150,7 +152,7 @@ def _optimum(posterior: Posterior, target: Target) -> ConditionalFit:
 
 
 def _index(posterior: Posterior, parameter: str) -> int:
-    """Position of a parameter among the unknowns of a target."""
+    """Position of a parameter among the unknowns of a likelihood."""
     prior = posterior.priors.get(parameter)
     if isinstance(prior, int | float):
         raise InputError(f"{parameter} is fixed, so it has no profile")
