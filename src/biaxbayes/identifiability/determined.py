@@ -121,10 +121,7 @@ def median_mounting(draws: pd.DataFrame, specimen: Specimen) -> np.ndarray:
 def largest_equibiaxial(draws: pd.DataFrame, specimen: Specimen) -> float:
     """Largest total stretch that the test reached in both directions, at the median mounting."""
     lm = median_mounting(draws, specimen)
-    top = [
-        np.array([p.stretch_x.max(), p.stretch_y.max()]) * m
-        for p, m in zip(specimen.protocols, lm, strict=True)
-    ]
+    top = [p.stretch.max(axis=0) * m for p, m in zip(specimen.protocols, lm, strict=True)]
     return float(np.max(top, axis=0).min())
 
 
@@ -140,15 +137,12 @@ NORMAL_90 = 3.29
 """Width of a normal's central 90 % over its sd."""
 
 
-State = tuple[float, float]
-
-
 class _Quantity(NamedTuple):
-    """A row of the table, draw by draw; of the tissue its values and the sd of their error."""
+    """A row of the table, draw by draw; `tissue` has values and the sd of their error."""
 
     name: str
     unit: str
-    stretches: State
+    stretches: tuple[float, float]
     values: np.ndarray
     tissue: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -169,14 +163,13 @@ def table_stretches(draws: pd.DataFrame, specimen: Specimen) -> list[tuple[float
 
 
 def mounting_measured(priors: Mapping[str, object]) -> bool:
-    """True if a user has set the prior of a mounting stretch, which means that it was measured."""
+    """True if a user has set a prior of the mounting stretch, which was measured then."""
     return not {"mounting_stretch", *mounting_names("stretch")}.isdisjoint(priors)
 
 
 def _measured(protocol: Protocol) -> np.ndarray:
     """Measured stretches half-way and at the end, (2, 2)."""
-    top = np.array([protocol.stretch_x.max(), protocol.stretch_y.max()])
-    return 1.0 + np.array(SHARES)[:, None] * (top - 1.0)
+    return 1.0 + np.array(SHARES)[:, None] * (protocol.stretch.max(axis=0) - 1.0)
 
 
 def determined(
@@ -281,7 +274,7 @@ def _row(quantity: _Quantity, tissue: tuple[float, float]) -> dict[str, object]:
 def _quantities(
     draws: pd.DataFrame,
     specimen: Specimen,
-    states: list[State],
+    states: list[tuple[float, float]],
     law: Law,
     ranges: Mapping[str, tuple[float, float]],
     near: bool,

@@ -218,10 +218,7 @@ def end_message(value: float, meaning: str) -> str:
 
 def edge_distances(draws: pd.DataFrame, specimen: Specimen, law: Law) -> dict[str, float]:
     """Distances from a physical edge that count as near, by parameter, in natural units."""
-    tops = []
-    for protocol in specimen.protocols:
-        lm = protocol_mounting(draws, protocol)
-        tops.append(np.array([protocol.stretch_x.max(), protocol.stretch_y.max()]) * lm)
+    tops = [p.stretch.max(axis=0) * protocol_mounting(draws, p) for p in specimen.protocols]
     return law.edge_distances(law.material(draws), tops)
 
 

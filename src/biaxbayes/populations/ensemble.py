@@ -33,7 +33,7 @@ sweep. With more draws of the run, its finite number has more influence."""
 ROUNDS = 4
 """Rounds in a sweep of draws of the run, spreads and means: they cost no likelihood."""
 JOINT = ("together", "apart", "apart in donors")
-"""Kinds of moves of all together: alongside one another, and by what they deviate from."""
+"""Kinds of joint moves: all in one direction, or apart from the mean of a group or donor."""
 SPREAD = 0.5
 """Share of these moves that draw specimens apart or together."""
 
@@ -69,7 +69,7 @@ class Design:
 
     @property
     def layout(self) -> Layout:
-        """Layout of the first block: who belongs to whom is the same in all."""
+        """Layout of the first block: groups and donors are the same in all."""
         return self.blocks[0][1]
 
     @property

@@ -44,12 +44,11 @@ class Plan:
     """Goal and budget of a run."""
 
     ess: float = 1000.0  # of the worst quantity
-    max_steps: int = 6000  # of kept sweeps of each ensemble
+    max_steps: int = 6000  # kept sweeps of each ensemble
     seed: int = 1
     workers: int = 1  # threads; the draws do not depend on it
     ensembles: int = 4
-    # of each ensemble: one long enough for its autocorrelation time is worth 25 draws
-    chains: int = 16
+    chains: int = 16  # of each ensemble; a chain of 25 autocorrelation times has 25 draws
     rounds: int = 4  # of the warm-up
     round_sweeps: int = 24
     first_block: int = 80  # kept sweeps before the first assessment

@@ -271,7 +271,7 @@ def equibiaxial_records(population: Population) -> list[tuple[str, np.ndarray, n
         specimen = source.run.specimen
         draws = pd.DataFrame(population.natural(i, 500))
         for p in specimen.protocols:
-            stretch = np.column_stack([p.stretch_x, p.stretch_y])
+            stretch = p.stretch
             lm = np.median(protocol_mounting(draws, p), axis=0)
             off = (stretch * lm)[-1] - 1.0
             if abs(off[0] - off[1]) > EQUIBIAXIAL * np.abs(off).max():

@@ -53,7 +53,7 @@ def mean_verdicts(
     top: float,
     state: str,
 ) -> dict[str, ParameterVerdict]:
-    """Verdicts on a group's means by pooled value; ends of ranges are near at the stretch `top`."""
+    """Verdicts on a group's means by pooled value; ``top`` is the largest stretch."""
     own, before = hyper.typical(group), prior.typical(group)
     columns = {v.name: v.from_scale(own[:, k]) for k, v in enumerate(hyper.values)}
     scales = [

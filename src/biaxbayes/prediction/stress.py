@@ -89,12 +89,7 @@ def covered_stretches(
         the range of measured stretches.
     """
     factor = np.broadcast_to(np.asarray(mounting_stretch, float), (len(specimen.protocols), 2))
-    state = np.vstack(
-        [
-            np.column_stack([p.stretch_x, p.stretch_y]) * lm
-            for p, lm in zip(specimen.protocols, factor, strict=True)
-        ]
-    )
+    state = np.vstack([p.stretch * lm for p, lm in zip(specimen.protocols, factor, strict=True)])
     shift = float(np.linalg.norm(factor - 1.0, axis=1).max())
     return CoveredStretches(_convex_hull(state), state.min(axis=0), state.max(axis=0), shift)
 
@@ -281,7 +276,7 @@ def measured_stress(
     tables = []
     for p in specimen.protocols:
         rows = evenly_spaced(p.rows, MEASURED_ROWS)
-        stretch = np.column_stack([p.stretch_x, p.stretch_y])[rows]
+        stretch = p.stretch[rows]
         lm = protocol_mounting(draws, p)
         state = stretch * np.median(lm, axis=0) / own
         near = _distance(path, state, closed=False) <= covered.slack
