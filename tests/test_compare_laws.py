@@ -152,7 +152,7 @@ def test_levels_are_learned_from_the_other_parts_alone():
     def rows(left):
         n = len(left)
         blind = [_weights(left, [j for j in range(n) if j != i]) for i in range(n)]
-        made = _part_table(parts[:n], ["one", "other"], left, _weights(left, range(n)), blind, 0.9)
+        made = _part_table(parts[:n], ["one", "other"], left, _weights(left, range(n)), blind)
         return made[made["law"] == STACKED].set_index("part")
 
     before = rows(left)
