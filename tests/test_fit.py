@@ -281,7 +281,7 @@ def test_residual_jacobians_against_differences(geometry, pair, quantity, kind):
         problem = kind(*common)
         if kind is FreeMounting:
             unknowns = np.concatenate([unknowns, np.array(lms).T.ravel()])
-    exact = problem.jacobian(unknowns)
+    _, exact = problem.evaluate(unknowns)
     for i in range(unknowns.size):
         h = 1e-5 * max(abs(unknowns[i]), 0.1)
         up, down = unknowns.copy(), unknowns.copy()
@@ -331,7 +331,7 @@ def test_what_is_called_converged_is_stationary():
         ends.append(end.converged)
         if not end.converged:
             continue
-        J, r = problem.jacobian(end.unknowns), problem.residual(end.unknowns)
+        r, J = problem.evaluate(end.unknowns)
         gradient = J.T @ r
         cosine = gradient / np.maximum(np.linalg.norm(J, axis=0) * np.linalg.norm(r), 1e-300)
         inside = (end.unknowns > LOWER) & (end.unknowns < UPPER)

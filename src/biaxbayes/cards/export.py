@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -82,30 +83,30 @@ def export_cards(
         draw = draws.iloc[[int(row)]]
         states = _states(draw, specimen)
         values = [float(draw.iloc[0][name]) for name in law.names]
-        fitted, written, matrix_shear_kPa, notes, fibres = _material(law, values, states)
+        material = _exported(law, values, states)
         bulk_kPa = None
         if bulk_ratio is not None:
-            peak = float(np.abs(fitted.cauchy(*states.T)).max())
-            bulk_kPa = bulk_ratio * max(matrix_shear_kPa, peak)
+            peak = float(np.abs(material.fitted.cauchy(*states.T)).max())
+            bulk_kPa = bulk_ratio * max(material.matrix_shear_kPa, peak)
         card = Card(
             f"{stem}_{row:0{digits}d}",
-            written,
+            material.written,
             system,
             bulk_kPa,
             specimen.name,
             f"{origin}; row {row} of {len(draws)} draws, weight {1.0 / len(rows):.6g}",
             bool(mounting_labels(draws, specimen)),
-            notes,
+            material.notes,
         )
         file = f"{stem}-{row:0{digits}d}{suffix}"
-        deviation = _write_and_check(card, out / file, program, fitted, states)
-        labels = [p.label for p in written.law.parameters]
+        deviation = _write_and_check(card, out / file, program, material.fitted, states)
+        labels = [p.label for p in material.written.law.parameters]
         records.append(
             {"card": card.label, "file": file, "draw": int(row), "weight": 1.0 / len(rows)}
-            | dict(zip(labels, written.values, strict=True))
+            | dict(zip(labels, material.written.values, strict=True))
             | {"bulk_modulus_kPa": np.nan if bulk_kPa is None else bulk_kPa}
             | {"program": program, "units": system.name}
-            | fibres
+            | material.columns
             | {"check_relative_deviation": deviation}
         )
     manifest = pd.DataFrame(records)
@@ -117,7 +118,7 @@ def _check_law(law: Law, program: str) -> None:
     """Refuse a program that is not known, or does not have the law."""
     if program not in PROGRAMS:
         raise InputError(f"no export to {program[:40]!r}", remedy=f"choose {', '.join(PROGRAMS)}")
-    is_goh = law.as_goh([p.low if p.bounded else 1.0 for p in law.parameters]) is not None
+    is_goh = type(law).as_goh is not Law.as_goh
     if is_goh or (law.name in MIXTURES and program == "febio"):
         return
     message = f"there is no card of the law {law.name} for {program}"
@@ -127,20 +128,26 @@ def _check_law(law: Law, program: str) -> None:
     raise InputError(message, remedy=elsewhere)
 
 
-Exported = tuple[MaterialResponse, MaterialResponse, float, tuple[str, ...], dict[str, float]]
+class Exported(NamedTuple):
+    """A material for a card, with columns of the manifest."""
+
+    fitted: MaterialResponse
+    written: MaterialResponse
+    matrix_shear_kPa: float
+    notes: tuple[str, ...]
+    columns: dict[str, float]
 
 
-def _material(law: Law, values: Sequence[float], states: np.ndarray) -> Exported:
-    """Material as fitted and as written, matrix shear modulus (kPa), notes, columns on fibres."""
+def _exported(law: Law, values: Sequence[float], states: np.ndarray) -> Exported:
     goh = law.as_goh(values)
     if goh is None:
         material = law.material_at(values)
         shear = MIXTURES[law.name].matrix_shear_kPa(dict(zip(law.names, values, strict=True)))
-        return material, material, shear, (), {"switch_changes_stress_kPa": 0.0}
+        return Exported(material, material, shear, (), {"switch_changes_stress_kPa": 0.0})
     written, changed = exportable(goh)
     smallest, change, notes = _fibre_switch(goh, states)
     columns = {"smallest_fibre_strain": smallest, "switch_changes_stress_kPa": change}
-    return goh, written, 2.0 * goh.C1_kPa, (*changed, *notes), columns
+    return Exported(goh, written, 2.0 * goh.C1_kPa, (*changed, *notes), columns)
 
 
 def _write_and_check(

@@ -13,13 +13,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from biaxbayes.errors import InputError, TaredSpecimen
 from biaxbayes.fitting.effective_readings import effective_readings
-from biaxbayes.fitting.least_squares import Descent, best_descent, descend
+from biaxbayes.fitting.least_squares import (
+    FINALISTS,
+    STEPS,
+    TOLERANCE,
+    Descent,
+    best_descent,
+    descend,
+)
 from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings, readings
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
@@ -30,7 +36,7 @@ from biaxbayes.options import MOUNTING_STRETCH, FitOptions
 from biaxbayes.specimens.specimen import Specimen
 
 FIT_MOUNTING = ("exact", "noisy", "ignored", "zeroed")
-MAX_REWEIGHTINGS = 50
+MAX_REWEIGHTINGS, REWEIGHTED_TOLERANCE = 50, 1e-10
 MAX_WEIGHTS = 10
 """beta changes discontinuously, so it is frozen after this many iterations."""
 MIN_SD = 1e-6
@@ -186,18 +192,31 @@ def starting_points(
 
 
 def minimum(
-    setup: FitSetup, points: Sequence[np.ndarray], **how: Any
+    setup: FitSetup,
+    points: Sequence[np.ndarray],
+    *,
+    finalists: int = FINALISTS,
+    steps: int = STEPS,
+    tolerance: float = TOLERANCE,
 ) -> tuple[LoadResiduals, Descent]:
-    """The problem at its final weights, and where its descent ended."""
-    bounds = (setup.law.lower[setup.free], setup.law.upper[setup.free])
-    descent = best_descent(setup.problem, [p[setup.free] for p in points], *bounds, **how)
+    """The problem at its final weights, and its minimum."""
+    exact = setup.problem()
+    descent = best_descent(
+        exact,
+        [p[setup.free] for p in points],
+        setup.law.lower[setup.free],
+        setup.law.upper[setup.free],
+        finalists=finalists,
+        steps=steps,
+        tolerance=tolerance,
+    )
     if setup.sd is None or not np.isfinite(descent.cost):
-        return setup.problem(), descent
-    return _reweighted(setup, descent, **how)
+        return exact, descent
+    return _reweighted(setup, descent, steps, max(tolerance, REWEIGHTED_TOLERANCE))
 
 
 def _reweighted(
-    setup: FitSetup, exact: Descent, *, steps: int = 500, tolerance: float = 1e-10, **_: Any
+    setup: FitSetup, exact: Descent, steps: int, tolerance: float
 ) -> tuple[LoadResiduals, Descent]:
     """Reweighted least squares with unknown mounting forces, until w and beta are stable."""
     offsets = setup.data.mounting_load.size

@@ -202,12 +202,13 @@ def fit(
         both = np.hstack([points[:, free], np.repeat(stretches, groups, axis=1)])
         lower = np.concatenate([lower, np.full(2 * groups, BRACKET[0])])
         upper = np.concatenate([upper, np.full(2 * groups, BRACKET[1])])
-        end = best_descent(lambda: FreeMounting(*common), both, lower, upper)
-        problem = FreeMounting(*common)
-        theta, lm = problem.fit_coordinates(end.unknowns), problem.mounting(end.unknowns)
+        unknown = FreeMounting(*common)
+        end = best_descent(unknown, both, lower, upper)
+        theta, lm = unknown.fit_coordinates(end.unknowns), unknown.mounting(end.unknowns)
     else:
-        end = best_descent(lambda: LoadResiduals(*common), points[:, free], lower, upper)
-        theta, lm = LoadResiduals(*common).fit_coordinates(end.unknowns), one
+        given = LoadResiduals(*common)
+        end = best_descent(given, points[:, free], lower, upper)
+        theta, lm = given.fit_coordinates(end.unknowns), one
     return fit_result(
         method,
         specimen,

@@ -100,7 +100,7 @@ def _with_errors(
     prior_sd: Mapping[str, float],
 ) -> LawFit:
     law, rows = setup.law, 2 * setup.stretched.group.size
-    r, jacobian = problem.residual(unknowns), problem.jacobian(unknowns)
+    r, jacobian = problem.evaluate(unknowns)
     # what ended on a bound does not move
     theta = unknowns[: setup.free.size]
     inside = (theta > law.lower[setup.free]) & (theta < law.upper[setup.free])

@@ -11,7 +11,7 @@ to 2.6 times, ``trf``, which keeps strictly inside the box, in 15, up to 1.13 ti
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -185,7 +185,7 @@ FINALISTS = 3
 
 
 def best_descent(
-    problem: Callable[[], Problem],
+    problem: Problem,
     starts: Iterable[np.ndarray],
     lower: np.ndarray,
     upper: np.ndarray,
@@ -194,20 +194,16 @@ def best_descent(
     steps: int = STEPS,
     tolerance: float = TOLERANCE,
 ) -> Descent:
-    """Take a few steps from every start, then follow the best ``finalists``; the lowest end.
-
-    ``problem`` makes a fresh problem, since problems remember their last evaluation.
-    """
+    """Take a few steps from every start, then follow the best ``finalists``; the lowest end."""
     first = [
-        descend(problem(), start, lower, upper, steps=FIRST_STEPS, tolerance=1e-8)
-        for start in starts
+        descend(problem, start, lower, upper, steps=FIRST_STEPS, tolerance=1e-8) for start in starts
     ]
     first.sort(key=lambda descent: descent.cost)
     best: Descent | None = None
     for begin in first[:finalists]:
         if best is not None and not np.isfinite(begin.cost):
             continue
-        end = descend(problem(), begin.unknowns, lower, upper, steps=steps, tolerance=tolerance)
+        end = descend(problem, begin.unknowns, lower, upper, steps=steps, tolerance=tolerance)
         end = Descent(end.unknowns, end.cost, begin.iterations + end.iterations, end.converged)
         if best is None or end.cost < best.cost * (1.0 - 1e-9):
             best = end

@@ -16,7 +16,7 @@ among the law's coordinates, followed by those of the mounting state.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -110,21 +110,16 @@ class LoadResiduals:
     scale: float
     mounting_stretch: np.ndarray
     law: Law
-    _last: tuple = field(default=(), repr=False)
 
     def residual(self, unknowns: np.ndarray) -> np.ndarray:
         """Residual vector; not finite where the model cannot be evaluated."""
-        return self._at(unknowns)[0]
-
-    def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
-        """Derivative of the residual vector, shape (rows, unknowns)."""
-        return self._at(unknowns)[1]
+        with np.errstate(all="ignore"):
+            return self.evaluate(unknowns)[0]
 
     def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector and its derivative; the caller suppresses NumPy's warnings."""
-        result = self._compute(unknowns)
-        self._last = (unknowns.copy(), result)
-        return result
+        r, by_point, _, _ = self._rows(self.fit_coordinates(unknowns), self.mounting_stretch)
+        return r, by_point[self.free].T
 
     @property
     def forward(self) -> ForwardModel:
@@ -140,17 +135,6 @@ class LoadResiduals:
     def mounting(self, unknowns: np.ndarray) -> np.ndarray:
         """Mounting stretches, shape (2, m)."""
         return self.mounting_stretch
-
-    def _at(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The last evaluation, if it was of these unknowns, or a new one."""
-        if self._last and np.array_equal(self._last[0], unknowns):
-            return self._last[1]
-        with np.errstate(all="ignore"):
-            return self.evaluate(unknowns)
-
-    def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        r, by_point, _, _ = self._rows(self.fit_coordinates(unknowns), self.mounting_stretch)
-        return r, by_point[self.free].T
 
     def _rows(
         self, point: np.ndarray, lm: np.ndarray
@@ -192,7 +176,8 @@ class FreeMounting(LoadResiduals):
         """Mounting stretches, shape (2, m)."""
         return unknowns[self.free.size :].reshape(2, -1)
 
-    def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual vector and its derivative."""
         lm = self.mounting(unknowns)
         r, by_point, by_lm, _ = self._rows(self.fit_coordinates(unknowns), lm)
         return r, np.hstack([by_point[self.free].T, by_lm / lm.ravel()])
@@ -242,7 +227,8 @@ class BalancedMounting(LoadResiduals):
             by_offset[:, g, :, g] = inverse[g] * self.reading_sd[:, g]
         return np.hstack([by_theta, by_offset.reshape(2 * groups, -1)])
 
-    def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual vector and its derivative."""
         offsets = unknowns[self.free.size :]
         lm = self.mounting(unknowns)
         if not np.isfinite(lm).all():

@@ -166,7 +166,7 @@ def _adapt(
 ) -> None:
     """Fit the proposal to points; a part to those of each ridge, where there are several."""
     label = None
-    assert isinstance(ensembles.proposal, MixtureProposal)
+    assert ensembles.proposal is not None
     if len(ensembles.proposal.parts) > 1:
         history = np.concatenate([history, ridge_points])
         by_part = ensembles.proposal.log_densities(history)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from biaxbayes.sampling.convergence import autocorrelation_time
-from biaxbayes.sampling.proposal import Proposal
+from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.target import LogDensity
 
 LARGEST = 40_000
@@ -24,7 +24,7 @@ ITERATIONS, SETTLED = 200, 1e-10
 
 
 def log_integral(
-    log_prob: LogDensity, chain: np.ndarray, proposal: Proposal, *, seed: int = 0
+    log_prob: LogDensity, chain: np.ndarray, proposal: MixtureProposal, *, seed: int = 0
 ) -> tuple[float, float]:
     """Log integral of a density, and its error, from draws and a normalised proposal near it.
 
@@ -42,7 +42,7 @@ def log_integral(
     )
 
 
-def _log_ratio(log_prob: LogDensity, proposal: Proposal, points: np.ndarray) -> np.ndarray:
+def _log_ratio(log_prob: LogDensity, proposal: MixtureProposal, points: np.ndarray) -> np.ndarray:
     """Ln p - ln q; -inf where p is zero, also where q is."""
     values = log_prob(points)
     inside = np.isfinite(values)

@@ -15,7 +15,7 @@ import emcee
 import numpy as np
 
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
-from biaxbayes.sampling.proposal import Proposal
+from biaxbayes.sampling.proposal import MixtureProposal
 from biaxbayes.sampling.target import LogDensity
 from biaxbayes.tasks import one_blas_thread
 
@@ -149,12 +149,12 @@ class Ensembles:
         return sum(m.independence.accepted for m in self.members) / tried if tried else 0.0
 
     @property
-    def proposal(self) -> Proposal | None:
+    def proposal(self) -> MixtureProposal | None:
         """The proposal shared by all ensembles."""
         return self.members[0].independence.proposal
 
     @proposal.setter
-    def proposal(self, proposal: Proposal) -> None:
+    def proposal(self, proposal: MixtureProposal) -> None:
         for member in self.members:
             member.independence.proposal = proposal
 

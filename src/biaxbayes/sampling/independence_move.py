@@ -23,7 +23,7 @@ from typing import Any
 import emcee
 import numpy as np
 
-from biaxbayes.sampling.proposal import Proposal, fit_mixture_proposal
+from biaxbayes.sampling.proposal import MixtureProposal, fit_mixture_proposal
 
 
 class AdaptedIndependenceMove(emcee.moves.Move):
@@ -41,7 +41,7 @@ class AdaptedIndependenceMove(emcee.moves.Move):
         sweeps: int = 4,
         components: int = 8,
         bounds: np.ndarray | None = None,
-        proposal: Proposal | None = None,
+        proposal: MixtureProposal | None = None,
     ) -> None:
         super().__init__()
         if sweeps < 1:

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TypeAlias
 
 import numpy as np
 
@@ -158,9 +157,6 @@ class MixtureProposal:
             own = {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
             parts.append(TransportedMixture.from_arrays(own))
         return cls(arrays["shares"], tuple(parts))
-
-
-Proposal: TypeAlias = TransportedMixture | MixtureProposal
 
 
 def fit_mixture_proposal(

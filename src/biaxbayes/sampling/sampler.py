@@ -250,7 +250,7 @@ def warmed_up(
         ridge_points(start),
         progress=lambda text: progress(Progress(f"warming up: {text}")),
     )
-    assert isinstance(ensembles.proposal, MixtureProposal)
+    assert ensembles.proposal is not None
     return ensembles, State(
         frame=target.frame,
         proposal=ensembles.proposal,

@@ -52,7 +52,8 @@ class ReadMounting(LoadResiduals):
         out[self.unknown] = unknowns
         return out
 
-    def _compute(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual vector and its derivative."""
         full = self.all(unknowns)
         size = self.point.size
         point, lm = full[:size], full[size:].reshape(self.mounting_stretch.shape)
