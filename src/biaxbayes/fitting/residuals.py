@@ -238,5 +238,5 @@ class BalancedMounting(LoadResiduals):
         jacobian = by_lm @ self.log_stretch_by_unknowns(unknowns, state)
         jacobian[:, : self.free.size] += by_point[self.free].T
         # an offset has itself for a residual
-        pin = np.eye(offsets.size, unknowns.size, self.free.size)
-        return np.concatenate([r, offsets]), np.vstack([jacobian, pin])
+        by_offset = np.eye(offsets.size, unknowns.size, self.free.size)
+        return np.concatenate([r, offsets]), np.vstack([jacobian, by_offset])

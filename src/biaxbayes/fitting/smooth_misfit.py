@@ -68,7 +68,7 @@ def misfit_vectors(
     """Root of F K F^T, one row per residual; mounting readings have the misfit at t = 0."""
     n, groups = data.group.size, data.mounting_load.shape[1]
     load = (data.load.ravel() + residual * scale) / scale
-    pins = 0 if reading_sd is None else 2 * groups
+    readings = 0 if reading_sd is None else 2 * groups
     columns = []
     for part in data.rows:
         stretch = np.column_stack([np.ones(2), data.stretch[:, part]])
@@ -81,7 +81,7 @@ def misfit_vectors(
         # one reading pools the protocols of its mounted state
         pooled = sum(1 for p in data.rows if p.stop > p.start and data.group[p.start] == group)
         for axis in (0, 1):
-            column = np.zeros((2 * n + pins, root.shape[1]))
+            column = np.zeros((2 * n + readings, root.shape[1]))
             at = slice(axis * n + part.start, axis * n + part.stop)
             column[at] = load[at, None] * root[1:]
             if reading_sd is not None:

@@ -1,7 +1,7 @@
 r"""Sampling coordinates that laws share: exponents and stresses at a reference state.
 
-Data pin the exponent q = k2 F and the stress S = k1 G exp(q) of a term at the largest stretch far
-better than they pin k1 and k2. F and G are what the law makes of one fixed reference stretch.
+Data determine the exponent q = k2 F and the stress S = k1 G exp(q) of a term at the largest stretch
+far better than k1 and k2. F and G are what the law makes of one fixed reference stretch.
 
 Most laws sample ln S and ln q. Where several terms of a law can stand in for one another, their
 stresses add up to that of the data, which is straight in S and bent in ln S, while priors are wide

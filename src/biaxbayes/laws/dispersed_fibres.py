@@ -5,7 +5,7 @@ sees the diagonal (Hx, Hy, Hz) of their structure tensor alone (Gasser, Ogden, H
 Interface 3 (2006) 15), in which both families have the strain E = Hx X + Hy Y + Hz Z - 1 at
 squared stretches X, Y, Z.
 
-The chart is (d, v). d = ln(Hx / Hy) is what data pin. v stands for h = (1 - 3 kappa) sin 2 alpha,
+The chart is (d, v). Data determine d = ln(Hx / Hy). v stands for h = (1 - 3 kappa) sin 2 alpha,
 twice
 the in-plane shear component of each family's structure tensor: what an axis-aligned test does not
 see. With R = 1 - 3 kappa and D = Hx - Hy = R cos 2 alpha, the pair (D, h) are Cartesian coordinates

@@ -11,8 +11,8 @@ The sampler works in ln c0, ln T, ln Q*, d and rho, with
     rho = b_xy / sqrt(b_x b_y)          d = ln(b_x / b_y)
     Q* = Q at one fixed reference stretch l* per specimen          T = c Q* exp(Q*)
 
-because data pin the exponent and the stress at the largest stretch far better than c and b. b_x and
-b_y follow from Q* = sqrt(b_x b_y) g,  g = exp(d/2) Ex*^2 + exp(-d/2) Ey*^2 + 2 rho Ex* Ey*.
+because data determine the exponent and the stress at the largest stretch far better than c and b.
+b_x and b_y follow from Q* = sqrt(b_x b_y) g,  g = exp(d/2) Ex*^2 + exp(-d/2) Ey*^2 + 2 rho Ex* Ey*.
 """
 
 from __future__ import annotations
@@ -242,13 +242,6 @@ class FungLaw(Law):
         """Prior of tissue that reaches a nominal stress at a total equibiaxial stretch."""
         prior = super().scaled_prior(stretch, peak_kPa)
         return prior | {"b_xy": ("normal", 0.0, 0.5 * prior["b_x"][1])}
-
-    @property
-    def near_amplitude_text(self) -> str:
-        """The distances of c0 and c as text."""
-        return (
-            f"c0 and c where they carry less than {STIFFNESS_SHARE:g} of the small-strain stiffness"
-        )
 
     def amplitude_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]

@@ -15,8 +15,8 @@ The sampler works in ln C1, ln S, ln q, and the structure tensor's chart (d, v) 
 
     q = k2 E*^2,    S = k1 E* exp(q) sqrt(gx gy),    gk = Hk lk*^2 - Hz lz*^2
 
-at one fixed reference stretch l* per specimen: data pin the fibre stress and the exponent at the
-largest stretch far better than they pin k1, k2 and kappa one by one.
+at one fixed reference stretch l* per specimen: data determine the fibre stress and the exponent
+at the largest stretch far better than k1, k2 and kappa one by one.
 
 Fits move in (C1, k1, k2, t, kappa) with t = cos^2 alpha. In t the structure tensor is linear and
 an angle of 0 or 90 degrees is an ordinary bound; in alpha the stress is stationary there
@@ -193,14 +193,6 @@ class GOHLaw(DispersedFibreLaw):
     def typical(self, stretch: float) -> dict[str, float]:
         """Aligned fibres with E = l^2 - 1."""
         return {"k2": (stretch**2 - 1.0) ** -2, "kappa": 0.0}
-
-    @property
-    def near_amplitude_text(self) -> str:
-        """The distances of C1 and k1 as text."""
-        return (
-            f"C1 and k1 where they carry less than {STIFFNESS_SHARE:g} of the small-strain "
-            "stiffness"
-        )
 
     def amplitude_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]

@@ -10,8 +10,8 @@ The fibres are sampled in the coordinates of GOH, and the matrix in ln S_m and l
 
     q_m = b (I1* - 3)          S_m = C1 exp(q_m)
 
-at the reference stretch, because data pin the exponent and the stiffness at the largest stretch far
-better than b and C1. Fits move in (C1, b, k1, k2, t, kappa) with t = cos^2 alpha.
+at the reference stretch, because data determine the exponent and the stiffness at the largest
+stretch far better than b and C1. Fits move in (C1, b, k1, k2, t, kappa) with t = cos^2 alpha.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ The sampler works in ln mu, ln S, ln q, alpha, which is folded at 0 and 90 degre
     q = k2 F*,    S = k1 G* exp(q),    G = (1 - rho) (I4 - 1) I4 + rho (I1 - 3) (X + Y - 2 Z)
 
 at one fixed reference stretch l* per specimen: 4 S is the sum of both stresses of the exponential
-there. Data pin it and the exponent far better than k1 and k2.
+there. Data determine it and the exponent far better than k1 and k2.
 """
 
 from __future__ import annotations

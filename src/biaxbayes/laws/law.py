@@ -409,24 +409,6 @@ class Law(ABC):
         at_states = [self.exponents_at(constants, *state) for state in states]
         return [np.maximum.reduce(list(q))[:, 0] for q in zip(*at_states, strict=True)]
 
-    @property
-    def near_edge_text(self) -> str:
-        """The distances of :meth:`edge_distances` as text."""
-        shares = [f"{name} nearer than {d:g}" for name, d in self.near_shares.items()]
-        exponents = [
-            f"{name} where {formula} at the largest stretch is below {EXPONENT_DISTANCE:g}"
-            for name, formula in self.exponents.items()
-        ]
-        return "; ".join([*shares, *exponents, self.near_amplitude_text])
-
-    @property
-    def near_amplitude_text(self) -> str:
-        """The distances of the amplitudes as text."""
-        return (
-            f"{' and '.join(self.amplitudes)} where they carry less than {LOAD_SHARE:g} of the "
-            "stress at the largest stretch"
-        )
-
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]
     ) -> dict[str, float]:

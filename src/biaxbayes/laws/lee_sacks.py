@@ -15,7 +15,7 @@ places of c0, c1, c2, delta and c3, and in alpha, which is folded at 0 and 90 de
     q3 = c3 E*^2                 S3 = c1 (1 - delta) c3 E* exp(q3)          S0 = c0
 
 at one fixed reference stretch l* per specimen, that of its row of largest I1: the stress of each
-term there, which data pin better than c1 and delta.
+term there, which data determine better than c1 and delta.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ The sampler works in ln c0, ln S, ln Q*, d and alpha, which is folded at 0 and 9
 
     J = I1 - 3,    u = sqrt(I4) - 1
 
-there: 4 S is the sum of both stresses of the exponential. Data pin it and the exponent far better
-than k1, k2 and k3.
+there: 4 S is the sum of both stresses of the exponential. Data determine it and the exponent far
+better than k1, k2 and k3.
 """
 
 from __future__ import annotations
@@ -237,14 +237,6 @@ class MayNewmanLaw(Law):
         """Both parts of the exponent are one half."""
         J, u = 2.0 * stretch**2 + stretch**-4 - 3.0, stretch - 1.0
         return {"k2": 0.5 / J**2, "k3": 0.5 / u**4}
-
-    @property
-    def near_edge_text(self) -> str:
-        """The distances of the amplitudes as text."""
-        return (
-            "k2 and k3 where their part of the exponent at the largest stretch is below "
-            f"{_EXPONENT_SHARE:g} of it; {self.near_amplitude_text}"
-        )
 
     def edge_distances(
         self, material: MaterialResponse, tops: Sequence[np.ndarray]

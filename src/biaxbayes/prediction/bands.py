@@ -233,28 +233,13 @@ def true_loads(
 
 @dataclass(frozen=True)
 class DrawnCurves:
-    """Curves of one protocol, a draw each, at states that were measured.
-
-    Attributes
-    ----------
-    rows : ndarray of int, shape (rows,)
-        Of the protocol, from 0.
-    stretch, measured : ndarray, shape (rows, 2)
-        Measured stretches and loads.
-    load : ndarray, shape (draws, rows, 2)
-        Loads in the unit of the file, a Cauchy file's as Cauchy stress, like those measured.
-    kPa_per_load, offset : ndarray, shape (draws, 2)
-        The Cauchy stress is this times the measured stretch times the nominal load (that of a
-        Cauchy file over the measured stretch) less the offset of the load cell.
-    """
+    """Curves of one protocol, one per draw; loads in the unit of the file, Cauchy stress too."""
 
     protocol: str
-    rows: np.ndarray
-    stretch: np.ndarray
-    measured: np.ndarray
-    load: np.ndarray
-    kPa_per_load: np.ndarray
-    offset: np.ndarray
+    rows: np.ndarray  # (rows,), of the protocol, from 0
+    stretch: np.ndarray  # (rows, 2), measured
+    measured: np.ndarray  # (rows, 2)
+    load: np.ndarray  # (draws, rows, 2)
 
 
 def curves_of_draws(
@@ -272,18 +257,8 @@ def curves_of_draws(
         stretch = protocol.stretch[rows]
         scale = _scale(specimen, stretch)
         load, _ = forward.predict(draws, stretch, protocol.name)
-        per_stress = forward.load_per_stress(draws, np.ones((1, 2)), protocol.name)[:, 0]
-        out.append(
-            DrawnCurves(
-                protocol.name,
-                rows,
-                stretch,
-                specimen.load(protocol)[rows] * scale,
-                load * scale,
-                1.0 / per_stress,
-                np.broadcast_to(forward.offset(draws)[:, 0], per_stress.shape),
-            )
-        )
+        measured = specimen.load(protocol)[rows]
+        out.append(DrawnCurves(protocol.name, rows, stretch, measured * scale, load * scale))
     return out
 
 

@@ -99,8 +99,8 @@ def search(
     modes = find_modes(target.log_prob, starts, scale, bounds) or [
         Mode(centre, np.diag(scale), 0.0)
     ]
-    pinned = np.zeros(len(scale), dtype=bool) if known is None else known
-    wide = [np.diag(scale * np.where(pinned, 1.0, width)) for width in NESTED]
+    known = np.zeros(len(scale), dtype=bool) if known is None else known
+    wide = [np.diag(scale * np.where(known, 1.0, width)) for width in NESTED]
     ridges = separate_groups(target.log_prob, modes)
     parts = []
     for ridge in ridges:
