@@ -1,4 +1,4 @@
-"""Laws weighed by what they predict of the parts of a record that they were not shown.
+"""Laws weighted by their predictions of left-out parts of a record.
 
 The score of a law is the log predictive density of single readings that were left out, averaged
 over its draws. A left-out curve has one weight n_eff / n for all laws, from the residuals of the
@@ -52,22 +52,22 @@ LEVELS = ("band_low_level", "band_high_level")
 
 @dataclass(frozen=True)
 class LawComparison:
-    """Laws weighed by what they predict.
+    """Laws weighted by what they predict.
 
     Attributes
     ----------
     table : DataFrame
-        ``laws.csv``: one row a law, the last one ``stacked``, which has the levels that its bands
+        ``laws.csv``: one row per law, the last one ``stacked``, which has the levels that its bands
         are read at.
     parts : DataFrame
-        ``left-out.csv``: one row a law and part, with the levels that its band is read at.
+        ``left-out.csv``: one row per law and part, with the levels that its band is read at.
     draws : DataFrame
         Draws of the mixture for what all laws share: mounting stretches, stresses, stiffnesses.
     bands : DataFrame
         Bands of the mixture over the record, columns as of
         :func:`~biaxbayes.prediction.bands.bands`, read at the levels of the table.
     reported : tuple of Reported
-        What to report of each mounting stretch of the tissue (``report.csv``), by
+        Reported row of each mounting stretch of the tissue (``report.csv``), by
         :func:`~biaxbayes.identifiability.mounting_stretch.interval.interval_from_predictions`.
     left_out : dict of str to str
         Laws that are not part of the mixture, and why.

@@ -58,7 +58,7 @@ class Ledger:
     Attributes
     ----------
     table : DataFrame
-        One row a quantity: ``quantity``, ``unit``, ``total_stretch`` (empty for parameters),
+        One row per quantity: ``quantity``, ``unit``, ``total_stretch`` (empty for parameters),
         ``extrapolation``, ``scale`` of the comparison (natural logs for C1, k1 and k2), for each
         treatment ``_median``, ``_q05`` and ``_q95``, ``inferred_sd`` on the scale, and
         ``shift_ignored_sd``, ``shift_zeroed_sd``: the difference of the medians from the

@@ -59,15 +59,20 @@ def constrained_fit(
 ) -> FitResult:
     """Least squares on the measured load, the mounting stretch solved for at every step.
 
-    ``mounting`` noisy: the mounting force is unknown, its reading one datum with the load cell's
-    sd; exact: the reading is taken as exact, as in files without load noise; ignored, zeroed: the
-    mounted state is taken as unloaded, loads as they are or less their reading. ``weighted``: by
-    the effective number of independent readings. ``starts`` may be 0 with ``initial``, a further
-    one. ``compiled``: solve for the mounted state in compiled code; for a single fit, uncompiled
-    code is faster than loading the cache.
+    ``mounting`` is one of:
 
-    Not ``converged`` when no start could be evaluated (no mounting stretch balances the reading).
-    Raises TaredSpecimen, InputError for an unknown option or fixed parameter.
+    - noisy: the mounting force is unknown, and its reading is one datum with the load cell's sd
+    - exact: the reading is taken as exact, as in files without load noise
+    - ignored, zeroed: the mounted state is taken as unloaded, with loads as they are, or less
+      their reading
+
+    ``weighted`` counts rows by their effective number. ``initial`` is a further starting point,
+    with which ``starts`` may be 0. ``compiled`` solves for the mounted state in compiled code; for
+    a single fit, uncompiled code is faster than loading the cache.
+
+    The result has not converged when no start could be evaluated (no mounting stretch balances the
+    reading). Raises TaredSpecimen if a tared file has no mounting force to infer from, and
+    InputError for an unknown option or fixed parameter.
     """
     chosen = law_named(law, fibre_switch=fibre_switch)
     setup = fit_setup(

@@ -36,7 +36,7 @@ class FitResult:
     mounting_stretch : ndarray, shape (m, 2)
         One row, or one per protocol.
     mounting_load : ndarray, shape (m, 2)
-        What the model carries at the mounted state, in the specimen's unit.
+        Load of the model at the mounted state, in the specimen's unit.
     r2, rmse_kPa, mae_kPa : float
         Coefficient of determination, root mean square and mean absolute error of the Cauchy stress
         against the data at the fit's own mounting stretch, all rows, both directions pooled with
@@ -46,9 +46,8 @@ class FitResult:
     at_bound : tuple of str
         Unknowns that ended on a bound.
     residuals : tuple of ndarray, shape (n_p, 2)
-        Measured minus model load in the specimen's unit, the rows after those at rest. All zero
-        where their root mean square is below :attr:`Specimen.load_resolution`: rounding is no
-        misfit.
+        Measured minus model load in the specimen's unit, without the rows at rest. All zero where
+        their root mean square is below :attr:`Specimen.load_resolution`, which is rounding.
     """
 
     method: str
@@ -141,10 +140,10 @@ def fit_result(
     converged: bool,
     law: Law,
 ) -> FitResult:
-    """Judge a point of the law with mounting stretches (2, m) against the data.
+    """Result of fit coordinates and mounting stretches (2, m), compared with the data.
 
-    A fit that misses by no more than the written digits of the data explain has converged,
-    whatever its descent says.
+    A fit that misses by no more than the written digits of the data explain has converged, even if
+    its descent has not.
     """
     lm = np.where(np.isfinite(mounting_stretch), mounting_stretch, 1.0)
     forward = data.forward(law)
@@ -250,7 +249,7 @@ def _written(specimen: Specimen) -> tuple[np.ndarray, np.ndarray]:
 
 
 def misfit_sentence(law_name: str, rms: float, noise: float, peak: float, unit: str) -> str:
-    """The misfit of a law beside the noise of a reading: the words of `check` and of a run.
+    """The misfit of a law beside the noise of a reading, as one sentence.
 
     ``rms`` of the residuals, ``noise`` (sd of a reading by the load cell) and ``peak`` load are in
     ``unit``, N or kPa.

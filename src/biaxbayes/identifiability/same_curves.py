@@ -35,7 +35,7 @@ class SameCurves:
     largest_kPa: float  # largest stress of the first material
 
     def to_frame(self) -> pd.DataFrame:
-        """Materials and mounting stretches, one row a point of the path."""
+        """Materials and mounting stretches, one row per point of the path."""
         table = self.materials.copy()
         for m in range(self.mounting_stretch.shape[2]):
             tail = f"[{m + 1}]" if self.mounting_stretch.shape[2] > 1 else ""

@@ -126,7 +126,7 @@ class Population:
         return Hyper.from_prior(self.values, self.design.layout, PRIOR_DRAWS, self.rng(600))
 
     def new_specimens(self, most: int = NATURAL_DRAWS) -> dict[str, pd.DataFrame]:
-        """Materials of new specimens of new donors, by group; one a draw."""
+        """Materials of new specimens of new donors, by group; one per draw."""
         hyper, rng = self.hyper(most), self.rng(500)
         return {
             group: self.materials(hyper.new_specimens(g, rng))

@@ -129,7 +129,7 @@ def bands(
     Parameters
     ----------
     draws : DataFrame
-        One row a draw, columns as in ``summary.csv``.
+        One row per draw, columns as in ``summary.csv``.
     settings : Settings, optional
         Those of the run. ``zeroed`` compares with loads less their mounting reading.
     probability : float
@@ -142,7 +142,7 @@ def bands(
     Returns
     -------
     DataFrame
-        One row a protocol, direction and state: ``protocol``, ``direction``, ``row`` (of the
+        One row per protocol, direction and state: ``protocol``, ``direction``, ``row`` (of the
         protocol, from 0), ``stretch`` (measured, in that direction), ``measured`` and the
         quantiles ``credible_q05``, ``credible_q50``, ``credible_q95``, ``predictive_q05``,
         ``predictive_q50``, ``predictive_q95`` (of other names for another probability). Loads are

@@ -109,7 +109,7 @@ def inflation_pressure(
     Parameters
     ----------
     material : Material
-        One, or one a draw.
+        One, or one per draw.
     circumferential_stretch : array_like
         Total stretch of the mid surface; broadcasts with the material.
     piola_offset_kPa : array_like
@@ -153,7 +153,7 @@ def inflation_stretch(
     Parameters
     ----------
     material : Material
-        One, or one a draw: its values have shape (n, 1).
+        One, or one per draw: its values have shape (n, 1).
     pressure_kPa : array_like, shape (m,)
     piola_offset_kPa : array_like, shape (n,) or scalar
 
@@ -344,7 +344,7 @@ def _disturbed_stretch(
     material: Material, tube: Tube, pressure: np.ndarray, offset: np.ndarray
 ) -> np.ndarray:
     """Stretches (n, m) when each draw's wall stress is off by ``offset``, (n, 1) or (n, m)."""
-    # The noise is one number a draw unless it grows with the load: then one a pressure as well.
+    # The noise is one number per draw unless it grows with the load: then one per pressure as well.
     if offset.shape[1] == 1:
         parts = [(pressure, offset)]
     else:

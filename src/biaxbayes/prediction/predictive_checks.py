@@ -41,7 +41,7 @@ def predictive_checks(
     Parameters
     ----------
     draws : DataFrame
-        One row a draw, columns as in ``summary.csv``.
+        One row per draw, columns as in ``summary.csv``.
     settings : Settings, optional
         Those of the run.
     max_draws : int
@@ -50,7 +50,7 @@ def predictive_checks(
     Returns
     -------
     DataFrame
-        One row a protocol and direction: ``protocol``, ``direction``, ``readings``, ``rms`` (of
+        One row per protocol and direction: ``protocol``, ``direction``, ``readings``, ``rms`` (of
         reading minus median model, in the unit of the file), ``largest`` (of the same, with its
         sign) and ``at`` (the measured stretch there), ``peak`` (largest absolute load),
         ``noise`` (of the load cell), ``autocorrelation`` (of neighbouring residuals), ``runs``

@@ -193,7 +193,7 @@ def predict_stress(
     Returns
     -------
     DataFrame
-        One row a state: ``stretch_x``, ``stretch_y`` as given, ``total_stretch_x`` and
+        One row per state: ``stretch_x``, ``stretch_y`` as given, ``total_stretch_x`` and
         ``total_stretch_y`` (posterior medians), five columns of each direction such as
         ``cauchy_x_kPa_median``, and ``extrapolation``.
 

@@ -143,8 +143,9 @@ BETWEEN = 33
 def separate_groups(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
     """Modes by the ridge that they lie on; in each group the first mode first.
 
-    The density along a straight line between two modes of a ridge does not fall much below the
-    lower one. A ridge that bends away from all lines may count as two.
+    Two modes are on one ridge if the density along the straight line between them, or between
+    others of the ridge, does not fall much below the lower one. A ridge that bends away from the
+    line may count as two.
     """
     groups: list[list[Mode]] = []
     for mode in modes:
