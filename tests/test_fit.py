@@ -16,7 +16,7 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import effective_readings
 from biaxbayes.fitting.fit import METHODS, PRESTRETCH_METHODS, fit, fit_all
 from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, LoadResiduals, readings
+from biaxbayes.fitting.residuals import BalancedMounting, FreeMounting, LoadResiduals, Readings
 from biaxbayes.laws.goh import GOH
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.mechanics.mounting import mounted_state
@@ -269,7 +269,7 @@ def test_residual_jacobians_against_differences(geometry, pair, quantity, kind):
     lms = [(1.02, 1.008), (1.01, 1.03)]
     specimen = specimen_of(MEDIA, ratios=[(1, 1), (1, 0.6)], mountings=lms, pair=pair)
     specimen = with_misfit(replace(specimen, geometry=geometry), noise=1e-5)
-    data = readings(specimen, shared=False)
+    data = Readings.from_specimen(specimen, shared=False)
     free = np.array([0, 1, 2, 3, 4])
     point = coordinates_of(GOH(3.5, 11.0, 2.5, 42.0, 0.08))
     unknowns = point.copy()
@@ -298,7 +298,7 @@ def test_descent_is_never_beaten_by_scipy_on_a_noisy_specimen():
         specimen = with_misfit(
             specimen_of(published.material, (1.01, 1.015), measured_stretch=1.15), seed=seed
         )
-        data = readings(specimen, shared=True, zeroed=True)
+        data = Readings.from_specimen(specimen, shared=True, zeroed=True)
         make = (data, "load", np.zeros(5), np.arange(5), data.peak, np.ones((2, 1)), GOH_LAW)
         start = np.array([5.0, 5.0, 10.0, 0.4, 0.15])
         ours = descend(LoadResiduals(*make), start, LOWER, UPPER)
@@ -320,7 +320,7 @@ def test_what_is_called_converged_is_stationary():
     # A step that was cut to the box once passed for convergence, far from any minimum.
     rng = np.random.default_rng(11)
     specimen = specimen_of(MATERIALS["smoljkic-m55"].material, (1.02, 1.02))
-    data = readings(specimen, shared=True)
+    data = Readings.from_specimen(specimen, shared=True)
     problem = LoadResiduals(
         data, "cauchy", np.zeros(5), np.arange(5), 100.0, np.ones((2, 1)), GOH_LAW
     )
@@ -353,7 +353,7 @@ def test_fit_minimises_the_objective_of_the_posterior(weighted):
     assert (beta < 0.3) == weighted
     w = np.sqrt(np.mean(np.concatenate(found.residuals) ** 2))
     reading, sd = specimen.mounting_readings(shared=True)
-    data = readings(specimen, shared=True).stretched()
+    data = Readings.from_specimen(specimen, shared=True).stretched()
 
     def objective(theta, lm):
         material = GOH(*theta)

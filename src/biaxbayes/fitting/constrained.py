@@ -26,7 +26,7 @@ from biaxbayes.fitting.least_squares import (
     best_descent,
     descend,
 )
-from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings, readings
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
@@ -167,7 +167,9 @@ def fit_setup(
     if mounting in ("exact", "noisy"):
         refuse_tared(specimen)
     point, free = fixed_and_free(fixed, law)
-    data = readings(specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed")
+    data = Readings.from_specimen(
+        specimen, shared=mounting_stretch == "shared", zeroed=mounting == "zeroed"
+    )
     sd = None
     if mounting == "noisy" and data.mounting_sd.max() > MIN_SD * data.peak:
         sd = np.maximum(data.mounting_sd, MIN_SD * data.peak)

@@ -14,7 +14,7 @@ import numpy as np
 from biaxbayes.errors import InputError
 from biaxbayes.fitting.constrained import MOUNTING_STRETCH, constrained_fit, refuse_tared
 from biaxbayes.fitting.least_squares import Descent, best_descent, descend
-from biaxbayes.fitting.residuals import FreeMounting, LoadResiduals, Readings, readings
+from biaxbayes.fitting.residuals import FreeMounting, LoadResiduals, Readings
 from biaxbayes.fitting.result import FitResult, fit_result
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.laws import law_named
@@ -175,7 +175,9 @@ def fit(
         refuse_tared(specimen)
     chosen = law_named(law, fibre_switch=fibre_switch)
     point, free = fixed_and_free(fixed, chosen)
-    data = readings(specimen, shared=mounting_stretch == "shared", zeroed=method == "zeroed")
+    data = Readings.from_specimen(
+        specimen, shared=mounting_stretch == "shared", zeroed=method == "zeroed"
+    )
     points, stretches = screened_points(
         data,
         starts if initial is not None else max(starts, 1),

@@ -43,6 +43,28 @@ class Readings:
     mounted: bool  # dimensions refer to the mounted state
     rows: tuple[slice, ...]  # of each protocol
 
+    @classmethod
+    def from_specimen(cls, specimen: Specimen, *, shared: bool, zeroed: bool = False) -> Readings:
+        """Rows of a specimen with one mounted state for all protocols, or one each."""
+        source = specimen.zeroed() if zeroed else specimen
+        loads = [source.load(p) for p in source.protocols]
+        reading, sd = source.mounting_readings(shared=shared)
+        sizes = [p.rows for p in source.protocols]
+        ends = np.cumsum([0, *sizes])
+        return cls(
+            stretch=np.concatenate([[p.stretch_x, p.stretch_y] for p in source.protocols], axis=1),
+            load=np.concatenate(loads).T.copy(),
+            group=np.zeros(ends[-1], dtype=int)
+            if shared
+            else np.repeat(np.arange(len(sizes)), sizes),
+            at_rest=np.concatenate([np.arange(p.rows) < p.rest_rows for p in source.protocols]),
+            mounting_load=reading.T.copy(),
+            mounting_sd=sd.T.copy(),
+            area=specimen.area,
+            mounted=specimen.geometry == "mounted",
+            rows=tuple(slice(a, b) for a, b in pairwise(ends)),
+        )
+
     def forward(self, law: Law) -> ForwardModel:
         """The forward model of a law on the specimen."""
         return ForwardModel(law, self.area, self.mounted)
@@ -74,26 +96,6 @@ class Readings:
     def stretched(self) -> Readings:
         """The readings without rows at rest, which enter a posterior as the mounting reading."""
         return self.thinned(self.at_rest.size)
-
-
-def readings(specimen: Specimen, *, shared: bool, zeroed: bool = False) -> Readings:
-    """Flatten a specimen with one mounted state for all protocols, or one each."""
-    source = specimen.zeroed() if zeroed else specimen
-    loads = [source.load(p) for p in source.protocols]
-    reading, sd = source.mounting_readings(shared=shared)
-    sizes = [p.rows for p in source.protocols]
-    ends = np.cumsum([0, *sizes])
-    return Readings(
-        stretch=np.concatenate([[p.stretch_x, p.stretch_y] for p in source.protocols], axis=1),
-        load=np.concatenate(loads).T.copy(),
-        group=np.zeros(ends[-1], dtype=int) if shared else np.repeat(np.arange(len(sizes)), sizes),
-        at_rest=np.concatenate([np.arange(p.rows) < p.rest_rows for p in source.protocols]),
-        mounting_load=reading.T.copy(),
-        mounting_sd=sd.T.copy(),
-        area=specimen.area,
-        mounted=specimen.geometry == "mounted",
-        rows=tuple(slice(a, b) for a, b in pairwise(ends)),
-    )
 
 
 # --- residuals of the deterministic fits and their analytic Jacobians ----------------------------

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings, readings
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
 from biaxbayes.options import Settings
 from biaxbayes.parameters import mounting_names
 from biaxbayes.prediction.draws import mounting_labels
@@ -101,7 +101,7 @@ class _Ridge:
         self.balanced = settings.infers_mounting
         self.values = tuple(float(draw[n]) for n in names)
         self.origin = self.law.point(self.values)
-        data = readings(specimen, shared=settings.shared)
+        data = Readings.from_specimen(specimen, shared=settings.shared)
         if self.balanced:
             labels = mounting_labels(draw.to_frame().T, specimen)
             names_of = [mounting_names("force", label) for label in labels]

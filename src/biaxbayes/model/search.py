@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.fitting.residuals import readings
+from biaxbayes.fitting.residuals import Readings
 from biaxbayes.fitting.starting_points import fixed_and_free, screened_points
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import inside_priors, start_parameters, with_sampling_constants
@@ -151,7 +151,7 @@ def _extra_starts(
     point, free = fixed_and_free(settings.fixed_material, law)
     if not free.size:
         return np.empty((0, posterior.dimension))
-    data = readings(
+    data = Readings.from_specimen(
         posterior.specimen,
         shared=settings.shared,
         zeroed=settings.mounting == "zeroed",

@@ -16,7 +16,7 @@ import numpy as np
 
 from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import misses_smoothly
-from biaxbayes.fitting.residuals import readings
+from biaxbayes.fitting.residuals import Readings
 from biaxbayes.fitting.result import FitResult
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen import Specimen
@@ -138,7 +138,7 @@ class _Work:
         """Largest miss near the mounted state over the stiffness there, as a stretch."""
         settings, full = self.posterior.settings, self.full
         shared = settings.shared
-        data = readings(self.data, shared=shared)
+        data = Readings.from_specimen(self.data, shared=shared)
         law = self.posterior.law
         point = law.point(full.material.values)
         forward = data.forward(law)

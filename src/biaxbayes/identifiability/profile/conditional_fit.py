@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from biaxbayes.fitting.least_squares import descend
-from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings, readings
+from biaxbayes.fitting.residuals import BalancedMounting, LoadResiduals, Readings
 from biaxbayes.fitting.starting_points import screened_points
 from biaxbayes.mechanics.mounting import BRACKET
 from biaxbayes.options import Settings
@@ -84,7 +84,7 @@ class ConditionalLikelihood:
         self.law = settings.material_law
         self.theta = self.law.lower.size  # unknowns before the mounting stretches
         shared = settings.shared
-        data = readings(specimen, shared=shared, zeroed=settings.mounting == "zeroed")
+        data = Readings.from_specimen(specimen, shared=shared, zeroed=settings.mounting == "zeroed")
         self.data: Readings = data.stretched()
         self.reading = data.mounting_load
         self.reading_sd = data.mounting_sd
