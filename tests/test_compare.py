@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import ks_2samp, mannwhitneyu, norm
 
 from biaxbayes.cli import main
-from biaxbayes.comparison.compare import Member, compare, differing_settings, labels_of
+from biaxbayes.comparison.compare import Member, compare, differing_settings, run_labels
 from biaxbayes.comparison.distance import contractions, distance, prior_material
 from biaxbayes.errors import InputError
 from biaxbayes.figures.compare import forest_figure, matrix_figure
@@ -215,8 +215,8 @@ def test_different_settings_are_pointed_out(members):
 
 def test_labels_come_from_layers_specimens_or_folders(members):
     a, b = members[0].posterior.specimen, members[1].posterior.specimen
-    assert labels_of([a, b], ["run1", "run2"]) == ["run1", "run2"]
-    assert labels_of([a, b], ["run", "run"]) == ["virtual (1)", "virtual (2)"]
+    assert run_labels([a, b], ["run1", "run2"]) == ["run1", "run2"]
+    assert run_labels([a, b], ["run", "run"]) == ["virtual (1)", "virtual (2)"]
 
 
 @pytest.mark.long

@@ -20,7 +20,7 @@ from biaxbayes.comparison.law_comparison import (
     Prediction,
     Task,
     only,
-    parts_of,
+    left_out_parts,
     sample_part,
     without,
 )
@@ -174,7 +174,7 @@ def test_levels_are_learned_from_the_other_parts_alone():
 
 def test_single_readings_are_foretold_whatever_the_posterior_averages():
     specimen = specimen_of(GOH(10.0, 40.0, 5.0, 40.0, 0.15), increments=40)
-    part, options = parts_of(specimen)[0], {"noise": "effective", "thin": 10}
+    part, options = left_out_parts(specimen)[0], {"noise": "effective", "thin": 10}
     values = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.15, "noise_sd": 0.01}
     values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
     drawn = Prediction("converged", "", 0.1, (), pd.DataFrame([values] * 3))
@@ -214,7 +214,7 @@ def test_sharpness_is_the_mode_of_a_beta_likelihood_and_a_lognormal_prior():
 def test_left_out_readings_are_told_in_cauchy_stress(geometry):
     material, lm = GOH(10.0, 40.0, 5.0, 40.0, 0.15), (1.01, 1.02)
     specimen = replace(specimen_of(material, increments=12), geometry=geometry)
-    part, share = parts_of(specimen)[1], np.ones((len(specimen.protocols), 2))
+    part, share = left_out_parts(specimen)[1], np.ones((len(specimen.protocols), 2))
     values = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.15, "noise_sd": 0.01}
     values |= {"mounting_stretch_x": lm[0], "mounting_stretch_y": lm[1]}
     drawn = Prediction("converged", "", 0.1, (), pd.DataFrame([values] * 3))
@@ -290,7 +290,7 @@ def test_bands_of_a_mixture_of_one_law_are_those_of_its_draws(two_laws):
 def test_a_protocol_is_left_out_of_what_the_laws_are_fitted_to(count):
     specimen = small_specimen()
     specimen = replace(specimen, protocols=specimen.protocols[:count])
-    for k, part in enumerate(parts_of(specimen)):
+    for k, part in enumerate(left_out_parts(specimen)):
         rest, own = without(specimen, part), only(specimen, part)
         assert [p.name for p in own.protocols] == [part.name]
         assert [p.name for p in rest.protocols] == [
@@ -301,7 +301,7 @@ def test_a_protocol_is_left_out_of_what_the_laws_are_fitted_to(count):
 def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
     specimen = small_specimen()
     options = {"noise": "independent", "mounting": "exact"}
-    for part, kept in ((None, MOST_DRAWS), (parts_of(specimen)[0], MOST_DRAWS_OF_PART)):
+    for part, kept in ((None, MOST_DRAWS), (left_out_parts(specimen)[0], MOST_DRAWS_OF_PART)):
         task = Task("goh", specimen, part, options, seed=1, ess=20.0, max_steps=64)
         found = sample_part(task)
         assert len(found.draws) == kept
@@ -448,11 +448,11 @@ def test_a_measured_mounting_stretch_is_stated_as_the_mixture_has_it():
 
 def test_parts_make_up_the_record_and_are_left_out_of_the_rest():
     three = small_specimen()
-    assert [p.name for p in parts_of(three)] == [p.name for p in three.protocols]
+    assert [p.name for p in left_out_parts(three)] == [p.name for p in three.protocols]
     one = three.only(three.protocols[0].name)
     rest = one.protocols[0].rest_rows
     seen = []
-    for part in parts_of(one):
+    for part in left_out_parts(one):
         left, kept = only(one, part).protocols[0], without(one, part).protocols[0]
         assert left.rows - rest + kept.rows == one.protocols[0].rows
         assert left.stretch_x[0] == kept.stretch_x[0] == one.protocols[0].stretch_x[0]

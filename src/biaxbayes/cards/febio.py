@@ -236,7 +236,7 @@ def read_febio(text: str) -> FebioCard:
         kind = "" if node is None else node.get("type", "")
         if node is None or kind not in (HGO, MIXTURE):
             raise ValueError("another material")
-        axes = _axes_of(node)
+        axes = _read_axes(node)
         solids = [_solid(part, axes) for part in node.findall("solid")]
         if kind == HGO:
             solids = [_solid(node, np.eye(3))]
@@ -251,10 +251,10 @@ def _solid(node: ElementTree.Element, outer: np.ndarray) -> Solid:
     if kind not in _ENERGIES:
         raise ValueError(f"a part {kind[:40]!r}")
     values = {c.tag: float(c.text or "") for c in node if c.tag not in ("mat_axis", "fiber")}
-    return Solid(kind, values, _axes_of(node) @ outer)
+    return Solid(kind, values, _read_axes(node) @ outer)
 
 
-def _axes_of(node: ElementTree.Element) -> np.ndarray:
+def _read_axes(node: ElementTree.Element) -> np.ndarray:
     """Material axes as rows: e1 along a, e3 along a x d, e2 = e3 x e1; for a fibre its vector."""
     if node.find("fiber") is not None:
         fibre = np.array(node.findtext("fiber", "").split(","), dtype=float).reshape(1, 3)

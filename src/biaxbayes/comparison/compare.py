@@ -223,7 +223,7 @@ def compare(members: Sequence[Member], *, thresholds: Thresholds | None = None) 
     return Comparison(members, reported, derived, identified, pd.DataFrame(rows), stretches, notes)
 
 
-def labels_of(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
+def run_labels(specimens: Sequence[Any], folders: Sequence[str]) -> list[str]:
     """Labels for runs: the layers if they differ, else the specimens, else the folders' names."""
     layers = [s.layer for s in specimens]
     names = [s.name for s in specimens]
@@ -289,13 +289,13 @@ def _distances(
     for scale in parameter_scales(a.posterior.priors, a.posterior.quantities, a.draws):
         # A mounting stretch is a state of the test, not a property of the tissue.
         if scale.parameter.kind == MATERIAL:
-            of_a, of_b = (m.draws[scale.name].to_numpy(dtype=float) for m in (a, b))
-            pairs.append((PARAMETER, scale.name, scale.name, scale.unit, None, of_a, of_b))
+            draws_a, draws_b = (m.draws[scale.name].to_numpy(dtype=float) for m in (a, b))
+            pairs.append((PARAMETER, scale.name, scale.name, scale.unit, None, draws_a, draws_b))
     for first, second in zip(derived[i], derived[j], strict=True):
         head = (first.kind, first.key, first.name, first.unit, first.stretch)
         pairs.append((*head, first.values, second.values))
-    for kind, key, name, unit, stretch, of_a, of_b in pairs:
-        apart = distance(of_a, of_b)
+    for kind, key, name, unit, stretch, draws_a, draws_b in pairs:
+        apart = distance(draws_a, draws_b)
         rows.append(
             {
                 "run_a": a.label,
@@ -306,8 +306,8 @@ def _distances(
                 "total_stretch": stretch,
                 "identified_in_a": identified[i].get(key, False),
                 "identified_in_b": identified[j].get(key, False),
-                "median_a": float(np.median(of_a)),
-                "median_b": float(np.median(of_b)),
+                "median_a": float(np.median(draws_a)),
+                "median_b": float(np.median(draws_b)),
                 "difference_q05": apart.low,
                 "difference_q50": apart.median,
                 "difference_q95": apart.high,

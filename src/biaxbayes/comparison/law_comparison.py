@@ -39,7 +39,7 @@ class Part:
     rows: slice  # counted with those at rest, which are never left out
 
 
-def parts_of(specimen: Specimen) -> tuple[Part, ...]:
+def left_out_parts(specimen: Specimen) -> tuple[Part, ...]:
     """Each protocol, or each quarter of the only one."""
     if len(specimen.protocols) > 1:
         return tuple(

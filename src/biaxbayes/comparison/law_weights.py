@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, only, parts_of
+from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, only, left_out_parts
 from biaxbayes.comparison.mixture import mixture_bands, mixture_draws, shared_stretches
 from biaxbayes.comparison.pooling import (
     calibrated_levels,
@@ -115,7 +115,7 @@ def weigh_laws(
     laws: Sequence[str],
 ) -> LawComparison:
     """Weigh laws by predictions by law and left-out part; NotConverged if none is usable."""
-    parts = parts_of(specimen)
+    parts = left_out_parts(specimen)
     names = (WHOLE, *(p.name for p in parts))
     bad = {
         law: f"{name}: {predictions[law, name].reason}"

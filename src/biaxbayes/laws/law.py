@@ -310,11 +310,6 @@ class Law(ABC):
         ]
         return np.clip(point, np.minimum(*ends), np.maximum(*ends))
 
-    def cauchy_of(self, constants: Any, stretch_x: Any, stretch_y: Any) -> np.ndarray:
-        """Cauchy stresses (..., 2, n) of constants that broadcast against the stretches."""
-        stress = cauchy_stress(constants, *squared_stretches(stretch_x, stretch_y))
-        return np.stack(np.broadcast_arrays(*stress), axis=-2)
-
     def response(self, point: np.ndarray, stretch: np.ndarray) -> StressResponse:
         """Stresses and derivatives at fit coordinates (p,), stretches (2, n), by complex step."""
         p = point.size

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from biaxbayes.laws.law import Law
+from biaxbayes.laws.response import cauchy_stress, squared_stretches
 
 MATRIX_SHARE = 0.01
 """Least stiffness of the matrix to start from, over the peak stress, if prestretch is inferred.
@@ -48,7 +49,9 @@ def screen(law: Law, data: Screening, rng: np.random.Generator) -> tuple[np.ndar
 
     def load_at(given: np.ndarray) -> np.ndarray:
         constants = law.constants_at_point(*given.T[:, :, None])
-        return (law.cauchy_of(constants, total[:, 0], total[:, 1]) * factor).reshape(data.size, -1)
+        stress = cauchy_stress(constants, *squared_stretches(total[:, 0], total[:, 1]))
+        stress = np.stack(np.broadcast_arrays(*stress), axis=1)  # (S, 2, n)
+        return (stress * factor).reshape(data.size, -1)
 
     linear = [law.names.index(name) for name in law.amplitudes]
     unknown = [i for i in linear if i in data.free]

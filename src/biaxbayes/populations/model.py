@@ -246,7 +246,7 @@ class Grouping:
         """True if only the prior splits the spread into that of donors and that of specimens."""
         return len(self.donors) == len(self.labels)
 
-    def donors_of(self, group: str) -> int:
+    def donor_count(self, group: str) -> int:
         """Number of donors of a group."""
         return len({self.donor[i] for i in self.members(group)})
 

@@ -97,7 +97,7 @@ class Hyper:
         Locations that the model excludes are left out. Also returns locations (draws, groups, p)
         of a tested donor's specimens.
         """
-        parts = [_prior_of(v, layout, draws, rng) for v in values]
+        parts = [_prior_draws(v, layout, draws, rng) for v in values]
         mu, sd_donors, sd, location = (np.stack(part, axis=-1) for part in zip(*parts, strict=True))
         whole = np.broadcast_to(np.eye(len(values)), (draws, len(values), len(values)))
         return cls(tuple(values), layout.set_of, mu, sd_donors, sd, whole, whole), location
@@ -217,7 +217,7 @@ class Hyper:
         return float((other >= own).mean()), each
 
 
-def _prior_of(
+def _prior_draws(
     v: PooledValue, layout: Layout, draws: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Means (M, groups), sds of donors (M,) and specimens (M, sets), locations (M, groups)."""

@@ -97,7 +97,7 @@ def groups_table(population: Population) -> pd.DataFrame:
         head = {
             "group": group,
             "specimens": len(population.grouping.members(group)),
-            "donors": population.grouping.donors_of(group),
+            "donors": population.grouping.donor_count(group),
         }
         typical = many.typical(g)
         location = few.donors(g, rng)
@@ -168,7 +168,7 @@ def specimens_table(population: Population) -> pd.DataFrame:
     names = [v.name for v in population.values]
     prior, locations = population.prior
     rng = population.rng(800)
-    of_prior = [
+    prior_specimens = [
         prior.specimens(locations[:, g], g, rng) for g in range(len(population.grouping.groups))
     ]
     for i, source in enumerate(population.sources):
@@ -176,7 +176,7 @@ def specimens_table(population: Population) -> pd.DataFrame:
         joint, each = hyper.conflict(theta[:, i], g, population.rng(100 + i))
         pooled = population.natural(i)
         verdicts = specimen_verdicts(
-            source, pd.DataFrame(pooled), population.values, of_prior[g], population.state
+            source, pd.DataFrame(pooled), population.values, prior_specimens[g], population.state
         )
         single = {row["parameter"]: row for row in source.run.result.to_frame().to_dict("records")}
         kinds = source.posterior.quantities.of_kind(MATERIAL, STRETCH)
@@ -331,9 +331,9 @@ def derived_rows(
     hyper = population.hyper(CURVE_DRAWS)
     rng = population.rng(1 + g)
     M = hyper.draws
-    of_typical, medians = _typical(population, hyper, g, rng)
+    typical_quantities, medians = _typical(population, hyper, g, rng)
     between = hyper.repeated(BETWEEN)
-    of_donors = derived(population, between.median(between.donors(g, rng), g))
+    donor_quantities = derived(population, between.median(between.donors(g, rng), g))
     wide = hyper.repeated(4)
     location = wide.donors(g, rng)
     new = derived(population, wide.specimens(location, g, rng))
@@ -343,9 +343,9 @@ def derived_rows(
     )
     shares = contractions(before, medians)
     for q, median, share, *others in zip(
-        of_typical, medians, shares, of_donors, new, donor, strict=True
+        typical_quantities, medians, shares, donor_quantities, new, donor, strict=True
     ):
-        typical, (donors, specimen, of_new_donor) = q.values, (o.values for o in others)
+        typical, (donors, specimen, new_donor) = q.values, (o.values for o in others)
         unit = q.unit or "1"
         scale = LOG if unit != "1" and min(typical.min(), donors.min()) > 0.0 else LINEAR
         verdict: dict[str, Any] = {"verdict": NO_VERDICT}
@@ -369,7 +369,7 @@ def derived_rows(
                 "sd_specimens": sd_specimens,
                 "sd_total": np.hypot(sd_donors, sd_specimens),
                 "new_specimen": specimen,
-                "new_donor": of_new_donor,
+                "new_donor": new_donor,
             },
             verdict,
         )

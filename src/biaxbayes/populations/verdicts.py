@@ -181,9 +181,9 @@ def specimen_verdicts(
     verdicts = {p.name: unless_wide(p).posterior_verdict for p in identification.parameters}
     if state != "converged":
         return verdicts
-    of_run = {r.name: r.verdict for r in source.run.result.reported}
+    run_verdicts = {r.name: r.verdict for r in source.run.result.reported}
     stretches = source.posterior.quantities.of_kind(STRETCH)
-    return verdicts | {q.name: of_run[q.name] for q in stretches if q.name in of_run}
+    return verdicts | {q.name: run_verdicts[q.name] for q in stretches if q.name in run_verdicts}
 
 
 def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter) -> dict[str, Any]:

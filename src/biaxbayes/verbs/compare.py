@@ -57,7 +57,7 @@ def compare(
     **options
         For specimens to sample, as in :func:`biaxbayes.sample`.
     """
-    from biaxbayes.comparison.compare import Member, labels_of
+    from biaxbayes.comparison.compare import Member, run_labels
     from biaxbayes.comparison.compare import compare as lay_out
     from biaxbayes.reports.comparison import write_comparison
     from biaxbayes.verbs.sample import sample
@@ -83,7 +83,7 @@ def compare(
                 **options,
             )
         opened.append(inputs.usable_run(run, anyway=anyway))  # type: ignore[arg-type]
-    names = labels or labels_of([r.specimen for r in opened], [r.path.name for r in opened])
+    names = labels or run_labels([r.specimen for r in opened], [r.path.name for r in opened])
     # Draws taken anyway still get no verdict.
     states = ["tentative" if r.state == "unusable" else r.state for r in opened]
     result = lay_out(

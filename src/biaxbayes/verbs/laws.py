@@ -14,7 +14,14 @@ import numpy as np
 import pandas as pd
 
 import biaxbayes
-from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, Task, parts_of, sample_part
+from biaxbayes.comparison.law_comparison import (
+    WHOLE,
+    Part,
+    Prediction,
+    Task,
+    left_out_parts,
+    sample_part,
+)
 from biaxbayes.comparison.law_weights import LawComparison, weigh_laws
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws import LAWS, law_named
@@ -162,7 +169,7 @@ def compare_laws(
     tasks = [
         Task(law, specimen, part, common, _seed(plan.seed, law, part), plan.ess, plan.max_steps)
         for law in laws
-        for part in (None, *parts_of(specimen))
+        for part in (None, *left_out_parts(specimen))
     ]
     if folder is None:
         predictions = _sampled(tasks, None, executor, progress, stop)
