@@ -19,8 +19,8 @@ from biaxbayes.comparison.law_comparison import (
     Part,
     Prediction,
     Task,
-    only,
     left_out_parts,
+    only,
     sample_part,
     without,
 )

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, only, left_out_parts
+from biaxbayes.comparison.law_comparison import WHOLE, Part, Prediction, left_out_parts, only
 from biaxbayes.comparison.mixture import mixture_bands, mixture_draws, shared_stretches
 from biaxbayes.comparison.pooling import (
     calibrated_levels,
