@@ -75,9 +75,9 @@ def test_the_angle_of_an_isotropic_material_is_not_determined():
     found = identify(case("isotropic"))
     assert found["kappa"].posterior_verdict == BOUNDED
     assert found["kappa"].evidence.edges[1].support > 0.147
-    assert "1/3 (isotropic)" in found["kappa"].words
+    assert "1/3 (isotropic)" in found["kappa"].text
     assert found["alpha"].posterior_verdict == NOT_IDENTIFIED
-    assert "kappa = 1/3" in found["alpha"].words
+    assert "kappa = 1/3" in found["alpha"].text
     # what does not depend on the angle is determined all the same
     assert (
         found["C1"].posterior_verdict
@@ -113,7 +113,7 @@ def test_aligned_fibres_are_one_sided_not_undetermined():
     assert low.value == 0.0 and low.kind == "physical"
     assert low.mass > 10 * low.prior_mass and low.prior_mass == pytest.approx(0.06)
     assert high.support < 0.01
-    assert "do not exclude 0 (aligned fibres)" in found.words
+    assert "do not exclude 0 (aligned fibres)" in found.text
 
 
 def test_a_stuck_chain_gives_no_verdict():
@@ -127,7 +127,7 @@ def test_a_stuck_chain_gives_no_verdict():
     found = identify_draws(good.posterior(), draws, state)
     assert {p.posterior_verdict for p in found.parameters} == {NO_VERDICT}
     assert all(p.evidence is None for p in found.parameters)  # no number to be misread either
-    assert "not converged" in found["kappa"].words
+    assert "not converged" in found["kappa"].text
 
 
 def test_tentative_draws_give_evidence_but_no_verdict():
@@ -184,7 +184,7 @@ def test_a_users_bound_is_not_a_physical_edge():
     found = identify(made_up(priors=cut, kappa=piled))["kappa"]
     assert found.posterior_verdict == NOT_IDENTIFIED
     assert [e.kind for e in found.evidence.edges] == ["physical", "user"]
-    assert "limited by the prior bound 0.100" in found.words
+    assert "limited by the prior bound 0.100" in found.text
     # the same draws below a physical edge
     physical = 1 / 3 - np.abs(rng.normal(0.0, 0.005, 8000))
     assert identify(made_up(kappa=physical))["kappa"].posterior_verdict == BOUNDED
@@ -209,7 +209,7 @@ def test_a_measured_angle_is_known_from_the_prior_not_from_the_data():
 
 def test_fixed_and_tied_parameters_are_said_to_be():
     found = identify(made_up(priors={"kappa": 0.1}))
-    assert found["kappa"].posterior_verdict == FIXED and "fixed at 0.1" in found["kappa"].words
+    assert found["kappa"].posterior_verdict == FIXED and "fixed at 0.1" in found["kappa"].text
     assert "kappa" not in {q for p in found.parameters for q in p.partners}
 
 
@@ -221,7 +221,7 @@ def test_a_ridge_names_all_who_move_along_it():
     found = identify(made_up(kappa=kappa, alpha=alpha, k1=k1))
     assert found["kappa"].posterior_verdict == COMBINATION
     assert set(found["kappa"].partners) == {"alpha", "k1"}
-    assert "only in combination with" in found["kappa"].words
+    assert "only in combination with" in found["kappa"].text
 
 
 # --- pieces of evidence ---
@@ -494,12 +494,12 @@ def test_the_sloppy_direction_keeps_the_curves_as_stated():
     ]
     change = max(np.abs(curve - curves[0]).max() for curve in curves)
     assert change == pytest.approx(path.change_kPa, rel=1e-3)
-    stated = float(re.search(r"by more than ([\d.e-]+) kPa", found.words)[1])
+    stated = float(re.search(r"by more than ([\d.e-]+) kPa", found.text)[1])
     assert change <= stated <= 1.12 * change
     # less than one reading errs by
-    assert change < float(re.search(r"errs by ([\d.e-]+) kPa", found.words)[1])
+    assert change < float(re.search(r"errs by ([\d.e-]+) kPa", found.text)[1])
     for name in ("C1", "k1", "k2"):
-        ratio = float(re.search(rf"{name} times ([\d.]+)", found.words)[1])
+        ratio = float(re.search(rf"{name} times ([\d.]+)", found.text)[1])
         assert ratio == pytest.approx(ends[name].iloc[1] / ends[name].iloc[0], rel=0.01)
 
 
@@ -511,8 +511,8 @@ def test_the_stiff_direction_is_the_known_one():
     made = made_up(C1=C1, k1=k1, alpha=rng.uniform(20.0, 60.0, 8000), **rest)
     stiff = sloppiness(made.target, made.draws).directions[0]
     # k1 C1^0.5 is known to 1.645 % (90 %)
-    assert stiff.words.startswith("best known: C1^0.5 k1,")
-    assert "to 1.7 % (90 %)" in stiff.words
+    assert stiff.text.startswith("best known: C1^0.5 k1,")
+    assert "to 1.7 % (90 %)" in stiff.text
 
 
 def test_what_was_found_is_written_into_the_run(tmp_path):
@@ -546,6 +546,6 @@ def test_two_narrow_peaks_are_no_prior():
     alpha = np.where(rng.random(8000) < 0.5, 15.0, 75.0) + rng.normal(0.0, 2.0, 8000)
     found = identify(made_up(alpha=alpha, kappa=rng.normal(0.1, 0.01, 8000)))["alpha"]
     assert found.posterior_verdict == IDENTIFIED and found.evidence.modes == 2
-    assert "loosely" in found.words and "2 separate peaks" in found.words
+    assert "loosely" in found.text and "2 separate peaks" in found.text
     wide = identify(made_up(alpha=rng.uniform(5.0, 70.0, 8000)))["alpha"]
     assert wide.posterior_verdict == NOT_IDENTIFIED

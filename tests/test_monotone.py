@@ -81,7 +81,7 @@ def check_monotone(seed: int) -> None:
     loose = judged(specimen, mounting_sd=0.2)
     for name in MOUNTING:
         first, second, wide = base[name], worse[name], loose[name]
-        told = (seed, name, first.words, second.words, wide.words)
+        told = (seed, name, first.text, second.text, wide.text)
         assert strength(second) <= strength(first), told
         assert (
             first.mounting is not None and second.mounting is not None and wide.mounting is not None

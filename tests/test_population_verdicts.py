@@ -164,7 +164,7 @@ def test_a_group_that_is_known_is_identified(values, prior):
     found = judged(hyper_of(values, known(values, np.random.default_rng(3))), prior)
     assert [found[n].posterior_verdict for n in NAMES] == [IDENTIFIED] * 5
     low, high = 14.0 * np.exp(np.array([-1.645, 1.645]) * 0.05)
-    assert found["C1"].words == f"C1: identified, {low:.3g} to {high:.3g} kPa (90 %)"
+    assert found["C1"].text == f"C1: identified, {low:.3g} to {high:.3g} kPa (90 %)"
 
 
 def test_a_value_known_to_a_factor_of_more_than_ten_is_not_identified(values, prior):
@@ -176,7 +176,7 @@ def test_a_value_known_to_a_factor_of_more_than_ten_is_not_identified(values, pr
     assert (
         verdicts["C1"].posterior_verdict == NOT_IDENTIFIED and reported_text(verdicts["C1"]) == ""
     )
-    assert "known only to a factor of 1" in verdicts["C1"].words
+    assert "known only to a factor of 1" in verdicts["C1"].text
     assert verdicts["k1"].posterior_verdict == IDENTIFIED and " to " in reported_text(
         verdicts["k1"]
     )
@@ -210,7 +210,7 @@ def test_an_open_edge_and_a_ridge_are_named(values, prior):
     mu[:, 1] += ridge
     mu[:, 2] -= ridge
     found = judged(hyper_of(values, mu), prior)
-    assert found["kappa"].posterior_verdict == BOUNDED and "aligned fibres" in found["kappa"].words
+    assert found["kappa"].posterior_verdict == BOUNDED and "aligned fibres" in found["kappa"].text
     assert found["k1"].posterior_verdict == COMBINATION and found["k1"].partners == ("k2",)
     assert found["C1"].posterior_verdict == IDENTIFIED
 
@@ -222,7 +222,7 @@ def test_an_angle_means_nothing_where_fibres_may_be_isotropic(values, prior):
     found = judged(hyper_of(values, mu), prior)
     assert (
         found["alpha"].posterior_verdict == NOT_IDENTIFIED
-        and "no angle means anything" in found["alpha"].words
+        and "no angle means anything" in found["alpha"].text
     )
 
 
@@ -256,7 +256,7 @@ def test_spreads_are_judged_by_the_same_rule(values):
     assert found["sd_donors"].posterior_verdict == NOT_IDENTIFIED
     assert found["sd_donors"].evidence.contraction == pytest.approx(0.0, abs=0.1)
     assert found["sd_specimens"].posterior_verdict == BOUNDED
-    assert "0 (no spread)" in found["sd_specimens"].words
+    assert "0 (no spread)" in found["sd_specimens"].text
     known = 0.6 + 0.05 * rng.standard_normal(DRAWS)
     assert spread(values, known, same)["sd_donors"].posterior_verdict == IDENTIFIED
 

@@ -143,7 +143,7 @@ class Direction:
 
     loadings: dict[str, float]  # by parameter, per prior sd; the squares sum to one
     spread: float  # posterior sd along it, in prior sds
-    words: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class Sloppiness:
 
     directions: tuple[Direction, ...]
     path: SameCurves  # along the sloppy direction
-    words: str  # what moves along it and what that changes
+    text: str  # what moves along it and what that changes
 
 
 def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
@@ -180,7 +180,7 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
         tuple(s.name for s in scales),
     )
     return Sloppiness(
-        directions, path, path_words(path, _error_kPa(posterior, few), few, posterior.law)
+        directions, path, path_text(path, _error_kPa(posterior, few), few, posterior.law)
     )
 
 
@@ -198,9 +198,9 @@ def _directions(scales: list[Scale], draws: pd.DataFrame) -> tuple[Direction, ..
         lead = int(np.argmax(np.abs(vector)))
         vector = vector * np.sign(vector[lead])
         spread = float(np.sqrt(max(value, 0.0)))
-        words = f"{rank}: {_combination(scales, vector, np.array(units), spread)}"
+        text = f"{rank}: {_combination(scales, vector, np.array(units), spread)}"
         loadings = {s.name: float(v) for s, v in zip(scales, vector, strict=True)}
-        out.append(Direction(loadings, spread, words))
+        out.append(Direction(loadings, spread, text))
     return tuple(out)
 
 
@@ -244,7 +244,7 @@ def _error_kPa(posterior: Posterior, draws: pd.DataFrame) -> float:
     return float(error_sd(errors, values, load)) / float(specimen.area.min())
 
 
-def path_words(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law) -> str:
+def path_text(path: SameCurves, error_kPa: float, draws: pd.DataFrame, law: Law) -> str:
     """Text on the parameters that move along a path, and the change of the curves."""
     first, last = path.materials.iloc[0], path.materials.iloc[-1]
     names = [path.moved, *(n for n in law.names if n != path.moved)]

@@ -109,7 +109,7 @@ class ParameterVerdict:
 
     scale: Scale
     posterior_verdict: str  # from posterior and prior alone: one of VERDICTS, NO_VERDICT or FIXED
-    words: str  # the same as a sentence
+    text: str  # the same as a sentence
     evidence: Evidence | None = None  # None if fixed or tied, or if draws are unusable
     # of a mounting stretch: the interval all laws agree on
     mounting: MountingInterval | None = None
@@ -184,8 +184,8 @@ def assess_parameters(
             verdict = NO_VERDICT
             if state == "converged":
                 verdict = decide(e, thresholds, undefined=bool(why), partner_at_end=partner)
-        words = verdict_sentence(scale, verdict, e, thresholds, state, undefined=why)
-        out.append(ParameterVerdict(scale, verdict, words, e, interval, why))
+        text = verdict_sentence(scale, verdict, e, thresholds, state, undefined=why)
+        out.append(ParameterVerdict(scale, verdict, text, e, interval, why))
     return tuple(out)
 
 

@@ -142,7 +142,7 @@ def _verdicts(population: Population, hyper: Hyper, g: int) -> dict[str, dict[st
     spreads = spread_verdicts(hyper, g, population.law, population.state)
     out: dict[str, dict[str, Any]] = {}
     for name, mean in means.items():
-        row: dict[str, Any] = {"in_words": mean.words, "reported": reported_text(mean)}
+        row: dict[str, Any] = {"in_words": mean.text, "reported": reported_text(mean)}
         for stem, p in {"": mean, **{f"{k}_": v for k, v in spreads[name].items()}}.items():
             row[f"{stem}verdict"] = p.posterior_verdict
             if p.evidence is not None:

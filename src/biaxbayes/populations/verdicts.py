@@ -73,11 +73,11 @@ def unless_wide(p: ParameterVerdict) -> ParameterVerdict:
     if e is None or not wide or p.posterior_verdict != IDENTIFIED:
         return p
     q = p.scale.parameter
-    words = (
+    text = (
         f"{p.name}: {NOT_IDENTIFIED}, {q.number(e.low)} to {q.number(e.high)}{q.unit_words()} "
         f"(90 %); known only to a factor of {e.high / e.low:.2g}"
     )
-    return replace(p, posterior_verdict=NOT_IDENTIFIED, words=words)
+    return replace(p, posterior_verdict=NOT_IDENTIFIED, text=text)
 
 
 def reported_text(p: ParameterVerdict) -> str:

@@ -178,9 +178,9 @@ def run_result(
         convergence=dict(convergence),
         thresholds=verdicts.all_thresholds,
         directions=tuple(
-            {"spread": d.spread, "loadings": d.loadings, "in_words": d.words} for d in directions
+            {"spread": d.spread, "loadings": d.loadings, "in_words": d.text} for d in directions
         ),
-        same_curves_in_words="" if curves is None else curves.words,
+        same_curves_in_words="" if curves is None else curves.text,
         summary=summary,
         identifiability=verdicts.to_frame(),
         law_fits=fits,
