@@ -11,7 +11,6 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.fit import fit
 from biaxbayes.fitting.result import FitResult, misfit_sentence, root_mean_square
 from biaxbayes.options import FitOptions
-from biaxbayes.prediction.bands import evenly_chosen
 from biaxbayes.specimens.findings import Finding
 from biaxbayes.specimens.specimen import Specimen
 
@@ -110,7 +109,8 @@ def thinned(specimen: Specimen, rows: int = ROWS) -> Specimen:
     protocols = []
     for p in specimen.protocols:
         moving = np.arange(p.rest_rows, p.rows)
-        index = np.concatenate([np.arange(p.rest_rows), moving[evenly_chosen(moving.size, rows)]])
+        at = np.linspace(0, moving.size - 1, min(rows, moving.size)).round().astype(int)
+        index = np.concatenate([np.arange(p.rest_rows), moving[np.unique(at)]])
         time = None if p.time_s is None else p.time_s[index]
         curves = (p.stretch_x, p.stretch_y, p.load_x, p.load_y)
         x, y, fx, fy = (curve[index] for curve in curves)
