@@ -12,7 +12,7 @@ from biaxbayes.sampling.modes import (
     Mode,
     find_modes,
     local_mode,
-    separate_groups,
+    separate_ridges,
 )
 from biaxbayes.sampling.target import bounds_array
 
@@ -144,12 +144,12 @@ def test_modes_are_of_one_ridge_where_the_density_between_them_hardly_falls():
     first, near, next_, far = (mode_at(bent, on(a)) for a in (0.0, 50.0, 100.0, 200.0))
     # the line over 50 degrees falls by 0.5 (5 (1 - cos 25) / 0.8)^2 = 0.17, over 100 by 2.5,
     # over 200 by 13
-    groups = separate_groups(bent, [first, far])
+    groups = separate_ridges(bent, [first, far])
     assert [len(g) for g in groups] == [1, 1]
     assert groups[0][0] is first
     # one that joins two groups makes them one, the first mode first
-    (group,) = separate_groups(bent, [first, far, near, next_])
+    (group,) = separate_ridges(bent, [first, far, near, next_])
     assert group[0] is first and len(group) == 4
     # below the lower of two modes of unlike height
     low = Mode(far.location, far.factor, 0.0, -12.0)
-    assert len(separate_groups(bent, [first, low])) == 1
+    assert len(separate_ridges(bent, [first, low])) == 1

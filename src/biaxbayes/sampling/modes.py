@@ -140,23 +140,23 @@ BETWEEN = 33
 """Points of the straight line between two modes at which that is seen."""
 
 
-def separate_groups(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
-    """Modes by the ridge that they lie on; in each group the first mode first.
+def separate_ridges(log_density: LogDensity, modes: list[Mode]) -> list[list[Mode]]:
+    """Modes by the ridge that they lie on; on each ridge the first mode first.
 
     Two modes are on one ridge if the density along the straight line between them, or between
     others of the ridge, does not fall much below the lower one. A ridge that bends away from the
     line may count as two.
     """
-    groups: list[list[Mode]] = []
+    ridges: list[list[Mode]] = []
     for mode in modes:
         apart, joined = [], [mode]
-        for group in groups:
-            if any(_on_one_ridge(log_density, mode, m) for m in group):
-                joined = [*group, *joined]
+        for ridge in ridges:
+            if any(_on_one_ridge(log_density, mode, m) for m in ridge):
+                joined = [*ridge, *joined]
             else:
-                apart.append(group)
-        groups = [*apart, joined]
-    return groups
+                apart.append(ridge)
+        ridges = [*apart, joined]
+    return ridges
 
 
 def _on_one_ridge(log_density: LogDensity, one: Mode, other: Mode) -> bool:

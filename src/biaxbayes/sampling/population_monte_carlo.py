@@ -5,7 +5,7 @@ fitted to it (Cappe et al., J. Comput. Graph. Stat. 13 (2004) 907). Thousands of
 cost a compiled density a few milliseconds; walkers would need hundreds of steps to come as far.
 The first proposal has a Student t around every mode (:mod:`.modes`).
 
-A *ridge* is a group of modes with no deep valley between them (:func:`.modes.separate_groups`). A
+A *ridge* is a group of modes with no deep valley between them (:func:`.modes.separate_ridges`). A
 single transport map fitted to separated ridges tends to lose one. So each ridge has its own *part*
 of the proposal, a mixture of *components*, fitted to the points at which that part is the densest.
 All parts get equally many points, so that light ridges are not fitted from too few points and then
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from biaxbayes.errors import NotConverged
-from biaxbayes.sampling.modes import Mode, find_modes, separate_groups
+from biaxbayes.sampling.modes import Mode, find_modes, separate_ridges
 from biaxbayes.sampling.proposal import MixtureProposal, first_proposal, fit_mixture_proposal
 from biaxbayes.sampling.target import LogDensity, Target
 from biaxbayes.tasks import one_blas_thread
@@ -72,10 +72,9 @@ def search(
 ) -> Start:
     """Find all modes of a density that carry mass, and a population spread over them.
 
-    The first proposal has a part for each group of modes that lie on one ridge. It has two Student
-    t distributions at each mode, one of the local curvature and one of twice its width; three
-    nested and wide ones, around the first mode and the first start, guard against modes that were
-    not found.
+    The first proposal has a part for each ridge. It has two Student t distributions at each mode,
+    one of the local curvature and one of twice its width; three wide ones, around the first mode
+    and the first start, guard against modes that were not found.
 
     Parameters
     ----------
@@ -101,7 +100,7 @@ def search(
     ]
     known = np.zeros(len(scale), dtype=bool) if known is None else known
     wide = [np.diag(scale * np.where(known, 1.0, width)) for width in NESTED]
-    ridges = separate_groups(target.log_prob, modes)
+    ridges = separate_ridges(target.log_prob, modes)
     parts = []
     for ridge in ridges:
         means = [m.location for m in ridge for _ in range(2)] + [ridge[0].location, centre, centre]
