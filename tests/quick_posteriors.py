@@ -16,7 +16,7 @@ from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
-from biaxbayes.specimens.virtual_specimen import Machine, virtual_specimen
+from biaxbayes.specimens.virtual_specimen import Dimensions, Machine, virtual_specimen
 from shared import found_once
 
 THREE_RATIOS = ((1.0, 1.0), (1.0, 0.5), (0.5, 1.0))
@@ -55,6 +55,30 @@ def specimen(
         increments=increments,
         machine=Machine(noise_N=noise_N),
         seed=seed,
+    )
+    return made
+
+
+def exact_specimen(
+    material: GOH,
+    *,
+    name: str = "media",
+    mounting_stretch: tuple[float, float] = (1.01, 1.02),
+    measured_stretch: float = 1.18,
+    ratios: tuple[tuple[float, float], ...] = EQUIBIAXIAL,
+    **machine: Any,
+) -> Specimen:
+    """A square of 20 mm, 0.88 mm thick, tested without noise unless ``machine`` says otherwise."""
+    made, _ = virtual_specimen(
+        material,
+        name=name,
+        mounting_stretch=mounting_stretch,
+        measured_stretch=measured_stretch,
+        ratios=ratios,
+        dimensions=Dimensions(20.0, 20.0, 0.88),
+        increments=machine.pop("increments", 100),
+        machine=Machine(**machine),
+        seed=1,
     )
     return made
 

@@ -11,12 +11,10 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import beta, norm
 
 import biaxbayes
-from biaxbayes.cli import main
 from biaxbayes.comparison.law_comparison import (
     MOST_DRAWS,
     MOST_DRAWS_OF_PART,
     WHOLE,
-    Part,
     Prediction,
     Task,
     left_out_parts,
@@ -24,14 +22,7 @@ from biaxbayes.comparison.law_comparison import (
     sample_part,
     without,
 )
-from biaxbayes.comparison.law_weights import (
-    STACKED,
-    _left_out,
-    _LeftOut,
-    _part_table,
-    _weights,
-    weigh_laws,
-)
+from biaxbayes.comparison.law_weights import STACKED, weigh_laws
 from biaxbayes.comparison.mixture import mixture_bands, mixture_draws
 from biaxbayes.comparison.pooling import (
     LEAST_SHARPNESS,
@@ -49,8 +40,8 @@ from biaxbayes.identifiability.mounting_stretch.interval import MEASURED, interv
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.specimens.specimen_file import write_specimen
+from commands import exit_code
 from quick_posteriors import small_specimen
-from quick_posteriors import specimen as specimen_of
 
 LAWS = "goh,hgo"
 
@@ -135,57 +126,6 @@ def test_probabilities_of_a_mixture_are_those_of_its_parts_and_of_its_percentile
     assert mixed_probabilities(measured, model, sd, weight)[0] == pytest.approx(alone)
 
 
-def left_out(middle, rng, *, width=1.0, readings=200):
-    """A part that two laws foretell: the first rightly, the second with an offset."""
-    measured = middle + rng.normal(0.0, 0.3, readings)
-    model = [np.full((20, readings), middle), np.full((20, readings), middle + 2.0)]
-    sd = [np.full((20, readings), width)] * 2
-    density = np.array([norm.logpdf(measured, m[0], s[0]) for m, s in zip(model, sd, strict=True)])
-    return _LeftOut(np.full(readings, 0.5), density, model, sd, measured, [np.ones(readings)] * 2)
-
-
-def test_levels_are_learned_from_the_other_parts_alone():
-    rng = np.random.default_rng(11)
-    left = [left_out(middle, rng) for middle in (0.0, 1.0, 5.0, 9.0)]
-    parts = [Part(str(i), i, slice(None)) for i in range(4)]
-
-    def rows(left):
-        n = len(left)
-        blind = [_weights(left, [j for j in range(n) if j != i]) for i in range(n)]
-        made = _part_table(parts[:n], ["one", "other"], left, _weights(left, range(n)), blind)
-        return made[made["law"] == STACKED].set_index("part")
-
-    before = rows(left)
-    assert (before["band_low_level"] > 0.1).all()  # readings lie far within sd 1
-    assert (before["band_coverage"] > 0.9).all()
-    np.testing.assert_allclose(before["band_low_level"] + before["band_high_level"], 1.0)
-    # a part that is missed changes the levels of all others, and not its own
-    moved = rows([replace(left[0], measured=left[0].measured + 3.0), *left[1:]])
-    assert moved["band_low_level"]["0"] == pytest.approx(before["band_low_level"]["0"], rel=1e-9)
-    assert (moved["band_low_level"][1:] < before["band_low_level"][1:] - 0.02).all()
-    # what a part is worth decides how much it has to say
-    light = rows(
-        [replace(left[0], measured=left[0].measured + 3.0, worth=left[0].worth / 100)] + left[1:]
-    )
-    assert (light["band_low_level"][1:] > moved["band_low_level"][1:] + 0.02).all()
-    # of two parts, each has one other, which has both weights and levels to tell
-    assert (rows(left[:2])["band_low_level"] > 0.08).all()
-
-
-def test_single_readings_are_foretold_whatever_the_posterior_averages():
-    specimen = specimen_of(GOH(10.0, 40.0, 5.0, 40.0, 0.15), increments=40)
-    part, options = left_out_parts(specimen)[0], {"noise": "effective", "thin": 10}
-    values = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.15, "noise_sd": 0.01}
-    values |= {"mounting_stretch_x": 1.01, "mounting_stretch_y": 1.02}
-    drawn = Prediction("converged", "", 0.1, (), pd.DataFrame([values] * 3))
-    share = np.full((len(specimen.protocols), 2), 0.5)
-    found = _left_out(specimen, part, share, ["goh"], options, {("goh", part.name): drawn})
-    protocol = specimen.protocols[0]
-    readings = 2 * (protocol.rows - protocol.rest_rows)
-    assert found.measured.size == found.worth.size == found.log_density.shape[1] == readings
-    assert found.worth.sum() == pytest.approx(0.5 * readings)
-
-
 def test_uniform_probabilities_and_few_readings_leave_the_levels():
     u = (np.arange(500) + 0.5) / 500
     assert sharpness(u, np.ones(500)) == pytest.approx(1.0, abs=0.01)
@@ -208,23 +148,6 @@ def test_sharpness_is_the_mode_of_a_beta_likelihood_and_a_lognormal_prior():
     expected = np.exp(minimize_scalar(minus_log_density, bracket=(0.0, 1.0)).x)
     assert 1.2 < expected < 2.9  # neither the prior's nor the likelihood's own
     assert sharpness(u, worth) == pytest.approx(expected, rel=1e-4)
-
-
-@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
-def test_left_out_readings_are_told_in_cauchy_stress(geometry):
-    material, lm = GOH(10.0, 40.0, 5.0, 40.0, 0.15), (1.01, 1.02)
-    specimen = replace(specimen_of(material, increments=12), geometry=geometry)
-    part, share = left_out_parts(specimen)[1], np.ones((len(specimen.protocols), 2))
-    values = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.15, "noise_sd": 0.01}
-    values |= {"mounting_stretch_x": lm[0], "mounting_stretch_y": lm[1]}
-    drawn = Prediction("converged", "", 0.1, (), pd.DataFrame([values] * 3))
-    options = {"noise": "independent"}
-    found = _left_out(specimen, part, share, ["goh"], options, {("goh", part.name): drawn})
-    p = specimen.protocols[1]
-    measured = np.column_stack([p.stretch_x, p.stretch_y])[p.rest_rows :]
-    expected = np.column_stack(material.cauchy(*(measured * lm).T))
-    for model in found.model[0]:
-        np.testing.assert_allclose(model / found.per_kPa[0], expected.ravel(), rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -286,18 +209,6 @@ def test_bands_of_a_mixture_of_one_law_are_those_of_its_draws(two_laws):
         np.testing.assert_allclose(own[f"predictive_{q}"], load + 0.01 * z, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.parametrize("count", [2, 3])
-def test_a_protocol_is_left_out_of_what_the_laws_are_fitted_to(count):
-    specimen = small_specimen()
-    specimen = replace(specimen, protocols=specimen.protocols[:count])
-    for k, part in enumerate(left_out_parts(specimen)):
-        rest, own = without(specimen, part), only(specimen, part)
-        assert [p.name for p in own.protocols] == [part.name]
-        assert [p.name for p in rest.protocols] == [
-            p.name for i, p in enumerate(specimen.protocols) if i != k
-        ]
-
-
 def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
     specimen = small_specimen()
     options = {"noise": "independent", "mounting": "exact"}
@@ -315,9 +226,9 @@ def test_draws_of_a_law_without_a_part_have_the_columns_of_its_run():
 SD = 0.002
 
 
-def foretold(**states):
+def foretold(geometry="unloaded", **states):
     """Two laws that foretell three protocols with one material each, the second 5 % too stiff."""
-    specimen = small_specimen()
+    specimen = replace(small_specimen(), geometry=geometry)
     rng = np.random.default_rng(2)
     found = {}
     for law, k1, kappa in (("goh", 60.0, {"kappa": 0.1}), ("hgo", 63.0, {})):
@@ -341,15 +252,16 @@ def misses(specimen, k1, kappa):
     for p in specimen.protocols:
         measured = np.column_stack([p.stretch_x, p.stretch_y])[p.rest_rows :]
         total = measured * (1.01, 1.02)
-        # f_k = s_k A_k / l_k, of unloaded dimensions
-        area = np.array(specimen.area) / total
+        # f_k = s_k A_k / l_k of the dimensions that were measured
+        area = np.array(specimen.area) / (measured if specimen.geometry == "mounted" else total)
         load = np.column_stack(material.cauchy(*total.T)) * area
         out.append((np.column_stack([p.load_x, p.load_y])[p.rest_rows :] - load, area))
     return out
 
 
-def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand():
-    specimen, found = foretold()
+@pytest.mark.parametrize("geometry", ["unloaded", "mounted"])
+def test_laws_are_weighed_by_densities_and_misses_that_can_be_computed_by_hand(geometry):
+    specimen, found = foretold(geometry)
     judged = weigh_laws(specimen, {"noise": "independent"}, found, ["goh", "hgo"])
     table, parts = judged.table.set_index("law"), judged.parts
     assert judged.converged and judged.left_out == {}
@@ -416,8 +328,24 @@ def test_weights_of_the_other_parts_alone_and_of_none():
     density = np.log(expected @ np.exp(norm.logpdf([first, second], 0.0, SD))).sum()
     name = specimen.protocols[0].name
     assert mixture["left_out_density_nats"][name] == pytest.approx(density, rel=1e-9)
-    alone = _LeftOut(np.ones(3), np.zeros((4, 3)), [], [], np.zeros(3), [])
-    np.testing.assert_allclose(_weights([alone], []), 0.25)
+
+
+def test_levels_of_bands_come_from_the_other_parts_alone():
+    """A part that is missed widens the bands of the others and not its own."""
+    specimen, found = foretold()
+    first, *rest = specimen.protocols
+    load = first.load_x + np.where(np.arange(first.rows) < first.rest_rows, 0.0, 5.0 * SD)
+    missed = replace(specimen, protocols=(replace(first, load_x=load), *rest))
+
+    def levels(measured):
+        judged = weigh_laws(measured, {"noise": "independent"}, found, ["goh", "hgo"])
+        mixture = judged.parts[judged.parts["law"] == STACKED]
+        np.testing.assert_allclose(mixture["band_low_level"] + mixture["band_high_level"], 1.0)
+        return mixture["band_low_level"].to_numpy()
+
+    before, after = levels(specimen), levels(missed)
+    assert after[0] == pytest.approx(before[0], rel=1e-9)
+    assert (after[1:] < before[1:] - 0.005).all()
 
 
 def test_laws_that_failed_or_have_not_converged_are_said_to():
@@ -466,17 +394,11 @@ def compared(tmp_path_factory):
     """Two laws on a specimen of three protocols whose truth is dispersed GOH."""
     folder = tmp_path_factory.mktemp("laws")
     write_specimen(small_specimen(), folder / "small.csv")
-    code = _run(
+    code = exit_code(
         *("laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")),
         *("--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"),
     )
     return folder, code
-
-
-def _run(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main(list(arguments))
-    return int(ended.value.code or 0)
 
 
 @pytest.mark.long
@@ -542,7 +464,7 @@ def test_what_is_stated_is_the_same_in_table_page_and_terminal(compared, capsys)
     assert "goh predicts best" in page
     assert "src=" in page and "http://" not in page and "<script" not in page
     # the terminal: the same command with --resume says it again
-    assert _run(
+    assert exit_code(
         *("laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")),
         *("--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"),
         "--resume",
@@ -591,13 +513,13 @@ def test_a_comparison_is_resumed_and_never_overwritten(compared, capsys):
     common = ["laws", str(folder / "small.csv"), "--laws", LAWS, "--out", str(folder / "out")]
     common += ["--noise", "independent", "--mounting", "exact", "--ess", "60", "--workers", "1"]
     before = (folder / "out" / "laws.csv").read_bytes()
-    assert _run(*common) == 2
+    assert exit_code(*common) == 2
     assert "go on with it by --resume" in capsys.readouterr().err
     removed = sorted((folder / "out" / "parts").glob("*.npz"))[1]
     removed.unlink()
-    assert _run(*common, "--resume") == code
+    assert exit_code(*common, "--resume") == code
     assert (folder / "out" / "laws.csv").read_bytes() == before
-    assert _run(*common, "--resume", "--seed", "2") == 2
+    assert exit_code(*common, "--resume", "--seed", "2") == 2
     assert "another comparison" in capsys.readouterr().err
     with pytest.raises(Interrupted, match="0 of 8 posteriors"):
         biaxbayes.compare_laws(small_specimen(), laws=LAWS, workers=1, stop=lambda: 1)

@@ -99,8 +99,9 @@ def test_compiled_code_is_kept_and_the_setting_of_numba_stays_the_users(tmp_path
     assert small_program(tmp_path, tmp_path / "cache") == (["42.0", "True", "1"], "")
 
 
-@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: bytes(99)])
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize(
+    ("kind", "damage"), [("nbi", lambda b: b""), ("nbc", lambda b: b[: len(b) // 2])]
+)
 def test_a_damaged_cache_is_made_again(tmp_path, kind, damage):
     small_program(tmp_path, tmp_path / "cache")
     (path,) = (tmp_path / "cache").rglob(f"*.{kind}")

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
+import commands
 from biaxbayes import read_specimen
-from biaxbayes.cli import main
 from biaxbayes.errors import InputError
 from biaxbayes.machines.choice import FORMATS, Choice, Format
 from biaxbayes.machines.conversion import convert
@@ -23,6 +21,7 @@ from biaxbayes.machines.recording import Recording, shear_angle_deg
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.tables.table import read_tables
 from biaxbayes.tables.units import stem_of, unit_of_column
+from test_tables import xlsx
 from virtual_biotester import COLUMNS, EDGE_MM, THICKNESS_MM, biotester_export
 
 DIMENSIONS = [
@@ -32,11 +31,7 @@ DIMENSIONS = [
 
 
 def run(arguments: list[object], capsys) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        main(["convert", *map(str, arguments), "--overwrite"])
-    out, err = capsys.readouterr()
-    assert "Traceback" not in err
-    return int(stop.value.code or 0), out, err
+    return commands.run(capsys, "convert", *arguments, "--overwrite")
 
 
 def biotester(path: Path, out: Path, capsys, *more: object) -> tuple[int, str, str]:
@@ -180,7 +175,7 @@ def test_points_tracked_in_some_rows_only(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("separator", "decimal", "encoding"),
-    [(";", ",", "utf-8"), ("\t", ".", "utf-16"), ("\t", ",", "cp1252"), (";", ".", "utf-8-sig")],
+    [("\t", ".", "utf-16"), (";", ",", "cp1252")],
 )
 def test_dialects(separator, decimal, encoding, tmp_path, capsys):
     export = biotester_export(cycles=2)
@@ -195,72 +190,37 @@ def test_dialects(separator, decimal, encoding, tmp_path, capsys):
     )
 
 
-def _workbook(export, sheets=("Data",)) -> bytes:
-    openpyxl = pytest.importorskip("openpyxl")
-    book = openpyxl.Workbook()
-    book.remove(book.active)
-    for title in sheets:
-        sheet = book.create_sheet(title)
-        sheet.append(export.header)
-        for cells in export.rows:
-            sheet.append([*cells[:2], *(float(c) if c else None for c in cells[2:])])
-    book.create_sheet("Notes").append(["by hand"])
-    out = io.BytesIO()
-    book.save(out)
-    return out.getvalue()
-
-
-def test_workbook(tmp_path, capsys):
-    export = biotester_export(cycles=2)
-    path, out = tmp_path / "raw.xlsx", tmp_path / "specimen.csv"
-    path.write_bytes(_workbook(export))
-    code, text, _ = biotester(path, out, capsys)
-    assert code == 0 and "sheet Data" in text
-    got = read_specimen(out).protocols[0]
-    biotester(written(tmp_path, export.text()), tmp_path / "b.csv", capsys)
-    np.testing.assert_array_equal(got.load_x, read_specimen(tmp_path / "b.csv").protocols[0].load_x)
-    path.write_bytes(_workbook(export, ("A", "B")))
-    code, _, err = biotester(path, out, capsys)
-    assert code == 2 and "more than one sheet" in err and "found A, B, Notes" in err
-    assert biotester(path, out, capsys, "--sheet", "B")[0] == 0
-    code, _, err = biotester(path, out, capsys, "--sheet", "C")
-    assert code == 2 and "no sheet 'C'" in err
-    path.write_bytes(path.read_bytes()[:3000])
-    code, _, err = biotester(path, out, capsys)
-    assert code == 2 and "not a readable workbook" in err
-
-
 def test_a_sheet_a_protocol_is_one_command(tmp_path, capsys):
-    columns = ["F11", "F22", "P11_kPa", "P22_kPa"]
-    import openpyxl
-
-    book = openpyxl.Workbook()
-    book.remove(book.active)
-    for name, ratio in (("1 to 1", 1.0), ("1 to 0.5", 0.5), ("0.5 to 1", 2.0)):
-        sheet = book.create_sheet(name)
-        sheet.append(columns)
-        for t in np.linspace(0.0, 0.2, 21):
-            sheet.append([1 + t, 1 + ratio * t, 2 + 50 * t, 1 + 40 * ratio * t])
-    book.create_sheet("Notes").append(["tested on Monday"])
+    sheets = {
+        name: [["F11", "F22", "P11_kPa", "P22_kPa"]]
+        + [[1 + t, 1 + ratio * t, 2 + 50 * t, 1 + 40 * ratio * t] for t in np.linspace(0, 0.2, 21)]
+        for name, ratio in (("1 to 1", 1.0), ("1 to 0.5", 0.5), ("0.5 to 1", 2.0))
+    }
     path, out = tmp_path / "tests.xlsx", tmp_path / "specimen.csv"
-    book.save(path)
+    path.write_bytes(xlsx(sheets | {"Notes": [["tested on Monday"]]}))
     mapped = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
-    asked = [path, "--machine", "generic", "--columns", mapped, "--out", out]
-    code, _, err = run(asked, capsys)
-    assert code == 2 and "--sheet all" in err and "found 1 to 1" in err
-    code, text, _ = run([*asked, "--sheet", "1 to 0.5", "--sheet", "1 to 1"], capsys)
+    words = [path, "--machine", "generic", "--columns", mapped, "--out", out]
+    code, text, _ = run([*words, "--sheet", "1 to 0.5", "--sheet", "1 to 1"], capsys)
     assert code == 0 and "sheet 1 to 0.5" in text
     assert [p.name for p in read_specimen(out).protocols] == ["1 to 0.5", "1 to 1"]
-    assert run([*asked, "--sheet", "all"], capsys)[0] == 0
+    assert run([*words, "--sheet", "all"], capsys)[0] == 0
     protocols = read_specimen(out).protocols
     assert [p.name for p in protocols] == ["1 to 1", "1 to 0.5", "0.5 to 1"]
     assert protocols[2].stretch_y[-1] == pytest.approx(1.4)
-    assert run([*asked, "--sheet", "1 to 1", "--sheet", "1 to 1"], capsys)[0] == 2
-    code, _, err = run([*asked, "--sheet", "1 to 1", "--sheet", "Notes"], capsys)
-    assert code == 2 and "'Notes' holds no table" in err
+    for sheets, message in (
+        ([], "more than one sheet"),
+        (["1 to 1", "1 to 1"], "1 to 1"),
+        (["1 to 1", "Notes"], "'Notes' holds no table"),
+        (["C"], "no sheet 'C'; found 1 to 1"),
+    ):
+        code, _, err = run([*words, *(w for s in sheets for w in ("--sheet", s))], capsys)
+        assert code == 2 and message in err and err.count("\n") == 1, err
+    path.write_bytes(path.read_bytes()[:3000])
+    code, _, err = run(words, capsys)
+    assert code == 2 and "not a readable workbook" in err
 
 
-def test_sets_left_out_and_assumed_gauge_lengths_are_said(tmp_path, capsys):
+def test_sets_that_are_left_out_are_named(tmp_path, capsys):
     first, second = (biotester_export(name=n, cycles=1) for n in ("Precondition", "Main"))
     text = first.text() + second.text().split("\n", 1)[1]
     out = tmp_path / "specimen.csv"
@@ -268,16 +228,12 @@ def test_sets_left_out_and_assumed_gauge_lengths_are_said(tmp_path, capsys):
     assert code == 0 and "sets left out: Precondition" in said
     code, said, _ = biotester(written(tmp_path, text), out, capsys, "--set", "all")
     assert code == 0 and "left out" not in said
-    rows = "\n".join(f"{0.02 * i},{0.01 * i},{0.1 + i},{0.1 + i}" for i in range(30))
-    moved = f"dispx_mm,dispy_mm,fx_mN,fy_mN\n{rows}\n"
-    columns = "stretch_x=dispx_mm,stretch_y=dispy_mm,force_x_N=fx_mN,force_y_N=fy_mN"
-    code, said, specimen = generic(tmp_path, moved, columns, capsys, *DIMENSIONS)
-    assert code == 0 and f"displacement / {EDGE_MM:g} mm" in said
-    assert specimen.protocols[0].stretch_x[-1] == pytest.approx(1.0 + 0.58 / EDGE_MM)
 
 
-@pytest.mark.parametrize("delimiter", [",", " ", "\t"])
-@pytest.mark.parametrize("names", [("lambda_x", "lambda_y"), ("lam1", "lam2"), ("Xlam", "Ylam")])
+@pytest.mark.parametrize(
+    ("delimiter", "names"),
+    [(",", ("lambda_x", "lambda_y")), (" ", ("lam1", "lam2")), ("\t", ("Xlam", "Ylam"))],
+)
 def test_a_table_of_numpy_savetxt_with_its_names_in_a_comment(tmp_path, capsys, delimiter, names):
     header = delimiter.join([*names, "P1_kPa", "P2_kPa"])
     path, out = tmp_path / "saved.txt", tmp_path / "specimen.csv"
@@ -293,7 +249,7 @@ def test_a_table_of_numpy_savetxt_with_its_names_in_a_comment(tmp_path, capsys, 
 
 def test_workbook_without_calamine_names_the_extra(tmp_path, capsys, monkeypatch):
     path = tmp_path / "raw.xlsx"
-    path.write_bytes(_workbook(biotester_export(cycles=1)))
+    path.write_bytes(xlsx({"a": [["F11"], [1.0]]}))
     monkeypatch.setitem(sys.modules, "python_calamine", None)
     code, _, err = biotester(path, tmp_path / "a.csv", capsys)
     assert code == 2
@@ -410,73 +366,52 @@ def generic(folder: Path, text: str, columns: str | None, capsys, *more: object)
     return code, printed + err, (read_specimen(out) if code == 0 else None)
 
 
-@pytest.mark.parametrize(
-    ("unit", "values"),
-    [
-        ("stretch", STRETCH),
-        ("engineering", STRETCH - 1.0),
-        ("percent", 100.0 * (STRETCH - 1.0)),
-        ("engineering_percent", 100.0 * (STRETCH - 1.0)),
-        ("stretch_percent", 100.0 * STRETCH),
-        ("green", 0.5 * (STRETCH**2 - 1.0)),
-        ("green_percent", 50.0 * (STRETCH**2 - 1.0)),
-        ("log", np.log(STRETCH)),
-        ("hencky", np.log(STRETCH)),
-        ("almansi", 0.5 * (1.0 - STRETCH**-2)),
-        ("almansi_percent", 50.0 * (1.0 - STRETCH**-2)),
-        ("mm", 7.0 * STRETCH),
-        ("um", 7000.0 * STRETCH),
-        ("displacement_mm", 10.0 * (STRETCH - 1.0)),
-        ("displacement_um", 1e4 * (STRETCH - 1.0)),
-    ],
-)
-def test_kinds_of_stretch(unit, values, tmp_path, capsys):
-    text = generic_text(values, PIOLA, ["a", "b", "P_kPa", "Q_kPa"])
-    columns = f"stretch_x=a:{unit},stretch_y=b:{unit},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
-    code, _, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
-    assert code == 0
-    (p,) = specimen.protocols
-    np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), STRETCH, rtol=1e-12)
-    np.testing.assert_array_equal(np.column_stack([p.load_x, p.load_y]), PIOLA)
-
-
 GREEN, LOG, ALMANSI = 0.5 * (STRETCH**2 - 1.0), np.log(STRETCH), 0.5 * (1.0 - STRETCH**-2)
 
 
 @pytest.mark.parametrize(
     ("x", "y", "values"),
     [
+        ("a:stretch", "b:stretch", STRETCH),
+        ("a:engineering", "b:engineering", STRETCH - 1.0),
+        ("a:percent", "b:engineering_percent", 100.0 * (STRETCH - 1.0)),
+        ("a:stretch_percent", "b:stretch_percent", 100.0 * STRETCH),
+        ("a:green", "b:green", GREEN),
+        ("a:green_percent", "b:green_percent", 100.0 * GREEN),
+        ("a:log", "b:hencky", LOG),
+        ("a:almansi", "b:almansi", ALMANSI),
+        ("a:almansi_percent", "b:almansi_percent", 100.0 * ALMANSI),
+        ("a:mm", "b:mm", 7.0 * STRETCH),
+        ("a:um", "b:um", 7000.0 * STRETCH),
+        ("a:displacement_mm", "b:displacement_mm", 10.0 * (STRETCH - 1.0)),
+        ("a:displacement_um", "b:displacement_um", 1e4 * (STRETCH - 1.0)),
+        ("E11 Lagrange %:green", "E22 [%]:green", 100.0 * GREEN),
         ("Green strain XX [%]", "Green strain YY [%]", 100.0 * GREEN),
-        ("Green-Lagrange E11", "Green-Lagrange E22", GREEN),
-        ("greenStrainX (mm/mm)", "greenStrainY (mm/mm)", GREEN),
-        ("Exx_true", "Eyy_true", LOG),
-        ("exx (Hencky)", "eyy (Hencky)", LOG),
+        ("Green-Lagrange E11", "greenStrainY (mm/mm)", GREEN),
+        ("Exx_true", "eyy (Hencky)", LOG),
         ("log strain x [‰]", "log strain y [‰]", 1e3 * LOG),
-        ("Almansi 1", "Almansi 2", ALMANSI),
-        ("Euler-Almansi x, %", "Euler-Almansi y, %", 100.0 * ALMANSI),
+        ("Almansi 1", "Euler-Almansi y", ALMANSI),
         ("Eng. strain 1 [%]", "Eng. strain 2 [%]", 100.0 * (STRETCH - 1.0)),
         ("nominal_strain_x [µε]", "nominal_strain_y [µε]", 1e6 * (STRETCH - 1.0)),
         ("Stretch 1 (-)", "Stretch 2 (-)", STRETCH),
     ],
 )
-def test_a_kind_of_strain_that_its_name_says(x, y, values, tmp_path, capsys):
-    text = generic_text(values, PIOLA, [x, y, "P_kPa", "Q_kPa"])
+def test_kinds_of_strain_as_given_or_by_name(x, y, values, tmp_path, capsys):
+    names = [c.partition(":")[0] for c in (x, y)]
+    text = generic_text(values, PIOLA, [*names, "P_kPa", "Q_kPa"])
     columns = f"stretch_x={x},stretch_y={y},piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
-    code, printed, specimen = generic(tmp_path, text, columns, capsys)
+    code, printed, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
     assert code == 0, printed
     (p,) = specimen.protocols
     np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), STRETCH, rtol=1e-12)
+    np.testing.assert_array_equal(np.column_stack([p.load_x, p.load_y]), PIOLA)
 
 
 @pytest.mark.parametrize(
     ("name", "stated"),
     [
         ("E11 Lagrange %", ""),
-        ("Lagrangian strain", ""),
         ("exx", ""),
-        ("E11", ""),
-        ("strain [%]", ""),
-        ("Strain mm/mm", ""),
         ("true stretch", ""),
         ("stretch [%]", ""),
         ("Green strain [foo]", ""),
@@ -490,14 +425,6 @@ def test_a_kind_of_strain_that_is_open_is_asked_for(name, stated, tmp_path, caps
     code, printed, _ = generic(tmp_path, text, columns, capsys)
     assert code == 2 and printed.count("\n") == 1
     assert "kind" in printed and "green_percent" in printed and "log" in printed
-
-
-def test_a_stated_kind_takes_per_cent_from_the_name(tmp_path, capsys):
-    text = generic_text(100.0 * GREEN, PIOLA, ["E11 Lagrange %", "E22 [%]", "P_kPa", "Q_kPa"])
-    columns = "stretch_x=E11 Lagrange %:green,stretch_y=E22 [%]:green,piola_x_kPa=P_kPa,"
-    code, _, specimen = generic(tmp_path, text, columns + "piola_y_kPa=Q_kPa", capsys)
-    assert code == 0
-    np.testing.assert_allclose(specimen.protocols[0].stretch_x, STRETCH[:, 0], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -570,14 +497,6 @@ def test_a_displacement_that_does_not_start_at_zero_is_asked_about(tmp_path, cap
         np.testing.assert_allclose(specimen.protocols[0].stretch_x, STRETCH[:, 0], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["Position X (mm)", "x_mm", "travel distance [mm]"])
-def test_a_position_is_asked_about(name, tmp_path, capsys):
-    text = generic_text(STRETCH, PIOLA, [name, f"{name} ", "P_kPa", "Q_kPa"])
-    columns = f"stretch_x={name},stretch_y=P_kPa:stretch,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
-    code, printed, _ = generic(tmp_path, text, columns, capsys)
-    assert code == 2 and ("displacement or a length" in printed or "ambiguous" in printed)
-
-
 @pytest.mark.parametrize(
     ("target", "name", "says"),
     [
@@ -616,60 +535,6 @@ def test_names_with_colons_and_commas_need_no_marks(prefix, tmp_path, capsys):
     assert code == 2 and f"--columns 'stretch_x={names[0]},stretch_y={names[1]}" in printed
 
 
-@pytest.mark.parametrize(
-    ("name", "factor"),
-    [
-        ("P [kgf/cm2]", 1 / 98.0665),
-        ("P [kg/cm^2]", 1 / 98.0665),
-        ("P (psi)", 1 / 6.894757293168),
-        ("P [dyn/cm²]", 1e4),
-        ("P, N/m^2", 1e3),
-        ("P [N mm-2]", 1e-3),
-        ("P_gf/mm2", 1 / 9.80665),
-        ("P [mmHg]", 1 / 0.133322387415),
-    ],
-)
-def test_units_of_stress_of_other_countries(name, factor, tmp_path, capsys):
-    text = generic_text(STRETCH, PIOLA * factor, ["lx", "ly", f"X {name}", f"Y {name}"])
-    columns = f"stretch_x=lx,stretch_y=ly,piola_x_kPa=X {name},piola_y_kPa=Y {name}"
-    code, printed, specimen = generic(tmp_path, text, columns, capsys)
-    assert code == 0, printed
-    np.testing.assert_allclose(specimen.protocols[0].load_x, PIOLA[:, 0], rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("name", "factor"),
-    [
-        ("F_N", 1.0),
-        ("F_kg", 1 / 9.80665),
-        ("F [lbf]", 1 / 4.4482216152605),
-        ("F (dyn)", 1e5),
-        ("F_mN", 1e3),
-        ("F [mN]", 1e3),
-        ("F (gf)", 1 / 9.80665e-3),
-        ("F_uN", 1e6),
-    ],
-)
-def test_units_of_force(name, factor, tmp_path, capsys):
-    force = PIOLA * 0.012
-    text = generic_text(STRETCH, force * factor, ["lx", "ly", f"X{name}", f"Y{name}"])
-    columns = f"stretch_x=lx,stretch_y=ly,force_x_N=X{name},force_y_N=Y{name}"
-    code, _, specimen = generic(tmp_path, text, columns, capsys, *DIMENSIONS)
-    assert code == 0
-    np.testing.assert_allclose(specimen.load(specimen.protocols[0]), force, rtol=1e-12)
-
-
-@pytest.mark.parametrize(("name", "factor"), [("P_kPa", 1.0), ("P_MPa", 1e-3), ("P_Pa", 1e3)])
-@pytest.mark.parametrize("pair", ["piola", "cauchy"])
-def test_units_of_stress(name, factor, pair, tmp_path, capsys):
-    text = generic_text(STRETCH, PIOLA * factor, ["F11", "F22", f"x{name}", f"y{name}"])
-    columns = f"stretch_x=F11,stretch_y=F22,{pair}_x_kPa=x{name},{pair}_y_kPa=y{name}"
-    code, _, specimen = generic(tmp_path, text, columns, capsys)
-    assert code == 0 and specimen.stress_pair == pair
-    p = specimen.protocols[0]
-    np.testing.assert_allclose(np.column_stack([p.load_x, p.load_y]), PIOLA, rtol=1e-12)
-
-
 def test_columns_that_speak_for_themselves(tmp_path, capsys):
     text = generic_text(
         STRETCH, PIOLA * 12.0, ["stretch_x", "stretch_y", "force_x_mN", "force_y_mN"]
@@ -677,16 +542,6 @@ def test_columns_that_speak_for_themselves(tmp_path, capsys):
     code, printed, specimen = generic(tmp_path, text, None, capsys, *DIMENSIONS)
     assert code == 0 and "force_x_N from force_x_mN (mN)" in printed
     np.testing.assert_allclose(specimen.protocols[0].load_x, PIOLA[:, 0] * 0.012)
-
-
-def test_a_line_of_units(tmp_path, capsys):
-    text = generic_text(STRETCH, PIOLA, ["lambda1", "lambda2", "P1", "P2"])
-    names, body = text.split("\n", 1)
-    columns = "stretch_x=lambda1,stretch_y=lambda2,piola_x_kPa=P1,piola_y_kPa=P2"
-    code, printed, _ = generic(tmp_path, f"{names}\n-,-,[MPa],[MPa]\n{body}", columns, capsys)
-    assert code == 2 and "more than soft tissue bears" in printed
-    code, _, specimen = generic(tmp_path, f"{names}\n-,-,kPa,kPa\n{body}", columns, capsys)
-    assert code == 0 and specimen.protocols[0].rows == 41
 
 
 def test_cycles_found_from_the_curves(tmp_path, capsys):
@@ -839,70 +694,6 @@ def test_units_of_column_names(column, unit, stem):
     assert stem_of(column) == stem
 
 
-# --- fuzz -------------------------------------------------------------------------------------
-
-BASES = [
-    biotester_export(cycles=1, rows=8).text().encode(),
-    biotester_export(cycles=1, rows=8, tracked=False).text(";", ",").encode("cp1252"),
-    generic_text(
-        STRETCH[::4], PIOLA[::4], ["stretch_x", "stretch_y", "piola_x_kPa", "piola_y_kPa"]
-    ).encode(),
-]
-TOKENS = [b"", b",", b"\n", b"\r", b'"', b"#", b";", b"\t", b"-", b"0", b"1e308", b"nan",
-          b"inf", b"=A1",
-          b"1-Stretch", b"9-Recover", b"-", b"\xff", b"\x00", b"mN", b"_um", b"1.5",
-          b"1,5", b"PK\x03\x04",
-          b"\xff\xfe", b"stretch_x", b"F12"]  # fmt: skip
-
-
-@st.composite
-def hostile_exports(draw) -> bytes:
-    data = bytearray(draw(st.sampled_from(BASES)))
-    for _ in range(draw(st.integers(1, 4))):
-        at = draw(st.integers(0, len(data) - 1)) if data else 0
-        kind = draw(st.sampled_from(["flip", "token", "token", "cut", "repeat"]))
-        if kind == "flip" and data:
-            data[at] = draw(st.integers(0, 255))
-        elif kind == "token":
-            data[at : at + draw(st.integers(0, 8))] = draw(st.sampled_from(TOKENS))
-        elif kind == "cut":
-            del data[at : at + draw(st.integers(0, 300))]
-        else:
-            data[at:at] = data[at : at + draw(st.integers(0, 200))]
-    return bytes(data)
-
-
-def convert_or_refuse(data: bytes, path: Path) -> None:
-    path.write_bytes(data)
-    header = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": "unloaded"}
-    for machine in ("biotester", "generic"):
-        for branch in ("loading", "both", "unloading"):
-            try:
-                made = convert([path], Choice(machine, branch=branch), header=header)
-            except InputError as refusal:
-                assert str(refusal).isprintable()
-                continue
-            for p in made.specimen.protocols:
-                assert np.isfinite(made.specimen.load(p)).all()
-
-
-@given(data=hostile_exports())
-@settings(
-    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-def test_fuzzed_exports(data, tmp_path):
-    convert_or_refuse(data, tmp_path / "fuzz.csv")
-
-
-@pytest.mark.slow
-@given(data=hostile_exports())
-@settings(
-    max_examples=5_000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-def test_five_thousand_fuzzed_exports(data, tmp_path):
-    convert_or_refuse(data, tmp_path / "fuzz.csv")
-
-
 # --- measured tissue --------------------------------------------------------------------------
 
 REAL = os.environ.get("BIAXBAYES_REAL")
@@ -915,9 +706,8 @@ def test_aorta_of_five_protocols(tmp_path, capsys):
     files = sorted(Path(REAL, "aorta-tbad").glob("*.csv"))
     out = tmp_path / "aorta.csv"
     columns = "stretch_x=F11,stretch_y=F22,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
-    code, printed, _ = run(
-        [*files, "--machine", "generic", "--columns", columns, "--out", out], capsys
-    )
+    words = [*files, "--machine", "generic", "--columns"]
+    code, printed, _ = run([*words, columns, "--out", out], capsys)
     assert code == 0 and "1526 rows in 5 protocols" in printed
     specimen = read_specimen(out)
     assert {p.rows for p in specimen.protocols} == {291, 331, 327, 272, 305}
@@ -933,29 +723,9 @@ def test_aorta_of_five_protocols(tmp_path, capsys):
         "piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa", "force_x_N=load1_gf,force_y_N=load2_gf"
     )
     section = 9.80665e-3 / 0.291875 * 1e3
-    dimensions = [
-        "--edge-x-mm",
-        section,
-        "--edge-y-mm",
-        section,
-        "--thickness-mm",
-        1,
-        "--geometry",
-        "unloaded",
-    ]
-    code, _, _ = run(
-        [
-            *files,
-            "--machine",
-            "generic",
-            "--columns",
-            forces,
-            "--out",
-            tmp_path / "f.csv",
-            *dimensions,
-        ],
-        capsys,
-    )
+    sizes = ["--edge-x-mm", section, "--edge-y-mm", section, "--thickness-mm", 1]
+    sizes += ["--geometry", "unloaded"]
+    code, _, _ = run([*words, forces, "--out", tmp_path / "f.csv", *sizes], capsys)
     assert code == 0
     other = read_specimen(tmp_path / "f.csv")
     for p, q in zip(specimen.protocols, other.protocols, strict=True):
@@ -972,9 +742,8 @@ def test_valve_is_tared_and_not_goh(tmp_path, capsys):
         [raw, "--machine", "generic", "--columns", columns, "--out", out], capsys
     )
     assert code == 0 and "350 rows in 7 protocols" in printed
-    with pytest.raises(SystemExit) as stop:
-        main(["check", str(out)])
-    assert not stop.value.code
-    text = " ".join(capsys.readouterr().out.split())
+    code, text, _ = commands.run(capsys, "check", out)
+    assert code == 0
+    text = " ".join(text.split())
     assert "tared after mounting" in text
     assert "GOH does not describe this specimen" in text

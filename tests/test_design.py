@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
 
 from biaxbayes.errors import InputError
 from biaxbayes.figures.design import design_figure
@@ -168,22 +166,6 @@ def candidates(run):
     return {c.name: c for c in standard_candidates(run.posterior())}
 
 
-def test_protocol_likelihood_is_a_normal_density(run, candidates):
-    protocol = replace(candidates["1:0.5"], shared=False)
-    draws = run.draws.iloc[[3, 500, 900]]
-    outcomes = protocol.outcomes(draws, np.random.default_rng(5))
-    found = protocol.log_likelihood(outcomes, draws)
-    load, variance = protocol._model(draws)
-    exact = np.column_stack(
-        [
-            multivariate_normal.logpdf(outcomes, mean.ravel(), np.diag(v.ravel()))
-            for mean, v in zip(load, variance, strict=True)
-        ]
-    )
-    # Up to a term common to all draws: differences between draws are what counts.
-    assert found - found[:, :1] == pytest.approx(exact - exact[:, :1], abs=1e-4)
-
-
 @pytest.mark.parametrize("apart", [0.3, 4.0])
 def test_an_outcome_weighs_as_in_the_posterior_that_holds_it(run, candidates, apart):
     """Also where its mounting reading is further from the earlier one than the noise explains."""
@@ -204,9 +186,8 @@ def test_rows_worth_less_come_with_errors_that_are_worth_less(run, candidates):
     path = 1.0 + np.linspace(0.0, 0.1, 401)[:, None] * np.ones(2)
     tempered = FurtherProtocol("x", base.specimen, path, 0.1, base.mounting_sd, base.law)
     draws = pd.concat([run.draws.iloc[[7]]] * 400, ignore_index=True)
-    load, variance = tempered._model(draws.iloc[[0]])
-    noise = tempered.outcomes(draws, np.random.default_rng(6)).reshape(400, 401, 2) - load
-    noise = noise[:, 1:] / np.sqrt(variance[0, 1:])
+    outcomes = tempered.outcomes(draws, np.random.default_rng(6)).reshape(400, 401, 2)
+    noise = (outcomes - outcomes.mean(axis=0))[:, 1:] / draws["noise_sd"].iloc[0]
     assert noise.var() == pytest.approx(1.0, rel=0.05)
     # var(mean of n) = 1 / n_eff = 1 / (beta n)
     assert noise.mean(axis=1).var() == pytest.approx(1.0 / (0.1 * 400), rel=0.2)
@@ -305,17 +286,3 @@ def test_an_outcome_can_be_added_to_the_specimen(run, candidates):
     reading = Reading("alpha", ("alpha",), 5.0)
     _, options = reading.added_to(run.posterior(), np.array([41.0]))
     assert options["priors"]["alpha"].as_table()["sd"] == 5.0
-
-
-@pytest.mark.long
-def test_command_writes_a_ranked_table(small_run, copied):
-    from biaxbayes.verbs.design import command
-
-    folder = copied(small_run.path)
-    arguments = [str(folder), "--ratio", "1:0.75", "--rank-by", "information"]
-    done = CliRunner().invoke(command, arguments, standalone_mode=False)
-    assert done.exception is None
-    table = pd.read_csv(folder / "design.csv")
-    assert "1:0.75" in set(table["candidate"])
-    assert table["information_gain_nats"].is_monotonic_decreasing
-    assert (folder / "design.pdf").stat().st_size > 5000

@@ -7,21 +7,15 @@ import pytest
 
 import biaxbayes
 import quick_posteriors
-from biaxbayes.cli import main
 from biaxbayes.fitting.fit import fit, fit_all
 from biaxbayes.fitting.result import half_digits
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen_file import read_specimen
+from commands import exit_code
 
 STIFF = ["16.1", "104.7", "10", "25.7", "0.017"]
 STEEP = ["3.88", "17.08", "50", "5.47", "0.1833"]
 TEST = ["--prestretch", "1.019", "1.02", "--total-stretch", "1.15", "--increments", "40"]
-
-
-def run(*arguments):
-    with pytest.raises(SystemExit) as left:
-        main([str(a) for a in arguments])
-    return left.value.code
 
 
 @pytest.mark.parametrize(
@@ -34,9 +28,9 @@ def run(*arguments):
 )
 def test_what_is_simulated_without_noise_is_fitted_by_all_five(capsys, tmp_path, asked):
     path = tmp_path / "virtual.csv"
-    assert run("simulate", *asked, "--out", path) == 0
+    assert exit_code("simulate", *asked, "--out", path) == 0
     capsys.readouterr()
-    assert run("fit", path) == 0
+    assert exit_code("fit", path) == 0
     shown = capsys.readouterr()
     assert "NO" not in shown.out and "not converged" not in shown.err
 
@@ -88,7 +82,7 @@ def test_a_fit_that_misses_more_than_the_digits_is_not_called_converged(monkeypa
     from biaxbayes.fitting import least_squares
 
     path = tmp_path / "virtual.csv"
-    assert run("simulate", "--goh", *STIFF, *TEST, "--out", path) == 0
+    assert exit_code("simulate", "--goh", *STIFF, *TEST, "--out", path) == 0
     specimen = read_specimen(path)
     assert fit(specimen, "linden").converged
     whole = least_squares.descend

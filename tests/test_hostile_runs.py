@@ -10,22 +10,19 @@ from pathlib import Path
 import h5py
 import pytest
 
-from biaxbayes.cli import main
+import commands
 
 
 @pytest.fixture
-def run(adventitia_run, tmp_path):
-    return Path(shutil.copytree(adventitia_run, tmp_path / "run"))
+def run(small_run, copied):
+    return copied(small_run.path)
 
 
-def refused(run: Path, capsys) -> str:
+def refused(run: Path, capsys, kind: str = "explore") -> str:
     """The one line of a refusal."""
-    with pytest.raises(SystemExit) as ended:
-        main(["report", str(run), "--format", "explore", "--out", "-"])
-    output = capsys.readouterr()
-    assert ended.value.code == 2, output
-    assert output.err.count("\n") == 1 and str(run) in output.err and output.out == ""
-    return output.err
+    err = commands.refused(capsys, "report", run, "--format", kind, "--out", "-")
+    assert str(run) in err
+    return err
 
 
 def record(run: Path) -> dict:
@@ -83,16 +80,6 @@ def test_an_entry_of_another_kind(run, capsys, name):
     assert says in refused(run, capsys)
 
 
-def refused_result(run: Path, capsys) -> str:
-    """The one line of a refusal of results.json, which the LaTeX table is made of."""
-    with pytest.raises(SystemExit) as ended:
-        main(["report", str(run), "--format", "latex", "--out", "-"])
-    output = capsys.readouterr()
-    assert ended.value.code == 2, output
-    assert output.err.count("\n") == 1 and output.out == ""
-    return output.err
-
-
 def altered_result(run: Path, change) -> None:
     """Change the result of a run, with the right checksum."""
     result = json.loads((run / "results.json").read_text())
@@ -104,17 +91,15 @@ def altered_result(run: Path, change) -> None:
 def test_numbers_beyond_all_bounds(run, capsys):
     """An integer that no float holds, and such an option."""
     altered_result(run, lambda r: r["reported"][0].update(low=10**400))
-    assert "results.json" in refused_result(run, capsys)
-    with pytest.raises(SystemExit) as ended:
-        main(["sample", str(run / "specimen.csv"), "--max-steps", "9" * 400, "--out", "none"])
-    assert ended.value.code == 2
-    assert "--max-steps must be a number" in capsys.readouterr().err
+    assert "results.json" in refused(run, capsys, "latex")
+    words = ("sample", run / "specimen.csv", "--max-steps", "9" * 400, "--out", "none")
+    assert "--max-steps must be a number" in commands.run(capsys, *words)[2]
 
 
 @pytest.mark.parametrize("name", ["k11.1e51", "", "mounting_stretch_x[other]"])
 def test_a_quantity_that_the_run_has_not(run, capsys, name):
     altered_result(run, lambda r: r["summary"][1].update(parameter=name))
-    assert "no quantity of this run is called" in refused_result(run, capsys)
+    assert "no quantity of this run is called" in refused(run, capsys, "latex")
 
 
 RESULTS = {
@@ -130,14 +115,14 @@ RESULTS = {
 @pytest.mark.parametrize("name", RESULTS)
 def test_a_result_that_is_none(run, capsys, name):
     altered_result(run, RESULTS[name])
-    err = refused_result(run, capsys)
+    err = refused(run, capsys, "latex")
     assert "results.json: is not the result of this run" in err
 
 
 def test_a_result_changed_since(run, capsys):
     text = (run / "results.json").read_text()
     (run / "results.json").write_text(text.replace('"low": 1', '"low": 2', 1) + " ")
-    assert "is not the file that the run wrote" in refused_result(run, capsys)
+    assert "is not the file that the run wrote" in refused(run, capsys, "latex")
 
 
 @pytest.mark.parametrize("name", ["posterior.nc", "specimen.csv"])
@@ -178,7 +163,7 @@ def not_finite(file: h5py.File) -> None:
 
 
 def lacking(file: h5py.File) -> None:
-    del file["posterior/kappa"]
+    del file["posterior/k2"]
 
 
 @pytest.mark.parametrize(
@@ -188,7 +173,7 @@ def lacking(file: h5py.File) -> None:
         (looped, "its groups loop"),
         (bomb, "claims more data than it can hold"),
         (not_finite, "values that are not finite"),
-        (lacking, "no kappa"),
+        (lacking, "no k2"),
         (None, "cannot be read as a posterior"),
     ],
 )

@@ -13,13 +13,10 @@ import pytest
 from scipy.optimize import root
 from scipy.stats import norm
 
-from biaxbayes.figures.run.identifiability import VERDICT_COLOURS, identifiability_figure
-from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.determined import determined
 from biaxbayes.identifiability.identify import Identifiability, identify_draws, identify_run
 from biaxbayes.identifiability.marginals import Scale, count_modes, density, find_edges
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
-from biaxbayes.identifiability.reported import report_rows
 from biaxbayes.identifiability.sloppiness import find_partners, sloppiness
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -267,28 +264,6 @@ def test_modes_are_counted_and_noise_is_not(seed):
     assert count_modes(np.full(100, 2.5)) == 1
 
 
-@pytest.mark.parametrize(
-    "prior",
-    [
-        Prior("normal", 1.0, 0.1, low=0.0),
-        Prior("normal", 41.0, 20.0, low=0.0, high=90.0),
-        Prior("lognormal", 10.0, 2.0),
-        Prior("lognormal", 10.0, 2.0, high=50.0),
-        Prior("uniform", low=0.0, high=1 / 3),
-        Prior("loguniform", low=0.01, high=500.0),
-    ],
-)
-def test_prior_probabilities_agree_with_the_priors_own_draws(prior):
-    draws = prior.sample(np.random.default_rng(6), 40_000)
-    for p in (0.03, 0.5, 0.9):
-        value = float(prior.ppf(np.array([p]))[0])
-        assert (draws <= value).mean() == pytest.approx(p, abs=0.01)
-        assert float(prior.cdf(np.array([value]))[0]) == pytest.approx(p)
-    # so v = F(x) is uniform, and the averaged likelihood of draws from the prior is flat
-    flat = density(prior.cdf(draws), (0.0, 1.0))
-    assert flat.height.min() > 0.85 and flat.height.max() < 1.15
-
-
 def test_edge_support_is_a_likelihood_ratio():
     # kappa with a flat prior and a normal likelihood around 0.03, cut at zero
     rng = np.random.default_rng(7)
@@ -371,19 +346,6 @@ def result_of(made, state="converged"):
     return found, run_result(found, made.target, made.draws, pd.DataFrame(), {})
 
 
-def test_the_table_of_evidence_holds_what_was_found():
-    found, result = result_of(case("aligned"))
-    back = result.identifiability
-    assert list(back["parameter"]) == [p.name for p in found.parameters]
-    np.testing.assert_allclose(
-        back["contraction"], [p.evidence.contraction for p in found.parameters], rtol=1e-5
-    )
-    limits = result.thresholds
-    assert limits["sharp_log"] == 2.0 and limits["sharp_alpha_deg"] == 15.0
-    assert limits["sharp_kappa"] == 0.1 and limits["sharp_mounting_stretch"] == 0.02
-    assert limits["edge_support"] == 0.147
-
-
 def test_the_protocols_name_may_hold_anything():
     made = made_up()
     names = ("mounting_stretch_x", "mounting_stretch_y", "mounting_force_x", "mounting_force_y")
@@ -394,26 +356,6 @@ def test_the_protocols_name_may_hold_anything():
     relabelled = Posterior(data, **options, beta=made.target.beta)
     found = identify_draws(relabelled, draws, "converged")
     assert "mounting_stretch_x[a#1, b]" in {r.name for r in found.reported}
-
-
-def test_the_figure_is_drawn_at_print_size():
-    found = identify(case("aligned"))
-    rows = report_rows(found.reported, case("aligned").target.quantities)
-    figure = identifiability_figure(found, rows)
-    assert figure.get_figwidth() * 25.4 == pytest.approx(180.0)
-    boxes = [t.get_text() for ax in figure.axes for t in ax.texts]
-    assert [b for b in boxes if b in VERDICT_COLOURS] == [r.verdict for r in rows]
-    assert figure_bytes(figure, "pdf").startswith(b"%PDF")
-
-
-def test_verdicts_are_quick():
-    import time
-
-    made = made_up()
-    many = pd.concat([made.draws] * 4, ignore_index=True)  # 32,000 draws
-    before = time.process_time()
-    identify_draws(made.target, many, "converged")
-    assert time.process_time() - before < 1.0
 
 
 # --- what is determined, and what moves freely ---

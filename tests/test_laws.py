@@ -276,12 +276,6 @@ def test_energy_and_stress_without_an_exponent_are_its_limit(name, exponents):
     np.testing.assert_allclose(none.cauchy(1.2, 1.1), few.cauchy(1.2, 1.1), rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["goh", "goh-exponential"])
-def test_words_say_whether_fibres_carry_compression(name):
-    assert "extension and compression" in law_named(name).in_words
-    assert "extension only" in law_named(name, fibre_switch=True).in_words
-
-
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_fung_holds_where_its_form_is_definite(sign):
     law = law_named("fung")

@@ -9,7 +9,6 @@ from scipy.stats import lognorm, norm, uniform
 from biaxbayes.identifiability.bounded_density import Span, curve, robust_sd, span
 from biaxbayes.identifiability.marginals import Scale, density, find_edges
 from biaxbayes.identifiability.power_scaling import ends_by_prior, sensitivity
-from biaxbayes.identifiability.sloppiness import _move
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.parameters import MOUNTED, Quantity
 from goh_functions import GOH_LAW
@@ -155,14 +154,6 @@ def test_a_prior_decides_ends_by_its_share_of_the_precision(share, decided):
     assert ends_by_prior(z, -0.5 * share * z * z) == (decided, decided)
 
 
-def test_a_prior_on_one_side_decides_that_end():
-    z = norm.ppf(LEVELS)
-    one_sided = -0.5 * 0.9 * np.minimum(z, 0.0) ** 2
-    assert ends_by_prior(z, one_sided)[1] is False
-    assert ends_by_prior(z, one_sided)[0] is True
-    assert ends_by_prior(z, np.zeros_like(z)) == (False, False)
-
-
 def test_sensitivity_to_what_is_not_known_is_not_known():
     values = np.random.default_rng(1).normal(size=(2000, 2))
     values[:, 1] = 3.0
@@ -170,26 +161,3 @@ def test_sensitivity_to_what_is_not_known_is_not_known():
     assert sensitivity(values, np.zeros(2000)).tolist() == [0.0, 0.0]
     found = sensitivity(values, -0.5 * values[:, 0] ** 2)
     assert found[0] > 0.05 and found[1] == 0.0
-
-
-# --- how a parameter moves along a ridge ---------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "first", "last", "words"),
-    [
-        ("k1", 10.0, 25.0, "k1 times 2.5"),
-        ("k1", 10.0, 10.04, ""),  # by less than half a per cent
-        ("k1", 10.0, 9.94, "k1 times 0.994"),
-        ("kappa", 0.1, 0.25, "kappa up 0.150"),
-        ("kappa", 0.25, 0.1, "kappa down 0.150"),
-        ("kappa", 0.1, 0.1004, ""),
-        ("alpha", 40.0, 32.5, "alpha down 7.5 degrees"),
-    ],
-)
-def test_a_move_is_told_on_the_scale_of_its_parameter(name, first, last, words):
-    assert _move(GOH_LAW.parameter(name), first, last) == words
-
-
-def test_a_move_from_nothing_has_no_ratio():
-    assert _move(GOH_LAW.parameter("k1"), 0.0, 2.0) == "k1 from 0 to 2"

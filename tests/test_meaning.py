@@ -75,11 +75,12 @@ OPEN = ["E{}{}", "Lagrange strain {}", "strain_{}", "eps {}"]
 SCALES = {"": 1.0, " [%]": 100.0, "_%": 100.0, " (‰)": 1000.0, " [-]": 1.0}
 FORCES = {
     "N": 1.0, "mN": 1e3, "gf": 1 / 9.80665e-3, "kgf": 1 / 9.80665, "lbf": 1 / 4.4482216152605,
-    "g": 1 / 9.80665e-3, "dyn": 1e5,
+    "g": 1 / 9.80665e-3, "dyn": 1e5, "uN": 1e6, "kg": 1 / 9.80665,
 }  # fmt: skip
 STRESSES = {
     "kPa": 1.0, "MPa": 1e-3, "Pa": 1e3, "N/m^2": 1e3, "psi": 1 / 6.894757293168,
     "kgf/cm2": 1 / 98.0665, "dyn/cm²": 1e4, "mmHg": 1 / 0.133322387415, "N mm-2": 1e-3,
+    "gf/mm2": 1 / 9.80665, "kg/cm^2": 1 / 98.0665,
 }  # fmt: skip
 
 
@@ -328,12 +329,8 @@ def test_per_cent_anywhere_in_a_name_is_per_cent(tmp_path, name):
     names = [name.format(axis) for axis in "XY"]
     table = pd.DataFrame(np.column_stack([50.0 * (small**2 - 1.0), force]))
     table.to_csv(path, index=False, header=[*names, "Force [mN] X", "Force [mN] Y"])
-    columns = (
-        f"stretch_x={names[0]},stretch_y={names[1]},force_x_N=Force [mN] X,force_y_N=Force [mN] Y"
-    )
-    (p,) = convert([path], Choice("generic", (columns,)), header=HEADER).specimen.protocols
-    np.testing.assert_allclose(np.column_stack([p.stretch_x, p.stretch_y]), small, rtol=1e-12)
-    np.testing.assert_allclose(np.column_stack([p.load_x, p.load_y]), 1e-3 * force, rtol=1e-12)
+    result = converted(path, targets([*names, "Force [mN] X", "Force [mN] Y"]))
+    assert_is(result, small, 1e-3 * force)
 
 
 # --- names and units that leave something open ----------------------------------------------------
@@ -345,6 +342,10 @@ GREEN = 0.5 * (STRETCH**2 - 1.0)
 def converted(path: Path, columns: dict[str, str], header=(), **options) -> Conversion:
     text = ",".join(f"{target}={column}" for target, column in columns.items())
     return convert([path], Choice("generic", (text,), **options), header={**HEADER, **dict(header)})
+
+
+def targets(names: list[str]) -> dict[str, str]:
+    return dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
 
 
 def file_of(folder: Path, names: list[str], *pairs: np.ndarray, units: str = "") -> Path:
@@ -377,8 +378,7 @@ def assert_is(result: Conversion, stretch: np.ndarray, force: np.ndarray) -> Non
 def test_a_multiple_power_inverse_or_rate_is_not_taken_for_the_strain(tmp_path, name, values):
     names = [name.format(axis) for axis in "xy"]
     path = file_of(tmp_path, [*names, "Fx_N", "Fy_N"], values, FORCE)
-    columns = dict(zip(("stretch_x", "stretch_y"), names, strict=True))
-    columns |= {"force_x_N": "Fx_N", "force_y_N": "Fy_N"}
+    columns = targets([*names, "Fx_N", "Fy_N"])
     with pytest.raises(InputError, match=r"suggests a multiple, a power, an inverse or a rate"):
         converted(path, columns)
 
@@ -431,7 +431,7 @@ def test_a_row_of_units_counts_as_the_names_do(tmp_path, units, scale, words):
     names = ["Green X", "Green Y", "Load X", "Load Y"]
     values = scale[0] * 0.5 * (small**2 - 1.0), scale[1] * FORCE
     path = file_of(tmp_path, names, *values, units=units)
-    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    columns = targets(names)
     if words:
         with pytest.raises(InputError, match=words):
             converted(path, columns)
@@ -442,7 +442,7 @@ def test_a_row_of_units_counts_as_the_names_do(tmp_path, units, scale, words):
 def test_a_row_of_units_that_contradicts_the_names_is_refused(tmp_path):
     names = ["lx", "ly", "Load X [N]", "Load Y [N]"]
     path = file_of(tmp_path, names, STRETCH, FORCE, units="-,-,mN,mN")
-    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    columns = targets(names)
     with pytest.raises(InputError, match="has two units, N and mN"):
         converted(path, columns)
 
@@ -450,13 +450,8 @@ def test_a_row_of_units_that_contradicts_the_names_is_refused(tmp_path):
 def test_a_given_unit_that_contradicts_the_name_is_recorded(tmp_path):
     names = ["Green X [%]", "Green Y [%]", "Load X [N]", "Load Y [N]"]
     path = file_of(tmp_path, names, 100.0 * (STRETCH - 1.0), 1e3 * FORCE)
-    columns = {
-        "stretch_x": "Green X [%]:engineering",
-        "stretch_y": "Green Y [%]:engineering",
-        "force_x_N": "Load X [N]:mN",
-        "force_y_N": "Load Y [N]:mN",
-    }
-    result = converted(path, columns)
+    given = [f"{name}:{'engineering' if '%' in name else 'mN'}" for name in names]
+    result = converted(path, targets(given))
     assert_is(result, STRETCH, FORCE)
     text = str(result.specimen.metadata["conversion"])
     assert "stretch_x is read as engineering, as given; 'Green X [%]' suggests green" in text
@@ -467,7 +462,7 @@ def test_units_of_x_and_y_may_differ(tmp_path):
     moved = (STRETCH - 1.0) * GAUGE * [1.0, 1e3]
     names = ["Disp X [mm]", "Disp Y [um]", "Load X [mN]", "Load Y [gf]"]
     force = FORCE * [1e3, 1 / 9.80665e-3]
-    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    columns = targets(names)
     path = file_of(tmp_path, names, moved, force)
     gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
     assert_is(converted(path, columns, **gauge), STRETCH, FORCE)
@@ -476,7 +471,7 @@ def test_units_of_x_and_y_may_differ(tmp_path):
 def test_fractions_below_a_per_cent_sign_in_one_direction_are_seen(tmp_path):
     names = ["Green X [%]", "Green Y", "Fx_N", "Fy_N"]
     path = file_of(tmp_path, names, GREEN, FORCE)
-    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    columns = targets(names)
     with pytest.raises(InputError, match=r"'Green X \[%\]' changes by 0.22% only"):
         converted(path, columns)
 
@@ -484,7 +479,7 @@ def test_fractions_below_a_per_cent_sign_in_one_direction_are_seen(tmp_path):
 def test_a_machine_that_counts_extension_negative_is_named(tmp_path):
     names = ["Disp X [mm]", "Disp Y [mm]", "Fx_N", "Fy_N"]
     path = file_of(tmp_path, names, (1.0 - STRETCH) * GAUGE, FORCE)
-    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    columns = targets(names)
     gauge = {"gauge_x_mm": GAUGE[0], "gauge_y_mm": GAUGE[1]}
     with pytest.raises(InputError, match="may count extension negative"):
         converted(path, columns, **gauge)
@@ -492,7 +487,7 @@ def test_a_machine_that_counts_extension_negative_is_named(tmp_path):
 
 def test_lengths_that_do_not_fit_on_the_tissue(tmp_path):
     names = ["Distance X [mm]", "Distance Y [mm]", "Fx_N", "Fy_N"]
-    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    columns = targets(names)
     path = file_of(tmp_path, names, STRETCH * GAUGE, FORCE)
     assert_is(converted(path, columns), STRETCH, FORCE)
     with pytest.raises(
@@ -503,7 +498,7 @@ def test_lengths_that_do_not_fit_on_the_tissue(tmp_path):
     with pytest.raises(InputError, match="that includes sutures or grips write stretch_x="):
         converted(path, columns)
     names = ["Disp X [mm]", "Disp Y [mm]", "Fx_N", "Fy_N"]
-    columns = dict(zip(("stretch_x", "stretch_y", "force_x_N", "force_y_N"), names, strict=True))
+    columns = targets(names)
     path = file_of(tmp_path, names, (STRETCH - 1.0) * GAUGE, FORCE)
     short = converted(path, columns, gauge_x_mm=0.1 * GAUGE[0], gauge_y_mm=0.1 * GAUGE[1])
     assert "of the edge of 10 mm: is it in mm?" in str(short.specimen.metadata["conversion"])
@@ -515,8 +510,7 @@ def test_a_point_among_decimal_commas_is_refused_in_any_row(tmp_path):
     n = 2500
     rows = [f"1,{i:04d};1,{i:04d};{i};{i},5" for i in range(n - 1)]
     path.write_text("\n".join(["lx;ly;Fx [mN];Fy [mN]", *rows, "1,25;1,25;2.500;2500,5"]) + "\n")
-    columns = {"stretch_x": "lx", "stretch_y": "ly"}
-    columns |= {"force_x_N": "Fx [mN]", "force_y_N": "Fy [mN]"}
+    columns = targets(["lx", "ly", "Fx [mN]", "Fy [mN]"])
     with pytest.raises(InputError, match=rf"row {n + 1}, column Fx .*'2.500' has a decimal point"):
         converted(path, columns)
 
@@ -530,7 +524,7 @@ def test_a_point_among_decimal_commas_is_refused_in_any_row(tmp_path):
 )
 def test_a_quantity_in_another_unit_is_left_out_or_refused(tmp_path, name, values, target):
     path = file_of(tmp_path, ["lx", "ly", "Fx_N", "Fy_N", name], STRETCH, FORCE, values)
-    columns = {"stretch_x": "lx", "stretch_y": "ly", "force_x_N": "Fx_N", "force_y_N": "Fy_N"}
+    columns = targets(["lx", "ly", "Fx_N", "Fy_N"])
     if target is None:
         result = converted(path, columns)
         assert_is(result, STRETCH, FORCE)

@@ -4,21 +4,13 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.cli import main
 from biaxbayes.errors import InputError
 from biaxbayes.machines.generic import parse_columns
 from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
-from biaxbayes.tables.units import likely_name
+from commands import refused, run
 
 MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=40)[0]
-
-
-def run(capsys, *arguments):
-    with pytest.raises(SystemExit) as left:
-        main([str(a) for a in arguments])
-    shown = capsys.readouterr()
-    return left.value.code, shown.out, shown.err
 
 
 def lines_of(tmp_path) -> tuple[list[str], list[str]]:
@@ -27,12 +19,6 @@ def lines_of(tmp_path) -> tuple[list[str], list[str]]:
     lines = path.read_text().splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("stretch_x"))
     return lines[: first + 1], lines[first + 1 :]
-
-
-def refused(capsys, *arguments) -> str:
-    code, out, err = run(capsys, *arguments)
-    assert code == 2 and not out and len(err.splitlines()) == 1
-    return err
 
 
 def test_shuffled_rows(capsys, tmp_path):
@@ -61,16 +47,6 @@ def test_metres_instead_of_millimetres(capsys, tmp_path, keys):
     assert "are in metres, multiply them by 1000" in refused(capsys, "check", path)
 
 
-def test_unknown_kind_of_strain(capsys, tmp_path):
-    path = tmp_path / "raw.csv"
-    path.write_text("a,b,P_kPa,Q_kPa\n" + "\n".join(f"{i},{i},{i},{i}" for i in range(9)))
-    columns = "stretch_x=a:swainger,stretch_y=b:swainger,piola_x_kPa=P_kPa,piola_y_kPa=Q_kPa"
-    out = tmp_path / "out.csv"
-    asked = ("convert", path, "--machine", "generic", "--columns", columns, "--out", out)
-    said = refused(capsys, *asked)
-    assert "'swainger' behind 'a'" in said and "green" in said and "almansi" in said
-
-
 def test_a_strain_where_a_stretch_is_asked(capsys, small_run):
     code, _, err = run(capsys, "predict", small_run.path, "--stretch", 0.2, "--anyway")
     assert code == 2 and "for a strain of 0.2 write 1.2" in err
@@ -83,11 +59,6 @@ def test_a_protocol_that_the_run_does_not_have(capsys, small_run, tmp_path):
     assert said[0] == 2 and f"no protocol 'nope' in this run; it has {', '.join(own)}" in said[2]
     assert not (tmp_path / "out").exists()
     assert run(capsys, *asked, own[0])[0] == 0
-
-
-def test_report_of_a_folder_that_is_no_run(capsys, tmp_path):
-    said = refused(capsys, "report", tmp_path)
-    assert "is not a run folder" in said and "--resume" not in said
 
 
 def test_an_angle_in_radians(capsys, tmp_path):
@@ -122,20 +93,6 @@ def test_a_name_with_another_unit_says_how_to_scale(capsys, tmp_path, typed, mea
     path = tmp_path / "other.csv"
     path.write_text("\n".join([*(line.replace(known, typed) for line in head), *rows]) + "\n")
     assert meant in refused(capsys, "check", path)
-
-
-def test_hints_of_other_units_and_of_none():
-    known = ("force_x_N", "cauchy_x_kPa", "largest_shear_angle_deg")
-    for typed, words in (
-        ("cauchy_x_MPa", "1 MPa = 1000 kPa"),
-        ("cauchy_x_N/mm2", "1 N/mm2 = 1000 kPa"),
-        ("cauchy_x_Pa", "1 Pa = 0.001 kPa"),
-        ("cauchy_x_mPa", "(values in kPa)"),
-        ("largest_shear_angle_rad", "1 rad = 57.2958 deg"),
-    ):
-        assert words in likely_name(typed, known, 0.6)[1]
-    for typed in ("force_x_kPa", "force_x_N/mm2", "temperature"):  # no force is a stress
-        assert likely_name(typed, known) == ("", "")
 
 
 def test_a_target_of_convert_with_another_unit():

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 import biaxbayes
-from biaxbayes.cli import main
 from biaxbayes.laws.goh import GOH
 from biaxbayes.reports.closing_message import closing_message
 from biaxbayes.reports.methods import latex_table
 from biaxbayes.reports.page import report_page
+from commands import exit_code
 from model_cases import bent
 from quick_posteriors import runs_without_figures, specimen
 
@@ -61,23 +61,17 @@ def test_a_tared_valve_that_goh_does_not_describe_is_warned_of(tmp_path, capsys)
     columns = "stretch_x=lambda_1,stretch_y=lambda_2,piola_x_kPa=P11_kPa,piola_y_kPa=P22_kPa"
     columns += ",protocol=protocol"
     options = ["--machine", "generic", "--geometry", "unloaded", "--columns", columns]
-    assert run_command("convert", raw, *options, "--out", made) == 0
+    assert exit_code("convert", raw, *options, "--out", made) == 0
     capsys.readouterr()
-    assert run_command("check", made) == 0
+    assert exit_code("check", made) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "the load cell was tared" in said and "GOH does not describe this specimen" in said
-    assert run_command("fit", made) == 0
+    assert exit_code("fit", made) == 0
     told = capsys.readouterr().err
     assert "a tared load cell" in told and "GOH does not describe this specimen" in told
-    assert run_command("sample", made, "--out", tmp_path / "run") == 2
+    assert exit_code("sample", made, "--out", tmp_path / "run") == 2
     assert "tared" in capsys.readouterr().err
     zeroed = ["--mounting", "zeroed", "--ess", 100, "--workers", 1, "--out", tmp_path / "run"]
-    assert run_command("sample", made, *zeroed) == 0
+    assert exit_code("sample", made, *zeroed) == 0
     out = capsys.readouterr().out
     assert "GOH misses the" in out and "do not use these parameters for that path" in out
-
-
-def run_command(*arguments) -> int:
-    with pytest.raises(SystemExit) as left:
-        main([str(a) for a in arguments])
-    return int(left.value.code or 0)

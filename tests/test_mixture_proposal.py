@@ -4,64 +4,35 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from analytic_targets import TARGETS, Target, largest_departures, limit
+from analytic_targets import TARGETS, largest_departures, limit, on_second_ridge, two_ridges
 from biaxbayes.sampling.adaptation import warm_up
 from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.independence_move import AdaptedIndependenceMove
 from biaxbayes.sampling.proposal import MixtureProposal, first_proposal
 from biaxbayes.sampling.target import bounds_array
 
-
-def two_ridges(d):
-    """Two bent ridges of different direction and width, side by side."""
-
-    def parts(x):
-        left, right = x.copy(), x.copy()
-        left[:, 1] -= 1.5 * (x[:, 0] ** 2 - 1)
-        right[:, 0] -= 4.0
-        right[:, 2] += 1.5 * (right[:, 0] ** 2 - 1)
-        right[:, 1] = (right[:, 1] - 2.0 * right[:, 0]) / 0.1
-        return left, right
-
-    def log_density(x):
-        left, right = (norm.logpdf(z).sum(axis=1) for z in parts(x))
-        return np.logaddexp(left, right - np.log(0.1)) - np.log(2.0)
-
-    def sample(rng, n):
-        x = rng.standard_normal((n, d))
-        right = rng.random(n) < 0.5
-        left = ~right
-        x[left, 1] += 1.5 * (x[left, 0] ** 2 - 1)
-        x[right, 1] = 0.1 * x[right, 1] + 2.0 * x[right, 0]
-        x[right, 2] -= 1.5 * (x[right, 0] ** 2 - 1)
-        x[right, 0] += 4.0
-        return x
-
-    return Target(f"two-ridges-{d}", d, log_density, sample)
-
-
-RIDGES = two_ridges(6)
+RIDGES = two_ridges(6, share=0.5, bend=1.0)
 SIX = [t for t in TARGETS if t.dimension == 6]
 
 
-def fitted(target, parts, seed=1, points=6000):
+def fitted(target, seed=1, points=6000):
     move = AdaptedIndependenceMove(np.random.default_rng(seed), bounds=target.bounds)
     history = target.sample(np.random.default_rng(seed + 100), points)
-    label = (history[:, 0] > 2.0).astype(int) if parts == 2 else None
-    move.adapt(history, components=12, label=label)
+    label = on_second_ridge(history) if target is RIDGES else history[:, 0] > 2.0
+    move.adapt(history, components=12, label=label.astype(int))
     move.freeze()
     return move
 
 
 def unequal(target):
     """A mixture whose parts are far from equal shares of the target."""
-    parts = fitted(target, 2).proposal.parts
+    parts = fitted(target).proposal.parts
     return MixtureProposal(np.array([0.85, 0.15]), parts)
 
 
-@pytest.mark.parametrize("target", [*SIX, RIDGES], ids=lambda t: t.name)
+@pytest.mark.parametrize("target", [SIX[1], SIX[3], RIDGES], ids=lambda t: t.name)
 def test_a_step_leaves_the_target_and_is_reversible(target):
-    move = fitted(target, 2)
+    move = fitted(target)
     assert len(move.proposal.parts) == 2
     stationary, reversible = largest_departures(move, target)
     assert stationary[0] < limit(stationary[1])

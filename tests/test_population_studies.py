@@ -7,10 +7,9 @@ import pytest
 from scipy.stats import norm
 
 from biaxbayes.populations.hierarchy import LEAST_INSIDE
-from studies.common import read_records, run_all
 from studies.population.calibration import GROUPS, PRIORS, Truths, values_of
 from studies.population.study import pooling
-from studies.population.virtual import CENTRES, PARAMETERS, PLANS, Plan, made, on_scale
+from studies.population.virtual import CENTRES, PARAMETERS, Plan, made, on_scale
 
 
 def test_truths_are_cut_as_the_model_cuts_them():
@@ -50,30 +49,6 @@ def test_a_common_misfit_is_the_same_in_all_specimens():
     assert np.ptp(common, axis=0).max() < 1e-3 < 0.005 < np.ptp(common, axis=1).max()
     assert np.ptp(own, axis=0).max() > 0.01
     assert 0.005 < (own - 1).std() < 0.06
-
-
-def test_ridge_studies_have_three_specimens_with_further_protocols():
-    counts = [len(m.specimen.protocols) for m in made(PLANS["ridge"], 100)]
-    assert sorted(counts) == [1] * 9 + [3] * 3
-    six = made(PLANS["six"], 5)
-    assert [m.group for m in six] == ["media", "adventitia"] * 3
-    assert len({m.donor for m in six}) == 3 and {len(m.specimen.protocols) for m in six} == {3}
-
-
-def square(seed):
-    return {"square": seed**2}
-
-
-def test_records_go_on_where_they_stopped(tmp_path):
-    path = tmp_path / "study.jsonl"
-    run_all(square, [(3,), (1,)], path, 1)
-    with path.open("a") as file:
-        file.write('\n{"case": [2], "squ')  # killed while it wrote
-    path.write_text(path.read_text().replace('"square": 9', '"square": -9'))  # not run again
-    found = run_all(square, [(1,), (2,), (3,)], path, 1)
-    assert [r["square"] for r in found] == [1, 4, -9]
-    assert len(read_records(path)) == 3
-    assert read_records(tmp_path / "nothing.jsonl") == []
 
 
 def test_widths_coverage_and_errors_of_pooled_records():

@@ -386,65 +386,6 @@ def test_log_density_broadcasts_and_names_what_is_missing():
     assert posterior.log_density(values | {"k2": np.nan}) == -np.inf
 
 
-@pytest.mark.parametrize("mounting", ["noisy", "free", "exact"])
-def test_exchanged_axes_leave_the_density(mounting):
-    specimen = specimen_of(noise=0.005, protocols=2)
-    swapped = replace(
-        specimen,
-        protocols=tuple(
-            replace(
-                p, stretch_x=p.stretch_y, stretch_y=p.stretch_x, load_x=p.load_y, load_y=p.load_x
-            )
-            for p in specimen.protocols
-        ),
-        edge_x_mm=specimen.edge_y_mm,
-        edge_y_mm=specimen.edge_x_mm,
-    )
-    here, there = (
-        Posterior(s, mounting=mounting, noise="independent") for s in (specimen, swapped)
-    )
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        v = random_values(specimen, rng)
-        w = v | {"alpha": 90.0 - v["alpha"]}
-        for what in ("force", "stretch"):
-            w[f"mounting_{what}_x"], w[f"mounting_{what}_y"] = (
-                v[f"mounting_{what}_y"],
-                v[f"mounting_{what}_x"],
-            )
-        a, b = here.log_density(v), there.log_density(w)
-        assert a == pytest.approx(b, rel=1e-9)
-
-
-@pytest.mark.parametrize("mounting", ["noisy", "free", "exact"])
-def test_units_change_the_density_by_a_constant(mounting):
-    square = replace(specimen_of(noise=0.005), edge_x_mm=18.0, edge_y_mm=18.0)
-    area = 18.0 * 1.1 / 1000  # N per kPa
-    stress = replace(
-        square,
-        stress_pair="piola",
-        load_noise=square.load_noise / area,
-        protocols=tuple(
-            replace(p, load_x=p.load_x / area, load_y=p.load_y / area) for p in square.protocols
-        ),
-    )
-    force_posterior, stress_posterior = (
-        Posterior(s, mounting=mounting, noise="independent") for s in (square, stress)
-    )
-    rng = np.random.default_rng(3)
-    shifts = []
-    for _ in range(20):
-        v = random_values(square, rng)
-        w = v | {k: v[k] / area for k in ("noise_sd", "mounting_force_x", "mounting_force_y")}
-        a, b = force_posterior.log_density(v), stress_posterior.log_density(w)
-        assert np.isfinite(a) == np.isfinite(b)
-        if np.isfinite(a):
-            shifts.append(a - b)
-    # each reading and each mounting force scales with the area; ln w does not
-    readings = 2 * 13 + (0 if mounting == "exact" else 2) + (2 if mounting != "free" else 0)
-    np.testing.assert_allclose(shifts, -readings * np.log(area), rtol=1e-9)
-
-
 # --- sampling coordinates --------------------------------------------------------------------
 
 

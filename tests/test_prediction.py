@@ -1,5 +1,7 @@
 """Predicted bands against quadrature, sampling and the data that made them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,7 +10,6 @@ from scipy.stats import norm
 from biaxbayes.errors import InputError
 from biaxbayes.forward import ForwardModel
 from biaxbayes.laws.published import MATERIALS
-from biaxbayes.mechanics.virtual_test import virtual_test
 from biaxbayes.prediction.bands import mixture_percentiles
 from biaxbayes.prediction.draws import mounting_labels
 from biaxbayes.prediction.inflation import (
@@ -27,23 +28,16 @@ from biaxbayes.prediction.stress import (
     predict_stress,
     stretch_path,
 )
-from biaxbayes.specimens.specimen import Protocol, Specimen
+from biaxbayes.specimens.specimen import Specimen
 from goh_functions import GOH_LAW
+from quick_posteriors import exact_specimen
 
 MEDIA = MATERIALS["weisbecker-media"].material
 
 
-def specimen(ratios=((1.0, 1.0),), lm=(1.01, 1.02), geometry="unloaded") -> Specimen:
-    protocols = []
-    for ratio in ratios:
-        v = virtual_test(
-            MEDIA, mounting_stretch=lm, measured_stretch=1.2, ratio=ratio, thickness_mm=0.88
-        )
-        name = f"{ratio[0]:g}:{ratio[1]:g}"
-        protocols.append(Protocol(name, v.measured_x, v.measured_y, v.force_x_N, v.force_y_N))
-    return Specimen(
-        "media", tuple(protocols), "force", geometry, 20.0, 20.0, 0.88, load_noise=0.001
-    )
+def specimen(ratios=((1.0, 1.0),), geometry="unloaded") -> Specimen:
+    made = exact_specimen(MEDIA, measured_stretch=1.2, ratios=ratios)
+    return replace(made, geometry=geometry, load_noise=0.001)
 
 
 def draws(n=500, *, spread=0.1, noise=0.02, seed=1) -> pd.DataFrame:
@@ -137,13 +131,6 @@ def test_noise_follows_geometry_growth_and_measured_dimensions():
     frame["noise_growth"] = 0.1
     grown = piola_sd(frame, specimen(), 1, np.full((2, 3), 50.0), lm)
     np.testing.assert_allclose(grown, np.hypot(plain / (1.1 * 0.9), 5.0) * np.ones((2, 3)))
-
-
-def test_blocks_do_not_change_the_answer(monkeypatch):
-    path = stretch_path(1.2, points=23)
-    whole = predict_stress(draws(50), specimen(), GOH_LAW, path)
-    monkeypatch.setattr("biaxbayes.prediction.stress.BLOCK", 170)
-    pd.testing.assert_frame_equal(whole, predict_stress(draws(50), specimen(), GOH_LAW, path))
 
 
 def test_protocols_with_their_own_mounted_state_must_be_named():

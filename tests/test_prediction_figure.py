@@ -1,15 +1,13 @@
-"""Figures of predictions, measured: size, fonts, what is drawn where; and CSVs of stretches."""
+"""Figures of predictions, measured: size, fonts, what is drawn where."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.errors import InputError
 from biaxbayes.figures.prediction import inflation_figure, stress_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.prediction.bands import BANDS
 from biaxbayes.prediction.stress import BEYOND, INSIDE
-from biaxbayes.specimens.table import read_stretches
 
 
 def stress_table(x=None, y=None, stress="cauchy") -> pd.DataFrame:
@@ -136,38 +134,6 @@ def test_fonts_are_in_the_file(suffix):
     assert (b"/FontFile2" in data) if suffix == "pdf" else (b"Cauchy stress (kPa)</text>" in data)
     assert b"/Type3" not in data
     assert data == figure_bytes(stress_figure(stress_table()), suffix)
-
-
-# --- CSVs of stretches ---
-
-
-def test_stretches_are_read_by_name(tmp_path):
-    file = tmp_path / "path.csv"
-    file.write_text("# made by hand\n\nstep,stretch_y,stretch_x\n1,1.0,1.0\n\n2,1.05,1.1\n")
-    np.testing.assert_array_equal(read_stretches(file), [[1.0, 1.0], [1.1, 1.05]])
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("stretch_x,stretch\n1,1\n", r"row 1, column stretch_y: missing column"),
-        ("stretch_x,stretch_x,stretch_y\n1,1,1\n", "appears twice"),
-        ("stretch_x,stretch_y\n1,1\n1.1\n", r"row 3: 1 cells where the header names 2"),
-        ("stretch_x,stretch_y\n1,1\n\n1.1,five\n", r"row 4, column stretch_y: 'five'"),
-        ("stretch_x,stretch_y\n1,110\n", "not strains or per cent"),
-        ("stretch_x,stretch_y\n1,nan\n", "'nan' is not a stretch"),
-        ("stretch_x,stretch_y\n", "has no rows"),
-        ("# nothing\n", "has no rows"),
-        ("", "is empty"),
-    ],
-)
-def test_wrong_stretch_files_are_named(text, message, tmp_path):
-    file = tmp_path / "path.csv"
-    file.write_text(text)
-    with pytest.raises(InputError, match=message):
-        read_stretches(file)
-    with pytest.raises(InputError, match="no such file"):
-        read_stretches(tmp_path / "missing.csv")
 
 
 def test_a_style_and_a_hostile_name_are_only_drawn(tmp_path):

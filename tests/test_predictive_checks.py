@@ -1,7 +1,5 @@
 """The model checked against its own data, in words."""
 
-import time
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -52,12 +50,3 @@ def test_the_missed_protocol_is_named_with_its_number():
     peak = float(clean.protocols[1].load_y.max())
     assert row["largest"] == pytest.approx(0.15 * peak, abs=0.008)
     assert any("too narrow" in text for text in checks_in_words(checks, "N"))
-
-
-def test_fast_enough_for_a_closing_message():
-    data = specimen(TRUTH, increments=300)
-    draws = true_draws(0.002, n=4000)
-    predictive_checks(data, draws)
-    clock = time.process_time()
-    predictive_checks(data, draws)
-    assert time.process_time() - clock < 0.5

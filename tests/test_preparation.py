@@ -8,7 +8,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.errors import InputError
-from biaxbayes.model.posterior import Posterior, SamplingConstants
+from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare, start_parameters, with_sampling_constants
 from biaxbayes.model.search import draw_posterior
 from biaxbayes.sampling.sampler import Plan
@@ -30,12 +30,6 @@ def test_a_weight_that_needs_a_fit_is_not_made_up():
         Posterior(media(), noise="effective")
     assert "\n" not in str(caught.value)
     assert Posterior(media(), noise="effective", beta=0.25).beta == 0.25
-
-
-def test_a_posterior_is_made_without_a_fit():
-    posterior = Posterior(media(), noise="independent")
-    assert "fit" not in vars(posterior) and posterior.readings is None and posterior.beta == 1.0
-    assert posterior.sampling_constants == SamplingConstants()
 
 
 def test_preparing_fits_weighs_and_lays_out():

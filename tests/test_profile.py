@@ -268,19 +268,6 @@ def test_sweeping_back_gives_nothing_lower():
     assert not curve.sweep()
 
 
-def test_the_reading_enters_with_its_exact_derivative():
-    posterior = determined()
-    likelihood = ConditionalLikelihood(posterior.specimen, posterior.settings, 1.0, {})
-    x = np.array([9.0, 35.0, 4.0, 0.55, 0.12, 1.012, 1.017])
-    problem = likelihood._problem(x, likelihood.adjustable, 0.01)
-    _, J = problem.evaluate(x)
-    for j, h in enumerate(1e-6 * np.abs(x)):
-        step = np.zeros(7)
-        step[j] = h
-        numeric = (problem.residual(x + step) - problem.residual(x - step)) / (2.0 * h)
-        np.testing.assert_allclose(J[:, j], numeric, rtol=1e-5, atol=1e-6 * np.abs(numeric).max())
-
-
 def test_the_command_writes_curves_intervals_and_figure(tmp_path):
     path = tmp_path / "virtual.csv"
     write_specimen(traded().specimen, path)

@@ -2,6 +2,7 @@
 
 import io
 import sys
+import time
 import types
 
 import numpy as np
@@ -9,8 +10,7 @@ import pytest
 
 import biaxbayes
 from biaxbayes.errors import InputError
-from biaxbayes.progress_bar import with_progress
-from biaxbayes.sampling.sampler import Progress
+from biaxbayes.progress_bar import Progress, minute_lines, with_progress
 from biaxbayes.specimens.specimen_file import write_specimen
 
 MADE = biaxbayes.simulate(material="donor2-media", noise_N=0.0006, increments=30)[0]
@@ -119,3 +119,18 @@ def test_long_calls_show_their_progress_where_somebody_watches(monkeypatch):
     assert lines.texts == ["starting", "sampling 50 %", ""]
     for name in ("sample", "batch", "compare", "ledger", "design", "calibrate"):
         assert getattr(biaxbayes, name).__wrapped__, name
+
+
+def test_a_terminal_without_a_live_line_gets_a_line_each_minute(capsys):
+    with minute_lines() as show:
+        show(Progress("sampling"))
+    assert capsys.readouterr().err == ""  # less than a minute
+    err = ""
+    with minute_lines(every=0.01) as show:
+        show(Progress("sampling", 1 / 9, note="sampled again"))
+        # nothing is reported any more, and the line is repeated all the same
+        deadline = time.monotonic() + 20.0
+        while err.count("sampling") < 2 and time.monotonic() < deadline:
+            time.sleep(0.01)
+            err += capsys.readouterr().err
+    assert err.count("sampled again") == 1 and err.count("sampling, 11 %") > 1

@@ -8,12 +8,13 @@ import re
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 
 import biaxbayes
 from biaxbayes.figures.run.identifiability import identifiability_figure
-from biaxbayes.identifiability.identify import identify_draws
+from biaxbayes.identifiability.identify import MOST_DRAWS, identify_draws
 from biaxbayes.identifiability.reported import DASH, interval_text
 from biaxbayes.identifiability.verdict import VERDICTS
 from biaxbayes.laws import law_named
@@ -174,6 +175,14 @@ def test_comparison_and_study(media_run, rows, tmp_path):
     for row in rows:
         found = study[row["parameter"]]
         assert (found["reported"], found["verdict"]) == (row["interval"], row["verdict"])
+
+
+def test_evidence_and_summary_have_the_same_quantiles(media_run):
+    assert len(media_run.draws) > MOST_DRAWS  # the evidence is judged by some of them
+    columns = ["posterior_median", "posterior_q05", "posterior_q95"]
+    evidence = media_run.result.identifiability.set_index("parameter")[columns].astype(float)
+    summary = media_run.summary.set_index("parameter").loc[evidence.index, ["q50", "q05", "q95"]]
+    np.testing.assert_allclose(evidence, summary, rtol=2e-5)
 
 
 def test_digits():

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 import biaxbayes
-from biaxbayes.cli import main
 from biaxbayes.laws.published import MATERIALS
 from biaxbayes.specimens.specimen_file import read_specimen
+from commands import exit_code
 
 
 def simulate(*arguments):
     """Exit code of the command."""
-    with pytest.raises(SystemExit) as end:
-        main(["simulate", *map(str, arguments)])
-    return end.value.code
+    return exit_code("simulate", *arguments)
 
 
 def test_a_table6_row_with_its_published_conditions(tmp_path, capsys):

@@ -53,13 +53,6 @@ def test_a_command_takes_one_thread_for_its_matrices_unless_told_otherwise(state
     assert done.stdout.rsplit("threads ", 1)[1].startswith(expected)
 
 
-def test_a_run_imports_nothing_that_it_does_not_use():
-    modules = "biaxbayes.verbs.sample, biaxbayes.figures.run.corner, biaxbayes.reports.page"
-    found = imported(f"import {modules}")
-    assert "biaxbayes.sampling.sampler" in found
-    assert not found & {"distributed", "sklearn", "arviz", "arviz_stats", "xarray"}
-
-
 @pytest.mark.parametrize("stream", [1, 2])
 def test_a_closed_stream_is_no_error(stream):
     command = f'exec "{sys.executable}" -m biaxbayes check "{MEDIA}" {stream}>&-'

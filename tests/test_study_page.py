@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-import browser
 from biaxbayes.figures.study import study_figure
 from biaxbayes.reports.study_page import write_study
 from biaxbayes.studies.result import COLUMNS, StudyResult, donor_groups
@@ -120,45 +119,3 @@ def test_the_page_counts_what_is_reliable(result):
     assert "is no table &amp; &lt;worse&gt;" in page
     assert "<script" not in page and "<img src=x" not in page
     assert len(page) < 5_000_000
-
-
-@pytest.fixture(scope="module")
-def shown(result, tmp_path_factory):
-    if not browser.CHROMIUM:
-        pytest.skip("no Chromium here")
-    with browser.shown(result.folder / "study.html", tmp_path_factory.mktemp("profile")) as page:
-        yield page
-
-
-def test_opens_without_errors_and_without_the_network(shown):
-    urls = [e["request"]["url"] for e in shown.seen("Network.requestWillBeSent")]
-    assert [
-        u for u in urls if not u.startswith(("data:", "about:")) and "study.html" not in u
-    ] == []
-    assert shown.seen("Runtime.exceptionThrown") == []
-    assert [e["entry"]["text"] for e in shown.seen("Log.entryAdded")] == []
-    assert shown.evaluate("document.title").startswith("Study <script>")
-    [[complete, natural]] = shown.evaluate(
-        "[...document.images].map(i => [i.complete, i.naturalWidth])"
-    )
-    assert complete and natural > 1000
-
-
-@pytest.mark.parametrize("width", [320, 390, 1280])
-def test_nothing_sticks_out(shown, width):
-    shown.resize(width)
-    assert shown.evaluate("document.documentElement.scrollWidth") <= width
-
-
-def test_nothing_is_cut_off_on_a_screen(shown):
-    shown.resize(1280)
-    cut = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth)"
-    assert shown.evaluate(f"{cut}.map(e => e.getAttribute('aria-label'))") == []
-
-
-@browser.needs_axe
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_accessible(shown, scheme):
-    found = shown.audit(scheme)
-    assert found["passes"] > 20
-    assert found["violations"] == []

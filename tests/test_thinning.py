@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from biaxbayes.error_model import log_likelihood
 from biaxbayes.errors import InputError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.model.posterior import Posterior
@@ -91,34 +90,6 @@ def test_likelihood_is_that_of_all_rows(growth):
     assert np.ptp(of_all) > 1000.0
     change = (of_means - of_all) - (of_means - of_all).mean()
     assert np.abs(change).max() < 0.002 * np.ptp(of_all)
-
-
-def test_pointwise_likelihood_adds_up_to_the_compiled_one():
-    posterior = prepare(long_specimen(), thin=50)
-    u = np.array([posterior.coordinates(start(posterior))[0]])
-    natural = posterior.natural(u)
-    rows = posterior.rows
-    pointwise = log_likelihood(
-        *posterior.forward.predict_rows(natural, rows), rows.load, rows.scatter
-    )
-    weight = np.array(posterior.thinned.weight)[rows.protocol][None, :, None]
-    total = posterior.beta * (weight * pointwise).sum()
-    assert total == pytest.approx(float(natural["log_likelihood"][0]), rel=1e-9)
-
-
-def start(posterior: Posterior) -> dict[str, float]:
-    fit = posterior.fit
-    m = fit.material
-    return {
-        "C1": m.C1_kPa,
-        "k1": m.k1_kPa,
-        "k2": m.k2,
-        "alpha": m.alpha_deg,
-        "kappa": m.kappa,
-        "mounting_force_x": fit.mounting_load[0, 0],
-        "mounting_force_y": fit.mounting_load[0, 1],
-        "noise_sd": 0.004,
-    }
 
 
 def test_automatic_only_where_it_is_long_and_noise_is_effective():

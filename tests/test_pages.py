@@ -1,8 +1,9 @@
-"""The pages on several specimens: words explained, readable at any width, what is stated told."""
+"""All pages, of made-up results and in a real browser: what is reported, escaped, readable."""
 
 from __future__ import annotations
 
-import re
+import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,22 +11,23 @@ import pandas as pd
 import pytest
 
 import browser
+import reported
 from biaxbayes.comparison.compare import Member, compare
 from biaxbayes.comparison.law_weights import STACKED, LawComparison
 from biaxbayes.figures.laws import law_misfit_figure, law_mounting_figure
 from biaxbayes.figures.population import band_figure, forest_figure, pairs_figure
 from biaxbayes.figures.style import figure_bytes
 from biaxbayes.identifiability.reported import Reported
-from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.tables import CONTRAST_COLUMNS, POPULATION_COLUMNS, SPECIMEN_COLUMNS
-from biaxbayes.reports import comparison, population, study_page
 from biaxbayes.reports.comparison import laws_page, write_comparison
-from biaxbayes.reports.population import population_methods, population_page
+from biaxbayes.reports.page import write_report
+from biaxbayes.reports.population import population_page
 from biaxbayes.reports.study_page import write_study
-from biaxbayes.reports.words import GLOSSARY, SEVERAL, chosen_terms, derived_words
+from biaxbayes.runs.run import open_run
 from biaxbayes.studies.result import StudyResult
 from goh_functions import GOH_LAW
 from quick_posteriors import sampled, specimen
+from test_compare import SOFT, STIFF
 from test_study_page import distances, table
 
 LEVELS = ("q05", "q50", "q95")
@@ -135,10 +137,9 @@ def write_a_study(folder) -> None:
 
 def write_a_comparison(folder) -> None:
     members = []
-    for label, C1, ratios in (("soft", 10.0, ((1.0, 1.0),)), ("<b>media</b>", 25.0, ((1.0, 1.0),))):
-        run = sampled(specimen(GOH(C1, 40.0, 8.0, 40.0, 0.1), ratios=ratios, increments=8))
-        nan = float("nan")
-        reported = (Reported("mounting_stretch_x", "", 1.0123, nan, "bounded", REASON),)
+    for label, material in (("soft", SOFT), ("<b>media</b>", STIFF)):
+        run = sampled(specimen(material, increments=10), ess=60.0)
+        reported = (Reported("mounting_stretch_x", "", 1.0123, np.nan, "bounded", REASON),)
         members.append(Member(label, run.target, run.draws, "converged", reported))
     write_comparison(compare(members), folder)
 
@@ -182,56 +183,40 @@ def write_weighed_laws(folder) -> None:
     (folder / "laws.html").write_text(laws_page(compared, figures), encoding="utf-8")
 
 
-PAGES = {
-    "laws.html": (write_weighed_laws, comparison.LAW_TERMS),
-    "population.html": (write_population, population.TERMS),
-    "study.html": (write_a_study, study_page.TERMS),
-    "compare.html": (write_a_comparison, comparison.TERMS),
+def write_hostile_report(folder, run) -> None:
+    shutil.copytree(run.path, folder, dirs_exist_ok=True)
+    write_report(folder, open_run(folder))
+
+
+MADE_UP = {
+    "laws.html": write_weighed_laws,
+    "population.html": write_population,
+    "study.html": write_a_study,
+    "compare.html": write_a_comparison,
 }
 
 
-@pytest.fixture(scope="module", params=PAGES)
+@pytest.fixture(scope="module", params=[*MADE_UP, "report.html", "explore.html"])
 def page(request, tmp_path_factory):
-    write, terms = PAGES[request.param]
     folder = tmp_path_factory.mktemp("pages")
-    write(folder)
-    return folder / request.param, terms
-
-
-@pytest.mark.long
-def test_the_page_explains_its_words(page):
-    path, terms = page
-    html = path.read_text(encoding="utf-8")
-    words = html.split('<h2 id="words">')[1]
-    text = " ".join(re.sub(r"<[^>]+>", " ", words).split()).replace("&#39;", "'")
-    for term, said in chosen_terms(*terms):
-        assert f"{term} {said}" in text, term
-    assert html.count('href="#words"') >= 5
-    # the bytes of an image can spell anything
-    written = re.sub(r"base64,[A-Za-z0-9+/=]+", "", html.split("</style>")[1])
-    assert "<script" not in html and "http" not in written
-
-
-def test_terms_are_half_a_line_and_said_once():
-    for term, words in SEVERAL.items():
-        assert len(words) < 130, f"{term}: half a line"
-    assert not set(GLOSSARY) & set(SEVERAL)
-    used = {t for _, terms in PAGES.values() for t in terms}
-    assert set(SEVERAL) <= used
+    if request.param in MADE_UP:
+        MADE_UP[request.param](folder)
+    else:
+        write_hostile_report(folder, request.getfixturevalue("hostile_run"))
+    return folder / request.param
 
 
 def test_what_is_reported_stands_on_the_page(page):
-    path, _ = page
-    html = path.read_text(encoding="utf-8")
-    assert "above 1.0123" in html
-    if path.name == "laws.html":
+    html = page.read_text(encoding="utf-8")
+    assert "above 1.0123" in html or page.name not in MADE_UP
+    if page.name == "laws.html":
         assert "<strong>above 1.0123</strong>" in html
         assert "<strong>1.010 to 1.030</strong>" in html
         assert "the header of the specimen: # mounting_stretch_x: VALUE +- SD<" in html
         assert "is left out: <bdi>1:1: &lt;img" in html
-    if path.name == "study.html":
+    if page.name == "study.html":
         assert html.count(">above 1.0123<small>") == 7
-    if path.name == "population.html":
+    if page.name == "population.html":
         assert html.count("(above 1.0123)") == 4
 
 
@@ -249,66 +234,101 @@ def test_population_numbers_are_plain():
     assert "left out: <bdi>b</bdi>" in html
 
 
-def test_methods_state_units_and_distributions():
-    told = population_methods(population_tables(), population_record())
-    assert "C1: mean LN(10, 2) kPa, sds half-normal(0.5) between donors" in told
-    assert "alpha: mean N(45, 22.5) degrees" in told
-    assert "LN(median, sd of the log) lognormal" in told
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("Hx", "structure tensor, x"),
-        ("stiffness_y at 1", "small-strain stiffness, y"),
-        ("stiffness_y", "small-strain stiffness, y"),
-        ("stiffness_x at 1.2", "tangent stiffness, x, at 1.2"),
-        ("cauchy_x at 1.05", "Cauchy stress, x, at 1.05"),
-        ("k1", "k1"),
-        ("", ""),
-    ],
-)
-def test_what_follows_from_parameters_in_words(name, words):
-    assert derived_words(name) == words
+# --- in a browser --------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def shown(page, tmp_path_factory):
     if not browser.CHROMIUM:
         pytest.skip("no Chromium here")
-    with browser.shown(page[0], tmp_path_factory.mktemp("profile")) as tab:
+    with browser.shown(page, tmp_path_factory.mktemp("profile")) as tab:
         yield tab
-
-
-@pytest.mark.parametrize("width", [390, 1280])
-def test_nothing_sticks_out_or_goes_on_unsaid(shown, width):
-    shown.resize(width)
-    assert shown.evaluate("document.documentElement.scrollWidth") <= width
-    right = "Math.max(...[...document.querySelectorAll('h1, h2, h3, p, li, dt, dd, nav')]"
-    assert shown.evaluate(f"{right}.map(e => e.getBoundingClientRect().right))") <= width
-    goes_on = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth)"
-    names = shown.evaluate(f"{goes_on}.map(e => e.getAttribute('aria-label'))")
-    if width > 1000:
-        assert names == []
-        return
-    # a shade at the edge, and words below a figure
-    shades = shown.evaluate(f"{goes_on}.map(e => getComputedStyle(e).backgroundImage)")
-    assert all("linear-gradient" in s for s in shades)
-    hints = shown.evaluate(
-        "[...document.querySelectorAll('figure figcaption')]"
-        ".map(f => getComputedStyle(f, '::before').content)"
-    )
-    assert hints and all("goes on to the right" in h for h in hints)
-    # every table and figure can be reached and moved by the keyboard
-    assert shown.evaluate(f"{goes_on}.every(e => e.tabIndex === 0)")
 
 
 def test_opens_without_errors_and_without_the_network(shown, page):
     urls = [e["request"]["url"] for e in shown.seen("Network.requestWillBeSent")]
-    assert [
-        u for u in urls if not u.startswith(("data:", "about:")) and page[0].name not in u
-    ] == []
-    assert shown.seen("Runtime.exceptionThrown") == []
+    others = [u for u in urls if not u.startswith(("data:", "about:", "blob:"))]
+    assert {u.rsplit("/", 1)[-1] for u in others} == {page.name}
+    for event in ("Runtime.exceptionThrown", "Page.javascriptDialogOpening"):
+        assert shown.seen(event) == []
     assert [e["entry"]["text"] for e in shown.seen("Log.entryAdded")] == []
-    alts = shown.evaluate("[...document.images].map(i => [i.naturalWidth, i.alt.length])")
-    assert alts and all(width > 300 and length > 20 for width, length in alts)
+    images = shown.evaluate(
+        "[...document.images].map(i => [i.complete, i.naturalWidth, i.clientWidth, i.alt.length])"
+    )
+    assert images or page.name == "explore.html"
+    for complete, natural, width, alt in images:
+        assert complete and natural > 300 and width > 200 and alt > 20
+
+
+def test_hostile_names_stay_text(shown, page):
+    assert shown.evaluate("document.querySelectorAll('b[onclick], img[onerror]').length") == 0
+    if page.name not in MADE_UP:
+        assert shown.evaluate("document.title").startswith("<script>document.title='broken'")
+    if page.name == "report.html":
+        heading = shown.evaluate("document.querySelector('h1').textContent")
+        assert heading.startswith("<script>") and "{{ 7*7 }}" in heading and len(heading) <= 120
+        rows = shown.evaluate("[...document.querySelectorAll('th.name')].map(t => t.textContent)")
+        assert reported.PROTOCOLS[0] in rows
+
+
+GOES_ON = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth)"
+
+
+def test_readable_at_any_width(shown, page):
+    """Nothing sticks out; a wide table or figure is shaded, says so, and moves by the keyboard."""
+    for width in (320, 390, 768, 1280):
+        shown.resize(width)
+        time.sleep(0.3)
+        assert shown.evaluate("document.documentElement.scrollWidth") <= width
+        right = "Math.max(...[...document.querySelectorAll('h1, h2, h3, p, li, dt, dd, nav')]"
+        assert shown.evaluate(f"{right}.map(e => e.getBoundingClientRect().right))") <= width
+        if page.name in MADE_UP and width == 1280:
+            assert shown.evaluate(f"{GOES_ON}.map(e => e.getAttribute('aria-label'))") == []
+        figures = shown.evaluate(
+            "[...document.querySelectorAll('figure')].map(f => "
+            "[f.querySelector('.scroll').scrollWidth > f.querySelector('.scroll').clientWidth, "
+            "getComputedStyle(f.querySelector('figcaption'), '::before').content])"
+        )
+        assert figures or page.name == "explore.html"
+        if width in (390, 1280):
+            for goes_on, hint in figures:
+                assert goes_on == ("goes on to the right" in hint) == (width == 390)
+        if width == 390 and page.name in MADE_UP:
+            shades = f"{GOES_ON}.map(e => getComputedStyle(e).backgroundImage)"
+            assert all("linear-gradient" in s for s in shown.evaluate(shades))
+            assert shown.evaluate(f"{GOES_ON}.every(e => e.tabIndex === 0)")
+
+
+def test_dark_where_the_reader_wants_it_and_printed_without_navigation(shown, page):
+    def media(**how):
+        features = [{"name": "prefers-color-scheme", "value": how.get("scheme", "light")}]
+        shown.call("Emulation.setEmulatedMedia", media=how.get("media", ""), features=features)
+
+    grounds = []
+    for scheme in ("dark", "light"):
+        media(scheme=scheme)
+        grounds.append(shown.evaluate("getComputedStyle(document.body).backgroundColor"))
+    assert grounds == ["rgb(20, 24, 29)", "rgb(255, 255, 255)"]
+    if page.name == "report.html":
+        media(media="print")
+        assert shown.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
+        media()
+
+
+def test_keyboard_reaches_the_results(shown):
+    shown.evaluate("document.activeElement.blur()")
+    press = {"key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9}
+    shown.call("Input.dispatchKeyEvent", type="keyDown", **press)
+    shown.call("Input.dispatchKeyEvent", type="keyUp", **press)
+    assert shown.evaluate("document.activeElement.className") == "skip"
+    assert shown.evaluate("document.activeElement.getBoundingClientRect().left") >= 0
+
+
+@browser.needs_axe
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_accessible(shown, page, scheme):
+    if page.name == "explore.html":
+        shown.call("Page.setBypassCSP", enabled=True)
+    found = shown.audit(scheme)
+    assert found["passes"] > 20
+    assert found["violations"] == []
