@@ -98,16 +98,3 @@ def hostile_run(session_folder):
     import biaxbayes
 
     return biaxbayes.open_run(shared.made_once("hostile", reported.hostile_run))
-
-
-@pytest.fixture(scope="session")
-def adventitia_run(session_folder):
-    """A finished run, to damage copies of."""
-    import biaxbayes
-
-    def finished_run(folder: Path) -> None:
-        specimen = Path(__file__).parents[1] / "data" / "donor2-adventitia.csv"
-        with quick_posteriors.without_figures():
-            biaxbayes.sample(specimen, out=folder / "run", ess=500)
-
-    return shared.made_once("adventitia", finished_run) / "run"

@@ -29,7 +29,6 @@ from biaxbayes.calibration.simulated_specimen import (
     protocol_prior,
     simulate_specimen,
 )
-from biaxbayes.cli import main
 from biaxbayes.errors import InputError, Interrupted, RunError
 from biaxbayes.laws import DEFAULT_LAW, LAWS, law_named
 from biaxbayes.laws.goh import GOH
@@ -41,7 +40,14 @@ from biaxbayes.parameters import Quantities
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.specimen_file import read_specimen
-from biaxbayes.verbs.calibrate import CalibrationStudy, read_ranks, study_of
+from biaxbayes.verbs.calibrate import (
+    CalibrationStudy,
+    Outcome,
+    closing_message,
+    read_ranks,
+    study_of,
+)
+from commands import run
 from goh_functions import GOH_LAW
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -358,6 +364,7 @@ def alone(whole):
     return {i: t[["truth", "rank"]].to_dict() for i, t in table.groupby("replication")}
 
 
+@pytest.mark.long
 def test_a_replication_is_determined_by_study_and_index(alone):
     a = replicate(study(), 1)
     assert a.rank == alone[1]["rank"]
@@ -396,14 +403,10 @@ def test_processes_find_what_one_process_finds(alone):
 
 def test_command_line(tmp_path, capsys):
     out = tmp_path / "study"
-    with pytest.raises(SystemExit) as ended:
-        main(
-            ["calibrate", str(DATA / "donor2-media.csv"), "--replications", "2", "--workers", "1"]
-            + ["--noise", "independent", "--out", str(out), "--fix", "kappa=0", "--ess", "200"]
-        )
-    assert ended.value.code == 0
-    printed = capsys.readouterr().out
-    assert "2 replications" in printed
+    words = ("--noise", "independent", "--out", out, "--fix", "kappa=0", "--ess", 200)
+    study = ("calibrate", DATA / "donor2-media.csv", "--replications", 2, "--workers", 1)
+    code, printed, _ = run(capsys, *study, *words)
+    assert code == 0 and "2 replications" in printed
     table = pd.read_csv(out / "calibration.csv")
     assert "kappa" not in set(table["parameter"])
     assert json.loads((out / "study.json").read_text())["priors"]["kappa"] == 0.0
@@ -420,13 +423,20 @@ def test_command_line(tmp_path, capsys):
     ],
 )
 def test_what_cannot_be_studied_is_refused(arguments, problem, capsys, tmp_path):
-    with pytest.raises(SystemExit) as ended:
-        main(
-            ["calibrate", str(DATA / "donor2-media.csv"), "--noise", "independent"]
-            + ["--out", str(tmp_path / "s"), *arguments]
-        )
-    assert ended.value.code == 2
-    assert problem in capsys.readouterr().err
+    words = ("--noise", "independent", "--out", tmp_path / "s", *arguments)
+    code, _, err = run(capsys, "calibrate", DATA / "donor2-media.csv", *words)
+    assert code == 2 and problem in err
+
+
+@pytest.mark.parametrize(("replications", "p"), [(4, 0.6), (200, 0.6), (200, 1e-6), (4, 1e-6)])
+def test_few_replications_conclude_nothing(tmp_path, replications, p):
+    row = {"parameter": "C1", "uniformity_p": p, "inside_band": "yes"}
+    row |= {f"coverage_{level}": 0.5 for level in (50, 80, 90, 95)}
+    outcome = Outcome(pd.DataFrame([row]), {"converged": replications}, p >= 0.05, p)
+    message = closing_message(tmp_path, outcome, True)
+    assert ("nothing follows" in message) == (replications < 50 and p >= 0.05)
+    assert ("are uniform" in message) == (replications >= 50 and p >= 0.05)
+    assert ("NOT uniform" in message) == (p < 0.05)
 
 
 def test_unknown_break_is_an_input_error():

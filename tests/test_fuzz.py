@@ -13,18 +13,20 @@ import json
 import shutil
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from biaxbayes import Posterior, open_run, read_specimen
+from biaxbayes import Posterior, open_run, read_specimen, write_specimen
 from biaxbayes.errors import BiaxbayesError, InputError
 from biaxbayes.machines.choice import Choice
 from biaxbayes.machines.conversion import convert
 from biaxbayes.model.priors import read_priors
 from biaxbayes.runs import checkpoint
+from biaxbayes.specimens.check import check_specimen
 from biaxbayes.specimens.specimen_file import parse_specimen, specimen_text
 from biaxbayes.specimens.table import read_stretches
 from biaxbayes.studies.study_file import read_study
@@ -89,7 +91,10 @@ CAUCHY = (
     + "stretch_x,stretch_y,cauchy_x_kPa,cauchy_y_kPa\n"
     + "\n".join(ROWS)
 )
-SPECIMENS = [GOOD, protocols('"1:1, slow"', '"1:0.5"'), CAUCHY]
+TIMED = "time_s,stretch_x,stretch_y,piola_x_kPa,piola_y_kPa\n" + "".join(
+    f"{0.1 * i},{row}\n" for i, row in enumerate(ROWS)
+)
+SPECIMENS = [GOOD, protocols('"1:1, slow"', '"1:0.5"'), CAUCHY, TIMED]
 TARED = [specimen_text(parse_specimen(x.split("\n"), Path("x")).zeroed()) for x in SPECIMENS]
 PRIORS = [
     'kappa = 0.1\nk1 = "2 * C1"\n',
@@ -118,8 +123,13 @@ SIZES = {"edge_x_mm": 10.0, "edge_y_mm": 10.0, "thickness_mm": 1.2, "geometry": 
 
 
 def specimen(path: Path) -> None:
-    """The loads are those that another reader finds in the file."""
+    """The loads are those that another reader finds in the file; written, they are read equal."""
     read = read_specimen(path)
+    assert np.isfinite(read.area).all() and (read.area > 0.0).all() and read.peak_load > 0.0
+    assert all(np.isfinite(read.mounting_readings(shared=s)).all() for s in (True, False))
+    assert all(finding.message.isprintable() for finding in check_specimen(read))
+    write_specimen(read, path.with_name("again.csv"))
+    assert read_specimen(path.with_name("again.csv")) == read
     lines = path.read_text("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     table = [x for x in lines if x.strip(" ,\t\x0b\x0c") and not x.lstrip('" ').startswith("#")]
     names, *rows = [[c.strip() for c in row] for row in csv.reader(table)]
@@ -164,6 +174,17 @@ def study(path: Path) -> None:
         assert entry.file.parent.resolve() == path.parent.resolve() or entry.file.is_file()
 
 
+def converted(choice: Choice, *branches: str) -> Callable[[Path], None]:
+    """Each branch is converted to finite loads, or refused."""
+
+    def read(path: Path) -> None:
+        made = [convert([path], replace(choice, branch=b), header=SIZES) for b in branches]
+        for p in (p for m in made for p in m.specimen.protocols):
+            assert np.isfinite(p.load_x).all() and np.isfinite(p.load_y).all()
+
+    return read
+
+
 def stretches(path: Path) -> None:
     read = read_stretches(path)
     assert read.shape[1] == 2 and np.isfinite(read).all()
@@ -175,13 +196,13 @@ READERS: dict[str, tuple[list[bytes | str], Callable[[Path], object]]] = {
     "priors.toml": (list(PRIORS), priors),
     "STUDY.toml": ([STUDY], study),
     "path of stretches": (["# a path\nstretch_x,stretch_y\n1,1\n1.05,1.02\n"], stretches),
-    "generic": ([GENERIC], lambda p: convert([p], Choice("generic", COLUMNS), header=SIZES)),
+    "generic": ([GENERIC], converted(Choice("generic", COLUMNS), "loading", "both")),
     "BioTester": (
         [
             biotester_export(cycles=1, rows=8).text(),
             biotester_export(cycles=1, rows=8, tracked=False).text(";", ",").encode("cp1252"),
         ],
-        lambda p: convert([p], Choice("biotester", sets=("all",)), header=SIZES),
+        converted(Choice("biotester", sets=("all",)), "loading", "both", "unloading"),
     ),
 }
 
@@ -199,12 +220,13 @@ def is_read(read: Callable[[Path], object], path: Path) -> bool:
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_a_damaged_file_is_read_or_refused(reader, tmp_path):
+@pytest.mark.parametrize("trials", [TRIALS, pytest.param(3000, marks=pytest.mark.slow)])
+def test_a_damaged_file_is_read_or_refused(reader, trials, tmp_path):
     contents, read = READERS[reader]
     (tmp_path / "good.csv").write_text(GOOD)
     path = tmp_path / reader
     results = []
-    for number in range(TRIALS):
+    for number in range(trials * (4 if reader == "specimen" else 1)):
         rng = np.random.default_rng([number, *reader.encode()])
         content = contents[number % len(contents)]
         data = content.encode() if isinstance(content, str) else content
@@ -222,13 +244,13 @@ def open_all(run: Path) -> None:
     opened.posterior()
 
 
-def test_a_damaged_run_folder_is_read_or_refused(adventitia_run, tmp_path):
-    assert is_read(open_all, adventitia_run)
+def test_a_damaged_run_folder_is_read_or_refused(small_run, tmp_path):
+    assert is_read(open_all, small_run.path)
     results = []
-    for number in range(TRIALS):
+    for number in range(30):
         rng = np.random.default_rng([1, number])
         shutil.rmtree(tmp_path / "run", ignore_errors=True)
-        run = Path(shutil.copytree(adventitia_run, tmp_path / "run"))
+        run = Path(shutil.copytree(small_run.path, tmp_path / "run"))
         names = ("provenance.json", "posterior.nc", "summary.csv", "specimen.csv", "fit.json")
         path = run / names[number % len(names)]
         change = damaged_json if path.suffix == ".json" and rng.random() < 0.7 else damaged
@@ -241,8 +263,8 @@ def test_a_damaged_run_folder_is_read_or_refused(adventitia_run, tmp_path):
     assert results.count(False) > 10
 
 
-def test_a_damaged_checkpoint_is_read_or_refused(adventitia_run):
-    body = (adventitia_run / checkpoint.NAME).read_bytes()[32:]
+def test_a_damaged_checkpoint_is_read_or_refused(small_run):
+    body = (small_run.path / checkpoint.NAME).read_bytes()[32:]
     with np.load(io.BytesIO(body)) as archive:
         arrays = {name: archive[name] for name in archive.files}
     refused = 0

@@ -6,21 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from biaxbayes.cli import main
 from biaxbayes.figures.run.corner import corner_figure
 from biaxbayes.figures.run.identifiability import identifiability_figure
 from biaxbayes.figures.run.profile import profile_figure
 from biaxbayes.identifiability.profile.profile import profiles
 from biaxbayes.runs.run import open_run
+from commands import exit_code
 from readable import assert_readable, in_view
 
 DATA = Path(__file__).parents[1] / "data"
-
-
-def call(*arguments) -> int:
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    return int(ended.value.code or 0)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +24,7 @@ def run(media_run, tmp_path_factory):
 
 @pytest.mark.parametrize("figure", ["bands", "mounting", "trace", "identifiability"])
 def test_each_figure_in_the_run_folder(run, figure, capsys):
-    assert call("plot", run, "--figure", figure, "--format", "svg", "--width-mm", 85) == 0
+    assert exit_code("plot", run, "--figure", figure, "--format", "svg", "--width-mm", 85) == 0
     written = Path(capsys.readouterr().out.strip())
     assert written.parent == run and written.suffix == ".svg"
     head = written.read_text(encoding="utf-8")[:1500]
@@ -63,7 +57,7 @@ def test_profile_and_trace_of_named_parameters(run, tmp_path):
     out = tmp_path / "kappa.svg"
     for figure in ("profile", "trace"):
         arguments = ("--figure", figure, "--parameter", "kappa", "--out", out)
-        assert call("plot", run, *arguments) == 0
+        assert exit_code("plot", run, *arguments) == 0
         assert out.stat().st_size > 1000
         out.unlink()
 
@@ -73,7 +67,7 @@ def test_corner_with_truth_comparison_and_style(run, tmp_path, capsys):
     style.write_text("axes.prop_cycle: cycler('color', ['123456', '654321'])\n")
     out = tmp_path / "figure3"
     arguments = ("--truth", DATA / "truth.json", "--compare", run, "--style", style, "--out", out)
-    assert call("plot", run, *arguments, "--format", "svg") == 0
+    assert exit_code("plot", run, *arguments, "--format", "svg") == 0
     assert capsys.readouterr().out.strip() == f"{out}.svg"
     drawn = Path(f"{out}.svg").read_text(encoding="utf-8")
     assert "#123456" in drawn and "#654321" in drawn and "#0072b2" not in drawn
@@ -82,16 +76,16 @@ def test_corner_with_truth_comparison_and_style(run, tmp_path, capsys):
 def test_corner_of_named_parameters_fits_a_narrow_figure(run, tmp_path):
     out, names = tmp_path / "three.svg", ("kappa", "alpha", "k1")
     arguments = [a for name in names for a in ("--parameter", name)]
-    assert call("plot", run, *arguments, "--width-mm", 60, "--out", out) == 0
+    assert exit_code("plot", run, *arguments, "--width-mm", 60, "--out", out) == 0
     figure = corner_figure(open_run(run).draws, parameters=names, width_mm=60.0)
     assert len(figure.axes) == 3 * 4 // 2
     assert_readable(figure, 60.0)
 
 
 def test_the_file_name_decides_the_format(run, tmp_path):
-    assert call("plot", run, "--figure", "mounting", "--out", tmp_path / "a.PNG") == 0
+    assert exit_code("plot", run, "--figure", "mounting", "--out", tmp_path / "a.PNG") == 0
     assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
-    assert call("plot", run, "--figure", "mounting", "--out", tmp_path / "b") == 0
+    assert exit_code("plot", run, "--figure", "mounting", "--out", tmp_path / "b") == 0
     assert (tmp_path / "b.pdf").read_bytes().startswith(b"%PDF")
 
 
@@ -115,14 +109,14 @@ def test_what_cannot_be_drawn_is_said_in_one_line(run, tmp_path, capsys):
         ((run, "--out", tmp_path / "no" / "folder" / "a.pdf"), "no"),
     ]
     for arguments, said in cases:
-        assert call("plot", *arguments) == 2
+        assert exit_code("plot", *arguments) == 2
         message = capsys.readouterr().err
         assert said in message and message.count("\n") == 1
     assert not list(tmp_path.glob("a.*"))
 
 
 def test_help_shows_its_examples_line_by_line(capsys):
-    assert call("plot", "--help") == 0
+    assert exit_code("plot", "--help") == 0
     shown = capsys.readouterr().out
     assert "\n  biaxbayes plot media-posterior --figure corner --width-mm 180\n" in shown
     assert "\\b" not in shown

@@ -5,25 +5,22 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
 import quick_posteriors
 import shared
-from biaxbayes.cli import main
 from biaxbayes.identifiability.verdict import FIXED, NO_VERDICT, NOT_IDENTIFIED, VERDICTS
 from biaxbayes.laws.goh import GOH
 from biaxbayes.populations.sampler import Plan
-from biaxbayes.runs import checkpoint
 from biaxbayes.specimens.specimen_file import write_specimen
 from biaxbayes.studies.study_file import read_study
 from biaxbayes.verbs import population as job
 from biaxbayes.verbs import population_files
 from biaxbayes.verbs.batch import Batch
+from commands import run
 
 MATERIALS = {
     **{f"m{k}": GOH(13.0 + 0.4 * k, 60.0 - 2.0 * k, 8.0, 38.0 + k, 0.1) for k in range(5)},
@@ -76,7 +73,7 @@ def quick(monkeypatch):
 def pool(whole, tmp_path, capsys):
     """Run the command on some of the specimens, with columns of study.csv changed by specimen."""
 
-    def run(names, *arguments, out="out", **columns):
+    def pooled(names, *arguments, out="out", **columns):
         study = tmp_path / f"study-{out}"
         if not study.exists():
             shutil.copytree(whole, study)
@@ -86,12 +83,10 @@ def pool(whole, tmp_path, capsys):
             new = table["specimen"].map(by_name)
             table[column] = new.where(new.notna(), table[column])
         table.to_csv(study / "study.csv", index=False)
-        with pytest.raises(SystemExit) as ended:
-            main(["population", str(study), "--out", str(tmp_path / out), "--anyway", *arguments])
-        told = capsys.readouterr()
-        return ended.value.code, told.out, told.err, tmp_path / out
+        words = ("population", study, "--out", tmp_path / out, "--anyway", *arguments)
+        return *run(capsys, *words), tmp_path / out
 
-    return run
+    return pooled
 
 
 def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -133,27 +128,6 @@ def test_two_specimens_rest_on_the_priors(pool):
     assert groups.set_index("quantity").loc["Hz", "verdict"] == "fixed"  # as kappa is
     fixed = specimens[specimens["quantity"] == "kappa"]
     assert list(fixed["pooled_verdict"]) == ["fixed"] * 2
-
-
-@pytest.mark.long
-def test_a_group_of_one_specimen(pool):
-    code, out, _, folder = pool(["m0", "m1", "m2"], layer={"m2": "adventitia"})
-    assert code == 0 and "group adventitia has one specimen" in out
-    assert "adventitia: 1 specimen of 1 donor\n" in out
-    groups, _ = tables(folder)
-    width = np.log(groups["mean_q95"] / groups["mean_q05"])[groups["quantity"] == "C1"].to_numpy()
-    assert width[1] > width[0]  # one specimen says less of its group than two
-
-
-@pytest.mark.long
-def test_groups_with_nothing_in_common(pool):
-    code, out, _, folder = pool(
-        ["m0", "m1", "m2", "m3"], layer=dict.fromkeys(("m2", "m3"), "adventitia")
-    )
-    assert code == 0
-    assert "no donor in common: media and adventitia: their contrasts hold the differences" in out
-    contrasts = pd.read_csv(folder / "contrasts.csv")
-    assert set(contrasts["group_a"]) == {"media"} and set(contrasts["group_b"]) == {"adventitia"}
 
 
 @pytest.mark.long
@@ -218,43 +192,6 @@ def test_not_converged_gives_exit_three_and_no_verdict(pool, monkeypatch):
     assert set(specimens["single_verdict"]) - {NO_VERDICT, "fixed"}
     page = (folder / "population.html").read_text(encoding="utf-8")
     assert "no verdict on any number" in page
-
-
-class Killed(BaseException):
-    """As if the machine had gone: nothing of the program's own is to clean up after it."""
-
-
-@pytest.mark.long
-def test_killed_and_resumed_gives_the_same_bytes(pool, monkeypatch):
-    # so many effective draws that more than one block is needed
-    monkeypatch.setattr(job, "Plan", partial(longer, Plan))
-    names = ["m0", "m1", "m2"]
-    _, _, _, whole = pool(names, out="whole")
-    save, saved = checkpoint.save, []
-
-    def dies(*arguments):
-        save(*arguments)
-        saved.append(1)
-        if len(saved) == 2:
-            raise Killed
-
-    with monkeypatch.context() as patched:
-        patched.setattr(job.checkpoint, "save", dies)
-        with pytest.raises(Killed):
-            pool(names, out="killed")
-    killed = whole.parent / "killed"
-    assert not (killed / "population.csv").exists()
-    pool(names, "--resume", out="killed")
-    for name in ("population.csv", "specimens.csv", "contrasts.csv", "population.html"):
-        assert (killed / name).read_bytes() == (whole / name).read_bytes(), name
-    again = population_files.read_population(killed)
-    assert list(again.groups["verdict"]) == list(
-        population_files.read_population(whole).groups["verdict"]
-    )
-
-
-def longer(plan, **k):
-    return plan(**(k | QUICK | {"ess": 1500.0, "max_steps": 400}))
 
 
 def test_runs_of_other_laws_or_fixed_parameters_are_refused(whole):

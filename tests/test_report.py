@@ -8,24 +8,22 @@ import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
 import biaxbayes
 import quick_posteriors as quick
 import reported
-from biaxbayes.cli import main
 from biaxbayes.errors import RunError
 from biaxbayes.laws.goh import GOH
 from biaxbayes.prediction.predictive_checks import misfit_in_words, predictive_checks
 from biaxbayes.reports import page as report
 from biaxbayes.reports.closing_message import closing_message
-from biaxbayes.reports.methods import prior_in_words
 from biaxbayes.reports.page import determined_rows, write_report
 from biaxbayes.reports.templates import TOTAL_BYTES, pictures
 from biaxbayes.reports.words import latex_text
 from biaxbayes.runs.run import open_run
+from commands import exit_code, refused
 
 VOID = {"meta", "link", "img", "br", "hr"}
 
@@ -177,9 +175,7 @@ def test_a_run_that_did_not_converge_says_so(run, tmp_path, state, word):
         record["convergence"] |= {"state": state, "reason": "the ensembles <disagree>"}
 
     folder = altered(run, tmp_path, change)
-    with pytest.raises(SystemExit) as ended:
-        main(["report", str(folder)])
-    assert ended.value.code == 3
+    assert exit_code("report", folder) == 3
     text = "".join(outline((folder / "report.html").read_text(encoding="utf-8")).text)
     assert word in text and "the ensembles <disagree>" in text
     assert "The chains did NOT converge" in text
@@ -199,9 +195,7 @@ def test_a_run_that_ignores_the_mounting_says_so(tmp_path, mounting):
 
 
 def test_latex_keeps_its_cells(run, tmp_path):
-    with pytest.raises(SystemExit) as ended:
-        main(["report", str(run.path), "--format", "latex", "--out", str(tmp_path / "latex")])
-    assert ended.value.code == 0
+    assert exit_code("report", run.path, "--format", "latex", "--out", tmp_path / "latex") == 0
     latex = (tmp_path / "latex").read_text(encoding="utf-8")
     body = latex.partition("\\midrule")[2].partition("\\bottomrule")[0].strip().splitlines()
     assert len(body) == len(run.result.reported)
@@ -212,17 +206,9 @@ def test_latex_keeps_its_cells(run, tmp_path):
     assert table.count("\\end{table}") == 1
 
 
-def test_bad_folder_and_bad_target_are_one_line(run, tmp_path, capsys):
-    for arguments in (
-        ["report", str(tmp_path)],
-        ["report", str(run.path), "--out", str(tmp_path)],
-        ["report", str(run.path), "--out", str(tmp_path / "no" / "such" / "f.html")],
-    ):
-        with pytest.raises(SystemExit) as ended:
-            main(arguments)
-        assert ended.value.code == 2
-        told = capsys.readouterr().err
-        assert len(told.strip().splitlines()) == 1 and "Traceback" not in told
+def test_bad_targets_are_one_line(run, tmp_path, capsys):
+    for out in (tmp_path, tmp_path / "no" / "such" / "f.html"):
+        refused(capsys, "report", run.path, "--out", out)
 
 
 def test_only_pictures_that_are_pictures(run, tmp_path):
@@ -248,24 +234,6 @@ def test_page_without_figures_and_verdicts(run, tmp_path):
 def test_report_is_the_same_twice(run, html, copied):
     assert write_report(copied(run.path)).read_text(encoding="utf-8") == html
     assert open_run(run.path).state == "converged"
-
-
-def luminance(colour: str) -> float:
-    """Relative luminance, WCAG 2.1."""
-    c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
-    linear = np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-@pytest.mark.parametrize("theme", [0, 1])
-def test_contrast(theme):
-    style = (Path(report.__file__).parent / "style.css").read_text(encoding="utf-8")
-    block = re.findall(r":root \{([^}]*)\}", style)[theme]
-    colours = dict(re.findall(r"--(\w+): (#\w{6})", block))
-    for name in ("text", "soft", "link", "good", "doubt", "bad"):
-        for ground in ("page", "card"):
-            pair = sorted(luminance(colours[k]) for k in (name, ground))
-            assert (pair[1] + 0.05) / (pair[0] + 0.05) >= 4.5
 
 
 TRUTH = {"C1": 10.0, "k1": 40.0, "k2": 5.0, "alpha": 40.0, "kappa": 0.1}
@@ -307,21 +275,6 @@ def test_text_from_files_is_escaped():
         r"\textasciitilde{}\textasciicircum{}"
     )
     assert latex_text("line\nbreak\u202ereversed") == "line break reversed"
-
-
-def test_priors_in_words():
-    assert prior_in_words({"distribution": "uniform", "low": 0.0, "high": 90.0}) == (
-        "uniform from 0 to 90"
-    )
-    told = prior_in_words({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0})
-    assert told == "lognormal (median 10, sd of its logarithm 2)"
-    assert prior_in_words(5.0) == "fixed at 5"
-    assert prior_in_words(5.0, "kPa") == "fixed at 5 kPa"
-    told = prior_in_words({"distribution": "lognormal", "median": 10.0, "sd_log": 2.0}, "kPa")
-    assert "median 10 kPa" in told and told.count("kPa") == 1
-    told = prior_in_words({"distribution": "normal", "mean": 40, "sd": 3, "low": 0}, "deg")
-    assert told == "normal (mean 40 deg, sd 3 deg, not below 0 deg)"
-    assert prior_in_words("2.0 * k1") == "tied: 2.0 * k1"
 
 
 def test_a_protocol_with_a_slash_comes_back_by_its_name(run):

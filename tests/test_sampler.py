@@ -1,8 +1,6 @@
 """From a posterior to judged draws, and from a file to a run folder."""
 
 import json
-import subprocess
-import sys
 import warnings
 from dataclasses import replace
 from functools import cache
@@ -15,19 +13,18 @@ import pytest
 from scipy.stats import norm
 
 import biaxbayes
-from biaxbayes.cli import main
 from biaxbayes.errors import RunError
 from biaxbayes.model.posterior import Posterior
 from biaxbayes.model.preparation import prepare
 from biaxbayes.model.search import draw_posterior
-from biaxbayes.reports import page
 from biaxbayes.runs import checkpoint
 from biaxbayes.runs.run import COLUMNS
 from biaxbayes.sampling.convergence import effective_sample_size
-from biaxbayes.sampling.ensembles import Ensemble, Ensembles
+from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.sampler import Plan
 from biaxbayes.specimens.specimen_file import read_specimen, write_specimen
-from quick_posteriors import runs_without_figures, small_specimen, without_figures
+from commands import exit_code
+from quick_posteriors import runs_without_figures, without_figures
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -130,7 +127,7 @@ def advanced(workers, blocks=(5, 3)):
     return made, ensembles
 
 
-@pytest.mark.parametrize("workers", [2, 3, 8])
+@pytest.mark.parametrize("workers", [2, 3])
 def test_ensembles_do_not_depend_on_the_number_of_threads(workers):
     alone, expected = advanced(1)
     made, found = advanced(workers)
@@ -160,74 +157,9 @@ def test_an_error_in_one_thread_ends_the_block():
     assert ensembles.evaluations < 100_000
 
 
-def test_what_stops_an_ensemble_is_said_by_who_asked_for_it(capfd):
-    calls = []
-
-    def log_density(x):
-        calls.append(len(x))
-        if len(calls) > 3:
-            raise KeyboardInterrupt
-        return -0.5 * (x**2).sum(axis=1)
-
-    start = np.random.default_rng(1).standard_normal((8, 2))
-    ensemble = Ensemble(log_density, start, np.random.SeedSequence(1))
-    with pytest.raises(KeyboardInterrupt):
-        ensemble.run(100)
-    assert capfd.readouterr() == ("", "")
-
-
 @pytest.fixture(scope="module")
 def chain():
     return draw_posterior(prepared(), Plan(ess=500, seed=4, workers=1, walkers=32))
-
-
-@pytest.mark.long
-def test_the_draws_depend_on_the_seed_and_not_on_the_workers(chain):
-    again = draw_posterior(prepare(specimen()), Plan(ess=500, seed=4, workers=2, walkers=32))
-    np.testing.assert_array_equal(chain.chain, again.chain)
-    assert again.rejected == chain.rejected
-    other = draw_posterior(prepared(), Plan(ess=500, seed=5, workers=2, walkers=32))
-    assert not np.array_equal(chain.chain, other.chain)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "noise", "stops"),
-    [("donor2-media", "effective", (2,)), ("donor2-adventitia", "independent", (0,))],
-)
-def test_a_run_interrupted_at_any_block_and_continued_is_the_same_run(name, noise, stops, tmp_path):
-    plan = Plan(
-        ess=1e9, max_steps=300, seed=2, workers=2, first_block=64, population=2048, walkers=32
-    )
-    whole = draw_posterior(prepared(name, noise), plan)
-    assert whole.convergence.state != "converged"  # the target is out of reach: the budget ended it
-    assert whole.chain.shape[1] == 300
-    identity = {"test": "interruption"}
-    for stop_after in stops:
-        folder = tmp_path / str(stop_after)
-        folder.mkdir()
-        seen = []
-
-        def save(state, folder=folder, seen=seen):
-            seen.append(state.steps)
-            checkpoint.save(folder, state, identity)
-
-        part = draw_posterior(
-            prepared(name, noise),
-            plan,
-            on_block=save,
-            stop=lambda seen=seen, stop_after=stop_after: len(seen) > stop_after,
-        )
-        assert part.interrupted
-        assert len(seen) == stop_after + 1
-        assert part.chain.shape[1] == seen[-1] < 300
-        state, note = checkpoint.load(folder, identity)
-        assert note == ""
-        resumed = draw_posterior(prepare(specimen(name), noise=noise), plan, state=state)
-        np.testing.assert_array_equal(resumed.chain, whole.chain)
-        assert (resumed.evaluations, resumed.rejected) == (whole.evaluations, whole.rejected)
-        for quantity, values in whole.quantities.items():
-            np.testing.assert_array_equal(resumed.quantities[quantity], values)
 
 
 @pytest.mark.long
@@ -364,16 +296,6 @@ def test_arviz_plots_the_trace_of_a_run(run, opened):
     plt.close("all")
 
 
-def test_the_report_is_of_the_draws_that_the_archive_holds(tmp_path, monkeypatch):
-    seen = []
-    monkeypatch.setattr(page, "write_report", lambda folder, run: seen.append(run.draws))
-    with runs_without_figures():
-        folder = biaxbayes.sample(
-            small_specimen(), out=tmp_path / "run", noise="independent", max_steps=200, workers=1
-        )
-    pd.testing.assert_frame_equal(seen[0], biaxbayes.open_run(folder.path).draws)
-
-
 def test_stored_pointwise_likelihood(run):
     """Weighted, its sum over readings is the likelihood that was sampled; each group says which."""
     weighted, plain = (run.tree[f"log_likelihood{end}"]["load"] for end in ("", "_unweighted"))
@@ -421,16 +343,10 @@ def test_same_seed_same_bytes_whatever_the_workers(run, tmp_path):
 # --- the command ------------------------------------------------------------------------------
 
 
-def call(*arguments):
-    with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
-    return 0 if ended.value.code is None else ended.value.code
-
-
 @pytest.mark.long
 def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
     out = tmp_path / "run"
-    code = call(
+    code = exit_code(
         "sample", DATA / "donor2-media.csv", "--out", out, "--ess", 300, "--workers", 2,
         "--noise", "independent",
     )  # fmt: skip
@@ -446,7 +362,7 @@ def test_a_converged_run_ends_with_0_and_one_screen(tmp_path, capsys):
 def test_a_run_that_does_not_converge_ends_with_3_and_shows_nothing_to_trust(tmp_path, capsys):
     out = tmp_path / "short"
     with runs_without_figures():
-        code = call(
+        code = exit_code(
             "sample", DATA / "donor2-media.csv", "--out", out, "--max-steps", 128, "--ess", 1e7
         )
     text = capsys.readouterr().out
@@ -469,7 +385,7 @@ def tared(tmp_path):
 
 def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
     path = tared(tmp_path)
-    code = call("sample", path, "--out", tmp_path / "run")
+    code = exit_code("sample", path, "--out", tmp_path / "run")
     text = capsys.readouterr().err
     assert code == 2
     assert len(text.strip().splitlines()) == 1
@@ -484,7 +400,7 @@ def test_a_tared_file_ends_with_2_and_names_the_ways_on(tmp_path, capsys):
 )
 def test_the_ways_on_lead_on(tmp_path, capsys, way):
     with runs_without_figures():
-        code = call("sample", tared(tmp_path), "--out", tmp_path / "run", "--ess", 100, *way)
+        code = exit_code("sample", tared(tmp_path), "--out", tmp_path / "run", "--ess", 100, *way)
     assert code == 0, capsys.readouterr()
     names = set(pd.read_csv(tmp_path / "run" / "summary.csv")["parameter"])
     assert ("mounting_stretch_x" in names) == (way[0] == "--mounting-force")
@@ -492,7 +408,7 @@ def test_the_ways_on_lead_on(tmp_path, capsys, way):
 
 def test_a_foreign_folder_is_not_written_into(tmp_path, capsys):
     (tmp_path / "thesis.docx").write_text("years of work")
-    code = call("sample", DATA / "donor2-media.csv", "--out", tmp_path)
+    code = exit_code("sample", DATA / "donor2-media.csv", "--out", tmp_path)
     assert code == 2
     assert "choose another --out" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(".")] == ["thesis.docx"]
@@ -509,26 +425,3 @@ def test_a_checkpoint_of_another_problem_is_refused(tmp_path):
     )
     with pytest.raises(RunError, match="specimen"):
         checkpoint.load(tmp_path, {"specimen": "two", "seed": 1})
-
-
-NUMBERS = {"numpy", "scipy", "numba", "emcee", "pandas"}
-FIGURES = {"matplotlib", "xarray", "arviz", "bokeh"}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "heavy"), [(["--help"], NUMBERS | FIGURES), (["sample", "--help"], FIGURES)]
-)
-def test_help_imports_nothing_heavy(arguments, heavy):
-    code = (
-        "import sys\n"
-        "from biaxbayes.cli import main\n"
-        "try:\n"
-        f"    main({arguments!r})\n"
-        "except SystemExit as end:\n"
-        "    assert not end.code, end.code\n"
-        f"loaded = {heavy!r} & set(sys.modules)\n"
-        "assert not loaded, loaded\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "Usage" in done.stdout
