@@ -9,15 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from biaxbayes.sampling.ensembles import Ensembles
 from biaxbayes.sampling.population_monte_carlo import MIN_POINTS_PER_DIMENSION
 from biaxbayes.sampling.proposal import MixtureProposal
-
-if TYPE_CHECKING:
-    from biaxbayes.sampling.ensembles import Ensembles
 
 POOR_ACCEPTANCE = 0.03
 """Below this the independence move is not worth its density evaluations."""

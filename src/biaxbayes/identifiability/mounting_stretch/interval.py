@@ -123,6 +123,7 @@ def interval_from_laws(
     own_error = ERRORS * np.array([f.sd[index, axis] for f in compared])
     margin = own_error + FURTHER_LAW * np.abs(at - 1.0)
     low, high = float((at - margin).min()), float((at + margin).max())
+    # The interval within a run's law counts if the law fits; an end that its prior decides is open.
     at_prior = (False, False)
     if interval is not None and law in [f.law for f in fits.fitting]:
         at_prior = by_prior[0] and interval[0] <= low, by_prior[1] and interval[1] >= high

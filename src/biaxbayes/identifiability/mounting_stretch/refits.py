@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,13 +17,11 @@ from biaxbayes.fitting.constrained import constrained_fit
 from biaxbayes.fitting.effective_readings import misses_smoothly
 from biaxbayes.fitting.residuals import Readings
 from biaxbayes.fitting.result import FitResult
+from biaxbayes.model.posterior import Posterior
+from biaxbayes.model.priors import DrawnPrior, Prior
 from biaxbayes.parameters import mounting_names
 from biaxbayes.specimens.specimen import Specimen
 from biaxbayes.specimens.thinning import averaged_specimen
-
-if TYPE_CHECKING:
-    from biaxbayes.model.posterior import Posterior
-    from biaxbayes.model.priors import DrawnPrior, Prior
 
 SHARES = (0.3, 0.5)
 """Parts of the record that are fitted alone: until a load passes this share of its peak."""
