@@ -89,7 +89,7 @@ def _quantiles(part: str, values: np.ndarray) -> dict[str, float]:
 
 
 def groups_table(population: Population) -> pd.DataFrame:
-    """population.csv."""
+    """Table of population.csv."""
     rows = []
     many, few = population.hyper(), population.hyper(NATURAL_DRAWS * 2)
     rng = population.rng(0)
@@ -161,7 +161,7 @@ def _numbers(population: Population, parts: dict[str, np.ndarray]) -> dict[str, 
 
 
 def specimens_table(population: Population) -> pd.DataFrame:
-    """specimens.csv."""
+    """Table of specimens.csv."""
     rows = []
     theta, _ = population.specimen_values(NATURAL_DRAWS)
     hyper = population.hyper(NATURAL_DRAWS, with_specimens=True)
@@ -209,7 +209,7 @@ def specimens_table(population: Population) -> pd.DataFrame:
 
 
 def contrasts_table(population: Population) -> pd.DataFrame:
-    """contrasts.csv: median of group b minus that of group a, for typical donors, on the scale."""
+    """Table of contrasts.csv: medians of typical donors of group b minus those of group a."""
     rows = []
     many, few = population.hyper(), population.hyper(CURVE_DRAWS)
     groups = population.grouping.groups
