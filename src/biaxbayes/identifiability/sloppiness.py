@@ -23,7 +23,7 @@ import pandas as pd
 
 from biaxbayes.error_model import error_model, error_sd
 from biaxbayes.identifiability.determined import some_draws
-from biaxbayes.identifiability.marginals import LEVELS, Scale, parameter_scales
+from biaxbayes.identifiability.marginals import INTERVAL, LEVELS, Scale, parameter_scales
 from biaxbayes.identifiability.same_curves import SameCurves, same_curves
 from biaxbayes.laws.law import Law
 from biaxbayes.model.posterior import Posterior
@@ -170,7 +170,7 @@ def sloppiness(posterior: Posterior, draws: pd.DataFrame) -> Sloppiness | None:
     loadings = directions[-1].loadings
     moved = max(loadings, key=lambda name: abs(loadings[name]))
     row = median_draw(few, posterior.specimen, posterior.law)
-    low, high = np.quantile(few[moved], [0.05, 0.95])
+    low, high = np.quantile(few[moved], INTERVAL)
     path = same_curves(
         few.iloc[row],
         posterior.specimen,

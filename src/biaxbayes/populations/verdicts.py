@@ -19,7 +19,7 @@ import pandas as pd
 from biaxbayes.identifiability.determined import NORMAL_90
 from biaxbayes.identifiability.evidence import evidence_of_draws
 from biaxbayes.identifiability.identify import identify_draws
-from biaxbayes.identifiability.marginals import Scale
+from biaxbayes.identifiability.marginals import INTERVAL, Scale
 from biaxbayes.identifiability.reported import WIDEST, interval_text
 from biaxbayes.identifiability.verdict import (
     BOUNDED,
@@ -190,7 +190,7 @@ def derived_verdict(values: np.ndarray, contraction: float, parameter: Parameter
     """Verdict on a quantity that follows from parameters, as columns of population.csv."""
     if np.ptp(values) <= CONSTANT * abs(values[0]):
         return {"verdict": FIXED}  # as the parameters are that it follows from
-    low, high = (float(v) for v in np.quantile(values, [0.05, 0.95]))
+    low, high = (float(v) for v in np.quantile(values, INTERVAL))
     narrow = not parameter.logarithmic or high <= WIDEST * low
     if contraction < Thresholds().contraction or not narrow:
         return {"verdict": NOT_IDENTIFIED, "contraction": contraction}
